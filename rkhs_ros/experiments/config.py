@@ -1,0 +1,158 @@
+"""Configuration files: ROS parameter files, read alike by the nodes and by the in-process runner."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rkhs_ros.learning.algorithm import Algorithm
+from rkhs_ros.learning.kernel_choice import KernelChoice
+from rkhs_ros.learning.registry import ALGORITHMS
+from rkhs_ros.learning.rkhs_nac import RKHSNAC
+from rkhs_ros.policies.storage import Task
+from rkhs_ros.rkhs.settings import build, entries, setting, variant
+from rkhs_ros.rkhs.validation import hint, require
+
+
+@dataclass(frozen=True)
+class Training:
+    """The learner's settings."""
+
+    name: str = setting("run", "name of the run and of its folder of results")
+    seed: int = setting(0, "seed of all randomness", minimum=0, maximum=2**63 - 1)
+    iterations: int = setting(40, "number of policy updates", minimum=1, maximum=10**6)
+    episodes_per_iteration: int = setting(10, "exploring episodes before each update", minimum=1, maximum=10_000)
+    evaluation_episodes: int = setting(10, "noise-free episodes after each update", minimum=1, maximum=10_000)
+    horizon: int = setting(100, "steps of an episode", minimum=1, maximum=10**6)
+    discount: float = setting(0.99, "discount factor of the return, per step", minimum=0.0, maximum=1.0)
+    exploration_sd: tuple[float, ...] = setting(
+        (1.0,), "first standard deviation of the actions, one or one per dimension", minimum=1e-6, maximum=1e6
+    )
+    timeout: float = setting(20.0, "seconds after which a silent node ends the run", minimum=0.1, maximum=3600.0)
+    kernel: KernelChoice = KernelChoice()
+    algorithm: Algorithm = variant(RKHSNAC(), ALGORITHMS, "name")
+
+
+@dataclass(frozen=True)
+class Environment:
+    """The simulator's settings.
+
+    Attributes:
+        id: Gymnasium id of an environment with continuous actions.
+        options: keyword options of the environment.
+    """
+
+    id: str
+    options: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where the options are not a section."""
+        require(isinstance(self.id, str), "environment.id", "text", repr(self.id))
+        require(isinstance(self.options, Mapping), "environment.options", "a section of keys", repr(self.options))
+
+
+@dataclass(frozen=True)
+class Config:
+    """A whole run: where it learns and how."""
+
+    environment: Environment
+    training: Training
+
+    @property
+    def task(self) -> Task:
+        """What the policy is learnt on."""
+        training = self.training
+        return Task(self.environment.id, dict(self.environment.options), training.horizon, training.discount)
+
+    def parameters(self) -> dict[str, Any]:
+        """Return all settings as the tree of a ROS parameter file."""
+        environment: dict[str, Any] = {"id": self.environment.id}
+        if self.environment.options:
+            environment["options"] = dict(self.environment.options)
+        learner: dict[str, Any] = {}
+        for name, value, _ in entries(self.training):
+            _insert(learner, name, list(value) if isinstance(value, tuple) else value)
+        return {
+            "simulator": {"ros__parameters": {"environment": environment}},
+            "learner": {"ros__parameters": learner},
+        }
+
+
+def training_from(tree: Mapping[str, Any]) -> Training:
+    """Return the learner's settings from a tree of values.
+
+    Raises:
+        ValueError: an unknown key or a value that does not fit.
+    """
+    return build(Training, tree)
+
+
+def environment_from(tree: Mapping[str, Any]) -> Environment:
+    """Return the simulator's settings from a tree of values.
+
+    Raises:
+        ValueError: an unknown key, or no id.
+    """
+    known = {f.name: f for f in fields(Environment)}
+    for key in tree:
+        if key not in known:
+            raise ValueError(f"unknown key 'environment.{key}', {hint(str(key), known)}")
+    require("id" in tree, "environment", "a key 'id' with a Gymnasium id", dict(tree))
+    return Environment(tree["id"], tree.get("options", {}))
+
+
+def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
+    """Read a configuration file.
+
+    Args:
+        path: a ROS parameter file with the sections ``simulator`` and ``learner``.
+        changes: settings that replace the file's, as ``algorithm.ridge=0.1``.
+
+    Raises:
+        ValueError: not such a file, or settings that are unknown or do not fit.
+        OSError: the file cannot be read.
+    """
+    sections = _sections(path)
+    tree = {"name": path.stem, **sections["learner"], "environment": sections["simulator"].get("environment", {})}
+    unknown = [key for key in sections["simulator"] if key != "environment"]
+    require(not unknown, f"{path}: simulator", "the key 'environment'", ", ".join(map(str, unknown)))
+    for change in changes:
+        name, equals, text = change.partition("=")
+        require(bool(name and equals), "--set", "KEY=VALUE", f"'{change}'")
+        _insert(tree, name.strip(), yaml.safe_load(text))
+    environment = tree.pop("environment")
+    require(isinstance(environment, Mapping), "environment", "a section of keys", repr(environment))
+    return Config(environment_from(environment), training_from(tree))
+
+
+def _sections(path: Path) -> dict[str, dict[str, Any]]:
+    try:
+        document = yaml.safe_load(path.read_text())
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        reason = " ".join(str(error).split())
+        raise ValueError(f"{path}: expected a YAML file, got one that cannot be parsed ({reason})") from error
+    require(isinstance(document, dict), f"{path}", "sections 'simulator' and 'learner'", type(document).__name__)
+    sections: dict[str, dict[str, Any]] = {"simulator": {}, "learner": {}}
+    for node, section in document.items():
+        if node not in sections:
+            raise ValueError(f"{path}: unknown section '{node}', {hint(str(node), sections)}")
+        good = isinstance(section, dict) and list(section) == ["ros__parameters"]
+        require(good and isinstance(section["ros__parameters"], dict), f"{path}: {node}", "ros__parameters", section)
+        sections[node] = section["ros__parameters"]
+    return sections
+
+
+def _insert(tree: dict[str, Any], name: str, value: Any) -> None:
+    """Put a value at a dotted name; the sections on the way are copied, not edited."""
+    head, dot, rest = name.partition(".")
+    if not dot:
+        tree[head] = value
+        return
+    section = tree.get(head, {})
+    require(isinstance(section, dict), head, "a section of keys", repr(section))
+    tree[head] = dict(section)
+    _insert(tree[head], rest, value)

@@ -1,0 +1,102 @@
+"""Starts the three nodes of a run in processes of their own, and ends them together."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+PATIENCE = 5.0  # seconds that a node has to end after a signal
+MODULES = {
+    "simulator": "sim_nodes.simulator_node",
+    "policy": "rkhs_ros.nodes.policy_node",
+    "learner": "rkhs_ros.nodes.learner_node",
+}
+
+
+def launch(parameters: str, learner_parameters: tuple[str, ...] = ()) -> int:
+    """Run the nodes until the learner ends.
+
+    Args:
+        parameters: content of a ROS parameter file.
+        learner_parameters: further ``name:=value`` for the learner.
+
+    Returns:
+        The learner's exit code, or that of a node that ended before it.
+    """
+    with tempfile.TemporaryDirectory(prefix="rkhs_") as folder:
+        file = Path(folder) / "parameters.yaml"
+        file.write_text(parameters)
+        extra = [word for assignment in learner_parameters for word in ("-p", assignment)]
+        nodes = {
+            name: _start(module, ["--params-file", str(file), *(extra if name == "learner" else [])])
+            for name, module in MODULES.items()
+        }
+        try:
+            with _signals_passed_to(list(nodes.values())):
+                return _wait(nodes)
+        finally:
+            _end(list(nodes.values()))
+
+
+def _start(module: str, arguments: list[str]) -> subprocess.Popen[bytes]:
+    """Start a node outside our foreground group, so that a Ctrl-C reaches it once, through us."""
+    command = [sys.executable, "-m", module, "--ros-args", *arguments]
+    return subprocess.Popen(command, stdin=subprocess.DEVNULL, process_group=0, env=_environment())
+
+
+def _environment() -> dict[str, str]:
+    # The wheels of ROS 2 start Python once more to set the library path, unless this says that they did.
+    return {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"} | {"OMP_NUM_THREADS": "1"}
+
+
+def _wait(nodes: dict[str, subprocess.Popen[bytes]]) -> int:
+    while True:
+        for name, process in nodes.items():
+            code = process.poll()
+            if code is not None and name == "learner":
+                return code
+            if code is not None:
+                return _report_loss(name, code, nodes["learner"])
+        time.sleep(0.05)
+
+
+def _report_loss(name: str, code: int, learner: subprocess.Popen[bytes]) -> int:
+    if learner.poll() is None and code < 0:
+        print(f"error: the {name} node was killed by signal {-code}", file=sys.stderr)
+    elif learner.poll() is None and code == 0:
+        print(f"error: the {name} node ended before the learner", file=sys.stderr)
+    return abs(code) or 1
+
+
+@contextmanager
+def _signals_passed_to(processes: list[subprocess.Popen[bytes]]) -> Iterator[None]:
+    def pass_on(number: int, frame: FrameType | None) -> None:
+        for process in processes:
+            process.send_signal(signal.SIGINT)
+
+    previous = {number: signal.signal(number, pass_on) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def _end(processes: list[subprocess.Popen[bytes]]) -> None:
+    for process in processes:
+        process.send_signal(signal.SIGINT)
+    deadline = time.monotonic() + PATIENCE
+    for process in processes:
+        try:
+            process.wait(max(deadline - time.monotonic(), 0.1))
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()

@@ -1,0 +1,101 @@
+"""Pictures of a run: the learning curve, and the policy over the state space."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import gymnasium
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.storage import Task
+from rkhs_ros.rkhs.kernels import Array
+
+mpl.rcParams["axes.spines.top"] = mpl.rcParams["axes.spines.right"] = False
+REFERENCE_DISCOUNT = 0.99
+
+
+def draw_curve(path: Path, iterations: Array, train: Array, mean: Array, task: Task) -> None:
+    """Draw the returns per iteration, with the returns known for the task."""
+    figure = Figure(figsize=(7, 4.2), layout="constrained")
+    axes = figure.subplots()
+    axes.plot(iterations, train, color="tab:orange", label="with exploration")
+    axes.plot(iterations, mean, color="tab:blue", linewidth=2, label="noise-free policy")
+    for name, value in _references(task).items():
+        axes.axhline(value, color="grey", linestyle="--", linewidth=1)
+        axes.annotate(
+            name, (1.0, value), xycoords=("axes fraction", "data"), ha="right", va="bottom", color="grey", fontsize=8
+        )
+    axes.set(xlabel="iteration", ylabel="discounted return", title=task.environment)
+    axes.legend(loc="lower right", frameon=False)
+    figure.savefig(path, dpi=120)
+
+
+def draw_policy(path: Path, policy: GaussianPolicy, episodes: Episodes) -> None:
+    """Draw the mean action over the state space with its centres and an episode.
+
+    One and two dimensions of observation are drawn whole; of more, what was seen and done in the episode.
+    """
+    figure = Figure(figsize=(7, 4.6), layout="constrained")
+    axes = figure.subplots()
+    length = int(episodes.mask[0].sum())
+    draw = {1: _draw_line, 2: _draw_plane}.get(policy.mean.input_dim, _draw_times)
+    draw(axes, policy, episodes.observations[0, :length])
+    figure.savefig(path, dpi=120)
+
+
+def _draw_line(axes: Axes, policy: GaussianPolicy, episode: Array) -> None:
+    centres = policy.mean.centres
+    x = _span(np.concatenate([centres, episode]), 300)[0]
+    mean, sd = policy.mean(x[:, None])[:, 0], np.sqrt(policy.variance(x[:, None])[:, 0])
+    axes.fill_between(x, mean - sd, mean + sd, alpha=0.2, label="exploration, one standard deviation")
+    axes.plot(x, mean, label="mean action")
+    axes.plot(centres[:, 0], policy.mean(centres)[:, 0], "k.", label="centres")
+    axes.plot(episode[:, 0], policy.mean(episode)[:, 0], "o-", mfc="none", color="tab:red", label="an episode")
+    axes.set(xlabel="observation", ylabel="action", title="Policy")
+    axes.legend(frameon=False)
+
+
+def _draw_plane(axes: Axes, policy: GaussianPolicy, episode: Array) -> None:
+    centres = policy.mean.centres
+    x, y = _span(np.concatenate([centres, episode]), 120)
+    grid = np.stack(np.meshgrid(x, y), axis=-1)
+    mean = policy.mean(grid.reshape(-1, 2))[:, 0].reshape(len(y), len(x))
+    limit = np.abs(policy.mean(episode)).max()
+    image = axes.pcolormesh(x, y, mean, cmap="coolwarm", vmin=-limit, vmax=limit, shading="auto")
+    axes.figure.colorbar(image, label="mean action")
+    axes.plot(*centres.T, "k.", label="centres")
+    axes.plot(*episode.T, color="tab:green", linewidth=2, label="an episode")
+    axes.plot(*episode[0], "o", color="tab:green", label="its start")
+    axes.set(xlabel="first observation", ylabel="second observation", title="Policy")
+    axes.legend(loc="upper right")
+
+
+def _draw_times(axes: Axes, policy: GaussianPolicy, episode: Array) -> None:
+    axes.plot(episode, linewidth=1)
+    axes.set(xlabel="step", ylabel="observations (thin)", title="An episode")
+    actions = axes.twinx()
+    actions.plot(policy.mean(episode), color="black", linewidth=2)
+    actions.set_ylabel("mean action (black)")
+    axes.legend(
+        handles=[Line2D([], [], color=f"C{i % 10}") for i in range(min(episode.shape[1], 10))],
+        labels=[f"{i + 1}" for i in range(min(episode.shape[1], 10))],
+        frameon=False,
+    )
+
+
+def _span(points: Array, steps: int) -> tuple[Array, ...]:
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.05 * (high - low) + 1e-9
+    return tuple(np.linspace(a, b, steps) for a, b in zip(low - margin, high + margin, strict=True))
+
+
+def _references(task: Task) -> dict[str, float]:
+    spec = gymnasium.spec(task.environment)
+    comparable = task.discount == REFERENCE_DISCOUNT and task.horizon == spec.max_episode_steps
+    return getattr(spec.vector_entry_point, "reference_returns", {}) if comparable else {}

@@ -1,0 +1,1 @@
+"""Learning from episodes: critics, step rules, and one page per algorithm."""

@@ -1,0 +1,1 @@
+"""The nodes: thin adapters from message to core call to message."""

@@ -1,0 +1,70 @@
+"""Settings as ROS parameters: read from the node's overrides, declared with description and range."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.node import Node
+
+from rkhs_ros.rkhs.settings import Entry
+
+STANDARD = ("use_sim_time", "start_type_description_service", "qos_overrides")
+INT64 = 2**63 - 1
+
+
+def given(node: Node) -> dict[str, Any]:
+    """Return the parameters a node was started with as a tree, ROS's own left out.
+
+    The node must have been made with ``automatically_declare_parameters_from_overrides``, so that unknown names
+    are seen and can be refused.
+    """
+    tree: dict[str, Any] = {}
+    for name, parameter in node.get_parameters_by_prefix("").items():
+        if name.split(".")[0] in STANDARD:
+            continue
+        *path, last = name.split(".")
+        section = tree
+        for key in path:
+            section = section.setdefault(key, {})
+        value = parameter.value
+        section[last] = list(value) if parameter.type_.name.endswith("_ARRAY") else value
+    return tree
+
+
+def declare(node: Node, entries: Iterable[Entry]) -> None:
+    """Declare settings under their dotted names with the values in use.
+
+    They are read-only: a run is fixed by its configuration.
+    """
+    for entry in entries:
+        if node.has_parameter(entry.name):
+            node.undeclare_parameter(entry.name)
+        value = list(entry.value) if isinstance(entry.value, tuple) else entry.value
+        node.declare_parameter(entry.name, value, _descriptor(entry.about), ignore_override=True)
+
+
+def declared(node: Node, tree: dict[str, Any], name: str, default: Any, description: str) -> Any:
+    """Take one setting of a node out of its tree and declare it.
+
+    Raises:
+        ValueError: the value is of another type than the default.
+    """
+    value = tree.pop(name, default)
+    if type(value) is not type(default):
+        raise ValueError(f"{name}: expected {type(default).__name__}, got {value!r}")
+    declare(node, [Entry(name, value, {"description": description})])
+    return value
+
+
+def _descriptor(about: Mapping[str, Any]) -> ParameterDescriptor:
+    low, high, choices = about.get("minimum"), about.get("maximum", 0), about.get("choices")
+    descriptor = ParameterDescriptor(description=about["description"], read_only=True)
+    if choices:
+        descriptor.additional_constraints = "one of " + ", ".join(choices)
+    elif low is not None and isinstance(low, int):
+        descriptor.integer_range = [IntegerRange(from_value=low, to_value=min(high, INT64))]
+    elif low is not None:
+        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=float(high))]
+    return descriptor

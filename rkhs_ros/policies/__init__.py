@@ -1,0 +1,1 @@
+"""Gaussian policies, their variance, and the random streams that actions are drawn from."""

@@ -1,0 +1,115 @@
+"""Policies in files: plain arrays in npz, no pickle, written aside and renamed."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.variance import ConstantVariance, KernelVariance, Variance
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import Kernel, Term, kernel_from_terms
+from rkhs_ros.rkhs.validation import require
+
+SCHEMA = 1
+Arrays = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a policy was learnt on.
+
+    Attributes:
+        environment: Gymnasium id.
+        options: keyword options of the environment.
+        horizon: steps of an episode.
+        discount: discount factor of the return.
+    """
+
+    environment: str
+    options: dict[str, Any]
+    horizon: int
+    discount: float
+
+
+def save_policy(path: Path, policy: GaussianPolicy, task: Task) -> None:
+    """Write a policy and its task; an existing file is replaced whole or not at all."""
+    arrays = {
+        "schema": np.array(SCHEMA),
+        "task": np.array(json.dumps(asdict(task), sort_keys=True)),
+        **_kernel_arrays("kernel", policy.mean.kernel),
+        "centres": policy.mean.centres,
+        "weights": policy.mean.weights,
+        **_variance_arrays(policy.variance),
+    }
+    aside = path.with_name(path.name + ".part")
+    with aside.open("wb") as file:
+        np.savez(file, allow_pickle=False, **arrays)
+        file.flush()
+        os.fsync(file.fileno())
+    aside.replace(path)
+
+
+def load_policy(path: Path) -> tuple[GaussianPolicy, Task]:
+    """Read a policy and its task.
+
+    Raises:
+        ValueError: the file is cut short, of another kind or schema, or holds what is no policy.
+        FileNotFoundError: there is no such file.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        schema = int(arrays["schema"])
+        require(schema == SCHEMA, f"{path}", f"a policy of schema {SCHEMA}", f"schema {schema}")
+        kernel = _kernel(arrays, "kernel")
+        mean = Function(kernel, arrays["centres"], arrays["weights"])
+        return GaussianPolicy(mean, _variance(arrays)), Task(**json.loads(str(arrays["task"])))
+    except FileNotFoundError:
+        raise
+    except KeyError as error:
+        raise ValueError(f"{path}: expected a policy file, got one without {error}") from error
+    except (OSError, EOFError, BadZipFile, TypeError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise ValueError(f"{path}: expected a whole policy file (npz), got an unreadable one ({reason})") from error
+
+
+def _kernel_arrays(prefix: str, kernel: Kernel) -> Arrays:
+    terms = kernel.terms()
+    return {
+        prefix: np.array([term.name for term in terms]),
+        f"{prefix}_parameters": np.concatenate([np.asarray(term.parameters, dtype=float) for term in terms]),
+        f"{prefix}_sizes": np.array([len(term.parameters) for term in terms]),
+    }
+
+
+def _kernel(arrays: Arrays, prefix: str) -> Kernel:
+    ends = np.cumsum([0, *arrays[f"{prefix}_sizes"]])
+    parameters: Sequence[Iterable[float]] = [arrays[f"{prefix}_parameters"][a:b] for a, b in pairwise(ends)]
+    return kernel_from_terms(Term(str(n), tuple(p)) for n, p in zip(arrays[prefix], parameters, strict=True))
+
+
+def _variance_arrays(variance: Variance) -> Arrays:
+    if isinstance(variance, ConstantVariance):
+        return {"variance": variance.values}
+    names = ("centres", "mass", "minimum", "maximum")
+    return {
+        "variance": variance.values,
+        **_kernel_arrays("variance_kernel", variance.kernel),
+        **{f"variance_{name}": getattr(variance, name) for name in names},
+    }
+
+
+def _variance(arrays: Arrays) -> Variance:
+    if "variance_kernel" not in arrays:
+        return ConstantVariance(arrays["variance"])
+    rest = {name: arrays[f"variance_{name}"] for name in ("centres", "mass", "minimum", "maximum")}
+    return KernelVariance(kernel=_kernel(arrays, "variance_kernel"), values=arrays["variance"], **rest)

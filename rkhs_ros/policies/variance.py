@@ -1,0 +1,101 @@
+"""The variance of a Gaussian policy: constant, or a function of the state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rkhs_ros.rkhs.kernels import Array, Kernel, rowwise_matmul
+from rkhs_ros.rkhs.validation import finite_array, require
+
+
+@dataclass(frozen=True)
+class ConstantVariance:
+    """The same diagonal variance everywhere.
+
+    Attributes:
+        values: variance of each action dimension, shape (n,), positive.
+    """
+
+    values: Array
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where a variance is not positive."""
+        object.__setattr__(self, "values", _positive(self.values, "variance"))
+
+    @property
+    def output_dim(self) -> int:
+        """Number of action dimensions."""
+        return len(self.values)
+
+    def __call__(self, x: Array) -> Array:
+        """Evaluate at points of shape (batch, d): shape (batch, n)."""
+        return np.broadcast_to(self.values, (len(x), len(self.values)))
+
+    def decay(self, factor: float, minimum_sd: float) -> ConstantVariance:
+        """Return the variance of a standard deviation times ``factor``, not below ``minimum_sd``."""
+        floor = np.minimum(self.values, minimum_sd**2)
+        return ConstantVariance(np.maximum(self.values * factor**2, floor))
+
+
+@dataclass(frozen=True)
+class KernelVariance:
+    r"""A weighted mean of variances seen near the state, within bounds.
+
+    .. math:: g(s) = \frac{\sum_j m_j v_j \kappa(c_j, s)}{\sum_j m_j \kappa(c_j, s)}
+
+    The mended form of Eq 24: the printed one divides squared exploration by squared exploration, so its value
+    is not a variance. Where all kernel values vanish the variance is the mean over all centres.
+
+    Attributes:
+        kernel: positive kernel.
+        centres: shape (m, d), m at least 1.
+        mass: weight of each centre, shape (m,), positive.
+        values: variance at each centre, shape (m, n), not negative.
+        minimum: lower bound, shape (n,), positive.
+        maximum: upper bound, shape (n,).
+    """
+
+    kernel: Kernel
+    centres: Array
+    mass: Array
+    values: Array
+    minimum: Array
+    maximum: Array
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where shapes do not fit or numbers are out of range."""
+        m, n = np.shape(self.values)
+        require(m >= 1, "variance centres", "at least one", m)
+        centres = finite_array(self.centres, (m, np.shape(self.centres)[1]), "variance centres")
+        object.__setattr__(self, "centres", centres)
+        object.__setattr__(self, "mass", _positive(finite_array(self.mass, (m,), "mass"), "variance mass"))
+        object.__setattr__(self, "values", finite_array(self.values, (m, n), "variance values"))
+        require(bool((self.values >= 0).all()), "variance values", "numbers >= 0", self.values.min())
+        for bound in ("minimum", "maximum"):
+            array = finite_array(getattr(self, bound), (n,), f"variance {bound}")
+            object.__setattr__(self, bound, _positive(array, f"variance {bound}"))
+        require(bool((self.minimum <= self.maximum).all()), "variance minimum", "at most the maximum", self.minimum)
+
+    @property
+    def output_dim(self) -> int:
+        """Number of action dimensions."""
+        return int(self.values.shape[1])
+
+    def __call__(self, x: Array) -> Array:
+        """Evaluate at points of shape (batch, d): shape (batch, n), each row by itself to the last bit."""
+        near = self.kernel(x, self.centres) * self.mass
+        total = near.sum(axis=1, keepdims=True)
+        near = np.where(total > np.finfo(float).tiny, near, self.mass)
+        mean = rowwise_matmul(near, self.values) / near.sum(axis=1, keepdims=True)
+        return np.asarray(np.clip(mean, self.minimum, self.maximum))
+
+
+Variance = ConstantVariance | KernelVariance
+
+
+def _positive(values: Array, what: str) -> Array:
+    array = finite_array(values, np.shape(values), what)
+    require(array.ndim == 1 and bool((array > 0).all()), what, "positive numbers in a row", values)
+    return array

@@ -1,0 +1,1 @@
+"""The space: kernels, functions, the Newton basis and kernel matching pursuit."""

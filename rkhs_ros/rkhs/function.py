@@ -1,0 +1,75 @@
+"""Functions of a vector-valued RKHS with kernel K = kappa I."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rkhs_ros.rkhs.kernels import Array, Kernel, rowwise_matmul
+from rkhs_ros.rkhs.validation import finite_array, require
+
+
+@dataclass(frozen=True)
+class Function:
+    r"""A function :math:`h(x) = \sum_i \kappa(c_i, x) \alpha_i` (Eq 7).
+
+    Attributes:
+        kernel: scalar kernel kappa.
+        centres: points :math:`c_i`, shape (m, d); m may be 0, the zero function.
+        weights: vectors :math:`\alpha_i`, shape (m, n).
+    """
+
+    kernel: Kernel
+    centres: Array
+    weights: Array
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where the shapes do not fit or a number is not finite."""
+        for name in ("centres", "weights"):
+            array = np.asarray(getattr(self, name), dtype=np.float64)
+            require(array.ndim == 2, name, "a matrix", f"shape {array.shape}")
+            object.__setattr__(self, name, finite_array(array, array.shape, name))
+        require(len(self.centres) == len(self.weights), "weights", f"{len(self.centres)} rows", len(self.weights))
+
+    @classmethod
+    def zero(cls, kernel: Kernel, input_dim: int, output_dim: int) -> Function:
+        """Return the zero function from ``input_dim`` to ``output_dim`` dimensions."""
+        return cls(kernel, np.zeros((0, input_dim)), np.zeros((0, output_dim)))
+
+    @property
+    def input_dim(self) -> int:
+        """Dimension of the points."""
+        return int(self.centres.shape[1])
+
+    @property
+    def output_dim(self) -> int:
+        """Dimension of the values."""
+        return int(self.weights.shape[1])
+
+    def __call__(self, x: Array) -> Array:
+        """Evaluate at points of shape (batch, d): shape (batch, n), each row by itself to the last bit."""
+        require(x.shape[1] == self.input_dim, "points", f"{self.input_dim} columns", x.shape[1])
+        return rowwise_matmul(self.kernel(x, self.centres), self.weights)
+
+    def __add__(self, other: Function) -> Function:
+        """Add two functions of the same space; their centres are concatenated."""
+        require(self.kernel == other.kernel, "sum of functions", f"the kernel {self.kernel}", other.kernel)
+        return Function(
+            self.kernel,
+            np.concatenate([self.centres, other.centres]),
+            np.concatenate([self.weights, other.weights]),
+        )
+
+    def scale(self, factor: float) -> Function:
+        """Return the function times a number."""
+        return Function(self.kernel, self.centres, factor * self.weights)
+
+    def inner(self, other: Function) -> float:
+        r"""Return :math:`\langle h, g \rangle_{H_K} = \mathrm{tr}(\alpha^\top \kappa(c, c') \beta)`."""
+        gram = self.kernel(self.centres, other.centres)
+        return float(np.sum(self.weights * (gram @ other.weights)))
+
+    def norm(self) -> float:
+        """Return the norm in the RKHS."""
+        return float(np.sqrt(max(self.inner(self), 0.0)))

@@ -1,0 +1,209 @@
+"""Kernels: a kernel's fields are its hyper-parameters, and kernels compose with ``+`` and ``*``.
+
+A kernel is written to files and messages as its terms in postfix order: leaves carry their name and
+parameters, ``sum`` and ``product`` combine the two kernels before them.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.distance import cdist, pdist
+
+from rkhs_ros.rkhs.validation import pick, require
+
+Array = NDArray[np.float64]
+
+
+class Term(NamedTuple):
+    """One entry of a kernel in postfix order."""
+
+    name: str
+    parameters: tuple[float, ...]
+
+
+class Kernel(ABC):
+    """A positive semi-definite function of two points, evaluated on all pairs of two sets."""
+
+    @abstractmethod
+    def __call__(self, x: Array, y: Array) -> Array:
+        """Evaluate the kernel on all pairs.
+
+        Each row of the result depends on that row of ``x`` and on ``y`` alone, to the last bit.
+
+        Args:
+            x: points, shape (n, d).
+            y: points, shape (m, d).
+
+        Returns:
+            The matrix of kernel values, shape (n, m).
+        """
+
+    @abstractmethod
+    def diagonal(self, x: Array) -> Array:
+        """Return the kernel of each point of ``x``, shape (n, d), with itself, shape (n,)."""
+
+    @abstractmethod
+    def terms(self) -> tuple[Term, ...]:
+        """Return the kernel in postfix order, the inverse of `kernel_from_terms`."""
+
+    def __add__(self, other: Kernel) -> Sum:
+        return Sum(self, other)
+
+    def __mul__(self, other: Kernel) -> Product:
+        return Product(self, other)
+
+
+@dataclass(frozen=True)
+class RBF(Kernel):
+    r"""Squared exponential kernel with one bandwidth per dimension, or one for all.
+
+    .. math:: \kappa(x, y) = \exp(-\tfrac12 \textstyle\sum_j (x_j - y_j)^2 / b_j^2)
+    """
+
+    bandwidth: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where a bandwidth is not a positive finite number."""
+        values = np.atleast_1d(np.asarray(self.bandwidth, dtype=float))
+        good = values.ndim == 1 and len(values) > 0 and np.all((values > 0) & np.isfinite(values))
+        require(bool(good), "rbf bandwidth", "positive finite numbers, one or one per dimension", self.bandwidth)
+        object.__setattr__(self, "bandwidth", tuple(values.tolist()))
+
+    def __call__(self, x: Array, y: Array) -> Array:  # noqa: D102
+        scale = self._scale(x)
+        gram: Array = cdist(x * scale, y * scale, "sqeuclidean")
+        np.multiply(gram, -0.5, out=gram)
+        np.exp(gram, out=gram)
+        return gram
+
+    def diagonal(self, x: Array) -> Array:  # noqa: D102
+        return np.ones(len(x))
+
+    def terms(self) -> tuple[Term, ...]:  # noqa: D102
+        return (Term("rbf", self.bandwidth),)
+
+    def _scale(self, x: Array) -> Array:
+        require(
+            len(self.bandwidth) in (1, x.shape[1]),
+            "rbf bandwidth",
+            f"1 or {x.shape[1]} values for {x.shape[1]}-dimensional points",
+            len(self.bandwidth),
+        )
+        return 1.0 / np.asarray(self.bandwidth)
+
+
+@dataclass(frozen=True)
+class Polynomial(Kernel):
+    r"""Polynomial kernel :math:`\kappa(x, y) = (x \cdot y + c)^p`."""
+
+    offset: float
+    degree: int
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where the offset is negative or the degree is not a whole number above 0."""
+        require(np.isfinite(self.offset) and self.offset >= 0, "polynomial offset", "a number >= 0", self.offset)
+        whole = np.isfinite(self.degree) and self.degree == int(self.degree) and 1 <= self.degree <= 20
+        require(bool(whole), "polynomial degree", "a whole number from 1 to 20", self.degree)
+        object.__setattr__(self, "degree", int(self.degree))
+
+    def __call__(self, x: Array, y: Array) -> Array:  # noqa: D102
+        return np.asarray((rowwise_matmul(x, y.T) + self.offset) ** self.degree)
+
+    def diagonal(self, x: Array) -> Array:  # noqa: D102
+        return np.asarray((np.einsum("ij,ij->i", x, x) + self.offset) ** self.degree)
+
+    def terms(self) -> tuple[Term, ...]:  # noqa: D102
+        return (Term("polynomial", (float(self.offset), float(self.degree))),)
+
+
+@dataclass(frozen=True)
+class Sum(Kernel):
+    """Sum of two kernels."""
+
+    left: Kernel
+    right: Kernel
+
+    def __call__(self, x: Array, y: Array) -> Array:  # noqa: D102
+        return self.left(x, y) + self.right(x, y)
+
+    def diagonal(self, x: Array) -> Array:  # noqa: D102
+        return self.left.diagonal(x) + self.right.diagonal(x)
+
+    def terms(self) -> tuple[Term, ...]:  # noqa: D102
+        return (*self.left.terms(), *self.right.terms(), Term("sum", ()))
+
+
+@dataclass(frozen=True)
+class Product(Kernel):
+    """Product of two kernels."""
+
+    left: Kernel
+    right: Kernel
+
+    def __call__(self, x: Array, y: Array) -> Array:  # noqa: D102
+        return self.left(x, y) * self.right(x, y)
+
+    def diagonal(self, x: Array) -> Array:  # noqa: D102
+        return self.left.diagonal(x) * self.right.diagonal(x)
+
+    def terms(self) -> tuple[Term, ...]:  # noqa: D102
+        return (*self.left.terms(), *self.right.terms(), Term("product", ()))
+
+
+def rowwise_matmul(x: Array, matrix: Array) -> Array:
+    """Multiply each row of ``x``, shape (n, k), with ``matrix``, shape (k, m), on its own.
+
+    One matrix product over all rows may change a row's last bits with the number of rows beside it.
+    """
+    product: Array = np.matmul(x[:, None, :], matrix)[:, 0, :]
+    return product
+
+
+def _polynomial(parameters: tuple[float, ...]) -> Kernel:
+    require(len(parameters) == 2, "polynomial parameters", "2 numbers (offset, degree)", len(parameters))
+    return Polynomial(parameters[0], parameters[1])  # type: ignore[arg-type]  # checked to be whole
+
+
+LEAVES: dict[str, Callable[[tuple[float, ...]], Kernel]] = {"rbf": RBF, "polynomial": _polynomial}
+COMPOSITIONS: dict[str, Callable[[Kernel, Kernel], Kernel]] = {"sum": Sum, "product": Product}
+
+
+def kernel_from_terms(terms: Iterable[tuple[str, Iterable[float]]]) -> Kernel:
+    """Rebuild a kernel from its terms in postfix order.
+
+    Raises:
+        ValueError: an unknown name, parameters out of range, or terms that do not form one kernel.
+    """
+    stack: list[Kernel] = []
+    for name, parameters in terms:
+        pick(name, {**LEAVES, **COMPOSITIONS}, "kernel")
+        if name in LEAVES:
+            stack.append(LEAVES[name](tuple(map(float, parameters))))
+        else:
+            require(len(stack) >= 2, f"kernel '{name}'", "two kernels before it", len(stack))
+            right, left = stack.pop(), stack.pop()
+            stack.append(COMPOSITIONS[name](left, right))
+    require(len(stack) == 1, "kernel terms", "one kernel in postfix order", f"{len(stack)} kernels")
+    return stack[0]
+
+
+def median_bandwidth(points: ArrayLike, most: int = 1000) -> tuple[float, ...]:
+    """Return the median distance of pairs of points along each dimension (the median trick).
+
+    At most ``most`` evenly spaced points are paired. A dimension in which more than half of the pairs agree
+    falls back to the standard deviation, and to 1 where all points agree.
+
+    Args:
+        points: shape (n, d), n at least 2.
+        most: number of points of which all pairs are taken.
+    """
+    array = np.asarray(points, dtype=float)
+    array = array[:: -(-len(array) // most)]
+    spreads = ((float(np.median(pdist(column[:, None], "cityblock"))), float(column.std())) for column in array.T)
+    return tuple(median or deviation or 1.0 for median, deviation in spreads)

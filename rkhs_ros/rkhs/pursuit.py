@@ -1,0 +1,176 @@
+r"""Kernel matching pursuit (Vincent and Bengio, 2002): a few kernel functions that fit many values.
+
+The dictionary holds one function :math:`\kappa(c_i, \cdot)` for each candidate, measured by its values at the
+points. Its inner products are taken in a Newton basis of the candidates' span, so that no matrix of all
+points by all candidates is formed: O((n + p) r^2) time and O((n + p) r) memory for n points, p candidates and
+rank r of the basis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from scipy.linalg import qr, solve_triangular
+
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import Array, Kernel
+from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky
+from rkhs_ros.rkhs.validation import require
+
+Fitting = Literal["basic", "back_fitting", "pre_fitting"]
+DEPENDENT = 1e-10  # a candidate this close to the span of the chosen ones, relative to its length, adds nothing
+SPARSIFICATION_RIDGE = 1e-8
+
+
+@dataclass(frozen=True)
+class Pursuit:
+    """What a pursuit chose.
+
+    Attributes:
+        chosen: indices of candidates in the order of choice, shape (m,).
+        function: the fitted function on the chosen candidates.
+        residuals: norm of what is left of the targets after 0, 1, ..., m choices, shape (m + 1,); a ridge's
+            penalty counts as left.
+    """
+
+    chosen: np.ndarray
+    function: Function
+    residuals: Array
+
+    @property
+    def error(self) -> float:
+        """The final residual relative to the targets' norm."""
+        return float(self.residuals[-1] / self.residuals[0]) if self.residuals[0] > 0 else 0.0
+
+
+def pursue(
+    kernel: Kernel,
+    points: Array,
+    targets: Array,
+    candidates: Array,
+    *,
+    budget: int,
+    tolerance: float = 0.0,
+    fitting: Fitting = "pre_fitting",
+    ridge: float = 0.0,
+    rank: int = 160,
+) -> Pursuit:
+    """Fit values at points by at most ``budget`` kernel functions of the candidates.
+
+    Args:
+        kernel: scalar kernel.
+        points: where the targets are given, shape (n, d).
+        targets: values to fit, shape (n, k); one choice serves all k columns.
+        candidates: possible centres, shape (p, d).
+        budget: number of choices at most.
+        tolerance: stop when the residual is below this part of the targets' norm.
+        fitting: ``basic`` fits the weight of the newest choice only; ``back_fitting`` refits all weights after
+            each choice; ``pre_fitting`` also chooses by the residual after the refit.
+        ridge: weight of the function's squared norm in the RKHS beside the mean squared residual.
+        rank: size at most of the Newton basis that stands for the dictionary; exact where it reaches the
+            candidates' numerical rank.
+
+    Raises:
+        ValueError: an unknown fitting or a budget below 1.
+    """
+    require(fitting in get_args(Fitting), "fitting", f"one of {', '.join(get_args(Fitting))}", f"'{fitting}'")
+    require(budget >= 1, "budget", "at least 1 centre", budget)
+    cholesky = pivoted_cholesky(kernel, candidates, rank, tolerance=1e-13)
+    basis = NewtonBasis.of(kernel, candidates, cholesky)
+    frame, triangle = qr(basis(points), mode="economic", check_finite=False)
+    reduced = frame.T @ targets
+    unreachable = max(float(np.sum(targets**2) - np.sum(reduced**2)), 0.0)
+    if ridge > 0:  # the Newton basis is orthonormal, so more rows measure the function's norm
+        triangle = np.concatenate([triangle, np.sqrt(ridge * len(points)) * np.eye(triangle.shape[1])])
+        reduced = np.concatenate([reduced, np.zeros((triangle.shape[1], targets.shape[1]))])
+    dictionary = triangle @ cholesky.values.T
+    search = _basic if fitting == "basic" else _orthogonal
+    floor = tolerance * float(np.linalg.norm(targets))
+    chosen, weights, squares = search(dictionary, reduced, budget, floor**2 - unreachable, fitting)
+    residuals = np.sqrt(np.array(squares) + unreachable)
+    return Pursuit(chosen, Function(kernel, candidates[chosen], weights), residuals)
+
+
+def _orthogonal(
+    dictionary: Array, target: Array, budget: int, floor: float, fitting: Fitting
+) -> tuple[np.ndarray, Array, list[float]]:
+    """Choose columns and refit all weights by growing a QR factorisation of the chosen ones."""
+    lengths = np.einsum("ij,ij->j", dictionary, dictionary)
+    remaining = lengths.copy()  # squared distance of each column from the span of the chosen ones
+    residual = target.copy()
+    budget = min(budget, *dictionary.shape)
+    frame = np.empty((budget, len(dictionary)))
+    triangle = np.zeros((budget, budget))
+    chosen: list[int] = []
+    squares = [float(np.sum(residual**2))]
+    while len(chosen) < budget and squares[-1] > floor:
+        scale = remaining if fitting == "pre_fitting" else lengths
+        independent = remaining > DEPENDENT * lengths
+        gains = np.sum((residual.T @ dictionary) ** 2, axis=0) / np.where(independent, scale, np.inf)
+        best = int(gains.argmax())
+        if gains[best] <= 0.0:
+            break
+        k = len(chosen)
+        column, coordinates = _orthogonalise(dictionary[:, best], frame[:k])
+        frame[k], triangle[: k + 1, k] = column, coordinates
+        chosen.append(best)
+        residual -= np.outer(column, column @ residual)
+        remaining = np.maximum(remaining - (column @ dictionary) ** 2, 0.0)
+        remaining[best] = 0.0
+        squares.append(float(np.sum(residual**2)))
+    k = len(chosen)
+    weights = solve_triangular(triangle[:k, :k], frame[:k] @ target, check_finite=False)
+    return np.array(chosen, dtype=int), np.asarray(weights), squares
+
+
+def _orthogonalise(column: Array, frame: Array) -> tuple[Array, Array]:
+    """Return the unit vector that the column adds to the frame's rows, and its coordinates (Gram-Schmidt, twice)."""
+    first = frame @ column
+    rest = column - first @ frame
+    second = frame @ rest
+    rest -= second @ frame
+    length = np.linalg.norm(rest)
+    return rest / length, np.append(first + second, length)
+
+
+def _basic(
+    dictionary: Array, target: Array, budget: int, floor: float, fitting: Fitting
+) -> tuple[np.ndarray, Array, list[float]]:
+    """Choose columns and fit only the newest weight; a column may be chosen again, which adds to its weight."""
+    lengths = np.maximum(np.einsum("ij,ij->j", dictionary, dictionary), np.finfo(float).tiny)
+    residual = target.copy()
+    weights: dict[int, Array] = {}
+    squares = [float(np.sum(residual**2))]
+    for _ in range(budget):
+        products = residual.T @ dictionary
+        best = int(np.argmax(np.sum(products**2, axis=0) / lengths))
+        step = products[:, best] / lengths[best]
+        if squares[-1] <= floor or not step.any():
+            break
+        weights[best] = weights.get(best, 0.0) + step
+        residual = residual - np.outer(dictionary[:, best], step)
+        squares.append(float(np.sum(residual**2)))
+    return np.array(list(weights), dtype=int), np.array(list(weights.values())).reshape(-1, target.shape[1]), squares
+
+
+def sparsify(function: Function, points: Array, *, budget: int, tolerance: float = 0.0) -> Pursuit:
+    """Fit a function at the points by fewer of its own centres.
+
+    Args:
+        function: the function to thin out.
+        points: where its values matter, shape (n, d).
+        budget: number of centres at most.
+        tolerance: relative residual at which fewer centres are enough.
+    """
+    return pursue(
+        function.kernel,
+        points,
+        function(points),
+        function.centres,
+        budget=budget,
+        tolerance=tolerance,
+        ridge=SPARSIFICATION_RIDGE,
+        rank=len(function.centres),
+    )

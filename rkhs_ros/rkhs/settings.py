@@ -1,0 +1,142 @@
+"""Settings: the fields of frozen dataclasses, each with a description and a range.
+
+From them the YAML files are validated, the ROS parameters declared and the resolved configuration written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, Field, field, fields, is_dataclass
+from typing import Any, NamedTuple, TypeVar, get_type_hints
+
+from rkhs_ros.rkhs.validation import hint, pick, require
+
+T = TypeVar("T")
+Tree = Mapping[str, Any]
+
+
+class Entry(NamedTuple):
+    """One setting with its dotted name and value."""
+
+    name: str
+    value: Any
+    about: Mapping[str, Any]
+
+
+def setting(
+    default: Any,
+    description: str,
+    *,
+    minimum: float | None = None,
+    maximum: float | None = None,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """Declare a dataclass field that users set.
+
+    Args:
+        default: its value where none is given.
+        description: what it is, with its unit.
+        minimum: least number allowed.
+        maximum: greatest number allowed.
+        choices: the strings allowed; empty for any.
+    """
+    about = {"description": description, "minimum": minimum, "maximum": maximum, "choices": choices}
+    return field(default=default, metadata=about)
+
+
+def variant(default: Any, table: Mapping[str, type], key: str) -> Any:
+    """Declare a field whose class is chosen from a table by the entry ``key`` of its section."""
+    return field(default=default, metadata={"table": table, "key": key})
+
+
+def build(cls: type[T], values: Tree, path: str = "", **given: Any) -> T:
+    """Make a settings dataclass from a tree of values.
+
+    Args:
+        cls: the dataclass.
+        values: plain values by field name, nested for nested settings.
+        path: dotted prefix for messages.
+        given: fields that are not settings.
+
+    Raises:
+        ValueError: an unknown key, a value of another type or out of its range; one line with a hint.
+    """
+    require(isinstance(values, Mapping), path.rstrip(".") or "configuration", "a section of keys", repr(values))
+    known = {f.name: f for f in fields(cls) if f.name not in given}  # type: ignore[arg-type]  # a dataclass
+    for key in values:
+        if key not in known:
+            raise ValueError(f"unknown key '{path}{key}', {hint(str(key), known)}")
+    types = get_type_hints(cls)
+    return cls(**given, **{k: _convert(f, types[k], values[k], path + k) for k, f in known.items() if k in values})
+
+
+def build_variant(table: Mapping[str, type[T]], key: str, values: Tree, path: str, **given: Any) -> T:
+    """Make the settings dataclass that the entry ``key`` of the values names in the table."""
+    require(isinstance(values, Mapping) and key in values, path.rstrip("."), f"a section with a key '{key}'", values)
+    cls = pick(str(values[key]), table, path + key)
+    return build(cls, {k: v for k, v in values.items() if k != key}, path, **given)
+
+
+def _convert(f: Field[Any], kind: Any, value: Any, name: str) -> Any:
+    if "table" in f.metadata:
+        return build_variant(f.metadata["table"], f.metadata["key"], value, name + ".")
+    if is_dataclass(kind):
+        return build(kind, value, name + ".")  # type: ignore[arg-type]  # a dataclass type
+    converted = _of_type(kind, value, name)
+    check_range(converted, f.metadata, name)
+    return converted
+
+
+def _of_type(kind: Any, value: Any, name: str) -> Any:
+    text, whole = isinstance(value, str), isinstance(value, int) and not isinstance(value, bool)
+    number = whole or isinstance(value, float)
+    numbers = isinstance(value, list | tuple) and len(value) > 0 and all(type(v) in (int, float) for v in value)
+    require(kind is not int or whole, name, "a whole number", repr(value))
+    require(kind is not float or number, name, "a number", repr(value))
+    require(kind is not str or text, name, "text", repr(value))
+    if kind in (int, str):
+        return value
+    if kind is float:
+        return float(value)
+    if text and kind != tuple[float, ...]:
+        return value
+    require(numbers or number, name, "a list of numbers", repr(value))
+    return tuple(map(float, value)) if numbers else (float(value),)
+
+
+def check_range(value: Any, about: Mapping[str, Any], name: str) -> None:
+    """Raise ValueError where the value, or one of a tuple, is outside its range or not among its choices."""
+    if isinstance(value, str):
+        if about["choices"] and value not in about["choices"]:
+            raise ValueError(f"{name}: unknown choice '{value}', {hint(value, dict.fromkeys(about['choices']))}")
+        return
+    low = -float("inf") if about["minimum"] is None else about["minimum"]
+    high = float("inf") if about["maximum"] is None else about["maximum"]
+    for number in value if isinstance(value, tuple) else (value,):
+        require(low <= number <= high and abs(number) != float("inf"), name, f"a number in [{low}, {high}]", number)
+
+
+def entries(settings: Any, path: str = "") -> Iterator[Entry]:
+    """Walk through the settings of a dataclass instance, nested ones by dotted names."""
+    for f in fields(settings):
+        value = getattr(settings, f.name)
+        if "table" in f.metadata:
+            table, key = f.metadata["table"], f.metadata["key"]
+            name = next(n for n, cls in table.items() if cls is type(value))
+            choice = {
+                "description": f"which {f.name} to use",
+                "minimum": None,
+                "maximum": None,
+                "choices": tuple(table),
+            }
+            yield Entry(f"{path}{f.name}.{key}", name, choice)
+            yield from entries(value, f"{path}{f.name}.")
+        elif is_dataclass(value):
+            yield from entries(value, f"{path}{f.name}.")
+        elif "description" in f.metadata:
+            yield Entry(path + f.name, value, f.metadata)
+
+
+def defaults(cls: type) -> dict[str, Any]:
+    """Return the plain defaults of a settings dataclass by field name."""
+    return {f.name: f.default for f in fields(cls) if f.default is not MISSING}

@@ -1,0 +1,49 @@
+"""Refusals that say what was expected, what was got, and what may have been meant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+T = TypeVar("T")
+
+
+def require(condition: bool, what: str, expected: str, got: object) -> None:
+    """Raise ValueError "what: expected ..., got ..." unless the condition holds."""
+    if not condition:
+        raise ValueError(f"{what}: expected {expected}, got {got}")
+
+
+def pick(name: str, table: Mapping[str, T], kind: str) -> T:
+    """Return the entry of that name.
+
+    Raises:
+        ValueError: the name is unknown; the message offers the nearest one.
+    """
+    if name not in table:
+        raise ValueError(f"unknown {kind} '{name}', {hint(name, table)}")
+    return table[name]
+
+
+def hint(name: str, known: Mapping[str, Any]) -> str:
+    """Return "did you mean 'x'?" for a near name, else the list of names."""
+    near = get_close_matches(name, known, n=1)
+    return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
+
+
+def finite_array(values: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
+    """Return the values as a read-only array of that shape.
+
+    Raises:
+        ValueError: another number of values, or some that are not finite.
+    """
+    array = np.array(values, dtype=np.float64)
+    require(array.size == int(np.prod(shape)), what, f"{shape} values", f"{array.shape}")
+    require(bool(np.isfinite(array).all()), what, "finite numbers", "nan or infinity")
+    array = array.reshape(shape)
+    array.setflags(write=False)
+    return array

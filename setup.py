@@ -1,0 +1,40 @@
+"""Build of the ament_python package; run by colcon, see the Makefile."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "rkhs_ros"
+
+
+def files(pattern: str) -> list[str]:
+    """List the files that match, less the dangling links of a build before a file was removed."""
+    return [str(path) for path in sorted(Path().glob(pattern)) if path.exists()]
+
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Policy search in reproducing kernel Hilbert spaces, in process or over ROS 2.",
+    license="Apache-2.0",
+    maintainer="The rkhs_ros authors",
+    maintainer_email="rkhs-ros@example.org",
+    packages=find_packages(include=[NAME, f"{NAME}.*", "sim_nodes", "sim_nodes.*"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/config", files("config/*.yaml")),
+        (f"share/{NAME}/config/experiments", files("config/experiments/*.yaml")),
+        (f"share/{NAME}/launch", files("launch/*.launch.py")),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=True,
+    entry_points={
+        "console_scripts": [
+            "simulator = sim_nodes.simulator_node:main",
+            "policy = rkhs_ros.nodes.policy_node:main",
+            "learner = rkhs_ros.nodes.learner_node:main",
+            "rkhs = rkhs_ros.experiments.cli:main",
+        ],
+    },
+)

@@ -1,0 +1,1 @@
+"""What the learner acts on: tasks as Gymnasium environments, and the node that puts them behind topics."""

@@ -1,0 +1,32 @@
+"""The tasks, registered with Gymnasium when this package is imported.
+
+``gymnasium.make("sim_nodes.envs:rkhs/Toy-v0")`` imports it by itself.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+from gymnasium.envs.registration import register
+
+from sim_nodes.envs.pendulum import Pendulum
+from sim_nodes.envs.toy import Toy
+from sim_nodes.envs.vector_task import SingleTask, VectorTask
+
+
+def _single(task: type[VectorTask], **options: object) -> SingleTask:
+    return SingleTask(task(**options))  # type: ignore[arg-type]  # Gymnasium passes options by name
+
+
+TASKS: dict[str, tuple[type[VectorTask], int]] = {
+    "rkhs/Toy-v0": (Toy, 20),
+    "rkhs/Pendulum-v0": (Pendulum, 100),
+}
+
+for _id, (_task, _horizon) in TASKS.items():
+    register(
+        id=_id,
+        entry_point=partial(_single, _task),
+        vector_entry_point=_task,  # type: ignore[arg-type]  # Gymnasium's protocol is of keywords only
+        max_episode_steps=_horizon,
+    )

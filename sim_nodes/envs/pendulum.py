@@ -1,0 +1,62 @@
+"""The inverted pendulum of Lever and Stafford (2015), section 4.2 of the paper."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from gymnasium.spaces import Box
+
+from sim_nodes.envs.vector_task import Array, VectorTask
+
+ANGLES = ("clip", "wrap")
+
+
+class Pendulum(VectorTask):
+    r"""Swing up and balance; the observation is the state :math:`(\theta, \omega)`.
+
+    .. math:: \theta' = \theta + 0.05\,\omega + \epsilon, \quad \omega' = \omega + 0.05\,a + 2\epsilon, \quad
+        r(s, a) = \exp(-\theta^2 / 2)
+
+    applied twice for each action, from :math:`(-\pi, 0)`, with independent :math:`\epsilon \sim N(0, 0.02^2)`.
+    Action in [-3, 3], angular velocity in [-4 pi, 4 pi].
+
+    Args:
+        num_envs: number of rows.
+        max_episode_steps: steps after which an episode is truncated; None for never.
+        angle: at the ends of [-pi, pi] the angle stays ("clip") or comes in at the other end ("wrap").
+    """
+
+    single_observation_space = Box(np.array([-np.pi, -4 * np.pi]), np.array([np.pi, 4 * np.pi]), dtype=np.float64)
+    single_action_space = Box(-3.0, 3.0, (1,), np.float64)
+    reference_returns: ClassVar[dict[str, float]] = {
+        "optimum (dynamic programming)": 51.8,
+        "optimum as the paper has it": 46.0,
+        "balanced, the paper says": 25.0,
+    }
+    noise_dim = 4
+    noise_sd = 0.02
+
+    def __init__(self, num_envs: int = 1, max_episode_steps: int | None = None, angle: str = "clip") -> None:
+        if angle not in ANGLES:
+            raise ValueError(f"angle: expected one of {', '.join(ANGLES)}, got '{angle}'")
+        super().__init__(num_envs, max_episode_steps)
+        self.angle = angle
+
+    def initial_states(self, rows: int) -> Array:  # noqa: D102
+        return np.tile([-np.pi, 0.0], (rows, 1))
+
+    def transition(self, states: Array, actions: Array, noise: Array) -> Array:  # noqa: D102
+        noise = self.noise_sd * noise
+        half = self._half_transition(states, actions[:, 0], noise[:, :2])
+        return self._half_transition(half, actions[:, 0], noise[:, 2:])
+
+    def reward(self, states: Array, actions: Array) -> Array:  # noqa: D102
+        return np.exp(-0.5 * states[:, 0] ** 2)
+
+    def _half_transition(self, states: Array, torque: Array, noise: Array) -> Array:
+        theta, omega = states.T
+        theta = theta + 0.05 * omega + noise[:, 0]
+        omega = omega + 0.05 * torque + 2 * noise[:, 1]
+        bounded = np.clip(theta, -np.pi, np.pi) if self.angle == "clip" else (theta + np.pi) % (2 * np.pi) - np.pi
+        return np.stack([bounded, np.clip(omega, -4 * np.pi, 4 * np.pi)], axis=1)

@@ -1,0 +1,122 @@
+"""A task as the rows of one Gymnasium vector environment, and one such row as an ordinary environment."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class VectorTask(VectorEnv[Array, Array, Any]):
+    """Rows of one task, stepped together, each with a random stream of its own.
+
+    A subclass gives the spaces, the number of noise draws of a transition, and four formulas over rows.
+    Actions are clipped to their space. A row that reached its last step starts anew at the next one.
+
+    Args:
+        num_envs: number of rows.
+        max_episode_steps: steps after which an episode is truncated; None for never.
+    """
+
+    metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}
+    single_observation_space: Any
+    single_action_space: Any
+    noise_dim: int
+    reference_returns: ClassVar[dict[str, float]] = {}  # at the registered horizon and discount 0.99
+
+    def __init__(self, num_envs: int = 1, max_episode_steps: int | None = None) -> None:
+        self.num_envs = num_envs
+        self.max_episode_steps = max_episode_steps
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._streams: list[np.random.Generator] = []
+
+    @abstractmethod
+    def initial_states(self, rows: int) -> Array:
+        """Return the states at the start of an episode, shape (rows, state_dim)."""
+
+    @abstractmethod
+    def transition(self, states: Array, actions: Array, noise: Array) -> Array:
+        """Return the next states; ``noise`` holds standard normal draws, shape (rows, noise_dim)."""
+
+    @abstractmethod
+    def reward(self, states: Array, actions: Array) -> Array:
+        """Return the reward of each row, shape (rows,), of acting in these states."""
+
+    def observe(self, states: Array) -> Array:
+        """Return the observations of the states: the states themselves unless a task hides something."""
+        return states.copy()
+
+    def reset(
+        self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Start an episode in every row.
+
+        Args:
+            seed: a seed for each row, or one number from which row i takes ``seed + i``, or None to go on
+                with the streams as they are.
+            options: none are known.
+        """
+        if seed is not None or not self._streams:
+            self._streams = [seeding.np_random(s)[0] for s in self._row_seeds(seed)]
+        self._states = self.initial_states(self.num_envs)
+        self._steps = np.zeros(self.num_envs, dtype=int)
+        return self.observe(self._states), {}
+
+    def step(self, actions: Array) -> tuple[Array, Any, Any, Any, dict[str, Any]]:
+        """Make one step in every row."""
+        clipped = np.clip(actions, self.single_action_space.low, self.single_action_space.high)
+        starting = self._steps == self.max_episode_steps
+        noise = np.array([stream.standard_normal(self.noise_dim) for stream in self._streams])
+        rewards = self.reward(self._states, clipped)
+        self._states = self.transition(self._states, clipped, noise)
+        self._steps += 1
+        if starting.any():
+            rewards[starting] = 0.0
+            self._states[starting] = self.initial_states(int(starting.sum()))
+            self._steps[starting] = 0
+        truncated = self._steps == self.max_episode_steps
+        return self.observe(self._states), rewards, np.zeros(self.num_envs, dtype=bool), truncated, {}
+
+    def _row_seeds(self, seed: int | list[int] | None) -> list[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, int):
+            return [seed + row for row in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise ValueError(f"seeds: expected {self.num_envs}, one for each row, got {len(seed)}")
+        return list(seed)
+
+
+class SingleTask(gymnasium.Env[Array, Array]):
+    """One row of a vector task as an ordinary Gymnasium environment.
+
+    Args:
+        task: a vector task of one row that never truncates; Gymnasium's time limit does.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}
+
+    def __init__(self, task: VectorTask) -> None:
+        self.task = task
+        self.observation_space = task.single_observation_space
+        self.action_space = task.single_action_space
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """Start an episode."""
+        super().reset(seed=seed)
+        observations, info = self.task.reset(seed=seed, options=options)
+        return observations[0], info
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Make one step."""
+        observations, rewards, _, _, info = self.task.step(np.asarray(action)[None])
+        return observations[0], float(rewards[0]), False, False, info

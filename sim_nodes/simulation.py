@@ -1,0 +1,113 @@
+"""A Gymnasium environment as batches of episodes: what stands behind the topics, and what runs in process."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+from gymnasium.vector import VectorEnv
+from numpy.typing import NDArray
+
+import sim_nodes.envs  # noqa: F401  # registers the tasks
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rkhs.validation import hint
+
+Array = NDArray[np.float64]
+
+
+class Frame(NamedTuple):
+    """The rows of a batch after some steps.
+
+    Attributes:
+        observations: shape (rows, d).
+        rewards: of the step just made, shape (rows,); 0 in rows whose episode was over; none before any step.
+        active: True in rows whose episode goes on, shape (rows,).
+    """
+
+    observations: Array
+    rewards: Array
+    active: NDArray[np.bool_]
+
+
+class Simulation:
+    """Episodes of one environment, side by side.
+
+    Owns the environment and the step it is at. Does not own any random state: an episode follows from the
+    seeds of its batch. Actions are clipped to the action space here and nowhere before.
+
+    Args:
+        environment: Gymnasium id.
+        options: keyword options of the environment.
+
+    Raises:
+        ValueError: the id is unknown, the options do not fit, or a space is not continuous.
+    """
+
+    def __init__(self, environment: str, options: Mapping[str, Any] | None = None) -> None:
+        self.environment = environment
+        self.options = dict(options or {})
+        self._vectors: dict[tuple[int, int], VectorEnv[Any, Any, Any]] = {}
+        vector = self._vector(1, 1)
+        actions = _continuous(vector.single_action_space, f"{environment} actions")
+        self.observation_dim = _size(_continuous(vector.single_observation_space, f"{environment} observations"))
+        self.action_dim = _size(actions)
+        self.action_low = np.ravel(actions.low).astype(np.float64)
+        self.action_high = np.ravel(actions.high).astype(np.float64)
+
+    def start(self, batch: Batch) -> Frame:
+        """Begin the episodes of a batch."""
+        self._current = self._vector(batch.rows, batch.horizon)
+        observations, _ = self._current.reset(seed=batch.environment_seeds())  # type: ignore[arg-type]
+        self._active = np.ones(batch.rows, dtype=bool)
+        return Frame(self._flat(observations), np.zeros(0), self._active)
+
+    def step(self, actions: Array) -> Frame:
+        """Make a step in all rows with actions of shape (rows, n), not clipped."""
+        space = self._current.single_action_space
+        clipped = np.clip(actions, self.action_low, self.action_high)
+        shaped = clipped.reshape(len(actions), *(space.shape or ())).astype(space.dtype)
+        observations, rewards, terminated, truncated, _ = self._current.step(shaped)
+        rewards = np.where(self._active, np.asarray(rewards, dtype=np.float64), 0.0)
+        self._active = self._active & ~(terminated | truncated)
+        return Frame(self._flat(observations), rewards, self._active)
+
+    def _flat(self, observations: Any) -> Array:
+        return np.asarray(observations, dtype=np.float64).reshape(len(observations), -1)
+
+    def _vector(self, rows: int, horizon: int) -> VectorEnv[Any, Any, Any]:
+        key = (rows, horizon)
+        if key not in self._vectors:
+            self._vectors[key] = _make(self.environment, self.options, rows, horizon)
+        return self._vectors[key]
+
+
+def _make(environment: str, options: dict[str, Any], rows: int, horizon: int) -> VectorEnv[Any, Any, Any]:
+    try:
+        spec = gymnasium.spec(environment)
+    except gymnasium.error.Error as error:
+        raise ValueError(f"unknown environment '{environment}', {hint(environment, gymnasium.registry)}") from error
+    own = spec.vector_entry_point is not None
+    mode = (
+        {"vectorization_mode": "vector_entry_point"}
+        if own
+        else {"vectorization_mode": "sync", "disable_env_checker": True}
+    )
+    try:
+        return gymnasium.make_vec(environment, rows, max_episode_steps=horizon, **mode, **options)
+    except TypeError as error:
+        raise ValueError(f"environment.options: expected what {environment} takes, got {options} ({error})") from error
+    except gymnasium.error.DependencyNotInstalled as error:
+        raise ValueError(f"{environment}: expected its packages to be installed, got: {error}") from error
+
+
+def _continuous(space: gymnasium.Space[Any], what: str) -> Box:
+    if not isinstance(space, Box) or not np.issubdtype(space.dtype, np.floating):
+        raise ValueError(f"{what}: expected a continuous space (a Box of numbers), got {space}")
+    return space
+
+
+def _size(space: Box) -> int:
+    return int(np.prod(space.shape))
