@@ -11,9 +11,9 @@ from gymnasium.spaces import Box
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-import sim_nodes.envs  # noqa: F401  # registers the tasks
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.validation import hint
+from sim_nodes.envs.vector_task import clip  # its package registers the tasks
 
 Array = NDArray[np.float64]
 
@@ -67,8 +67,8 @@ class Simulation:
     def step(self, actions: Array) -> Frame:
         """Make a step in all rows with actions of shape (rows, n), not clipped."""
         space = self._current.single_action_space
-        clipped = np.clip(actions, self.action_low, self.action_high)
-        shaped = clipped.reshape(len(actions), *(space.shape or ())).astype(space.dtype)
+        clipped = clip(actions, self.action_low, self.action_high)
+        shaped = clipped.reshape(len(actions), *(space.shape or ())).astype(space.dtype, copy=False)
         observations, rewards, terminated, truncated, _ = self._current.step(shaped)
         rewards = np.where(self._active, np.asarray(rewards, dtype=np.float64), 0.0)
         self._active = self._active & ~(terminated | truncated)
@@ -97,7 +97,7 @@ def _make(environment: str, options: dict[str, Any], rows: int, horizon: int) ->
     )
     try:
         return gymnasium.make_vec(environment, rows, max_episode_steps=horizon, **mode, **options)
-    except TypeError as error:
+    except (TypeError, LookupError) as error:
         raise ValueError(f"environment.options: expected what {environment} takes, got {options} ({error})") from error
     except gymnasium.error.DependencyNotInstalled as error:
         raise ValueError(f"{environment}: expected its packages to be installed, got: {error}") from error

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from rclpy.node import Node
 
-from rkhs_interfaces.msg import Action, Observation
+from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.experiments.config import environment_from
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS, batch_of, describe, matrix, observation_message
+from rkhs_ros.experiments.rollout import EpisodeRecorder
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS, batch_of, describe, episodes_message, matrix, observation_message
 from rkhs_ros.nodes.parameters import declare, given
 from rkhs_ros.nodes.spin import run
 from rkhs_ros.policies.streams import Batch
@@ -17,10 +18,11 @@ from sim_nodes.simulation import Frame, Simulation
 
 
 class SimulatorNode(Node):
-    """Publishes observations and executes actions.
+    """Publishes observations, executes actions, and publishes the episodes they make.
 
-    Owns the environment and the step it waits at. Does not own the pace: the action is the clock. Only the
-    action of the current batch and step is taken, so nothing is stepped twice.
+    Owns the environment, the step it waits at, and the episodes under way. Does not own the pace: the action is
+    the clock. Only the action of the current batch and step is taken, so nothing is stepped twice, and only of
+    the policy that acted in the batch's first step.
     """
 
     def __init__(self) -> None:
@@ -34,10 +36,12 @@ class SimulatorNode(Node):
         self._batch: Batch | None = None
         self._identity = 0
         self._step = 0
+        self._version = 0
         self._observations = self.create_publisher(Observation, "observation", LOCKSTEP_QOS)
+        self._episodes = self.create_publisher(Episodes, "episodes", LOCKSTEP_QOS)
         self.create_subscription(Action, "action", self._act, LOCKSTEP_QOS)
         self.create_service(StartEpisodes, "start_episodes", self._start)
-        self.create_service(DescribeTask, "describe_task", lambda _, response: describe(self._simulation, response))
+        self.create_service(DescribeTask, "describe_task", self._describe)
 
     def _make_simulation(self, tree: dict[str, dict[str, object]]) -> Simulation:
         for name in tree:
@@ -47,6 +51,10 @@ class SimulatorNode(Node):
         declare(self, [Entry("environment.id", environment.id, {"description": "Gymnasium id of the environment"})])
         return Simulation(environment.id, environment.options)
 
+    def _describe(self, request: DescribeTask.Request, response: DescribeTask.Response) -> DescribeTask.Response:
+        heard = self._observations.get_subscription_count() > 0 and self._episodes.get_subscription_count() > 0
+        return describe(self._simulation, self._identity, self._step, connected=heard)
+
     def _start(self, request: StartEpisodes.Request, response: StartEpisodes.Response) -> StartEpisodes.Response:
         try:
             batch = batch_of(request)
@@ -55,25 +63,40 @@ class SimulatorNode(Node):
             response.message = str(error)
             return response
         self._batch, self._identity, self._step = batch, request.batch, 0
+        self._recorder = EpisodeRecorder(batch, self._simulation.observation_dim, self._simulation.action_dim)
         self._publish(batch, frame)
+        self._record(batch, frame)
         response.accepted = True
         return response
 
     def _act(self, message: Action) -> None:
         batch = self._batch
-        awaited = (message.batch, message.step) == (self._identity, self._step)
-        if batch is None or not awaited or self._step == batch.horizon:
-            return  # late, a duplicate, or of another batch
+        if batch is None or not self._awaits(batch, message):
+            return  # late, a duplicate, of another batch or of another policy
         try:
             actions = matrix(message.actions, batch.rows, self._simulation.action_dim, "actions")
         except ValueError as error:
             self.get_logger().warning(f"ignored an action: {error}")
             return
+        frame = self._simulation.step(actions)
+        self._version = message.policy_version
         self._step += 1
-        self._publish(batch, self._simulation.step(actions))
+        self._publish(batch, frame)
+        self._recorder.acted(self._step - 1, actions)
+        self._record(batch, frame)
+
+    def _awaits(self, batch: Batch, message: Action) -> bool:
+        in_turn = (message.batch, message.step) == (self._identity, self._step) and self._step < batch.horizon
+        return in_turn and (self._step == 0 or message.policy_version == self._version)
 
     def _publish(self, batch: Batch, frame: Frame) -> None:
         self._observations.publish(observation_message(self._identity, batch, self._step, frame))
+
+    def _record(self, batch: Batch, frame: Frame) -> None:
+        """Record after publishing: the policy node is at work meanwhile."""
+        self._recorder.observed(self._step, frame)
+        if self._step == batch.horizon:
+            self._episodes.publish(episodes_message(self._identity, self._version, self._recorder.episodes()))
 
 
 def main() -> None:

@@ -123,7 +123,10 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
     for change in changes:
         name, equals, text = change.partition("=")
         require(bool(name and equals), "--set", "KEY=VALUE", f"'{change}'")
-        _insert(tree, name.strip(), yaml.safe_load(text))
+        try:
+            _insert(tree, name.strip(), yaml.safe_load(text))
+        except yaml.YAMLError as error:
+            raise ValueError(f"--set: expected a value in YAML, got {change!r}") from error
     environment = tree.pop("environment")
     require(isinstance(environment, Mapping), "environment", "a section of keys", repr(environment))
     return Config(environment_from(environment), training_from(tree))

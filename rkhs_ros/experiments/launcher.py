@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -21,7 +21,10 @@ MODULES = {
 }
 
 
-def launch(parameters: str, learner_parameters: tuple[str, ...] = ()) -> int:
+Nodes = dict[str, subprocess.Popen[bytes]]
+
+
+def launch(parameters: str, learner_parameters: Sequence[str] = ()) -> int:
     """Run the nodes until the learner ends.
 
     Args:
@@ -34,21 +37,32 @@ def launch(parameters: str, learner_parameters: tuple[str, ...] = ()) -> int:
     with tempfile.TemporaryDirectory(prefix="rkhs_") as folder:
         file = Path(folder) / "parameters.yaml"
         file.write_text(parameters)
-        extra = [word for assignment in learner_parameters for word in ("-p", assignment)]
-        nodes = {
-            name: _start(module, ["--params-file", str(file), *(extra if name == "learner" else [])])
-            for name, module in MODULES.items()
-        }
-        try:
-            with _signals_passed_to(list(nodes.values())):
-                return _wait(nodes)
-        finally:
-            _end(list(nodes.values()))
+        with started(MODULES, file, learner_parameters) as nodes, _signals_passed_to(nodes):
+            return _wait(nodes)
 
 
-def _start(module: str, arguments: list[str]) -> subprocess.Popen[bytes]:
+@contextmanager
+def started(names: Iterable[str], parameters: Path, learner_parameters: Sequence[str] = ()) -> Iterator[Nodes]:
+    """Start nodes, and end those that still run at the exit of the context.
+
+    Args:
+        names: keys of `MODULES`.
+        parameters: a ROS parameter file.
+        learner_parameters: further ``name:=value`` for the learner.
+    """
+    extra = [word for assignment in learner_parameters for word in ("-p", assignment)]
+    nodes: Nodes = {}
+    try:
+        for name in names:
+            nodes[name] = _start(name, ["--params-file", str(parameters), *(extra if name == "learner" else [])])
+        yield nodes
+    finally:
+        _end(nodes)
+
+
+def _start(name: str, arguments: list[str]) -> subprocess.Popen[bytes]:
     """Start a node outside our foreground group, so that a Ctrl-C reaches it once, through us."""
-    command = [sys.executable, "-m", module, "--ros-args", *arguments]
+    command = [sys.executable, "-m", MODULES[name], "--ros-args", *arguments]
     return subprocess.Popen(command, stdin=subprocess.DEVNULL, process_group=0, env=_environment())
 
 
@@ -57,7 +71,7 @@ def _environment() -> dict[str, str]:
     return {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"} | {"OMP_NUM_THREADS": "1"}
 
 
-def _wait(nodes: dict[str, subprocess.Popen[bytes]]) -> int:
+def _wait(nodes: Nodes) -> int:
     while True:
         for name, process in nodes.items():
             code = process.poll()
@@ -77,9 +91,9 @@ def _report_loss(name: str, code: int, learner: subprocess.Popen[bytes]) -> int:
 
 
 @contextmanager
-def _signals_passed_to(processes: list[subprocess.Popen[bytes]]) -> Iterator[None]:
+def _signals_passed_to(nodes: Nodes) -> Iterator[None]:
     def pass_on(number: int, frame: FrameType | None) -> None:
-        for process in processes:
+        for process in nodes.values():
             process.send_signal(signal.SIGINT)
 
     previous = {number: signal.signal(number, pass_on) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -90,11 +104,11 @@ def _signals_passed_to(processes: list[subprocess.Popen[bytes]]) -> Iterator[Non
             signal.signal(number, handler)
 
 
-def _end(processes: list[subprocess.Popen[bytes]]) -> None:
-    for process in processes:
+def _end(nodes: Nodes) -> None:
+    for process in nodes.values():
         process.send_signal(signal.SIGINT)
     deadline = time.monotonic() + PATIENCE
-    for process in processes:
+    for process in nodes.values():
         try:
             process.wait(max(deadline - time.monotonic(), 0.1))
         except subprocess.TimeoutExpired:

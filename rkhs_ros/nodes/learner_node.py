@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +12,13 @@ import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rclpy.subscription import Subscription
 
-from rkhs_interfaces.msg import Action, Observation
+from rkhs_interfaces.msg import Episodes as EpisodesMessage
 from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
 from rkhs_ros.experiments.config import Config, Environment, training_from
-from rkhs_ros.experiments.rollout import EpisodeRecorder
 from rkhs_ros.experiments.run import run_training
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS, frame_of, matrix, set_policy_request, start_request
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS, episodes_of, set_policy_request, start_request
 from rkhs_ros.nodes.parameters import declare, declared, given
 from rkhs_ros.nodes.spin import PeerSilentError, run
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -32,8 +29,8 @@ from rkhs_ros.rkhs.settings import entries
 class LearnerNode(Node):
     """Runs the training loop over topics; a `Runner` to that loop.
 
-    Owns the settings of the run and the episodes under way. Does not own the environment or the policy in
-    service: it hears both topics and pairs them by batch and step.
+    Owns the settings of the run. Does not own the environment, the policy in service or the steps of a batch: it
+    hears whole episodes, so that a step costs one message each way between simulator and policy node.
     """
 
     def __init__(self) -> None:
@@ -53,14 +50,11 @@ class LearnerNode(Node):
         self._identity = time.time_ns()  # names a batch for the peers; no result depends on it
         self._version = 0
         self._served: GaussianPolicy | None = None
-        self._recording: Recording | None = None
+        self._heard: Episodes | None = None
         self._start = self.create_client(StartEpisodes, "start_episodes")
         self._describe = self.create_client(DescribeTask, "describe_task")
         self._set_policy = self.create_client(SetPolicy, "set_policy")
-        self._heard = (
-            ("simulator", self.create_subscription(Observation, "observation", self._observe, LOCKSTEP_QOS)),
-            ("policy", self.create_subscription(Action, "action", self._act, LOCKSTEP_QOS)),
-        )
+        self._episodes = self.create_subscription(EpisodesMessage, "episodes", self._hear, LOCKSTEP_QOS)
 
     def connect(self) -> Config:
         """Wait for simulator and policy node, and return the whole configuration.
@@ -68,14 +62,12 @@ class LearnerNode(Node):
         Raises:
             PeerSilentError: one of them does not appear in time, or there are two of it.
         """
-        clients = {"simulator": (self._start, self._describe), "policy": (self._set_policy,)}
-        for name, subscription in self._heard:
-            self._until(partial(_is_heard, subscription), name)
-            for client in clients[name]:
-                self._until(client.service_is_ready, name)
-            if (count := subscription.get_publisher_count()) > 1:
+        self._until(self._describe.service_is_ready, "simulator")
+        self._until(self._set_policy.service_is_ready, "policy")
+        for name, topic in (("simulator", "observation"), ("policy", "action")):
+            if (count := self.count_publishers(topic)) > 1:
                 raise PeerSilentError(f"expected one {name} node, got {count}; set ROS_DOMAIN_ID to keep runs apart")
-        task = self._call(self._describe, DescribeTask.Request(), "simulator")
+        task = self._connected(self._describe, DescribeTask.Request(), "simulator")
         self.observation_dim, self.action_dim = task.observation_dim, task.action_dim
         return Config(Environment(task.environment, json.loads(task.options)), self.training)
 
@@ -88,31 +80,44 @@ class LearnerNode(Node):
         """
         self._serve(policy)
         self._identity += 1
-        recording = Recording(self._identity, self._version, batch, self.observation_dim, self.action_dim)
-        self._recording = recording
-        self._request(self._start, start_request(self._identity, batch), "simulator")
-        while not recording.complete:
-            self._until(recording.grown(), recording.awaited)
-        return recording.recorder.episodes()
+        self._batch, self._heard = batch, None
+        _accepted(self._call(self._start, start_request(self._identity, batch), "simulator"), "simulator")
+        step = -1
+        while (episodes := self._heard) is None:
+            step = self._wait_beyond(step)
+        return episodes
+
+    def _wait_beyond(self, step: int) -> int:
+        """Wait for the episodes; where they take long, return the step reached, which must be a later one."""
+        if self._spin(lambda: self._heard is not None):
+            return step
+        task = self._call(self._describe, DescribeTask.Request(), "simulator")
+        if task.step <= step:
+            raise self._silent("policy")
+        return int(task.step)
+
+    def _hear(self, message: EpisodesMessage) -> None:
+        if (message.batch, message.policy_version) != (self._identity, self._version):
+            return  # late, or of another learner
+        try:
+            self._heard = episodes_of(message, self._batch, self.observation_dim, self.action_dim)
+        except ValueError as error:
+            self.get_logger().warning(f"ignored episodes: {error}")
 
     def _serve(self, policy: GaussianPolicy) -> None:
         if policy is not self._served:
             self._version += 1
-            self._request(self._set_policy, set_policy_request(policy, self._version), "policy")
+            request = set_policy_request(policy, self._version)
+            _accepted(self._connected(self._set_policy, request, "policy"), "policy")
             self._served = policy
 
-    def _observe(self, message: Observation) -> None:
-        if self._recording is not None:
-            self._recording.observe(message)
-
-    def _act(self, message: Action) -> None:
-        if self._recording is not None:
-            self._recording.act(message)
-
-    def _request(self, client: Any, request: Any, name: str) -> None:
-        response = self._call(client, request, name)
-        if not response.accepted:
-            raise ValueError(f"the {name} node refused: {response.message}")
+    def _connected(self, client: Any, request: Any, name: str) -> Any:
+        """Ask a node again and again until it is connected to its peers."""
+        deadline = time.monotonic() + self.training.timeout
+        while not (response := self._call(client, request, name)).connected:
+            if time.monotonic() > deadline:
+                raise self._silent(name)
+        return response
 
     def _call(self, client: Any, request: Any, name: str) -> Any:
         future = client.call_async(request)
@@ -120,64 +125,28 @@ class LearnerNode(Node):
         return future.result()
 
     def _until(self, condition: Callable[[], bool], name: str) -> None:
-        """Handle messages until the condition holds."""
+        if not self._spin(condition):
+            raise self._silent(name)
+
+    def _silent(self, name: str) -> PeerSilentError:
+        return PeerSilentError(f"the {name} node did not answer within {self.training.timeout:g} s")
+
+    def _spin(self, condition: Callable[[], bool]) -> bool:
+        """Handle messages until the condition holds or the time is over; return whether it holds."""
         deadline = time.monotonic() + self.training.timeout
         while not condition():
             left = deadline - time.monotonic()
             if left <= 0:
-                raise PeerSilentError(f"the {name} node did not answer within {self.training.timeout:g} s")
-            self._executor.spin_once(timeout_sec=min(left, 0.1))
+                return False
+            self._executor.spin_once(timeout_sec=min(left, 0.1))  # new peers do not wake it
             if not rclpy.ok():
                 raise ExternalShutdownException
+        return True
 
 
-def _is_heard(subscription: Subscription) -> bool:
-    return bool(subscription.get_publisher_count() > 0)
-
-
-class Recording:
-    """The messages of one batch, paired by step.
-
-    Args:
-        identity: the batch's number on the topics.
-        version: version of the policy that must act.
-        batch: the episodes.
-        observation_dim: d.
-        action_dim: n.
-    """
-
-    def __init__(self, identity: int, version: int, batch: Batch, observation_dim: int, action_dim: int) -> None:
-        self.recorder = EpisodeRecorder(batch, observation_dim, action_dim)
-        self._identity, self._version, self._batch = identity, version, batch
-        self._dims = observation_dim, action_dim
-        self._observed = self._acted = 0
-
-    def grown(self) -> Callable[[], bool]:
-        """Return a condition that holds once another message is recorded."""
-        seen = self._observed + self._acted
-        return lambda: self._observed + self._acted > seen
-
-    @property
-    def complete(self) -> bool:
-        """All steps were observed and acted in."""
-        return self._observed == self._batch.horizon + 1 and self._acted == self._batch.horizon
-
-    @property
-    def awaited(self) -> str:
-        """The node that has to speak next."""
-        return "policy" if self._acted < self._observed else "simulator"
-
-    def observe(self, message: Observation) -> None:
-        """Record the next observation of the batch; any other is ignored."""
-        if (message.batch, message.step) == (self._identity, self._observed):
-            self.recorder.observed(message.step, frame_of(message, self._dims[0]))
-            self._observed += 1
-
-    def act(self, message: Action) -> None:
-        """Record the next action of the batch by the right policy; any other is ignored."""
-        if (message.batch, message.step, message.policy_version) == (self._identity, self._acted, self._version):
-            self.recorder.acted(message.step, matrix(message.actions, self._batch.rows, self._dims[1], "actions"))
-            self._acted += 1
+def _accepted(response: Any, name: str) -> None:
+    if not response.accepted:
+        raise ValueError(f"the {name} node refused: {response.message}")
 
 
 def learn(node: LearnerNode) -> None:

@@ -12,6 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 import rkhs_interfaces.msg as msg
 from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
+from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance, KernelVariance, Variance
@@ -20,9 +21,9 @@ from rkhs_ros.rkhs.kernels import Array, Kernel, kernel_from_terms
 from rkhs_ros.rkhs.validation import finite_array, require
 from sim_nodes.simulation import Frame, Simulation
 
-# Reliable, and the newest message is kept for a peer that is discovered late: so the first message of a batch
-# cannot be lost, and none of the later ones comes before both ends know each other.
-LOCKSTEP_QOS = QoSProfile(depth=16, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# Reliable. Volatile, since keeping messages for late peers doubles the time of a round trip: the learner waits
+# until the peers say that they are connected.
+LOCKSTEP_QOS = QoSProfile(depth=16, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
 
 
 def doubles(values: Array) -> array[float]:
@@ -36,7 +37,11 @@ def matrix(values: Any, rows: int, columns: int, what: str) -> Array:
     Raises:
         ValueError: another number of values, or some that are not finite.
     """
-    return finite_array(np.frombuffer(values, dtype=np.float64), (rows, columns), what)
+    return _numbers(values, (rows, columns), what)
+
+
+def _numbers(values: Any, shape: tuple[int, ...], what: str) -> Array:
+    return finite_array(np.frombuffer(values, dtype=np.float64), shape, what)
 
 
 def observation_message(identity: int, batch: Batch, step: int, frame: Frame) -> msg.Observation:
@@ -51,7 +56,6 @@ def observation_message(identity: int, batch: Batch, step: int, frame: Frame) ->
         rows=batch.rows,
         observations=doubles(frame.observations),
         rewards=doubles(frame.rewards),
-        active=frame.active.tolist(),
     )
 
 
@@ -82,30 +86,52 @@ def start_request(identity: int, batch: Batch) -> StartEpisodes.Request:
     )
 
 
-def frame_of(message: msg.Observation, observation_dim: int) -> Frame:
-    """Return the rows that an observation carries.
-
-    Raises:
-        ValueError: sizes do not fit, or numbers are not finite.
-    """
-    rewarded = message.rows if message.step > 0 else 0
-    require(len(message.active) == message.rows, "active", f"{message.rows} rows", len(message.active))
-    return Frame(
-        matrix(message.observations, message.rows, observation_dim, "observations"),
-        matrix(message.rewards, rewarded, 1, "rewards")[:, 0],
-        np.array(message.active, dtype=bool),
+def episodes_message(identity: int, version: int, episodes: Episodes) -> msg.Episodes:
+    """Return what the simulator publishes at the end of a batch."""
+    rows, horizon = episodes.rewards.shape
+    return msg.Episodes(
+        batch=identity,
+        policy_version=version,
+        rows=rows,
+        horizon=horizon,
+        lengths=array("I", episodes.mask.sum(axis=1).astype(np.uint32).tobytes()),
+        observations=doubles(episodes.observations),
+        actions=doubles(episodes.actions),
+        rewards=doubles(episodes.rewards),
     )
 
 
-def describe(simulation: Simulation, response: DescribeTask.Response) -> DescribeTask.Response:
-    """Fill in what a simulation's task is."""
-    response.environment = simulation.environment
-    response.options = json.dumps(simulation.options)
-    response.observation_dim = simulation.observation_dim
-    response.action_dim = simulation.action_dim
-    response.action_low = doubles(simulation.action_low)
-    response.action_high = doubles(simulation.action_high)
-    return response
+def episodes_of(message: msg.Episodes, batch: Batch, observation_dim: int, action_dim: int) -> Episodes:
+    """Return the episodes that a message carries.
+
+    Raises:
+        ValueError: they are not of that batch's size, or not finite.
+    """
+    shape = (batch.rows, batch.horizon)
+    require((message.rows, message.horizon) == shape, "episodes", f"{shape}", f"{(message.rows, message.horizon)}")
+    lengths = np.array(message.lengths, dtype=np.int64)
+    require(len(lengths) == batch.rows, "episodes' lengths", f"{batch.rows} numbers", len(lengths))
+    return Episodes(
+        _numbers(message.observations, (*shape, observation_dim), "episodes' observations"),
+        _numbers(message.actions, (*shape, action_dim), "episodes' actions"),
+        _numbers(message.rewards, shape, "episodes' rewards"),
+        np.arange(batch.horizon) < lengths[:, None],
+    )
+
+
+def describe(simulation: Simulation, identity: int, step: int, *, connected: bool) -> DescribeTask.Response:
+    """Return what a simulation's task is, and how far it is."""
+    return DescribeTask.Response(
+        environment=simulation.environment,
+        options=json.dumps(simulation.options),
+        observation_dim=simulation.observation_dim,
+        action_dim=simulation.action_dim,
+        action_low=doubles(simulation.action_low),
+        action_high=doubles(simulation.action_high),
+        batch=identity,
+        step=step,
+        connected=connected,
+    )
 
 
 def policy_message(policy: GaussianPolicy, version: int) -> msg.Policy:

@@ -61,6 +61,7 @@ class PolicyNode(Node):
             response.message = str(error)
             self.get_logger().warning(f"refused a policy: {error}")
         response.version = self._version
+        response.connected = self._actions.get_subscription_count() > 0
         return response
 
     def _observe(self, message: Observation) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 from collections.abc import Callable
@@ -39,6 +40,8 @@ def run(make_node: Callable[[], AnyNode], work: Callable[[AnyNode], None] = fore
     code = 0
     try:
         node = make_node()
+        gc.collect()
+        gc.freeze()  # what was imported need not be searched for garbage between messages
         try:
             work(node)
         finally:

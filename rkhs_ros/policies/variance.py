@@ -31,7 +31,7 @@ class ConstantVariance:
 
     def __call__(self, x: Array) -> Array:
         """Evaluate at points of shape (batch, d): shape (batch, n)."""
-        return np.broadcast_to(self.values, (len(x), len(self.values)))
+        return np.full((len(x), len(self.values)), self.values)
 
     def decay(self, factor: float, minimum_sd: float) -> ConstantVariance:
         """Return the variance of a standard deviation times ``factor``, not below ``minimum_sd``."""
@@ -66,6 +66,9 @@ class KernelVariance:
 
     def __post_init__(self) -> None:
         """Raise ValueError where shapes do not fit or numbers are out of range."""
+        for name in ("centres", "values"):
+            shape = np.shape(getattr(self, name))
+            require(len(shape) == 2, f"variance {name}", "a matrix", f"shape {shape}")
         m, n = np.shape(self.values)
         require(m >= 1, "variance centres", "at least one", m)
         centres = finite_array(self.centres, (m, np.shape(self.centres)[1]), "variance centres")

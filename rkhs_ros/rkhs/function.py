@@ -49,7 +49,8 @@ class Function:
 
     def __call__(self, x: Array) -> Array:
         """Evaluate at points of shape (batch, d): shape (batch, n), each row by itself to the last bit."""
-        require(x.shape[1] == self.input_dim, "points", f"{self.input_dim} columns", x.shape[1])
+        if x.shape[1] != self.input_dim:
+            raise ValueError(f"points: expected {self.input_dim} columns, got {x.shape[1]}")
         return rowwise_matmul(self.kernel(x, self.centres), self.weights)
 
     def __add__(self, other: Function) -> Function:

@@ -76,7 +76,10 @@ class RBF(Kernel):
         object.__setattr__(self, "bandwidth", tuple(values.tolist()))
 
     def __call__(self, x: Array, y: Array) -> Array:  # noqa: D102
-        scale = self._scale(x)
+        if len(self.bandwidth) not in (1, x.shape[1]):
+            expected = f"1 or {x.shape[1]} values for {x.shape[1]}-dimensional points"
+            raise ValueError(f"rbf bandwidth: expected {expected}, got {len(self.bandwidth)}")
+        scale = 1.0 / np.array(self.bandwidth)
         gram: Array = cdist(x * scale, y * scale, "sqeuclidean")
         np.multiply(gram, -0.5, out=gram)
         np.exp(gram, out=gram)
@@ -87,15 +90,6 @@ class RBF(Kernel):
 
     def terms(self) -> tuple[Term, ...]:  # noqa: D102
         return (Term("rbf", self.bandwidth),)
-
-    def _scale(self, x: Array) -> Array:
-        require(
-            len(self.bandwidth) in (1, x.shape[1]),
-            "rbf bandwidth",
-            f"1 or {x.shape[1]} values for {x.shape[1]}-dimensional points",
-            len(self.bandwidth),
-        )
-        return 1.0 / np.asarray(self.bandwidth)
 
 
 @dataclass(frozen=True)
@@ -200,10 +194,12 @@ def median_bandwidth(points: ArrayLike, most: int = 1000) -> tuple[float, ...]:
     falls back to the standard deviation, and to 1 where all points agree.
 
     Args:
-        points: shape (n, d), n at least 2.
+        points: shape (n, d), n at least 1.
         most: number of points of which all pairs are taken.
     """
     array = np.asarray(points, dtype=float)
     array = array[:: -(-len(array) // most)]
+    if len(array) == 1:
+        return tuple(1.0 for _ in array.T)
     spreads = ((float(np.median(pdist(column[:, None], "cityblock"))), float(column.std())) for column in array.T)
     return tuple(median or deviation or 1.0 for median, deviation in spreads)

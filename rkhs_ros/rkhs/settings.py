@@ -82,7 +82,10 @@ def _convert(f: Field[Any], kind: Any, value: Any, name: str) -> Any:
         return build_variant(f.metadata["table"], f.metadata["key"], value, name + ".")
     if is_dataclass(kind):
         return build(kind, value, name + ".")  # type: ignore[arg-type]  # a dataclass type
-    converted = _of_type(kind, value, name)
+    try:
+        converted = _of_type(kind, value, name)
+    except OverflowError as error:
+        raise ValueError(f"{name}: expected a number of double precision, got one too large") from error
     check_range(converted, f.metadata, name)
     return converted
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from difflib import get_close_matches
+from math import prod
 from typing import Any, TypeVar
 
 import numpy as np
@@ -36,14 +37,16 @@ def hint(name: str, known: Mapping[str, Any]) -> str:
 
 
 def finite_array(values: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
-    """Return the values as a read-only array of that shape.
+    """Return the values as a read-only array of that shape, row by row in memory.
 
     Raises:
         ValueError: another number of values, or some that are not finite.
     """
-    array = np.array(values, dtype=np.float64)
-    require(array.size == int(np.prod(shape)), what, f"{shape} values", f"{array.shape}")
-    require(bool(np.isfinite(array).all()), what, "finite numbers", "nan or infinity")
+    array = np.array(values, dtype=np.float64, order="C")  # the memory order would change last bits of products
+    if array.size != prod(shape):
+        raise ValueError(f"{what}: expected {shape} values, got {array.shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{what}: expected finite numbers, got nan or infinity")
     array = array.reshape(shape)
     array.setflags(write=False)
     return array

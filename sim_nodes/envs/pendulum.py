@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.vector_task import Array, VectorTask
+from sim_nodes.envs.vector_task import Array, VectorTask, clip
 
 ANGLES = ("clip", "wrap")
 
@@ -47,16 +47,19 @@ class Pendulum(VectorTask):
         return np.tile([-np.pi, 0.0], (rows, 1))
 
     def transition(self, states: Array, actions: Array, noise: Array) -> Array:  # noqa: D102
-        noise = self.noise_sd * noise
-        half = self._half_transition(states, actions[:, 0], noise[:, :2])
-        return self._half_transition(half, actions[:, 0], noise[:, 2:])
+        theta, omega = states.T
+        kicks = self.noise_sd * noise.T
+        torque = 0.05 * actions[:, 0]
+        for position_kick, velocity_kick in (kicks[:2], kicks[2:]):
+            theta, omega = theta + 0.05 * omega + position_kick, omega + torque + 2 * velocity_kick
+            theta, omega = self._bounded(theta), clip(omega, -4 * np.pi, 4 * np.pi)
+        return np.array([theta, omega]).T
 
     def reward(self, states: Array, actions: Array) -> Array:  # noqa: D102
         return np.exp(-0.5 * states[:, 0] ** 2)
 
-    def _half_transition(self, states: Array, torque: Array, noise: Array) -> Array:
-        theta, omega = states.T
-        theta = theta + 0.05 * omega + noise[:, 0]
-        omega = omega + 0.05 * torque + 2 * noise[:, 1]
-        bounded = np.clip(theta, -np.pi, np.pi) if self.angle == "clip" else (theta + np.pi) % (2 * np.pi) - np.pi
-        return np.stack([bounded, np.clip(omega, -4 * np.pi, 4 * np.pi)], axis=1)
+    def _bounded(self, theta: Array) -> Array:
+        if self.angle == "clip":
+            return clip(theta, -np.pi, np.pi)
+        turned = (theta + np.pi) % (2 * np.pi) - np.pi
+        return np.where(turned < np.pi, turned, -np.pi)  # the remainder of a tiny negative number rounds up

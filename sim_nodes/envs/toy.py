@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.vector_task import Array, VectorTask
+from sim_nodes.envs.vector_task import Array, VectorTask, clip
 
 
 class Toy(VectorTask):
@@ -29,7 +29,7 @@ class Toy(VectorTask):
         return np.zeros((rows, 1))
 
     def transition(self, states: Array, actions: Array, noise: Array) -> Array:  # noqa: D102
-        return np.clip(states + actions + self.noise_sd * noise, -4.0, 4.0)
+        return clip(states + actions + self.noise_sd * noise, -4.0, 4.0)
 
     def reward(self, states: Array, actions: Array) -> Array:  # noqa: D102
         return np.exp(-np.abs(states[:, 0] - 3.0))

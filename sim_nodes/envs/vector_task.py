@@ -14,6 +14,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+NOISE_BLOCK = 128  # steps
+
+
+def clip(values: Array, low: Array | float, high: Array | float) -> Array:
+    """Return the values within bounds; several times faster than `numpy.clip` on few values."""
+    return np.minimum(np.maximum(values, low), high)
+
 
 class VectorTask(VectorEnv[Array, Array, Any]):
     """Rows of one task, stepped together, each with a random stream of its own.
@@ -67,17 +74,18 @@ class VectorTask(VectorEnv[Array, Array, Any]):
         """
         if seed is not None or not self._streams:
             self._streams = [seeding.np_random(s)[0] for s in self._row_seeds(seed)]
+        self._noise: Array = np.empty((0, self.num_envs, self.noise_dim))
+        self._noise_used = 0
         self._states = self.initial_states(self.num_envs)
         self._steps = np.zeros(self.num_envs, dtype=int)
         return self.observe(self._states), {}
 
     def step(self, actions: Array) -> tuple[Array, Any, Any, Any, dict[str, Any]]:
         """Make one step in every row."""
-        clipped = np.clip(actions, self.single_action_space.low, self.single_action_space.high)
+        clipped = clip(actions, self.single_action_space.low, self.single_action_space.high)
         starting = self._steps == self.max_episode_steps
-        noise = np.array([stream.standard_normal(self.noise_dim) for stream in self._streams])
         rewards = self.reward(self._states, clipped)
-        self._states = self.transition(self._states, clipped, noise)
+        self._states = self.transition(self._states, clipped, self._next_noise())
         self._steps += 1
         if starting.any():
             rewards[starting] = 0.0
@@ -85,6 +93,15 @@ class VectorTask(VectorEnv[Array, Array, Any]):
             self._steps[starting] = 0
         truncated = self._steps == self.max_episode_steps
         return self.observe(self._states), rewards, np.zeros(self.num_envs, dtype=bool), truncated, {}
+
+    def _next_noise(self) -> Array:
+        """Return the draws of a step; they are made in blocks, which is faster and changes none of them."""
+        if self._noise_used == len(self._noise):
+            shape = (NOISE_BLOCK, self.noise_dim)
+            self._noise = np.stack([stream.standard_normal(shape) for stream in self._streams], axis=1)
+            self._noise_used = 0
+        self._noise_used += 1
+        return np.asarray(self._noise[self._noise_used - 1])
 
     def _row_seeds(self, seed: int | list[int] | None) -> list[int | None]:
         if seed is None:

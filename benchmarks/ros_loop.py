@@ -1,0 +1,134 @@
+"""Lockstep over topics beside the raw round trip of the same message, and a run over topics beside one in process.
+
+All in one run on one machine, since machines are noisy: read the ratios.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import suppress
+from pathlib import Path
+from statistics import median
+
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import numpy as np
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
+
+from rkhs_interfaces.msg import Observation
+from rkhs_ros.experiments.config import load_config
+from rkhs_ros.experiments.launcher import started
+from rkhs_ros.experiments.report import resolved
+from rkhs_ros.experiments.rollout import InlineRunner
+from rkhs_ros.experiments.training import train
+from rkhs_ros.nodes.learner_node import LearnerNode
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS, observation_message
+from rkhs_ros.policies.streams import Batch
+from sim_nodes.simulation import Simulation
+
+CONFIG = Path(__file__).parents[1] / "config" / "pendulum_nac.yaml"
+ROUNDS, TRIPS = 5, 1000
+
+
+def echo() -> None:
+    """Send every message back, in a process of its own."""
+    rclpy.init()
+    node = rclpy.create_node("echo")
+    back = node.create_publisher(Observation, "pong", LOCKSTEP_QOS)
+    node.create_subscription(Observation, "ping", back.publish, LOCKSTEP_QOS)
+    executor = EventsExecutor()
+    executor.add_node(node)
+    with suppress(KeyboardInterrupt, ExternalShutdownException):
+        while rclpy.ok():
+            executor.spin_once(timeout_sec=3600.0)
+
+
+def ping_pong(message: Observation) -> float:
+    """Return the seconds of a round trip of the message between two processes."""
+    process = subprocess.Popen([sys.executable, __file__, "echo"])
+    node = rclpy.create_node("ping")
+    forth = node.create_publisher(Observation, "ping", LOCKSTEP_QOS)
+    heard: list[Observation] = []
+    back = node.create_subscription(Observation, "pong", heard.append, LOCKSTEP_QOS)
+    executor = EventsExecutor()
+    executor.add_node(node)
+    while not (back.get_publisher_count() and forth.get_subscription_count()):
+        executor.spin_once(timeout_sec=0.01)
+
+    def trip() -> None:
+        heard.clear()
+        forth.publish(message)
+        while not heard:
+            executor.spin_once(timeout_sec=1.0)
+
+    seconds = seconds_per_call(trip, TRIPS)
+    process.terminate()
+    process.wait()
+    executor.shutdown()
+    node.destroy_node()
+    return seconds
+
+
+def seconds_per_call(call, times: int) -> float:
+    """Return the median over rounds of the mean time of a call."""
+    rounds = []
+    for _ in range(ROUNDS):
+        begin = time.perf_counter()
+        for _ in range(times):
+            call()
+        rounds.append((time.perf_counter() - begin) / times)
+    return median(rounds)
+
+
+def main() -> None:
+    """Print the table."""
+    config = load_config(CONFIG)
+    simulation = Simulation(config.environment.id, config.environment.options)
+    batch = Batch(0, 0, config.training.episodes_per_iteration, config.training.horizon, explore=True)
+    inline = InlineRunner(simulation)
+
+    begin = time.perf_counter()
+    *_, last = train(config.training, inline)
+    inline_run = time.perf_counter() - begin
+    policy = last.policy
+    inline_step = seconds_per_call(lambda: inline.collect(policy, batch), 5) / batch.horizon
+
+    rclpy.init()
+    raw = ping_pong(observation_message(1, batch, 1, simulation.step(np.zeros((batch.rows, 1)))))
+    with tempfile.TemporaryDirectory() as folder:
+        parameters = Path(folder) / "parameters.yaml"
+        parameters.write_text(resolved(config))
+        rclpy.shutdown()
+        rclpy.init(args=["--ros-args", "--params-file", str(parameters)])
+        with started(("simulator", "policy"), parameters):
+            learner = LearnerNode()
+            learner.connect()
+            learner.collect(policy, batch)
+            step = seconds_per_call(lambda: learner.collect(policy, batch), 5) / batch.horizon
+            begin = time.perf_counter()
+            for _ in train(config.training, learner):
+                pass
+            topics_run = time.perf_counter() - begin
+    rclpy.shutdown()
+    print(f"raw ping-pong of the same message, two processes  {1e6 * raw:8.0f} us")
+    print(
+        f"lockstep step, {batch.rows} rows, three processes           {1e6 * step:8.0f} us"
+        f"   {step / raw:.2f} times the ping-pong (aim 1.6)"
+    )
+    print(f"the same step in process                          {1e6 * inline_step:8.0f} us")
+    print(f"environment steps per second over topics          {batch.rows / step:8.0f}")
+    print(
+        f"pendulum run over topics                          {topics_run:8.2f} s"
+        f"    {topics_run / inline_run:.2f} times in process (aim 2.5)"
+    )
+    print(f"pendulum run in process                           {inline_run:8.2f} s")
+
+
+if __name__ == "__main__":
+    echo() if sys.argv[1:] == ["echo"] else main()

@@ -1,0 +1,67 @@
+"""Repeatable property tests, and small policies and episodes to test with."""
+
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.variance import ConstantVariance, KernelVariance
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF, Kernel
+
+settings.register_profile("repeatable", max_examples=25, deadline=None, derandomize=True, database=None)
+settings.load_profile("repeatable")
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+@pytest.fixture
+def random_policy(rng: np.random.Generator) -> Callable[..., GaussianPolicy]:
+    def make(
+        d: int = 2, n: int = 2, m: int = 5, *, kernel: Kernel | None = None, learnt: bool = False
+    ) -> GaussianPolicy:
+        kernel = kernel or RBF((1.0,))
+        mean = Function(kernel, rng.normal(size=(m, d)), rng.normal(size=(m, n)))
+        if not learnt:
+            return GaussianPolicy(mean, ConstantVariance(rng.uniform(0.5, 2.0, n)))
+        centres, mass, values = rng.normal(size=(m, d)), rng.uniform(0.1, 1, m), rng.uniform(0, 2, (m, n))
+        return GaussianPolicy(mean, KernelVariance(kernel, centres, mass, values, np.full(n, 0.1), np.full(n, 1.5)))
+
+    return make
+
+
+@pytest.fixture
+def random_episodes(rng: np.random.Generator) -> Callable[..., Episodes]:
+    """Episodes under a policy; masked ones end at random steps, with zeros after it."""
+
+    def make(policy: GaussianPolicy, n: int = 6, horizon: int = 8, *, masked: bool = False) -> Episodes:
+        observations = rng.normal(size=(n, horizon, policy.mean.input_dim))
+        flat = observations.reshape(n * horizon, -1)
+        actions = policy.act(flat, rng.standard_normal((len(flat), policy.mean.output_dim))).reshape(n, horizon, -1)
+        ends = rng.integers(1, horizon + 1, n) if masked else np.full(n, horizon)
+        mask = np.arange(horizon) < ends[:, None]
+        return Episodes(observations, actions, np.where(mask, rng.uniform(size=(n, horizon)), 0.0), mask)
+
+    return make
+
+
+@pytest.fixture
+def arrays_of() -> Callable[[Any], dict[str, np.ndarray]]:
+    """All arrays inside nested dataclasses, by dotted name."""
+
+    def walk(value: Any, path: str = "") -> dict[str, np.ndarray]:
+        if isinstance(value, np.ndarray):
+            return {path: value}
+        if not is_dataclass(value):
+            return {}
+        return {k: v for f in fields(value) for k, v in walk(getattr(value, f.name), f"{path}.{f.name}").items()}
+
+    return walk

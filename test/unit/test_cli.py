@@ -1,0 +1,203 @@
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from rkhs_ros.experiments.cli import main
+from rkhs_ros.experiments.rollout import InlineRunner
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.storage import Task, save_policy
+from rkhs_ros.policies.streams import Batch
+from sim_nodes.simulation import Simulation
+
+CONFIG = Path(__file__).parents[2] / "config" / "toy_nac.yaml"
+SHORT = ("--runner", "inline", "--iterations", "2")
+
+
+class Result(NamedTuple):
+    code: object
+    out: str
+    err: str
+
+
+Run = Callable[..., Result]
+
+
+@pytest.fixture
+def rkhs(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Run the command line in this process, in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: object) -> Result:
+        with pytest.raises(SystemExit) as end:
+            main([str(argument) for argument in arguments])
+        return Result(end.value.code, *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def policy_file(random_policy: Callable[..., GaussianPolicy], tmp_path: Path) -> Path:
+    path = tmp_path / "toy.npz"
+    save_policy(path, random_policy(d=1, n=1), Task("rkhs/Toy-v0", {}, 20, 0.9))
+    return path
+
+
+def contents(folder: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def assert_refused(result: Result, message: str) -> None:
+    assert result.code == 2
+    assert result.out == ""
+    assert result.err.startswith("error: ")
+    assert result.err.count("\n") == 1
+    assert result.err.endswith("\n")
+    assert message in result.err
+
+
+def test_list_names_tasks_algorithms_and_kernels(rkhs: Run) -> None:
+    result = rkhs("list")
+    assert (result.code, result.err) == (0, "")
+    for name in ("rkhs/Toy-v0", "rkhs/Pendulum-v0", "rkhs_nac", "rkhs_power", "rbf", "polynomial"):
+        assert name in result.out
+
+
+def test_train_writes_its_results_and_says_where(rkhs: Run, tmp_path: Path) -> None:
+    result = rkhs("train", CONFIG, *SHORT, "--quiet", "--out", tmp_path / "run", "--seed", 3, "--set", "horizon=5")
+    assert (result.code, result.err) == (0, "")
+    names = {"config.yaml", "curve.csv", "curve.png", "policy.npz", "policy.png"}
+    assert {path.name for path in contents(tmp_path / "run")} == names
+    assert result.out.startswith("Learnt rkhs/Toy-v0 in 20 episodes")
+    assert str(tmp_path / "run" / "curve.png") in result.out
+    config = (tmp_path / "run" / "config.yaml").read_text()
+    assert "seed: 3" in config
+    assert "horizon: 5" in config
+    header, *rows = (tmp_path / "run" / "curve.csv").read_text().splitlines()
+    columns = "iteration,episodes,train_return,train_return_sd,mean_policy_return,centres,step_size,kl,seconds"
+    assert header == columns
+    assert len(rows) == 2
+
+
+def test_evaluate_tells_the_return_without_exploration(
+    rkhs: Run, policy_file: Path, random_policy: Callable[..., GaussianPolicy]
+) -> None:
+    result = rkhs("evaluate", policy_file, "--episodes", 7, "--seed", 5)
+    assert (result.code, result.err) == (0, "")
+    told = json.loads(result.out)
+    assert {k: told[k] for k in ("environment", "episodes", "seed", "discount")} == {
+        "environment": "rkhs/Toy-v0",
+        "episodes": 7,
+        "seed": 5,
+        "discount": 0.9,
+    }
+    assert json.loads(rkhs("evaluate", policy_file, "--episodes", 7, "--seed", 5).out) == told
+    assert json.loads(rkhs("evaluate", policy_file, "--episodes", 7, "--seed", 6).out)["mean"] != told["mean"]
+
+
+def test_evaluate_measures_the_policy_of_the_file(
+    rkhs: Run, tmp_path: Path, random_policy: Callable[..., GaussianPolicy]
+) -> None:
+    policy = random_policy(d=1, n=1)
+    save_policy(tmp_path / "toy.npz", policy, Task("rkhs/Toy-v0", {}, 12, 0.9))
+    told = json.loads(rkhs("evaluate", "toy.npz", "--episodes", 4).out)
+    runner = InlineRunner(Simulation("rkhs/Toy-v0"))
+    rewards = runner.collect(policy, Batch(0, 0, 4, 12, explore=False)).rewards
+    returns = (rewards * 0.9 ** np.arange(12)).sum(axis=1)
+    assert told["mean"] == pytest.approx(returns.mean(), rel=1e-12)
+    assert told["sd"] == pytest.approx(returns.std(), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("horizn=5", "unknown key 'horizn', did you mean 'horizon'?"),
+        ("environment.id=rkhs/Toi-v0", "unknown environment 'rkhs/Toi-v0', did you mean 'rkhs/Toy-v0'?"),
+        ("environment.id=CartPole-v1", "CartPole-v1 actions: expected a continuous space"),
+        ("environment.options.angle=clip", "environment.options: expected what rkhs/Toy-v0 takes"),
+        ("algorithm.name=rkhs_nacc", "unknown algorithm.name 'rkhs_nacc', did you mean 'rkhs_nac'?"),
+        ("kernel.form=rbg", "unknown kernel 'rbg', did you mean 'rbf'?"),
+        ("algorithm.critic=stepp", "algorithm.critic: unknown choice 'stepp', did you mean 'step'?"),
+        ("discount=2", "discount: expected a number in [0.0, 1.0], got 2.0"),
+        ("horizon=ten", "horizon: expected a whole number, got 'ten'"),
+        ("horizon", "--set: expected KEY=VALUE, got 'horizon'"),
+        ("horizon=[1", "--set: expected a value in YAML, got 'horizon=[1'"),
+        ("horizon={\n", "--set: expected a value in YAML"),
+        ("exploration_sd=[1, 2]", "exploration_sd: expected 1 or 1 numbers, got 2"),
+        ("kernel.bandwidth=[1, 2]", "rbf bandwidth: expected 1 or 1 values"),
+    ],
+)
+def test_a_setting_that_does_not_fit_ends_with_one_line(rkhs: Run, change: str, message: str) -> None:
+    assert_refused(rkhs("train", CONFIG, *SHORT, "--quiet", "--set", change), message)
+
+
+@pytest.mark.parametrize(("option", "value"), [("--seed", "-1"), ("--iterations", "0")])
+def test_an_option_out_of_range_ends_with_one_line(rkhs: Run, option: str, value: str) -> None:
+    assert_refused(rkhs("train", CONFIG, "--runner", "inline", option, value), f"{option[2:]}: expected a number in")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(b"a: [1\nb: }", "cannot be parsed"), (b"\xff\xff", "cannot be parsed"), (b"", "expected sections")],
+)
+def test_a_file_that_is_no_configuration_ends_with_one_line(
+    rkhs: Run, tmp_path: Path, content: bytes, message: str
+) -> None:
+    (tmp_path / "bad.yaml").write_bytes(content)
+    assert_refused(rkhs("train", "bad.yaml", *SHORT), message)
+    assert contents(tmp_path) == {tmp_path / "bad.yaml": content}
+
+
+def test_a_missing_file_ends_with_one_line(rkhs: Run, tmp_path: Path) -> None:
+    assert_refused(rkhs("train", "none.yaml", *SHORT), "none.yaml")
+    assert_refused(rkhs("train", tmp_path, *SHORT), str(tmp_path))
+    assert_refused(rkhs("evaluate", "none.npz"), "none.npz")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("out", ["used", "used/file", "used/file/below"])
+def test_a_folder_in_use_is_not_touched(rkhs: Run, tmp_path: Path, out: str) -> None:
+    (tmp_path / "used").mkdir()
+    (tmp_path / "used" / "file").write_text("kept")
+    before = contents(tmp_path)
+    assert_refused(rkhs("train", CONFIG, *SHORT, "--out", tmp_path / out), "used")
+    assert contents(tmp_path) == before
+
+
+def test_a_policy_file_cut_short_ends_with_one_line(rkhs: Run, policy_file: Path) -> None:
+    whole = policy_file.read_bytes()
+    for length in (0, 1, 100, len(whole) // 2, len(whole) - 1):
+        policy_file.write_bytes(whole[:length])
+        assert_refused(rkhs("evaluate", policy_file), "toy.npz: expected a whole policy file")
+
+
+def test_a_policy_of_other_dimensions_than_its_task_ends_with_one_line(
+    rkhs: Run, tmp_path: Path, random_policy: Callable[..., GaussianPolicy]
+) -> None:
+    save_policy(tmp_path / "p.npz", random_policy(d=3, n=1), Task("rkhs/Toy-v0", {}, 20, 0.9))
+    assert_refused(rkhs("evaluate", "p.npz"), "expected a policy from 1 to 1 dimensions, as rkhs/Toy-v0 has")
+
+
+@pytest.mark.parametrize("arguments", [("--episodes", "0"), ("--episodes", "99999"), ("--seed", "-1")])
+def test_an_evaluation_out_of_range_ends_with_one_line(rkhs: Run, policy_file: Path, arguments: tuple[str]) -> None:
+    assert_refused(rkhs("evaluate", policy_file, *arguments), "expected")
+
+
+def test_a_real_process_refuses_and_lists_alike(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "rkhs_ros.experiments.cli"]
+    refused = subprocess.run(
+        [*command, "train", CONFIG, *SHORT, "--set", "environment.id=Taxi-v4"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert_refused(Result(refused.returncode, refused.stdout, refused.stderr), "Taxi-v4 actions: expected a continuous")
+    listed = subprocess.run([*command, "list"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert "rkhs/Pendulum-v0" in listed.stdout
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,194 @@
+import warnings
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim_nodes.envs import TASKS
+from sim_nodes.envs.pendulum import Pendulum
+from sim_nodes.envs.toy import Toy
+from sim_nodes.envs.vector_task import VectorTask
+
+over_tasks = pytest.mark.parametrize("task", TASKS)
+VARIANTS: list[tuple[type[VectorTask], dict[str, Any]]] = [(Toy, {}), (Pendulum, {}), (Pendulum, {"angle": "wrap"})]
+over_variants = pytest.mark.parametrize(("cls", "options"), VARIANTS, ids=["toy", "pendulum", "wrapped pendulum"])
+
+
+def play(task: VectorTask, actions: np.ndarray, seed: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the observations, the first included, and rewards of actions of shape (steps, rows, n)."""
+    observations, rewards = [task.reset(seed=seed)[0]], []
+    for action in actions:
+        observation, reward, *_ = task.step(action)
+        observations.append(observation)
+        rewards.append(reward)
+    return np.array(observations), np.array(rewards)
+
+
+@over_tasks
+def test_gymnasiums_checker_finds_nothing(task: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message=".*symmetric and normalized")  # the actions are the paper's
+        check_env(gymnasium.make(task).unwrapped, skip_render_check=True)
+
+
+@over_tasks
+def test_a_task_is_made_by_its_id_with_its_horizon(task: str) -> None:
+    cls, horizon = TASKS[task]
+    vector = gymnasium.make_vec(task, 3, vectorization_mode="vector_entry_point")
+    assert type(vector.unwrapped) is cls
+    assert vector.num_envs == 3
+    vector.reset(seed=0)
+    ends = [bool(vector.step(np.zeros(vector.action_space.shape))[3].all()) for _ in range(horizon)]
+    assert ends == [False] * (horizon - 1) + [True]
+
+
+@over_tasks
+def test_a_single_environment_is_a_row_of_the_vector_environment(task: str, rng: np.random.Generator) -> None:
+    cls, horizon = TASKS[task]
+    single, vector = gymnasium.make(task), cls(num_envs=4, max_episode_steps=horizon)
+    n = vector.single_action_space.shape[0]
+    actions = rng.uniform(-4, 4, (horizon, 4, n))
+    observations, rewards = play(vector, actions, [11, 12, 13, 14])
+    first, _ = single.reset(seed=13)
+    assert np.array_equal(first, observations[0, 2])
+    for t in range(horizon):
+        observation, reward, terminated, truncated, _ = single.step(actions[t, 2])
+        assert np.array_equal(observation, observations[t + 1, 2])
+        assert reward == rewards[t, 2]
+        assert (terminated, truncated) == (False, t == horizon - 1)
+
+
+@over_variants
+@given(rows=st.integers(1, 6), seed=st.integers(0, 999))
+def test_a_row_does_not_depend_on_the_rows_beside_it(
+    cls: type[VectorTask], options: dict[str, Any], rows: int, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    actions, seeds = rng.normal(scale=3, size=(15, rows, 1)), rng.integers(2**40, size=rows).tolist()
+    together = play(cls(rows, 10, **options), actions, seeds)  # past the end of an episode
+    for row in range(rows):
+        alone = play(cls(1, 10, **options), actions[:, row : row + 1], seeds[row : row + 1])
+        for a, b in zip(alone, together, strict=True):
+            assert np.array_equal(a[:, 0], b[:, row])
+
+
+@over_variants
+def test_the_same_seed_repeats_an_episode_and_another_does_not(
+    cls: type[VectorTask], options: dict[str, Any], rng: np.random.Generator
+) -> None:
+    task, actions = cls(2, **options), rng.normal(size=(9, 2, 1))
+    first, again, other = (play(task, actions, seed)[0] for seed in ([1, 2], [1, 2], [3, 4]))
+    assert np.array_equal(first, again)
+    assert not np.any(first[1:] == other[1:])
+
+
+@over_variants
+def test_without_a_seed_the_streams_go_on(cls: type[VectorTask], options: dict[str, Any]) -> None:
+    task = cls(1, **options)
+    starts = []
+    for seed in ([5], None, None):
+        task.reset(seed=seed)
+        starts.append(task.step(np.zeros((1, 1)))[0])
+    assert len({start.tobytes() for start in starts}) == 3
+
+
+def test_a_step_of_the_toy_is_the_papers_formula() -> None:
+    state, action, noise = np.array([[0.5], [3.9]]), np.array([[0.7], [1.0]]), np.array([[-1.0], [2.0]])
+    expected = [[0.5 + 0.7 - 0.11], [4.0]]  # the second is stopped at the end of [-4, 4]
+    np.testing.assert_allclose(Toy(2).transition(state, action, noise), expected, rtol=1e-12)
+    np.testing.assert_allclose(Toy(2).reward(state, action), [np.exp(-2.5), np.exp(-0.9)], rtol=1e-12)
+    assert np.array_equal(Toy(2).reset(seed=0)[0], [[0.0], [0.0]])
+
+
+@pytest.mark.parametrize("angle", ["clip", "wrap"])
+def test_a_step_of_the_pendulum_is_the_papers_formula_twice(angle: str) -> None:
+    theta, omega, torque, noise = 0.4, -1.2, 2.5, [1.0, -2.0, 0.5, 3.0]
+    for e1, e2 in (noise[:2], noise[2:]):
+        theta, omega = theta + 0.05 * omega + 0.02 * e1, omega + 0.05 * torque + 2 * 0.02 * e2
+    after = Pendulum(angle=angle).transition(np.array([[0.4, -1.2]]), np.array([[torque]]), np.array([noise]))
+    np.testing.assert_allclose(after, [[theta, omega]], rtol=1e-12)
+    reward = Pendulum(angle=angle).reward(np.array([[0.4, -1.2]]), np.array([[torque]]))
+    np.testing.assert_allclose(reward, [np.exp(-0.5 * 0.4**2)], rtol=1e-12)
+    assert np.array_equal(Pendulum(angle=angle).reset(seed=0)[0], [[-np.pi, 0.0]])
+
+
+angles = st.floats(-np.pi, np.pi)
+velocities = st.floats(-4 * np.pi, 4 * np.pi)
+draws = st.lists(st.floats(-5, 5), min_size=4, max_size=4)
+
+
+@given(theta=angles, omega=velocities, torque=st.floats(-3, 3), noise=draws)
+def test_the_wrapped_angle_is_the_free_angle_but_for_whole_turns(
+    theta: float, omega: float, torque: float, noise: list[float]
+) -> None:
+    step = np.array([[theta, omega]]), np.array([[torque]]), np.array([noise])
+    wrapped = Pendulum(angle="wrap").transition(*step)[0]
+    middle = theta + 0.05 * omega + 0.02 * noise[0]
+    speed = np.clip(omega + 0.05 * torque + 0.04 * noise[1], -4 * np.pi, 4 * np.pi)
+    turns = (wrapped[0] - (middle + 0.05 * speed + 0.02 * noise[2])) / (2 * np.pi)
+    assert turns == pytest.approx(round(turns), abs=1e-9)
+    assert -np.pi <= wrapped[0] < np.pi
+    assert wrapped in Pendulum.single_observation_space
+
+
+@pytest.mark.parametrize("edge", [-np.pi, np.pi])
+@pytest.mark.parametrize("step", [-1e-15, -5e-16, 0.0, 5e-16, 1e-15])
+@pytest.mark.parametrize("half", [0, 2], ids=["first half", "second half"])
+def test_the_wrapped_angle_is_below_pi_at_the_very_edge(edge: float, step: float, half: int) -> None:
+    noise = np.zeros((1, 4))
+    noise[0, half] = step / Pendulum.noise_sd
+    after = Pendulum(angle="wrap").transition(np.array([[edge, 0.0]]), np.zeros((1, 1)), noise)
+    assert -np.pi <= after[0, 0] < np.pi
+
+
+@over_variants
+@given(seed=st.integers(0, 999), scale=st.sampled_from([1.0, 100.0, np.inf]))
+def test_observations_stay_in_their_space_under_any_actions(
+    cls: type[VectorTask], options: dict[str, Any], seed: int, scale: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    actions = np.sign(rng.normal(size=(30, 3, 1))) * scale
+    observations, rewards = play(cls(3, **options), actions, [1, 2, 3])
+    assert all(o in cls.single_observation_space for o in observations.reshape(-1, observations.shape[-1]))
+    assert np.all((rewards > 0) & (rewards <= 1))
+
+
+def test_actions_are_clipped_to_their_space(rng: np.random.Generator) -> None:
+    for cls in (Toy, Pendulum):
+        high = cls.single_action_space.high
+        beyond, at_most = (play(cls(1), np.full((5, 1, 1), a), [0]) for a in (high[0] + 7.0, high[0]))
+        assert np.array_equal(beyond[0], at_most[0])
+
+
+def test_a_truncated_row_starts_anew_at_the_next_step() -> None:
+    task = Toy(2, max_episode_steps=3)
+    task.reset(seed=0)
+    truncated = [task.step(np.ones((2, 1)))[3] for _ in range(3)]
+    assert np.array(truncated).tolist() == [[False, False], [False, False], [True, True]]
+    observations, rewards, terminations, truncations, _ = task.step(np.ones((2, 1)))
+    assert np.array_equal(observations, np.zeros((2, 1)))
+    assert not np.any([rewards, terminations, truncations])
+    assert task.step(np.ones((2, 1)))[0].min() > 0.0
+
+
+def test_what_a_step_returned_does_not_change_with_the_next() -> None:
+    task = Pendulum(2)
+    kept = task.reset(seed=0)[0]
+    before = kept.copy()
+    task.step(np.ones((2, 1)))
+    assert np.array_equal(kept, before)
+
+
+def test_a_bad_angle_is_refused() -> None:
+    with pytest.raises(ValueError, match="angle: expected one of clip, wrap, got 'warp'"):
+        Pendulum(angle="warp")
+
+
+def test_seeds_for_another_number_of_rows_are_refused() -> None:
+    with pytest.raises(ValueError, match="seeds: expected 3, one for each row, got 2"):
+        Toy(3).reset(seed=[1, 2])

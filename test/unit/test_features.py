@@ -1,0 +1,73 @@
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.features import Samples, ridge_regression
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.rkhs.function import Function
+
+
+@given(
+    n=st.integers(1, 30),
+    p=st.integers(1, 8),
+    k=st.integers(1, 3),
+    weighted=st.booleans(),
+    seed=st.integers(0, 999),
+)
+def test_ridge_regression_is_least_squares_on_the_augmented_system(
+    n: int, p: int, k: int, weighted: bool, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    features, targets = rng.normal(size=(n, p)), rng.normal(size=(n, k))
+    penalty, weights = 10 ** rng.uniform(-3, 1, p), rng.uniform(0, 3, n) if weighted else None
+    roots = np.sqrt(np.ones(n) if weights is None else weights)[:, None] / np.sqrt(n)
+    design = np.concatenate([roots * features, np.diag(np.sqrt(penalty))])
+    expected = np.linalg.lstsq(design, np.concatenate([roots * targets, np.zeros((p, k))]))[0]
+    np.testing.assert_allclose(ridge_regression(features, targets, penalty, weights), expected, rtol=1e-6, atol=1e-9)
+
+
+@pytest.fixture
+def policy(random_policy: Callable[..., GaussianPolicy]) -> GaussianPolicy:
+    return random_policy()
+
+
+def test_score_features_are_coordinates_of_the_score(
+    policy: GaussianPolicy, random_episodes: Callable[..., Episodes], rng: np.random.Generator
+) -> None:
+    # With as many centres as samples, <w, K(s, .) u> = w(s) . u for every w in their span.
+    episodes = random_episodes(policy, 3, 4, masked=True)
+    samples = Samples.of(policy, episodes, centres=12)
+    coefficients = rng.normal(size=(samples.features.shape[1], 2))
+    w = samples.basis.function(coefficients)
+    score = policy.score(samples.observations, episodes.flat(episodes.actions))
+    expected = [
+        w.inner(Function(policy.mean.kernel, s[None], u[None]))
+        for s, u in zip(samples.observations, score, strict=True)
+    ]
+    np.testing.assert_allclose(samples.score_features @ coefficients.ravel(), expected, atol=1e-6)
+
+
+def test_samples_are_what_the_policy_saw_and_did(
+    policy: GaussianPolicy, random_episodes: Callable[..., Episodes]
+) -> None:
+    episodes = random_episodes(policy, 4, 5, masked=True)
+    samples = Samples.of(policy, episodes, centres=3)
+    assert len(samples.observations) == episodes.mask.sum()
+    acted = policy.mean(samples.observations) + samples.exploration
+    np.testing.assert_allclose(acted, episodes.flat(episodes.actions), rtol=1e-12)
+    assert samples.features.shape == (len(samples.observations), 3)
+    assert {tuple(c) for c in samples.basis.centres} <= {tuple(o) for o in samples.observations}
+
+
+def test_the_time_features_span_the_quadratic_polynomials(
+    policy: GaussianPolicy, random_episodes: Callable[..., Episodes]
+) -> None:
+    features = Samples.of(policy, random_episodes(policy, 2, 6), centres=3).time_features
+    t = np.tile(np.arange(6.0), 2)
+    for target in (np.ones(12), t, t**2):
+        np.testing.assert_allclose(features @ np.linalg.lstsq(features, target)[0], target, atol=1e-9)
+    assert np.linalg.matrix_rank(features) == 3

@@ -1,0 +1,110 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
+
+KERNELS: list[Kernel] = [RBF((0.8, 1.4)), Polynomial(1.0, 3), RBF((1.0,)) + Polynomial(0.5, 1)]
+over_kernels = pytest.mark.parametrize("kernel", KERNELS, ids=str)
+
+
+def random_function(kernel: Kernel, seed: int, centres: int = 6, output_dim: int = 2) -> Function:
+    rng = np.random.default_rng(seed)
+    return Function(kernel, rng.normal(size=(centres, 2)), rng.normal(size=(centres, output_dim)))
+
+
+@over_kernels
+@given(seed=st.integers(0, 1000))
+def test_the_inner_product_with_a_kernel_function_is_the_value_there(kernel: Kernel, seed: int) -> None:
+    h, x = random_function(kernel, seed), np.random.default_rng(seed + 1).normal(size=(1, 2))
+    values = [h.inner(Function(kernel, x, unit[None])) for unit in np.eye(2)]
+    np.testing.assert_allclose(h(x)[0], values, rtol=1e-9, atol=1e-9)
+
+
+@over_kernels
+@given(seed=st.integers(0, 1000))
+def test_inner_product_and_norm_are_those_of_the_gram_matrix(kernel: Kernel, seed: int) -> None:
+    h, g = random_function(kernel, seed, 4), random_function(kernel, seed + 1, 7)
+    expected = sum(
+        h.weights[i] @ g.weights[j] * kernel(h.centres[i : i + 1], g.centres[j : j + 1])[0, 0]
+        for i in range(4)
+        for j in range(7)
+    )
+    assert h.inner(g) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    assert h.inner(g) == pytest.approx(g.inner(h), rel=1e-9, abs=1e-9)
+    assert h.norm() ** 2 == pytest.approx(h.inner(h), rel=1e-9)
+    assert abs(h.inner(g)) <= h.norm() * g.norm() * (1 + 1e-9)  # Cauchy and Schwarz
+
+
+@over_kernels
+@given(seed=st.integers(0, 1000), factor=st.floats(-5, 5))
+def test_values_are_linear_in_the_function(kernel: Kernel, seed: int, factor: float) -> None:
+    h, g = random_function(kernel, seed, 3), random_function(kernel, seed + 1, 5)
+    x = np.random.default_rng(seed + 2).normal(size=(4, 2))
+    np.testing.assert_allclose((h + g.scale(factor))(x), h(x) + factor * g(x), rtol=1e-9, atol=1e-9)
+
+
+def test_the_distance_of_a_function_from_itself_is_0() -> None:
+    h = random_function(KERNELS[0], 0)
+    assert (h + h.scale(-1.0)).norm() == pytest.approx(0.0, abs=1e-7)
+
+
+def test_the_zero_function_is_zero_everywhere_and_neutral(rng: np.random.Generator) -> None:
+    kernel, x = KERNELS[0], rng.normal(size=(5, 2))
+    zero, h = Function.zero(kernel, 2, 3), random_function(kernel, 0, output_dim=3)
+    assert np.array_equal(zero(x), np.zeros((5, 3)))
+    assert zero.norm() == 0.0
+    assert np.array_equal((zero + h)(x), h(x))
+
+
+@over_kernels
+def test_a_row_does_not_depend_on_the_rows_beside_it(kernel: Kernel, rng: np.random.Generator) -> None:
+    h, x = random_function(kernel, 0, centres=41), rng.normal(size=(29, 2))
+    assert np.array_equal(h(x), np.concatenate([h(row[None]) for row in x]))
+
+
+def test_the_memory_order_of_centres_and_weights_changes_no_bit(rng: np.random.Generator) -> None:
+    centres, weights, x = rng.normal(size=(41, 4)), rng.normal(size=(41, 3)), rng.normal(size=(100, 4))
+    for kernel in (RBF((2.0,)), Polynomial(1.0, 3)):
+        by_rows = Function(kernel, centres, weights)
+        by_columns = Function(kernel, np.asfortranarray(centres), np.asfortranarray(weights))
+        assert np.array_equal(by_rows(x), by_columns(x))
+
+
+def test_a_function_keeps_its_numbers_when_the_arrays_it_was_made_of_change() -> None:
+    centres, weights = np.ones((2, 1)), np.ones((2, 1))
+    h = Function(RBF((1.0,)), centres, weights)
+    before = h(np.zeros((1, 1)))
+    centres[:], weights[:] = 7.0, 7.0
+    assert np.array_equal(h(np.zeros((1, 1))), before)
+    with pytest.raises(ValueError, match="read-only"):
+        h.weights[0, 0] = 2.0
+
+
+@pytest.mark.parametrize(
+    ("centres", "weights", "message"),
+    [
+        (np.zeros((3, 2)), np.zeros((2, 1)), "weights: expected 3 rows, got 2"),
+        (np.zeros(3), np.zeros((3, 1)), "centres: expected a matrix"),
+        (np.zeros((3, 1)), np.zeros(3), "weights: expected a matrix"),
+        (np.full((1, 1), np.nan), np.zeros((1, 1)), "centres: expected finite numbers"),
+        (np.zeros((1, 1)), np.full((1, 1), np.inf), "weights: expected finite numbers"),
+    ],
+)
+def test_shapes_that_do_not_fit_and_numbers_that_are_not_finite_are_refused(
+    centres: np.ndarray, weights: np.ndarray, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        Function(RBF((1.0,)), centres, weights)
+
+
+def test_points_of_another_dimension_are_refused() -> None:
+    with pytest.raises(ValueError, match="points: expected 2 columns, got 3"):
+        random_function(KERNELS[0], 0)(np.zeros((1, 3)))
+
+
+def test_functions_of_different_spaces_do_not_add() -> None:
+    with pytest.raises(ValueError, match="sum of functions"):
+        random_function(KERNELS[0], 0) + random_function(KERNELS[1], 0)

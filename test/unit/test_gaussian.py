@@ -1,0 +1,104 @@
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from rkhs_ros.policies.gaussian import Acting, GaussianPolicy, mean_kl
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF, Polynomial
+
+Make = Callable[..., GaussianPolicy]
+over_variances = pytest.mark.parametrize("learnt", [False, True], ids=["constant variance", "learnt variance"])
+
+
+@over_variances
+def test_log_prob_is_that_of_scipy(random_policy: Make, rng: np.random.Generator, learnt: bool) -> None:
+    policy = random_policy(learnt=learnt)
+    x, actions = rng.normal(size=(9, 2)), rng.normal(size=(9, 2))
+    expected = stats.norm.logpdf(actions, policy.mean(x), np.sqrt(policy.variance(x))).sum(axis=1)
+    np.testing.assert_allclose(policy.log_prob(x, actions), expected, rtol=1e-12)
+
+
+@over_variances
+def test_the_score_is_the_gradient_of_log_prob(random_policy: Make, rng: np.random.Generator, learnt: bool) -> None:
+    policy = random_policy(learnt=learnt)
+    x, actions = rng.normal(size=(7, 2)), rng.normal(size=(7, 2))
+    # grad_h log pi = K(s, .) u, so the derivative by the weight of centre c is the sum of kappa(c, s) u.
+    gradient = policy.mean.kernel(policy.mean.centres, x) @ policy.score(x, actions)
+
+    def log_likelihood(weights: np.ndarray) -> float:
+        mean = Function(policy.mean.kernel, policy.mean.centres, weights)
+        return float(policy.with_mean(mean).log_prob(x, actions).sum())
+
+    for index in np.ndindex(gradient.shape):
+        step = np.zeros_like(gradient)
+        step[index] = 1e-5
+        numeric = (log_likelihood(policy.mean.weights + step) - log_likelihood(policy.mean.weights - step)) / 2e-5
+        assert gradient[index] == pytest.approx(numeric, rel=1e-6, abs=1e-6)
+
+
+@over_variances
+def test_mean_kl_is_the_closed_form_of_each_dimension(
+    random_policy: Make, rng: np.random.Generator, learnt: bool
+) -> None:
+    old, new, x = random_policy(learnt=learnt), random_policy(learnt=learnt), rng.normal(size=(6, 2))
+    total = 0.0
+    for row in x:
+        m0, m1, v0, v1 = (f(row[None])[0] for f in (old.mean, new.mean, old.variance, new.variance))
+        for j in range(2):
+            total += np.log(np.sqrt(v1[j] / v0[j])) + (v0[j] + (m0[j] - m1[j]) ** 2) / (2 * v1[j]) - 0.5
+    assert mean_kl(old, new, x) == pytest.approx(total / 6, rel=1e-12)
+    assert mean_kl(old, old, x) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_mean_kl_is_the_expected_log_ratio(random_policy: Make, rng: np.random.Generator) -> None:
+    old, new = random_policy(), random_policy()
+    x = rng.normal(size=(1, 2))
+    many = np.repeat(x, 40_000, axis=0)
+    actions = old.act(many, rng.standard_normal((len(many), 2)))
+    ratios = old.log_prob(many, actions) - new.log_prob(many, actions)
+    # Within five standard errors of the Monte Carlo mean.
+    assert mean_kl(old, new, x) == pytest.approx(ratios.mean(), abs=5 * ratios.std() / np.sqrt(len(ratios)))
+
+
+@over_variances
+def test_actions_have_the_policys_mean_and_variance(
+    random_policy: Make, rng: np.random.Generator, learnt: bool
+) -> None:
+    policy, x = random_policy(learnt=learnt), rng.normal(size=(1, 2))
+    actions = policy.act(np.repeat(x, 40_000, axis=0), rng.standard_normal((40_000, 2)))
+    sd = np.sqrt(policy.variance(x)[0])
+    assert np.all(np.abs(actions.mean(axis=0) - policy.mean(x)[0]) < 5 * sd / 200)  # five standard errors
+    np.testing.assert_allclose(actions.std(axis=0), sd, rtol=0.02)  # five standard errors of 0.35 %
+
+
+@over_variances
+@pytest.mark.parametrize("kernel", [RBF((0.7,)), Polynomial(1.0, 3)], ids=str)
+def test_an_action_does_not_depend_on_the_rows_beside_it(
+    random_policy: Make, rng: np.random.Generator, learnt: bool, kernel: RBF
+) -> None:
+    policy = random_policy(d=3, n=2, m=23, kernel=kernel, learnt=learnt)
+    x, exploration = rng.normal(size=(31, 3)), rng.standard_normal((31, 2))
+    rows = [policy.act(x[i : i + 1], exploration[i : i + 1]) for i in range(31)]
+    assert np.array_equal(np.concatenate(rows), policy.act(x, exploration))
+
+
+def test_acting_twice_at_a_step_gives_the_same_action(random_policy: Make, rng: np.random.Generator) -> None:
+    acting, x = Acting.start(random_policy(), Batch(0, 0, 3, 5, explore=True)), rng.normal(size=(3, 2))
+    first = acting(2, x)
+    acting(3, x)
+    assert np.array_equal(acting(2, x), first)
+
+
+def test_without_exploration_the_mean_acts(random_policy: Make, rng: np.random.Generator) -> None:
+    policy, x = random_policy(), rng.normal(size=(3, 2))
+    assert np.array_equal(Acting.start(policy, Batch(0, 0, 3, 5, explore=False))(1, x), policy.mean(x))
+
+
+def test_mean_and_variance_of_different_dimensions_are_refused(random_policy: Make) -> None:
+    with pytest.raises(ValueError, match="variance: expected 2 action dimensions, as the mean has, got 3"):
+        replace(random_policy(n=2), variance=ConstantVariance(np.ones(3)))

@@ -1,0 +1,165 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from sklearn.gaussian_process import kernels as sklearn_kernels
+
+from rkhs_ros.rkhs.kernels import (
+    RBF,
+    Kernel,
+    Polynomial,
+    Product,
+    Sum,
+    Term,
+    kernel_from_terms,
+    median_bandwidth,
+    rowwise_matmul,
+)
+
+KERNELS: list[Kernel] = [
+    RBF((0.7,)),
+    RBF((0.5, 1.0, 2.0)),
+    Polynomial(1.0, 1),
+    Polynomial(0.5, 3),
+    RBF((1.0,)) + Polynomial(1.0, 2),
+    RBF((1.0,)) * Polynomial(0.2, 2),
+    RBF((1.0,)) * (RBF((2.0,)) + Polynomial(0.0, 4)) + Polynomial(1.0, 1),
+]
+over_all_kernels = pytest.mark.parametrize("kernel", KERNELS, ids=str)
+numbers = st.floats(-3, 3).map(lambda x: round(x, 3))
+points = st.integers(1, 8).flatmap(lambda n: arrays(np.float64, (n, 3), elements=numbers))
+bandwidths = st.lists(st.floats(0.1, 10.0), min_size=3, max_size=3).map(tuple)
+
+
+@over_all_kernels
+@given(x=points, y=points)
+def test_a_kernel_is_symmetric_in_its_arguments(kernel: Kernel, x: np.ndarray, y: np.ndarray) -> None:
+    np.testing.assert_allclose(kernel(x, y), kernel(y, x).T, rtol=1e-12)
+
+
+@over_all_kernels
+@given(x=points)
+def test_every_gram_matrix_is_positive_semi_definite(kernel: Kernel, x: np.ndarray) -> None:
+    gram = kernel(x, x)
+    smallest = np.linalg.eigvalsh((gram + gram.T) / 2).min()
+    assert smallest >= -1e-12 * max(np.trace(gram), 1.0)
+
+
+@over_all_kernels
+@given(x=points)
+def test_the_diagonal_agrees_with_the_matrix(kernel: Kernel, x: np.ndarray) -> None:
+    np.testing.assert_allclose(kernel.diagonal(x), np.diag(kernel(x, x)), rtol=1e-12)
+
+
+@given(x=points, y=points, bandwidth=bandwidths)
+def test_rbf_is_that_of_scikit_learn_with_a_length_scale_per_dimension(
+    x: np.ndarray, y: np.ndarray, bandwidth: tuple[float, ...]
+) -> None:
+    expected = sklearn_kernels.RBF(np.array(bandwidth))(x, y)
+    np.testing.assert_allclose(RBF(bandwidth)(x, y), expected, rtol=1e-9, atol=1e-300)
+
+
+def test_one_bandwidth_serves_all_dimensions(rng: np.random.Generator) -> None:
+    x, y = rng.normal(size=(4, 3)), rng.normal(size=(5, 3))
+    np.testing.assert_array_equal(RBF((0.3,))(x, y), RBF((0.3, 0.3, 0.3))(x, y))
+
+
+@given(x=points, y=points, offset=st.floats(0, 5), degree=st.integers(1, 6))
+def test_polynomial_is_its_closed_form(x: np.ndarray, y: np.ndarray, offset: float, degree: int) -> None:
+    expected = [[(sum(a * b for a, b in zip(p, q, strict=True)) + offset) ** degree for q in y] for p in x]
+    np.testing.assert_allclose(Polynomial(offset, degree)(x, y), expected, rtol=1e-9, atol=1e-9)
+
+
+@given(x=points, y=points)
+def test_sum_and_product_combine_values(x: np.ndarray, y: np.ndarray) -> None:
+    rbf, polynomial = RBF((0.8,)), Polynomial(1.0, 3)
+    np.testing.assert_array_equal((rbf + polynomial)(x, y), rbf(x, y) + polynomial(x, y))
+    np.testing.assert_array_equal((rbf * polynomial)(x, y), rbf(x, y) * polynomial(x, y))
+
+
+def test_times_binds_stronger_than_plus() -> None:
+    a, b, c = RBF((1.0,)), Polynomial(1.0, 1), Polynomial(0.0, 2)
+    assert a + b * c == Sum(a, Product(b, c))
+
+
+@over_all_kernels
+def test_terms_rebuild_the_kernel(kernel: Kernel) -> None:
+    assert kernel_from_terms(kernel.terms()) == kernel
+
+
+@pytest.mark.parametrize(
+    ("terms", "message"),
+    [
+        ([("rbff", (1.0,))], "unknown kernel 'rbff', did you mean 'rbf'"),
+        ([("matern", (1.0,))], "unknown kernel 'matern'"),
+        ([], "expected one kernel in postfix order, got 0"),
+        ([("rbf", (1.0,)), ("rbf", (1.0,))], "expected one kernel in postfix order, got 2"),
+        ([("sum", ())], "expected two kernels before it, got 0"),
+        ([("rbf", (1.0,)), ("product", ())], "expected two kernels before it, got 1"),
+        ([("rbf", ())], "rbf bandwidth: expected"),
+        ([("rbf", (-1.0,))], "rbf bandwidth: expected"),
+        ([("polynomial", (1.0,))], "polynomial parameters: expected 2 numbers"),
+        ([("polynomial", (-1.0, 2.0))], "polynomial offset: expected"),
+        ([("polynomial", (1.0, 2.5))], "polynomial degree: expected"),
+        ([("polynomial", (1.0, float("nan")))], "polynomial degree: expected"),
+    ],
+)
+def test_bad_terms_are_refused(terms: list[Term], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        kernel_from_terms(terms)
+
+
+@pytest.mark.parametrize("bandwidth", [(), (0.0,), (-1.0, 1.0), (float("nan"),), (float("inf"),)])
+def test_a_bandwidth_that_is_not_positive_and_finite_is_refused(bandwidth: tuple[float, ...]) -> None:
+    with pytest.raises(ValueError, match="rbf bandwidth: expected positive finite numbers"):
+        RBF(bandwidth)
+
+
+def test_bandwidths_for_other_dimensions_are_refused() -> None:
+    with pytest.raises(ValueError, match="expected 1 or 3 values for 3-dimensional points, got 2"):
+        RBF((1.0, 2.0))(np.zeros((2, 3)), np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize("dimension", [1, 2, 3, 5, 17, 40])
+@pytest.mark.parametrize("kernel", [RBF((0.9,)), Polynomial(0.3, 3), RBF((1.1,)) + Polynomial(1.0, 2)], ids=str)
+def test_a_row_does_not_depend_on_the_rows_beside_it(kernel: Kernel, dimension: int, rng: np.random.Generator) -> None:
+    x, y = rng.normal(size=(37, dimension)), rng.normal(size=(43, dimension))
+    together = kernel(x, y)
+    for size in (1, 2, 3, 8, 20):
+        parts = [kernel(x[start : start + size], y) for start in range(0, len(x), size)]
+        assert np.array_equal(np.concatenate(parts), together)
+    order = rng.permutation(len(x))
+    assert np.array_equal(kernel(x[order], y), together[order])
+
+
+@given(rows=st.integers(1, 30), inner=st.integers(1, 50), columns=st.integers(1, 5), seed=st.integers(0, 99))
+def test_a_product_by_rows_is_the_product_and_the_same_for_each_row(
+    rows: int, inner: int, columns: int, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    x, matrix = rng.normal(size=(rows, inner)), rng.normal(size=(inner, columns))
+    product = rowwise_matmul(x, matrix)
+    np.testing.assert_allclose(product, x @ matrix, rtol=1e-10, atol=1e-12)
+    assert np.array_equal(product, np.concatenate([rowwise_matmul(row[None], matrix) for row in x]))
+
+
+@given(arrays(np.float64, st.tuples(st.integers(2, 12), st.integers(1, 3)), elements=numbers))
+def test_the_median_bandwidth_is_the_median_over_pairs(x: np.ndarray) -> None:
+    rows = range(len(x))
+    for bandwidth, column in zip(median_bandwidth(x), x.T, strict=True):
+        median = np.median([abs(column[i] - column[j]) for i in rows for j in rows if i < j])
+        assert bandwidth == pytest.approx(median or column.std() or 1.0)
+
+
+def test_the_median_bandwidth_of_many_points_is_near_that_of_all(rng: np.random.Generator) -> None:
+    x = rng.normal(size=(3000, 1))
+    all_pairs = np.median(np.abs(x - x.T)[np.triu_indices(len(x), 1)])
+    # Among 1000 points the median of |x - y| has a standard error of about 2 %; the margin is four of them.
+    assert median_bandwidth(x)[0] == pytest.approx(all_pairs, rel=0.08)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_dimension_without_any_spread_gets_a_bandwidth_of_1() -> None:
+    assert median_bandwidth(np.full((5, 2), 3.0)) == (1.0, 1.0)
+    assert median_bandwidth(np.full((1, 2), 3.0)) == (1.0, 1.0)

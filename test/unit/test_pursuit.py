@@ -1,0 +1,182 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sklearn.linear_model import OrthogonalMatchingPursuit
+
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
+from rkhs_ros.rkhs.pursuit import SPARSIFICATION_RIDGE, Fitting, pursue, sparsify
+
+FITTINGS: list[Fitting] = ["basic", "back_fitting", "pre_fitting"]
+over_fittings = pytest.mark.parametrize("fitting", FITTINGS)
+KERNEL = RBF((0.5,))
+
+
+def problem(seed: int, n: int = 60, p: int = 25, columns: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    points, candidates = rng.uniform(-2, 2, (n, 2)), rng.uniform(-2, 2, (p, 2))
+    return points, rng.normal(size=(n, columns)), candidates
+
+
+@given(seed=st.integers(0, 10_000))
+def test_back_fitting_is_the_orthogonal_matching_pursuit_of_scikit_learn(seed: int) -> None:
+    points, targets, candidates = problem(seed)
+    fit = pursue(KERNEL, points, targets, candidates, budget=8, fitting="back_fitting")
+    dictionary = KERNEL(points, candidates)
+    dictionary /= np.linalg.norm(dictionary, axis=0)
+    chosen: list[int] = []
+    for k in range(1, 9):
+        oracle = OrthogonalMatchingPursuit(n_nonzero_coefs=k, fit_intercept=False).fit(dictionary, targets[:, 0])
+        (new,) = set(np.flatnonzero(oracle.coef_)) - set(chosen)
+        chosen.append(new)
+        residual = np.linalg.norm(targets[:, 0] - dictionary @ oracle.coef_)
+        assert fit.residuals[k] == pytest.approx(residual, rel=1e-6)
+    assert fit.chosen.tolist() == chosen
+
+
+@given(seed=st.integers(0, 10_000))
+def test_pre_fitting_chooses_what_leaves_least_after_the_refit(seed: int) -> None:
+    points, targets, candidates = problem(seed, columns=2)
+    fit = pursue(KERNEL, points, targets, candidates, budget=4, fitting="pre_fitting")
+    dictionary = KERNEL(points, candidates)
+    for k in range(4):
+        left = [
+            np.linalg.norm(targets - columns @ np.linalg.lstsq(columns, targets)[0])
+            for columns in (dictionary[:, [*fit.chosen[:k], j]] for j in range(len(candidates)))
+        ]
+        assert fit.residuals[k + 1] == pytest.approx(min(left), rel=1e-6)
+
+
+@given(seed=st.integers(0, 10_000))
+def test_pre_fitting_is_no_worse_than_back_fitting_at_the_first_two_choices(seed: int) -> None:
+    points, targets, candidates = problem(seed)
+    pre, back = (
+        pursue(KERNEL, points, targets, candidates, budget=2, fitting=fitting).residuals
+        for fitting in ("pre_fitting", "back_fitting")
+    )
+    assert np.all(pre <= back * (1 + 1e-9))
+
+
+@over_fittings
+@given(seed=st.integers(0, 10_000), ridge=st.sampled_from([0.0, 1e-3, 0.1]))
+def test_residuals_never_grow(fitting: Fitting, seed: int, ridge: float) -> None:
+    points, targets, candidates = problem(seed, columns=2)
+    residuals = pursue(KERNEL, points, targets, candidates, budget=20, fitting=fitting, ridge=ridge).residuals
+    assert residuals[0] == pytest.approx(np.linalg.norm(targets))
+    assert np.all(np.diff(residuals) <= 1e-9 * residuals[0])
+
+
+@over_fittings
+@given(seed=st.integers(0, 10_000), columns=st.integers(1, 3))
+def test_the_last_residual_is_that_of_the_function(fitting: Fitting, seed: int, columns: int) -> None:
+    points, targets, candidates = problem(seed, columns=columns)
+    fit = pursue(KERNEL, points, targets, candidates, budget=10, fitting=fitting)
+    assert fit.residuals[-1] == pytest.approx(np.linalg.norm(targets - fit.function(points)), rel=1e-6)
+    assert fit.error == pytest.approx(fit.residuals[-1] / np.linalg.norm(targets))
+    assert np.array_equal(fit.function.centres, candidates[fit.chosen])
+
+
+@pytest.mark.parametrize("fitting", ["back_fitting", "pre_fitting"])
+def test_all_candidates_give_the_ridge_regression(fitting: Fitting) -> None:
+    points, targets, candidates = problem(3, n=40, p=12, columns=2)
+    fit = pursue(KERNEL, points, targets, candidates, budget=12, fitting=fitting, ridge=0.1)
+    design, gram = KERNEL(points, candidates), KERNEL(candidates, candidates)
+    weights = np.linalg.solve(design.T @ design + 0.1 * 40 * gram, design.T @ targets)
+    np.testing.assert_allclose(fit.function.weights, weights[fit.chosen], rtol=1e-6)
+    penalised = np.sum((targets - design @ weights) ** 2) + 0.1 * 40 * np.sum(weights * (gram @ weights))
+    assert fit.residuals[-1] ** 2 == pytest.approx(penalised, rel=1e-8)
+
+
+def test_basic_converges_to_what_all_candidates_can_reach() -> None:
+    points, targets, candidates = problem(4, p=10)
+    dictionary = KERNEL(points, candidates)
+    attainable = np.linalg.norm(targets - dictionary @ np.linalg.lstsq(dictionary, targets)[0])
+    fit = pursue(KERNEL, points, targets, candidates, budget=3000, fitting="basic")
+    assert fit.residuals[-1] == pytest.approx(attainable, rel=1e-6)
+
+
+@over_fittings
+def test_no_more_centres_than_the_budget(fitting: Fitting) -> None:
+    points, targets, candidates = problem(5)
+    for budget in (1, 2, 7):
+        fit = pursue(KERNEL, points, targets, candidates, budget=budget, fitting=fitting)
+        assert len(fit.chosen) == len(set(fit.chosen.tolist())) <= budget
+
+
+@over_fittings
+def test_the_pursuit_stops_at_the_first_residual_within_the_tolerance(fitting: Fitting) -> None:
+    points, targets, candidates = problem(6)
+    curve = pursue(KERNEL, points, targets, candidates, budget=20, fitting=fitting).residuals
+    tolerance = curve[5] / curve[0] * (1 + 1e-9)
+    fit = pursue(KERNEL, points, targets, candidates, budget=20, fitting=fitting, tolerance=tolerance)
+    np.testing.assert_allclose(fit.residuals, curve[:6], rtol=1e-9)
+
+
+@over_fittings
+def test_repeated_candidates_change_nothing(fitting: Fitting) -> None:
+    points, targets, candidates = problem(7)
+    once = pursue(KERNEL, points, targets, candidates, budget=6, fitting=fitting)
+    thrice = pursue(KERNEL, points, targets, np.tile(candidates, (3, 1)), budget=6, fitting=fitting)
+    np.testing.assert_allclose(thrice.residuals, once.residuals, rtol=1e-9)
+    assert (thrice.chosen % len(candidates)).tolist() == once.chosen.tolist()
+
+
+@pytest.mark.parametrize("fitting", ["back_fitting", "pre_fitting"])
+def test_dependent_candidates_are_left_out(fitting: Fitting, rng: np.random.Generator) -> None:
+    kernel: Kernel = Polynomial(1.0, 1)  # spans 1, x, y: at most three independent functions
+    points, candidates = rng.normal(size=(30, 2)), rng.normal(size=(10, 2))
+    fit = pursue(kernel, points, rng.normal(size=(30, 1)), candidates, budget=10, fitting=fitting)
+    assert len(fit.chosen) == 3
+    assert np.isfinite(fit.function.weights).all()
+
+
+@pytest.mark.parametrize("fitting", ["back_fitting", "pre_fitting"])
+def test_nearly_repeated_candidates_are_left_out(fitting: Fitting) -> None:
+    points, targets, candidates = problem(10, p=5)
+    pairs = np.concatenate([candidates, candidates + 1e-6])
+    fit = pursue(KERNEL, points, targets, pairs, budget=10, fitting=fitting)
+    assert sorted(fit.chosen % 5) == [0, 1, 2, 3, 4]
+    assert np.abs(fit.function.weights).max() < 100  # a difference of two such would weigh about 1e5
+
+
+@over_fittings
+def test_zero_targets_choose_nothing(fitting: Fitting) -> None:
+    points, targets, candidates = problem(8, columns=2)
+    fit = pursue(KERNEL, points, 0 * targets, candidates, budget=5, fitting=fitting)
+    assert (len(fit.chosen), fit.function.weights.shape, fit.error) == (0, (0, 2), 0.0)
+
+
+def test_a_function_of_few_candidates_is_found_exactly(rng: np.random.Generator) -> None:
+    points, _, candidates = problem(9)
+    truth = Function(KERNEL, candidates[[3, 11, 20]], rng.normal(size=(3, 2)))
+    fit = pursue(KERNEL, points, truth(points), candidates, budget=25, tolerance=1e-6)
+    elsewhere = rng.uniform(-2, 2, (10, 2))
+    np.testing.assert_allclose(fit.function(elsewhere), truth(elsewhere), atol=1e-4)
+
+
+@given(seed=st.integers(0, 10_000), m=st.integers(1, 12))
+def test_a_budget_for_all_centres_keeps_the_function(seed: int, m: int) -> None:
+    rng = np.random.default_rng(seed)
+    function = Function(KERNEL, rng.uniform(-2, 2, (m, 2)), rng.normal(size=(m, 2)))
+    points = rng.uniform(-2, 2, (50, 2))
+    fit = sparsify(function, points, budget=m)
+    np.testing.assert_allclose(fit.function(points), function(points), atol=1e-5)
+    penalty = np.sqrt(SPARSIFICATION_RIDGE * len(points)) * function.norm()  # what the function itself would leave
+    assert fit.error <= penalty / np.linalg.norm(function(points)) * (1 + 1e-6)
+
+
+def test_sparsifying_with_a_tolerance_keeps_few_centres(rng: np.random.Generator) -> None:
+    function = Function(RBF((3.0,)), rng.uniform(-1, 1, (50, 2)), rng.normal(size=(50, 1)))
+    points = rng.uniform(-1, 1, (80, 2))
+    fit = sparsify(function, points, budget=50, tolerance=0.05)
+    assert len(fit.chosen) < 25
+    assert np.linalg.norm(fit.function(points) - function(points)) <= 0.05 * np.linalg.norm(function(points))
+
+
+def test_an_unknown_fitting_and_an_empty_budget_are_refused() -> None:
+    points, targets, candidates = problem(0)
+    with pytest.raises(ValueError, match="fitting: expected one of basic, back_fitting, pre_fitting"):
+        pursue(KERNEL, points, targets, candidates, budget=1, fitting="best")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="budget: expected at least 1 centre, got 0"):
+        pursue(KERNEL, points, targets, candidates, budget=0)

@@ -1,0 +1,150 @@
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any
+
+import pytest
+
+from rkhs_ros.experiments.config import Training, training_from
+from rkhs_ros.learning.kernel_choice import KernelChoice
+from rkhs_ros.learning.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.rkhs_power import RKHSPoWER
+from rkhs_ros.learning.steps import FixedStep
+from rkhs_ros.rkhs.settings import build, entries, setting
+
+
+@dataclass(frozen=True)
+class Inner:
+    rate: float = setting(0.5, "a rate", minimum=0.0, maximum=1.0)
+
+
+@dataclass(frozen=True)
+class Outer:
+    count: int = setting(3, "a count", minimum=1, maximum=9)
+    label: str = setting("a", "a label", choices=("a", "bee"))
+    widths: tuple[float, ...] = setting((1.0,), "widths", minimum=0.0)
+    either: str | tuple[float, ...] = setting("auto", "a word or numbers", minimum=0.0, choices=("auto",))
+    inner: Inner = field(default_factory=Inner)
+
+
+def test_values_reach_their_fields_and_the_rest_keeps_its_defaults() -> None:
+    made = build(Outer, {"count": 5, "widths": [2, 3.5], "inner": {"rate": 0.25}})
+    assert made == Outer(count=5, widths=(2.0, 3.5), inner=Inner(0.25))
+
+
+@pytest.mark.parametrize(
+    ("tree", "expected"),
+    [
+        ({"inner": {"rate": 1}}, 1.0),
+        ({"widths": [2, 3]}, (2.0, 3.0)),
+        ({"widths": 2}, (2.0,)),
+        ({"either": 4}, (4.0,)),
+        ({"either": [4, 5]}, (4.0, 5.0)),
+        ({"either": "auto"}, "auto"),
+    ],
+)
+def test_a_whole_number_serves_as_a_number(tree: dict[str, Any], expected: object) -> None:
+    made = build(Outer, tree)
+    got = made.inner.rate if "inner" in tree else getattr(made, next(iter(tree)))
+    assert got == expected
+    assert type(got) is type(expected)
+    if isinstance(got, tuple):
+        assert all(type(number) is float for number in got)
+
+
+@pytest.mark.parametrize(
+    ("tree", "message"),
+    [
+        ({"coumt": 1}, r"^unknown key 'coumt', did you mean 'count'\?$"),
+        ({"zzz": 1}, r"^unknown key 'zzz', known: count, either, inner, label, widths$"),
+        ({"inner": {"rat": 1}}, r"^unknown key 'inner\.rat', did you mean 'rate'\?$"),
+        ({1: 1}, r"^unknown key '1'"),
+        ({"count": 2.0}, r"^count: expected a whole number, got 2\.0$"),
+        ({"count": True}, r"^count: expected a whole number, got True$"),
+        ({"count": "2"}, r"^count: expected a whole number, got '2'$"),
+        ({"count": 0}, r"^count: expected a number in \[1, 9\], got 0$"),
+        ({"count": None}, r"^count: expected a whole number, got None$"),
+        ({"inner": {"rate": "x"}}, r"^inner\.rate: expected a number, got 'x'$"),
+        ({"inner": {"rate": True}}, r"^inner\.rate: expected a number, got True$"),
+        ({"inner": {"rate": 1.5}}, r"^inner\.rate: expected a number in \[0\.0, 1\.0\], got 1\.5$"),
+        ({"inner": {"rate": float("nan")}}, r"^inner\.rate: expected a number in .* got nan$"),
+        ({"inner": {"rate": 10**400}}, r"^inner\.rate: expected a number"),
+        ({"inner": 3}, r"^inner: expected a section of keys, got 3$"),
+        ({"label": 3}, r"^label: expected text, got 3$"),
+        ({"label": "be"}, r"^label: unknown choice 'be', did you mean 'bee'\?$"),
+        ({"widths": []}, r"^widths: expected a list of numbers, got \[\]$"),
+        ({"widths": "wide"}, r"^widths: expected a list of numbers, got 'wide'$"),
+        ({"widths": [1.0, "x"]}, r"^widths: expected a list of numbers"),
+        ({"widths": [1.0, -2.0]}, r"^widths: expected a number in \[0\.0, inf\], got -2\.0$"),
+        ({"widths": [float("inf")]}, r"^widths: expected a number in .* got inf$"),
+        ({"either": "automatic"}, r"^either: unknown choice 'automatic', did you mean 'auto'\?$"),
+        ({"either": {"a": 1}}, r"^either: expected a list of numbers"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_one_line(tree: dict[Any, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message) as refusal:
+        build(Outer, tree)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_variant_is_made_by_its_name_with_settings_of_its_own() -> None:
+    training = training_from({"algorithm": {"name": "rkhs_nac", "step": {"rule": "fixed", "size": 1}}})
+    assert training.algorithm == RKHSNAC(step=FixedStep(1.0))
+    assert training_from({"algorithm": {"name": "rkhs_power", "centres": 7}}).algorithm == RKHSPoWER(centres=7)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "message"),
+    [
+        ({"name": "rkhs_nak"}, r"unknown algorithm\.name 'rkhs_nak', did you mean 'rkhs_nac'\?"),
+        ({}, "algorithm: expected a section with a key 'name'"),
+        (7, "algorithm: expected a section with a key 'name', got 7"),
+        ({"name": "rkhs_power", "critic": "step"}, r"unknown key 'algorithm\.critic'"),
+        (
+            {"name": "rkhs_nac", "step": {"rule": "fixd"}},
+            r"unknown algorithm\.step\.rule 'fixd', did you mean 'fixed'\?",
+        ),
+    ],
+)
+def test_a_variant_that_is_unknown_or_has_other_settings_is_refused(algorithm: object, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        training_from({"algorithm": algorithm})
+
+
+def leaves(value: Any, path: str = "") -> set[str]:
+    if not is_dataclass(value):
+        return {path.rstrip(".")}
+    own: set[str] = set()
+    for f in fields(value):
+        child = getattr(value, f.name)
+        if "key" in f.metadata:
+            own.add(f"{path}{f.name}.{f.metadata['key']}")
+        own |= leaves(child, f"{path}{f.name}.")
+    return own
+
+
+@pytest.mark.parametrize(
+    "training",
+    [
+        Training(),
+        Training(algorithm=RKHSPoWER(), kernel=KernelChoice("rbf")),
+        Training(algorithm=RKHSNAC(step=FixedStep())),
+    ],
+    ids=["default", "power", "fixed step"],
+)
+def test_entries_list_every_setting_once_with_its_description(training: Training) -> None:
+    listed = list(entries(training))
+    names = [entry.name for entry in listed]
+    assert len(names) == len(set(names))
+    assert set(names) == leaves(training)
+    assert all(entry.about["description"] for entry in listed)
+
+
+def test_what_entries_list_makes_the_same_settings_again() -> None:
+    training = Training(seed=7, algorithm=RKHSNAC(ridge=0.25, step=FixedStep(0.5)), kernel=KernelChoice("polynomial"))
+    tree: dict[str, Any] = {}
+    for name, value, _ in entries(training):
+        *sections, last = name.split(".")
+        section = tree
+        for part in sections:
+            section = section.setdefault(part, {})
+        section[last] = value
+    assert training_from(tree) == training

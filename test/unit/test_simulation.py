@@ -1,0 +1,135 @@
+from collections.abc import Iterator
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+
+from rkhs_ros.policies.streams import Batch
+from sim_nodes.simulation import Simulation
+
+
+class Walk(gymnasium.Env[np.ndarray, np.ndarray]):
+    """Ends when the sum of the actions passes 3; an observation of two by two numbers."""
+
+    observation_space = Box(-100.0, 100.0, (2, 2), np.float32)
+    action_space = Box(-1.0, 2.0, (1, 2), np.float32)
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[np.ndarray, dict[str, Any]]:
+        super().reset(seed=seed)
+        self.position, self.offset = 0.0, float(self.np_random.uniform())
+        return self._observation(), {}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        assert action.shape == (1, 2)
+        assert action.dtype == np.float32
+        self.position += float(action.sum())
+        return self._observation(), 1.0, self.position > 3.0, False, {}
+
+    def _observation(self) -> np.ndarray:
+        return np.array([[self.position, self.offset], [0, 1]], dtype=np.float32)
+
+
+@pytest.fixture
+def walk() -> Iterator[Simulation]:
+    gymnasium.register("test/Walk-v0", Walk)
+    yield Simulation("test/Walk-v0")
+    del gymnasium.registry["test/Walk-v0"]
+
+
+def batch(rows: int, horizon: int, first: int = 0) -> Batch:
+    return Batch(0, first, rows, horizon, explore=True)
+
+
+def test_any_environment_is_flat_rows_of_numbers(walk: Simulation) -> None:
+    assert (walk.observation_dim, walk.action_dim) == (4, 2)
+    assert (walk.action_low.tolist(), walk.action_high.tolist()) == ([-1, -1], [2, 2])
+    frame = walk.start(batch(3, 5))
+    assert frame.observations.shape == (3, 4)
+    assert frame.observations.dtype == np.float64
+    assert frame.active.all()
+
+
+def test_an_episode_that_ended_earns_nothing_more_and_stays_over(walk: Simulation) -> None:
+    walk.start(batch(3, 8))
+    pace = np.array([[1.0, 0.0], [0.0, 0.0], [2.0, 2.0]])  # over after four steps, never, at once
+    frames = [walk.step(pace) for _ in range(8)]
+    active = np.array([frame.active for frame in frames]).T.tolist()
+    rewards = np.array([frame.rewards for frame in frames]).T.tolist()
+    assert active[0] == [True] * 3 + [False] * 5
+    assert active[1] == [True] * 7 + [False]
+    assert active[2] == [False] * 8
+    assert rewards == [[1.0] * 4 + [0.0] * 4, [1.0] * 8, [1.0] + [0.0] * 7]
+
+
+def test_actions_are_clipped_to_the_environments_space(walk: Simulation) -> None:
+    walk.start(batch(1, 3))
+    frame = walk.step(np.array([[9.0, -9.0]]))
+    assert frame.observations[0, 0] == 2.0 - 1.0
+
+
+def test_an_episode_follows_from_its_number_alone(walk: Simulation) -> None:
+    offsets = walk.start(batch(4, 3)).observations[:, 1]
+    assert len(set(offsets)) == 4
+    walk.step(np.zeros((4, 2)))
+    assert np.array_equal(walk.start(batch(2, 3, first=2)).observations[:, 1], offsets[2:])
+    assert np.array_equal(walk.start(batch(4, 3)).observations[:, 1], offsets)
+
+
+def test_an_environment_of_gymnasium_is_served() -> None:
+    simulation = Simulation("Pendulum-v1", {"g": 9.0})
+    assert (simulation.observation_dim, simulation.action_dim, simulation.action_high.tolist()) == (3, 1, [2.0])
+    simulation.start(batch(2, 210))  # longer than its own time limit of 200
+    frames = [simulation.step(np.zeros((2, 1))) for _ in range(210)]
+    assert [frame.active.all() for frame in frames] == [True] * 209 + [False]
+    assert all((frame.rewards < 0).all() for frame in frames)
+
+
+@pytest.mark.parametrize(
+    ("environment", "message"),
+    [
+        ("CartPole-v1", r"CartPole-v1 actions: expected a continuous space \(a Box of numbers\), got Discrete\(2\)"),
+        ("FrozenLake-v1", "FrozenLake-v1 actions: expected a continuous space"),
+        ("Taxi-v4", "Taxi-v4 actions: expected a continuous space"),
+        ("rkhs/Pendulm-v0", r"unknown environment 'rkhs/Pendulm-v0', did you mean 'rkhs/Pendulum-v0'\?"),
+        ("Pendulum-v77", "unknown environment 'Pendulum-v77', did you mean 'Pendulum-v1'"),
+        ("no_such_module:Pendulum-v1", "unknown environment"),
+        ("", "unknown environment ''"),
+    ],
+)
+def test_an_environment_that_is_unknown_or_not_continuous_is_refused_in_one_line(
+    environment: str, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message) as refusal:
+        Simulation(environment)
+    assert "\n" not in str(refusal.value)
+
+
+def test_discrete_observations_are_refused() -> None:
+    class Counting(Walk):
+        observation_space = gymnasium.spaces.Discrete(3)  # type: ignore[assignment]
+
+    gymnasium.register("test/Counting-v0", Counting)
+    try:
+        with pytest.raises(ValueError, match="Counting-v0 observations: expected a continuous space"):
+            Simulation("test/Counting-v0")
+    finally:
+        del gymnasium.registry["test/Counting-v0"]
+
+
+@pytest.mark.parametrize(
+    ("environment", "options", "message"),
+    [
+        ("rkhs/Toy-v0", {"angle": "clip"}, r"environment\.options: expected what rkhs/Toy-v0 takes, got \{'angle'"),
+        ("rkhs/Pendulum-v0", {"angle": "warp"}, "angle: expected one of clip, wrap, got 'warp'"),
+        ("Pendulum-v1", {"gravity": 1}, r"environment\.options: expected what Pendulum-v1 takes"),
+        ("FrozenLake-v1", {"map_name": "zzz"}, r"environment\.options: expected what FrozenLake-v1 takes"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused_in_one_line(
+    environment: str, options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message) as refusal:
+        Simulation(environment, options)
+    assert "\n" not in str(refusal.value)

@@ -1,0 +1,152 @@
+import json
+import resource
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.storage import Task, load_policy, save_policy
+from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
+
+Make = Callable[..., GaussianPolicy]
+TASK = Task("rkhs/Toy-v0", {"angle": "clip", "nested": [1, 2.5]}, 20, 0.99)
+KERNELS: list[Kernel] = [RBF((0.1, 1 / 3)), Polynomial(0.25, 3), RBF((1.0,)) * (Polynomial(1.0, 2) + RBF((2.0,)))]
+
+
+@pytest.mark.parametrize("kernel", KERNELS, ids=str)
+@pytest.mark.parametrize("learnt", [False, True], ids=["constant variance", "learnt variance"])
+def test_a_policy_comes_back_bit_for_bit(
+    tmp_path: Path,
+    random_policy: Make,
+    rng: np.random.Generator,
+    arrays_of: Callable[[Any], dict[str, np.ndarray]],
+    kernel: Kernel,
+    learnt: bool,
+) -> None:
+    policy = random_policy(kernel=kernel, learnt=learnt)
+    save_policy(tmp_path / "policy.npz", policy, TASK)
+    loaded, task = load_policy(tmp_path / "policy.npz")
+    assert task == TASK
+    assert loaded.mean.kernel == policy.mean.kernel
+    assert type(loaded.variance) is type(policy.variance)
+    expected, got = arrays_of(policy), arrays_of(loaded)
+    assert expected.keys() == got.keys()
+    assert all(expected[name].tobytes() == got[name].tobytes() for name in expected)
+    x, exploration = rng.normal(size=(11, 2)), rng.standard_normal((11, 2))
+    assert np.array_equal(loaded.act(x, exploration), policy.act(x, exploration))
+
+
+def test_the_zero_function_comes_back(tmp_path: Path, random_policy: Make) -> None:
+    save_policy(tmp_path / "policy.npz", random_policy(m=0), TASK)
+    loaded, _ = load_policy(tmp_path / "policy.npz")
+    assert loaded.mean.centres.shape == (0, 2)
+
+
+def test_a_file_cut_short_anywhere_is_refused_by_name(tmp_path: Path, random_policy: Make) -> None:
+    path = tmp_path / "policy.npz"
+    save_policy(path, random_policy(learnt=True), TASK)
+    whole = path.read_bytes()
+    for length in [*range(0, len(whole), 41), len(whole) - 1]:
+        path.write_bytes(whole[:length])
+        with pytest.raises(ValueError, match=r"policy\.npz: expected a (whole )?policy file"):
+            load_policy(path)
+
+
+def test_a_file_with_a_changed_byte_is_refused_or_still_a_policy(
+    tmp_path: Path, random_policy: Make, rng: np.random.Generator
+) -> None:
+    path = tmp_path / "policy.npz"
+    save_policy(path, random_policy(learnt=True), TASK)
+    whole = path.read_bytes()
+    refused = 0
+    for position in rng.choice(len(whole), 400, replace=False):
+        changed = bytearray(whole)
+        changed[position] ^= 1 << rng.integers(8)
+        path.write_bytes(changed)
+        try:
+            load_policy(path)
+        except ValueError as error:
+            refused += 1
+            assert str(path) in str(error)  # noqa: PT017
+            assert "\n" not in str(error)  # noqa: PT017
+    assert refused > 200
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"schema": np.array(2)},
+        {"schema": None},
+        {"weights": None},
+        {"weights": np.zeros((3, 2))},
+        {"weights": np.full((5, 2), np.nan)},
+        {"centres": np.zeros(5)},
+        {"kernel": np.array(["rbg"])},
+        {"kernel_parameters": np.array([-1.0])},
+        {"variance": np.array([1.0, -1.0])},
+        {"task": np.array("no json")},
+        {"task": np.array(json.dumps([1]))},
+        {"task": np.array(json.dumps({"environment": "rkhs/Toy-v0"}))},
+        {"centres": np.array([{}], dtype=object)},
+    ],
+    ids=lambda change: ", ".join(change),
+)
+def test_a_file_that_holds_no_policy_is_refused_in_one_line(
+    tmp_path: Path, random_policy: Make, change: dict[str, np.ndarray | None]
+) -> None:
+    path = tmp_path / "policy.npz"
+    save_policy(path, random_policy(), TASK)
+    with np.load(path) as file:
+        arrays = {**file, **change}
+    np.savez(path, **{name: array for name, array in arrays.items() if array is not None})
+    with pytest.raises(ValueError, match=r"policy\.npz: expected") as refusal:
+        load_policy(path)
+    assert "\n" not in str(refusal.value)
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "policy.npz"
+    for content in (b"", b"text\n", b"PK\x03\x04"):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=r"policy\.npz: expected"):
+            load_policy(path)
+    with path.open("wb") as file:
+        np.save(file, np.zeros(3))
+    with pytest.raises(ValueError, match=r"policy\.npz: expected"):
+        load_policy(path)
+    with pytest.raises(FileNotFoundError):
+        load_policy(tmp_path / "none.npz")
+
+
+def test_saving_replaces_the_file_and_leaves_nothing_beside_it(tmp_path: Path, random_policy: Make) -> None:
+    path = tmp_path / "policy.npz"
+    save_policy(path, random_policy(m=3), TASK)
+    save_policy(path, random_policy(m=4), TASK)
+    assert len(load_policy(path)[0].mean.centres) == 4
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_save_without_room_leaves_the_file_as_it_was(tmp_path: Path, random_policy: Make) -> None:
+    path = tmp_path / "policy.npz"
+    save_policy(path, random_policy(m=3), TASK)
+    before = path.read_bytes()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            save_policy(path, random_policy(m=50), TASK)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert path.read_bytes() == before
+
+
+def test_a_task_that_cannot_be_written_leaves_the_file_as_it_was(tmp_path: Path, random_policy: Make) -> None:
+    path = tmp_path / "policy.npz"
+    save_policy(path, random_policy(m=3), TASK)
+    before = path.read_bytes()
+    with pytest.raises(TypeError, match="not JSON serializable"):
+        save_policy(path, random_policy(m=4), Task("x", {"option": object()}, 1, 1.0))
+    assert path.read_bytes() == before
