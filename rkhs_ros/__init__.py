@@ -1,1 +1,7 @@
 """Policy search in reproducing kernel Hilbert spaces as a ROS 2 learning system."""
+
+import os
+
+# One BLAS thread, before numpy is imported: at our sizes more are slower, and sums over another number of threads
+# end in other last bits.
+os.environ.setdefault("OMP_NUM_THREADS", "1")

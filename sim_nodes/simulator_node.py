@@ -58,16 +58,20 @@ class SimulatorNode(Node):
     def _start(self, request: StartEpisodes.Request, response: StartEpisodes.Response) -> StartEpisodes.Response:
         try:
             batch = batch_of(request)
-            frame = self._simulation.start(batch)
+            if self._batch is None or (request.batch, batch) != (self._identity, self._batch):
+                self._begin(request.batch, batch)  # else it is asked for again, because an answer was lost
         except ValueError as error:
             response.message = str(error)
             return response
-        self._batch, self._identity, self._step = batch, request.batch, 0
+        response.accepted = True
+        return response
+
+    def _begin(self, identity: int, batch: Batch) -> None:
+        frame = self._simulation.start(batch)
+        self._batch, self._identity, self._step = batch, identity, 0
         self._recorder = EpisodeRecorder(batch, self._simulation.observation_dim, self._simulation.action_dim)
         self._publish(batch, frame)
         self._record(batch, frame)
-        response.accepted = True
-        return response
 
     def _act(self, message: Action) -> None:
         batch = self._batch

@@ -117,6 +117,7 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
         OSError: the file cannot be read.
     """
     sections = _sections(path)
+    require("environment" not in sections["learner"], f"{path}: learner", "the environment under simulator", "it here")
     tree = {"name": path.stem, **sections["learner"], "environment": sections["simulator"].get("environment", {})}
     unknown = [key for key in sections["simulator"] if key != "environment"]
     require(not unknown, f"{path}: simulator", "the key 'environment'", ", ".join(map(str, unknown)))

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
+FAILED = 1  # exit code
 PATIENCE = 5.0  # seconds that a node has to end after a signal
 MODULES = {
     "simulator": "sim_nodes.simulator_node",
@@ -37,7 +38,7 @@ def launch(parameters: str, learner_parameters: Sequence[str] = ()) -> int:
     with tempfile.TemporaryDirectory(prefix="rkhs_") as folder:
         file = Path(folder) / "parameters.yaml"
         file.write_text(parameters)
-        with started(MODULES, file, learner_parameters) as nodes, _signals_passed_to(nodes):
+        with started(MODULES, file, learner_parameters) as nodes, _signals_passed_to(nodes["learner"]):
             return _wait(nodes)
 
 
@@ -68,7 +69,7 @@ def _start(name: str, arguments: list[str]) -> subprocess.Popen[bytes]:
 
 def _environment() -> dict[str, str]:
     # The wheels of ROS 2 start Python once more to set the library path, unless this says that they did.
-    return {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"} | {"OMP_NUM_THREADS": "1"}
+    return {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
 
 
 def _wait(nodes: Nodes) -> int:
@@ -83,18 +84,20 @@ def _wait(nodes: Nodes) -> int:
 
 
 def _report_loss(name: str, code: int, learner: subprocess.Popen[bytes]) -> int:
-    if learner.poll() is None and code < 0:
-        print(f"error: the {name} node was killed by signal {-code}", file=sys.stderr)
-    elif learner.poll() is None and code == 0:
-        print(f"error: the {name} node ended before the learner", file=sys.stderr)
-    return abs(code) or 1
+    if learner.poll() is None and code <= 0:
+        how = f"was killed by signal {-code}" if code else "ended before the learner"
+        print(f"error: the {name} node {how}", file=sys.stderr)
+    return code if code > 0 else FAILED
 
 
 @contextmanager
-def _signals_passed_to(nodes: Nodes) -> Iterator[None]:
+def _signals_passed_to(learner: subprocess.Popen[bytes]) -> Iterator[None]:
+    """Let the first signal end the learner, which writes what was learnt; a second one ends us."""
+
     def pass_on(number: int, frame: FrameType | None) -> None:
-        for process in nodes.values():
-            process.send_signal(signal.SIGINT)
+        learner.send_signal(signal.SIGINT)
+        for each in previous:
+            signal.signal(each, signal.default_int_handler)
 
     previous = {number: signal.signal(number, pass_on) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

@@ -20,10 +20,12 @@ from rkhs_ros.experiments.run import run_training
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS, episodes_of, set_policy_request, start_request
 from rkhs_ros.nodes.parameters import declare, declared, given
-from rkhs_ros.nodes.spin import PeerSilentError, run
+from rkhs_ros.nodes.spin import PeerError, run
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.settings import entries
+
+ASK_AGAIN = 2.0  # seconds after which a request is sent anew
 
 
 class LearnerNode(Node):
@@ -60,13 +62,10 @@ class LearnerNode(Node):
         """Wait for simulator and policy node, and return the whole configuration.
 
         Raises:
-            PeerSilentError: one of them does not appear in time, or there are two of it.
+            PeerError: one of them does not appear in time.
         """
         self._until(self._describe.service_is_ready, "simulator")
         self._until(self._set_policy.service_is_ready, "policy")
-        for name, topic in (("simulator", "observation"), ("policy", "action")):
-            if (count := self.count_publishers(topic)) > 1:
-                raise PeerSilentError(f"expected one {name} node, got {count}; set ROS_DOMAIN_ID to keep runs apart")
         task = self._connected(self._describe, DescribeTask.Request(), "simulator")
         self.observation_dim, self.action_dim = task.observation_dim, task.action_dim
         return Config(Environment(task.environment, json.loads(task.options)), self.training)
@@ -75,24 +74,32 @@ class LearnerNode(Node):
         """Return the episodes of a batch under the policy.
 
         Raises:
-            PeerSilentError: a node did not answer in time.
+            PeerError: a node did not answer in time, or there are two of it.
             ValueError: a node refused the policy or the batch.
         """
+        self._check_alone()
         self._serve(policy)
         self._identity += 1
         self._batch, self._heard = batch, None
         _accepted(self._call(self._start, start_request(self._identity, batch), "simulator"), "simulator")
-        step = -1
+        step = 0
         while (episodes := self._heard) is None:
             step = self._wait_beyond(step)
         return episodes
 
+    def _check_alone(self) -> None:
+        for name, topic in (("simulator", "observation"), ("policy", "action")):
+            if (count := self.count_publishers(topic)) > 1:
+                raise PeerError(f"expected one {name} node, got {count}; set ROS_DOMAIN_ID to keep runs apart")
+
     def _wait_beyond(self, step: int) -> int:
         """Wait for the episodes; where they take long, return the step reached, which must be a later one."""
-        if self._spin(lambda: self._heard is not None):
+        if self._spin(lambda: self._heard is not None, self.training.timeout):
             return step
         task = self._call(self._describe, DescribeTask.Request(), "simulator")
-        if task.step <= step:
+        if task.batch != self._identity:
+            raise PeerError("the simulator node was started anew and does not know the batch")
+        if task.step <= step and self._heard is None:
             raise self._silent("policy")
         return int(task.step)
 
@@ -120,20 +127,25 @@ class LearnerNode(Node):
         return response
 
     def _call(self, client: Any, request: Any, name: str) -> Any:
-        future = client.call_async(request)
-        self._until(future.done, name)
-        return future.result()
+        """Ask a node; ask again where the answer was lost, as may happen to peers that have just met."""
+        deadline = time.monotonic() + self.training.timeout
+        while time.monotonic() < deadline:
+            future = client.call_async(request)
+            if self._spin(future.done, min(ASK_AGAIN, self.training.timeout)):
+                return future.result()
+            client.remove_pending_request(future)
+        raise self._silent(name)
 
     def _until(self, condition: Callable[[], bool], name: str) -> None:
-        if not self._spin(condition):
+        if not self._spin(condition, self.training.timeout):
             raise self._silent(name)
 
-    def _silent(self, name: str) -> PeerSilentError:
-        return PeerSilentError(f"the {name} node did not answer within {self.training.timeout:g} s")
+    def _silent(self, name: str) -> PeerError:
+        return PeerError(f"the {name} node did not answer within {self.training.timeout:g} s")
 
-    def _spin(self, condition: Callable[[], bool]) -> bool:
+    def _spin(self, condition: Callable[[], bool], seconds: float) -> bool:
         """Handle messages until the condition holds or the time is over; return whether it holds."""
-        deadline = time.monotonic() + self.training.timeout
+        deadline = time.monotonic() + seconds
         while not condition():
             left = deadline - time.monotonic()
             if left <= 0:

@@ -48,7 +48,10 @@ class PolicyNode(Node):
             name = next(iter(tree))
             raise ValueError(f"unknown key '{name}', {hint(name, {'policy_file': None})}")
         if file:
-            self._newest, _ = load_policy(Path(file))
+            try:
+                self._newest, _ = load_policy(Path(file))
+            except FileNotFoundError as error:
+                raise ValueError(f"policy_file: expected a policy.npz, got '{file}', which does not exist") from error
             self._fixed = True
 
     def _set_policy(self, request: SetPolicy.Request, response: SetPolicy.Response) -> SetPolicy.Response:

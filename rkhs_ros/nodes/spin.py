@@ -18,8 +18,8 @@ FAILED = 1
 AnyNode = TypeVar("AnyNode", bound=Node)
 
 
-class PeerSilentError(RuntimeError):
-    """A node that did not answer in time; the message names it."""
+class PeerError(RuntimeError):
+    """A node that does not answer in time or is there twice; the message names it."""
 
 
 def forever(node: Node) -> None:
@@ -51,7 +51,7 @@ def run(make_node: Callable[[], AnyNode], work: Callable[[AnyNode], None] = fore
         pass
     except ValueError as error:
         code = _say(error, BAD_INPUT)
-    except (PeerSilentError, OSError) as error:
+    except (PeerError, OSError) as error:
         code = _say(error, FAILED)
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)

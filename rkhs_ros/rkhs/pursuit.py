@@ -31,8 +31,8 @@ class Pursuit:
     Attributes:
         chosen: indices of candidates in the order of choice, shape (m,).
         function: the fitted function on the chosen candidates.
-        residuals: norm of what is left of the targets after 0, 1, ..., m choices, shape (m + 1,); a ridge's
-            penalty counts as left.
+        residuals: norm of what is left of the targets after 0, 1, ... choices, one more than the choices made; a
+            ridge's penalty counts as left.
     """
 
     chosen: np.ndarray

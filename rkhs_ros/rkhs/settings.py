@@ -70,16 +70,17 @@ def build(cls: type[T], values: Tree, path: str = "", **given: Any) -> T:
     return cls(**given, **{k: _convert(f, types[k], values[k], path + k) for k, f in known.items() if k in values})
 
 
-def build_variant(table: Mapping[str, type[T]], key: str, values: Tree, path: str, **given: Any) -> T:
-    """Make the settings dataclass that the entry ``key`` of the values names in the table."""
-    require(isinstance(values, Mapping) and key in values, path.rstrip("."), f"a section with a key '{key}'", values)
-    cls = pick(str(values[key]), table, path + key)
-    return build(cls, {k: v for k, v in values.items() if k != key}, path, **given)
+def _build_variant(f: Field[Any], values: Tree, path: str) -> Any:
+    """Make the settings dataclass that the values name, or another one of the default's class."""
+    table, key = f.metadata["table"], f.metadata["key"]
+    require(isinstance(values, Mapping), path.rstrip("."), "a section of keys", repr(values))
+    cls = pick(str(values[key]), table, path + key) if key in values else type(f.default)
+    return build(cls, {k: v for k, v in values.items() if k != key}, path)
 
 
 def _convert(f: Field[Any], kind: Any, value: Any, name: str) -> Any:
     if "table" in f.metadata:
-        return build_variant(f.metadata["table"], f.metadata["key"], value, name + ".")
+        return _build_variant(f, value, name + ".")
     if is_dataclass(kind):
         return build(kind, value, name + ".")  # type: ignore[arg-type]  # a dataclass type
     try:

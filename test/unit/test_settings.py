@@ -89,14 +89,14 @@ def test_a_variant_is_made_by_its_name_with_settings_of_its_own() -> None:
     training = training_from({"algorithm": {"name": "rkhs_nac", "step": {"rule": "fixed", "size": 1}}})
     assert training.algorithm == RKHSNAC(step=FixedStep(1.0))
     assert training_from({"algorithm": {"name": "rkhs_power", "centres": 7}}).algorithm == RKHSPoWER(centres=7)
+    assert training_from({"algorithm": {"centres": 7}}).algorithm == RKHSNAC(centres=7)
 
 
 @pytest.mark.parametrize(
     ("algorithm", "message"),
     [
         ({"name": "rkhs_nak"}, r"unknown algorithm\.name 'rkhs_nak', did you mean 'rkhs_nac'\?"),
-        ({}, "algorithm: expected a section with a key 'name'"),
-        (7, "algorithm: expected a section with a key 'name', got 7"),
+        (7, "algorithm: expected a section of keys, got 7"),
         ({"name": "rkhs_power", "critic": "step"}, r"unknown key 'algorithm\.critic'"),
         (
             {"name": "rkhs_nac", "step": {"rule": "fixd"}},

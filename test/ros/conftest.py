@@ -1,0 +1,167 @@
+"""Real nodes in real processes over real DDS, each test in a ROS domain of its own."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import domain_coordinator
+import pytest
+import rclpy
+import yaml
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from rkhs_interfaces.msg import Action, Episodes, Observation
+from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
+from rkhs_ros.experiments.config import load_config
+from rkhs_ros.experiments.report import resolved
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS
+
+ROOT = Path(__file__).parents[2]
+PATIENCE = 30.0  # seconds; far above what anything here takes
+MODULES = {
+    "simulator": "sim_nodes.simulator_node",
+    "policy": "rkhs_ros.nodes.policy_node",
+    "learner": "rkhs_ros.nodes.learner_node",
+    "rkhs": "rkhs_ros.experiments.cli",
+}
+TYPES = {"observation": Observation, "action": Action, "episodes": Episodes}
+SERVICES = {"start_episodes": StartEpisodes, "describe_task": DescribeTask, "set_policy": SetPolicy}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if Path(__file__).parent in item.path.parents:
+            item.add_marker(pytest.mark.ros)
+
+
+@pytest.fixture
+def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A free domain; processes started in the test inherit it."""
+    with domain_coordinator.domain_id() as number:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+        monkeypatch.setenv("OMP_NUM_THREADS", "1")
+        yield number
+
+
+class Process:
+    """A process under test."""
+
+    def __init__(self, name: str, *arguments: object) -> None:
+        environment = {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
+        self.popen = subprocess.Popen(
+            [sys.executable, "-m", MODULES[name], *map(str, arguments)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=environment,
+        )
+
+    def finish(self) -> tuple[int, str, str]:
+        """Wait for the end; return exit code, standard output and standard error."""
+        out, err = self.popen.communicate(timeout=2 * PATIENCE)
+        return self.popen.returncode, out, err
+
+    def interrupt(self) -> None:
+        self.popen.send_signal(signal.SIGINT)
+
+
+@pytest.fixture
+def start(domain: int) -> Iterator[Callable[..., Process]]:
+    """Start processes that end with the test at the latest."""
+    processes: list[Process] = []
+
+    def begin(name: str, *arguments: object) -> Process:
+        processes.append(Process(name, *arguments))
+        return processes[-1]
+
+    yield begin
+    for process in processes:
+        process.popen.kill()
+        process.popen.wait()
+
+
+@pytest.fixture
+def parameters(tmp_path: Path) -> Callable[..., Path]:
+    """Write a parameter file with all settings of a config and some changes."""
+
+    def write(config: str, *changes: str) -> Path:
+        file = tmp_path / f"{config}.parameters.yaml"
+        file.write_text(resolved(load_config(ROOT / "config" / f"{config}.yaml", changes)))
+        yaml.safe_load(file.read_text())
+        return file
+
+    return write
+
+
+class Probe(Node):
+    """A node of the test's own: it hears all topics, and speaks on them as others do."""
+
+    def __init__(self, context: Context) -> None:
+        super().__init__("probe", context=context)
+        self.heard: dict[str, list[Any]] = {topic: [] for topic in TYPES}
+        self._listeners = {
+            t: self.create_subscription(c, t, self.heard[t].append, LOCKSTEP_QOS) for t, c in TYPES.items()
+        }
+        self._speakers: dict[str, Any] = {}  # made when first needed: nodes count who speaks on a topic
+        self._services_asked = {name: self.create_client(c, name) for name, c in SERVICES.items()}
+        self._executor = SingleThreadedExecutor(context=context)
+        self._executor.add_node(self)
+
+    def until(self, condition: Callable[[], bool], seconds: float = PATIENCE) -> None:
+        deadline = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < deadline, "nothing came in time"
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def settle(self, seconds: float = 0.3) -> None:
+        """Hear what still comes."""
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def meet(self, topic: str) -> None:
+        """Wait until a node speaks on the topic."""
+        self.until(lambda: self._listeners[topic].get_publisher_count() > 0)
+
+    def say(self, topic: str, message: Any) -> None:
+        if topic not in self._speakers:
+            self._speakers[topic] = self.create_publisher(TYPES[topic], topic, LOCKSTEP_QOS)
+            self.until(lambda: self._speakers[topic].get_subscription_count() > 1)
+        self._speakers[topic].publish(message)
+
+    def ask(self, service: str, request: Any) -> Any:
+        client = self._services_asked[service]
+        self.until(client.service_is_ready)
+        futures = []
+
+        def answered() -> bool:
+            if not futures or time.monotonic() > futures[-1][1] + 2.0:  # an answer may be lost when nodes just met
+                futures.append((client.call_async(request), time.monotonic()))
+            return any(future.done() for future, _ in futures)
+
+        self.until(answered)
+        return next(future.result() for future, _ in futures if future.done())
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.destroy_node()
+
+
+@pytest.fixture
+def probe(domain: int) -> Iterator[Probe]:
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    node = Probe(context)
+    yield node
+    node.close()
+    context.try_shutdown()

@@ -1,0 +1,101 @@
+"""The simulator node takes the action it waits for and no other."""
+
+from array import array
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rkhs_interfaces.msg import Action
+from rkhs_interfaces.srv import DescribeTask, StartEpisodes
+from rkhs_ros.policies.streams import Batch
+from sim_nodes.simulation import Simulation
+from test.ros.conftest import Probe, Process
+
+Start = Callable[..., Process]
+BATCH = Batch(seed=3, first_episode=5, rows=2, horizon=4, explore=True)
+
+
+@pytest.fixture
+def simulator(start: Start, parameters: Callable[..., Path], probe: Probe) -> Process:
+    process = start("simulator", "--ros-args", "--params-file", parameters("toy_nac"))
+    probe.meet("observation")
+    probe.until(lambda: probe.ask("describe_task", DescribeTask.Request()).connected)
+    return process
+
+
+def begin(probe: Probe, batch: int = 9) -> None:
+    request = StartEpisodes.Request(batch=batch, seed=3, first_episode=5, rows=2, horizon=4, explore=True)
+    assert probe.ask("start_episodes", request).accepted
+    probe.until(lambda: probe.heard["observation"][-1:] != [] and probe.heard["observation"][-1].batch == batch)
+
+
+def action(step: int, values: tuple[float, ...] = (0.5, -0.25), **changes: int) -> Action:
+    fields = {"batch": 9, "step": step, "policy_version": 1, **changes}
+    return Action(actions=array("d", values), **fields)
+
+
+def step_of(probe: Probe) -> int:
+    return int(probe.ask("describe_task", DescribeTask.Request()).step)
+
+
+def test_a_batch_over_topics_is_the_simulation_itself(simulator: Process, probe: Probe) -> None:
+    begin(probe)
+    for step in range(4):
+        probe.say("action", action(step))
+        probe.until(lambda: len(probe.heard["observation"]) == step + 2)  # noqa: B023  # awaited in this step
+    probe.until(lambda: len(probe.heard["episodes"]) == 1)
+    simulation = Simulation("rkhs/Toy-v0")
+    frames = [simulation.start(BATCH), *(simulation.step(np.array([[0.5], [-0.25]])) for _ in range(4))]
+    heard = [np.frombuffer(m.observations).reshape(2, 1) for m in probe.heard["observation"]]
+    np.testing.assert_array_equal(heard, [frame.observations for frame in frames])
+    rewards = np.frombuffer(probe.heard["episodes"][0].rewards).reshape(2, 4)
+    np.testing.assert_array_equal(rewards.T, [frame.rewards for frame in frames[1:]])
+
+
+@pytest.mark.parametrize(
+    "intruder",
+    [
+        action(1, batch=8),
+        action(0),
+        action(2),
+        action(1, policy_version=2),
+        action(1, (0.5,)),
+        action(1, (0.5, float("nan"))),
+        action(1, ()),
+    ],
+    ids=["foreign batch", "duplicate", "too early", "another policy", "too short", "not finite", "empty"],
+)
+def test_an_action_that_is_not_awaited_is_ignored(simulator: Process, probe: Probe, intruder: Action) -> None:
+    begin(probe)
+    probe.say("action", action(0))
+    probe.until(lambda: len(probe.heard["observation"]) == 2)
+    probe.say("action", intruder)
+    probe.settle()
+    assert len(probe.heard["observation"]) == 2
+    assert step_of(probe) == 1
+    probe.say("action", action(1))
+    probe.until(lambda: len(probe.heard["observation"]) == 3)
+    expected = Simulation("rkhs/Toy-v0")
+    expected.start(BATCH)
+    for _ in range(2):
+        frame = expected.step(np.array([[0.5], [-0.25]]))
+    np.testing.assert_array_equal(np.frombuffer(probe.heard["observation"][-1].observations), frame.observations[:, 0])
+
+
+def test_late_actions_of_an_abandoned_batch_do_not_touch_the_next(simulator: Process, probe: Probe) -> None:
+    begin(probe, batch=9)
+    probe.say("action", action(0))
+    probe.until(lambda: len(probe.heard["observation"]) == 2)
+    begin(probe, batch=10)
+    probe.say("action", action(1))
+    probe.settle()
+    assert step_of(probe) == 0
+
+
+def test_a_batch_out_of_range_is_refused_with_the_reason(simulator: Process, probe: Probe) -> None:
+    answer = probe.ask("start_episodes", StartEpisodes.Request(batch=1, rows=0, horizon=4))
+    assert not answer.accepted
+    assert "rows: expected 1 to 10000" in answer.message
+    begin(probe)
