@@ -63,7 +63,7 @@ types: build ## static types
 	@$(ENTER) mypy
 
 bench: build ## measure speed
-	@$(ENTER) for script in benchmarks/bench_*.py; do python "$$script"; done
+	@$(ENTER) for script in benchmarks/*.py; do python "$$script"; done
 
 clean: ## remove everything that was built or installed
 	@rm -rf .venv build install log .hypothesis .mypy_cache .pytest_cache .ruff_cache

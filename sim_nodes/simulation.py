@@ -70,7 +70,7 @@ class Simulation:
         clipped = clip(actions, self.action_low, self.action_high)
         shaped = clipped.reshape(len(actions), *(space.shape or ())).astype(space.dtype, copy=False)
         observations, rewards, terminated, truncated, _ = self._current.step(shaped)
-        rewards = np.where(self._active, np.asarray(rewards, dtype=np.float64), 0.0)
+        rewards = np.where(self._active, rewards, 0.0)
         self._active = self._active & ~(terminated | truncated)
         return Frame(self._flat(observations), rewards, self._active)
 

@@ -109,7 +109,7 @@ def _signals_passed_to(learner: subprocess.Popen[bytes]) -> Iterator[None]:
 
 def _end(nodes: Nodes) -> None:
     for process in nodes.values():
-        process.send_signal(signal.SIGINT)
+        process.terminate()
     deadline = time.monotonic() + PATIENCE
     for process in nodes.values():
         try:

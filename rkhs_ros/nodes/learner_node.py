@@ -6,10 +6,9 @@ import json
 import time
 from collections.abc import Callable
 from pathlib import Path
+from threading import Event
 from typing import Any
 
-import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
@@ -20,7 +19,7 @@ from rkhs_ros.experiments.run import run_training
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS, episodes_of, set_policy_request, start_request
 from rkhs_ros.nodes.parameters import declare, declared, given
-from rkhs_ros.nodes.spin import PeerError, run
+from rkhs_ros.nodes.spin import LOOK_UP, PeerError, StoppedError, run
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.settings import entries
@@ -47,6 +46,7 @@ class LearnerNode(Node):
         self.quiet = declared(self, tree, "quiet", False, "no progress bar")
         self.training = training_from(tree)
         declare(self, entries(self.training))
+        self.told = Event()  # to end
         self._executor = EventsExecutor()
         self._executor.add_node(self)
         self._identity = time.time_ns()  # names a batch for the peers; no result depends on it
@@ -150,9 +150,9 @@ class LearnerNode(Node):
             left = deadline - time.monotonic()
             if left <= 0:
                 return False
-            self._executor.spin_once(timeout_sec=min(left, 0.1))  # new peers do not wake it
-            if not rclpy.ok():
-                raise ExternalShutdownException
+            self._executor.spin_once(timeout_sec=min(left, LOOK_UP))  # nor do new peers wake it
+            if self.told.is_set():
+                raise StoppedError
         return True
 
 
@@ -161,8 +161,9 @@ def _accepted(response: Any, name: str) -> None:
         raise ValueError(f"the {name} node refused: {response.message}")
 
 
-def learn(node: LearnerNode) -> None:
-    """Run the whole training of a learner node."""
+def learn(node: LearnerNode, told: Event) -> None:
+    """Run the whole training of a learner node, or until told to end."""
+    node.told = told
     config = node.connect()
     run_training(config, node, Path(node.output) if node.output else None, quiet=node.quiet)
 

@@ -6,15 +6,17 @@ import gc
 import signal
 import sys
 from collections.abc import Callable
+from threading import Event
 from typing import TypeVar
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 BAD_INPUT = 2  # exit code
 FAILED = 1
+LOOK_UP = 0.1  # seconds between looks at whether a signal came
 AnyNode = TypeVar("AnyNode", bound=Node)
 
 
@@ -22,39 +24,45 @@ class PeerError(RuntimeError):
     """A node that does not answer in time or is there twice; the message names it."""
 
 
-def forever(node: Node) -> None:
-    """Handle a node's messages until it is told to shut down."""
+class StoppedError(RuntimeError):
+    """The process was told to end."""
+
+
+def forever(node: Node, told: Event) -> None:
+    """Handle a node's messages until told to end."""
     executor = EventsExecutor()
     executor.add_node(node)
-    while rclpy.ok():  # without a timeout this executor would not see signals
-        executor.spin_once(timeout_sec=3600.0)
+    while not told.is_set():
+        executor.spin_once(timeout_sec=LOOK_UP)
 
 
-def run(make_node: Callable[[], AnyNode], work: Callable[[AnyNode], None] = forever) -> None:
+def run(make_node: Callable[[], AnyNode], work: Callable[[AnyNode, Event], None] = forever) -> None:
     """Run a node's process: make it, let it work, and end cleanly.
 
     Bad input ends with one line and exit code 2, a silent peer or a full disk with one line and exit code 1, a
-    signal with exit code 0.
+    signal with exit code 0. A signal only leaves word: ROS's own handlers would pull the context from under a
+    callback that is about to publish.
     """
-    rclpy.init()
+    told = Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, frame: told.set())
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     code = 0
     try:
         node = make_node()
         gc.collect()
         gc.freeze()  # what was imported need not be searched for garbage between messages
         try:
-            work(node)
+            work(node, told)
         finally:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
             node.destroy_node()
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except StoppedError:
         pass
     except ValueError as error:
         code = _say(error, BAD_INPUT)
     except (PeerError, OSError) as error:
         code = _say(error, FAILED)
     finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
         rclpy.try_shutdown()
     sys.exit(code)
 

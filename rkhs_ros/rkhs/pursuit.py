@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from scipy.linalg import qr, solve_triangular
+from scipy.linalg import solve_triangular
 
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array, Kernel
@@ -22,6 +22,7 @@ from rkhs_ros.rkhs.validation import require
 Fitting = Literal["basic", "back_fitting", "pre_fitting"]
 DEPENDENT = 1e-10  # a candidate this close to the span of the chosen ones, relative to its length, adds nothing
 SPARSIFICATION_RIDGE = 1e-8
+BLOCK = 1000  # points whose basis functions are held at once, few enough for the cache
 
 
 @dataclass(frozen=True)
@@ -79,18 +80,30 @@ def pursue(
     require(budget >= 1, "budget", "at least 1 centre", budget)
     cholesky = pivoted_cholesky(kernel, candidates, rank, tolerance=1e-13)
     basis = NewtonBasis.of(kernel, candidates, cholesky)
-    frame, triangle = qr(basis(points), mode="economic", check_finite=False)
-    reduced = frame.T @ targets
-    unreachable = max(float(np.sum(targets**2) - np.sum(reduced**2)), 0.0)
-    if ridge > 0:  # the Newton basis is orthonormal, so more rows measure the function's norm
-        triangle = np.concatenate([triangle, np.sqrt(ridge * len(points)) * np.eye(triangle.shape[1])])
-        reduced = np.concatenate([reduced, np.zeros((triangle.shape[1], targets.shape[1]))])
+    triangle, reduced, unreachable = _reduce(basis, points, targets, ridge)
     dictionary = triangle @ cholesky.values.T
     search = _basic if fitting == "basic" else _orthogonal
     floor = tolerance * float(np.linalg.norm(targets))
     chosen, weights, squares = search(dictionary, reduced, budget, floor**2 - unreachable, fitting)
     residuals = np.sqrt(np.array(squares) + unreachable)
     return Pursuit(chosen, Function(kernel, candidates[chosen], weights), residuals)
+
+
+def _reduce(basis: NewtonBasis, points: Array, targets: Array, ridge: float) -> tuple[Array, Array, float]:
+    """Return a least-squares problem of few rows that stands for the one of all points.
+
+    Returns:
+        The triangular factor R of the basis at the points (a QR factorisation), shape (m, m); the targets' coordinates
+        Q'y, shape (m, k); and the square of what no function of the basis reaches.
+    """
+    m = len(basis.centres)
+    # The Newton basis is orthonormal, so these rows measure the function's norm.
+    factor = np.sqrt(ridge * len(points)) * np.eye(m if ridge > 0 else 0, m + targets.shape[1])
+    for start in range(0, len(points), BLOCK):
+        block = slice(start, start + BLOCK)
+        rows = np.concatenate([basis(points[block]), targets[block]], axis=1)
+        factor = np.asarray(np.linalg.qr(np.concatenate([factor, rows]), mode="r"))
+    return factor[:m, :m], factor[:m, m:], float(np.sum(factor[m:, m:] ** 2))
 
 
 def _orthogonal(
@@ -100,6 +113,7 @@ def _orthogonal(
     lengths = np.einsum("ij,ij->j", dictionary, dictionary)
     remaining = lengths.copy()  # squared distance of each column from the span of the chosen ones
     residual = target.copy()
+    products = residual.T @ dictionary
     budget = min(budget, *dictionary.shape)
     frame = np.empty((budget, len(dictionary)))
     triangle = np.zeros((budget, budget))
@@ -108,16 +122,18 @@ def _orthogonal(
     while len(chosen) < budget and squares[-1] > floor:
         scale = remaining if fitting == "pre_fitting" else lengths
         independent = remaining > DEPENDENT * lengths
-        gains = np.sum((residual.T @ dictionary) ** 2, axis=0) / np.where(independent, scale, np.inf)
+        gains = np.sum(products**2, axis=0) / np.where(independent, scale, np.inf)
         best = int(gains.argmax())
         if gains[best] <= 0.0:
             break
         k = len(chosen)
-        column, coordinates = _orthogonalise(dictionary[:, best], frame[:k])
-        frame[k], triangle[: k + 1, k] = column, coordinates
+        column, triangle[:k, k], triangle[k, k] = _orthogonalise(dictionary[:, best], frame[:k])
+        frame[k] = column
         chosen.append(best)
-        residual -= np.outer(column, column @ residual)
-        remaining = np.maximum(remaining - (column @ dictionary) ** 2, 0.0)
+        weight, shares = column @ residual, column @ dictionary
+        residual -= np.outer(column, weight)
+        products -= np.outer(weight, shares)
+        remaining = np.maximum(remaining - shares**2, 0.0)
         remaining[best] = 0.0
         squares.append(float(np.sum(residual**2)))
     k = len(chosen)
@@ -125,14 +141,17 @@ def _orthogonal(
     return np.array(chosen, dtype=int), np.asarray(weights), squares
 
 
-def _orthogonalise(column: Array, frame: Array) -> tuple[Array, Array]:
-    """Return the unit vector that the column adds to the frame's rows, and its coordinates (Gram-Schmidt, twice)."""
+def _orthogonalise(column: Array, frame: Array) -> tuple[Array, Array, float]:
+    """Return the unit vector that the column adds to the rows of the frame, and the column's coordinates in both.
+
+    Gram-Schmidt, done twice: once loses digits.
+    """
     first = frame @ column
     rest = column - first @ frame
     second = frame @ rest
     rest -= second @ frame
-    length = np.linalg.norm(rest)
-    return rest / length, np.append(first + second, length)
+    length = float(np.linalg.norm(rest))
+    return rest / length, first + second, length
 
 
 def _basic(

@@ -26,7 +26,8 @@ class VectorTask(VectorEnv[Array, Array, Any]):
     """Rows of one task, stepped together, each with a random stream of its own.
 
     A subclass gives the spaces, the number of noise draws of a transition, and four formulas over rows.
-    Actions are clipped to their space. A row that reached its last step starts anew at the next one.
+    Actions are clipped to their space. The rows are always at the same step; after the last one the next step
+    starts them anew.
 
     Args:
         num_envs: number of rows.
@@ -77,21 +78,21 @@ class VectorTask(VectorEnv[Array, Array, Any]):
         self._noise: Array = np.empty((0, self.num_envs, self.noise_dim))
         self._noise_used = 0
         self._states = self.initial_states(self.num_envs)
-        self._steps = np.zeros(self.num_envs, dtype=int)
+        self._step = 0
         return self.observe(self._states), {}
 
     def step(self, actions: Array) -> tuple[Array, Any, Any, Any, dict[str, Any]]:
         """Make one step in every row."""
         clipped = clip(actions, self.single_action_space.low, self.single_action_space.high)
-        starting = self._steps == self.max_episode_steps
-        rewards = self.reward(self._states, clipped)
-        self._states = self.transition(self._states, clipped, self._next_noise())
-        self._steps += 1
-        if starting.any():
-            rewards[starting] = 0.0
-            self._states[starting] = self.initial_states(int(starting.sum()))
-            self._steps[starting] = 0
-        truncated = self._steps == self.max_episode_steps
+        noise = self._next_noise()
+        if self._step == self.max_episode_steps:
+            self._step = 0
+            self._states, rewards = self.initial_states(self.num_envs), np.zeros(self.num_envs)
+        else:
+            self._step += 1
+            rewards = self.reward(self._states, clipped)
+            self._states = self.transition(self._states, clipped, noise)
+        truncated = np.full(self.num_envs, self._step == self.max_episode_steps)
         return self.observe(self._states), rewards, np.zeros(self.num_envs, dtype=bool), truncated, {}
 
     def _next_noise(self) -> Array:

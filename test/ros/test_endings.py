@@ -104,12 +104,15 @@ def test_a_learner_alone_names_who_is_missing(start: Start, parameters: Paramete
     assert not (tmp_path / "out").exists()
 
 
-def test_two_simulators_on_the_same_names_are_told_apart(start: Start, parameters: Parameters, probe: Probe) -> None:
-    file = parameters("toy_nac")
+def test_two_simulators_on_the_same_names_are_told_apart(
+    start: Start, parameters: Parameters, probe: Probe, tmp_path: Path
+) -> None:
+    out = f"output:={tmp_path / 'out'}"
+    file = parameters("toy_nac", "iterations=10000")  # they may be found out late
     for name in ("simulator", "simulator", "policy"):
         start(name, *(("--ros-args", "--params-file", file) if name == "simulator" else ()))
     probe.until(lambda: probe.count_publishers("observation") == 2)
-    code, _, err = start("learner", "--ros-args", "--params-file", file).finish()
+    code, _, err = start("learner", "--ros-args", "--params-file", file, "-p", out).finish()
     assert code == 1
     assert "expected one simulator node, got 2" in err
 

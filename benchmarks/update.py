@@ -1,0 +1,132 @@
+"""Updates of the policy at growing numbers of samples, and matching pursuit beside scikit-learn's.
+
+Time is the median over repeats on one core; memory is the peak that one more, traced pass allocates.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+import tracemalloc
+from collections.abc import Callable
+from statistics import median
+
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import numpy as np
+from sklearn.linear_model import OrthogonalMatchingPursuit
+
+from rkhs_ros.experiments.config import Training
+from rkhs_ros.experiments.rollout import InlineRunner
+from rkhs_ros.experiments.training import train
+from rkhs_ros.learning.algorithm import Algorithm
+from rkhs_ros.learning.registry import ALGORITHMS
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rkhs.kernels import RBF
+from rkhs_ros.rkhs.pursuit import Pursuit, pursue
+from sim_nodes.simulation import Simulation
+
+REPEATS = {1_000: 51, 10_000: 21, 100_000: 7}
+POINTS, ATOMS = 1000, 40
+
+
+def seconds_of(call: Callable[[], object], repeats: int) -> float:
+    """Return the median time of a call, after one that is not counted."""
+    call()
+    times = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - begin)
+    return median(times)
+
+
+def peak_of(call: Callable[[], object]) -> int:
+    """Return the most bytes a call holds at once."""
+    tracemalloc.start()
+    call()
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    return peak
+
+
+def growth(amounts: dict[int, float], first: int, last: int) -> float:
+    """Return the exponent with which the amounts grow from the first to the last number of samples."""
+    return math.log(amounts[last] / amounts[first]) / math.log(last / first)
+
+
+def updates(name: str, algorithm: Algorithm) -> None:
+    """Print time and memory of an algorithm's update of a pendulum policy that has all its centres."""
+    training = Training(iterations=3, exploration_sd=(2.0,), algorithm=algorithm)
+    runner = InlineRunner(Simulation("rkhs/Pendulum-v0"))
+    *_, last = train(training, runner)
+    seconds: dict[int, float] = {}
+    memory: dict[int, float] = {}
+    for samples, repeats in REPEATS.items():
+        batch = Batch(1, 0, samples // training.horizon, training.horizon, explore=True)
+        episodes = runner.collect(last.policy, batch)
+
+        def update() -> None:
+            algorithm.update(last.policy, episodes, training.discount)  # noqa: B023  # called in this round only
+
+        seconds[samples], memory[samples] = seconds_of(update, repeats), peak_of(update)
+        aim = "   (aim 15 ms)" if samples == min(REPEATS) else ""
+        print(
+            f"{name:<11}{samples:>7} samples, {last.metrics.centres} centres"
+            f"  {1e3 * seconds[samples]:8.1f} ms  {memory[samples] / 2**20:8.1f} MiB{aim}"
+        )
+    for first in (1_000, 10_000):
+        print(
+            f"{name:<11}growth from {first:>6} to 100000     {growth(seconds, first, 100_000):8.2f}"
+            f"     {growth(memory, first, 100_000):8.2f}       (aim at most 1.1)"
+        )
+
+
+def pursuits() -> None:
+    """Print residual and time of orthogonal matching pursuit, here and in scikit-learn, on one dictionary."""
+    rng = np.random.default_rng(0)
+    points, candidates = rng.uniform(-3.0, 3.0, (2, POINTS, 2))
+    targets = np.sin(2 * points[:, :1]) * np.cos(points[:, 1:]) + 0.1 * rng.standard_normal((POINTS, 1))
+    kernel = RBF((1.0,))
+
+    def form() -> np.ndarray:
+        columns = kernel(points, candidates)
+        return columns / np.linalg.norm(columns, axis=0)
+
+    dictionary = form()
+    theirs = OrthogonalMatchingPursuit(n_nonzero_coefs=ATOMS, fit_intercept=False)
+
+    def fit_ours() -> Pursuit:
+        return pursue(kernel, points, targets, candidates, budget=ATOMS, fitting="back_fitting")
+
+    def fit_theirs() -> object:
+        return theirs.fit(dictionary, targets[:, 0])
+
+    def error(fitted: np.ndarray) -> float:
+        return float(np.linalg.norm(targets[:, 0] - fitted) / np.linalg.norm(targets))
+
+    our_seconds, their_seconds, forming = (seconds_of(call, 31) for call in (fit_ours, fit_theirs, form))
+    ours = fit_ours()
+    print(f"pursuit of {len(ours.chosen)} among {POINTS} candidates, {POINTS} points; residual relative to the targets")
+    print(
+        f"back-fitting, all from the points        {1e3 * our_seconds:8.1f} ms   "
+        f"residual {error(ours.function(points)[:, 0]):.6f}"
+    )
+    print(
+        f"scikit-learn, the dictionary ready-made  {1e3 * their_seconds:8.1f} ms   "
+        f"residual {error(theirs.predict(dictionary)):.6f}   {their_seconds / our_seconds:.2f} times ours (aim above 1)"
+    )
+    both = their_seconds + forming
+    print(f"scikit-learn, with forming it            {1e3 * both:8.1f} ms   {both / our_seconds:26.2f} times ours")
+
+
+def main() -> None:
+    """Print the tables."""
+    for name, algorithm in ALGORITHMS.items():
+        updates(name, algorithm())
+    pursuits()
+
+
+if __name__ == "__main__":
+    main()
