@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.policies.variance import Variance
+from rkhs_ros.policies.variance import KernelVariance, Variance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.validation import require
@@ -33,6 +33,9 @@ class GaussianPolicy:
             f"{self.mean.output_dim} action dimensions, as the mean has",
             self.variance.output_dim,
         )
+        if isinstance(self.variance, KernelVariance):
+            d = self.mean.input_dim
+            require(self.variance.input_dim == d, "variance centres", f"{d} columns", self.variance.input_dim)
 
     def act(self, observations: Array, exploration: Array) -> Array:
         """Return actions, shape (batch, n), from standard normal draws of that shape."""

@@ -82,6 +82,11 @@ class KernelVariance:
         require(bool((self.minimum <= self.maximum).all()), "variance minimum", "at most the maximum", self.minimum)
 
     @property
+    def input_dim(self) -> int:
+        """Dimension of the points."""
+        return int(self.centres.shape[1])
+
+    @property
     def output_dim(self) -> int:
         """Number of action dimensions."""
         return int(self.values.shape[1])

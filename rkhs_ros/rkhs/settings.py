@@ -6,7 +6,7 @@ From them the YAML files are validated, the ROS parameters declared and the reso
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, Field, field, fields, is_dataclass
+from dataclasses import Field, field, fields, is_dataclass
 from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 from rkhs_ros.rkhs.validation import hint, pick, require
@@ -139,8 +139,3 @@ def entries(settings: Any, path: str = "") -> Iterator[Entry]:
             yield from entries(value, f"{path}{f.name}.")
         elif "description" in f.metadata:
             yield Entry(path + f.name, value, f.metadata)
-
-
-def defaults(cls: type) -> dict[str, Any]:
-    """Return the plain defaults of a settings dataclass by field name."""
-    return {f.name: f.default for f in fields(cls) if f.default is not MISSING}

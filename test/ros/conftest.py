@@ -139,6 +139,9 @@ class Probe(Node):
             self.until(lambda: self._speakers[topic].get_subscription_count() > 1)
         self._speakers[topic].publish(message)
 
+    def add_service(self, name: str, kind: Any) -> None:
+        self._services_asked[name] = self.create_client(kind, name)
+
     def ask(self, service: str, request: Any) -> Any:
         client = self._services_asked[service]
         self.until(client.service_is_ready)

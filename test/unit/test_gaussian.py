@@ -102,3 +102,8 @@ def test_without_exploration_the_mean_acts(random_policy: Make, rng: np.random.G
 def test_mean_and_variance_of_different_dimensions_are_refused(random_policy: Make) -> None:
     with pytest.raises(ValueError, match="variance: expected 2 action dimensions, as the mean has, got 3"):
         replace(random_policy(n=2), variance=ConstantVariance(np.ones(3)))
+
+
+def test_a_variance_over_other_points_than_the_mean_is_refused(random_policy: Make) -> None:
+    with pytest.raises(ValueError, match="variance centres: expected 3 columns, got 2"):
+        GaussianPolicy(random_policy(d=3, learnt=True).mean, random_policy(d=2, learnt=True).variance)

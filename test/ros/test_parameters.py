@@ -1,0 +1,45 @@
+"""All settings are ROS parameters with a description, and with a range where they are bounded."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
+from rclpy.parameter import Parameter
+
+from rkhs_ros.experiments.config import Training
+from rkhs_ros.rkhs.settings import entries
+from test.ros.conftest import Probe, Process
+
+NAMES = [entry.name for entry in entries(Training())]
+
+
+@pytest.fixture
+def learner(start: Callable[..., Process], parameters: Callable[..., Path], tmp_path: Path, probe: Probe) -> Probe:
+    file = parameters("pendulum_nac", "algorithm.ridge=0.25", "seed=11")
+    start("learner", "--ros-args", "--params-file", file, "-p", f"output:={tmp_path / 'out'}")
+    for service in (DescribeParameters, GetParameters, SetParameters):
+        name = {DescribeParameters: "describe", GetParameters: "get", SetParameters: "set"}[service]
+        probe.add_service(f"learner/{name}_parameters", service)
+    return probe
+
+
+def test_every_setting_is_described_and_read_only(learner: Probe) -> None:
+    answer = learner.ask("learner/describe_parameters", DescribeParameters.Request(names=NAMES))
+    described = {descriptor.name: descriptor for descriptor in answer.descriptors}
+    assert set(described) == set(NAMES)
+    assert all(d.description and d.read_only and d.type != ParameterType.PARAMETER_NOT_SET for d in described.values())
+    (discount,) = described["discount"].floating_point_range
+    assert (discount.from_value, discount.to_value) == (0.0, 1.0)
+    (iterations,) = described["iterations"].integer_range
+    assert iterations.from_value == 1
+    assert "trajectory" in described["algorithm.critic"].additional_constraints
+
+
+def test_settings_have_the_values_of_the_file_and_cannot_be_changed_in_a_run(learner: Probe) -> None:
+    answer = learner.ask("learner/get_parameters", GetParameters.Request(names=["algorithm.ridge", "seed"]))
+    assert [answer.values[0].double_value, answer.values[1].integer_value] == [0.25, 11]
+    change = Parameter("algorithm.ridge", value=0.5).to_parameter_msg()
+    (result,) = learner.ask("learner/set_parameters", SetParameters.Request(parameters=[change])).results
+    assert not result.successful
