@@ -44,8 +44,11 @@ def _train(options: argparse.Namespace) -> int:
     config = load_config(options.config, [*changes, *options.set])
     simulation = Simulation(config.environment.id, config.environment.options)  # refuses what cannot be served
     if options.runner == "ros":
+        interfaces = importlib.util.find_spec(
+            "rkhs_interfaces"
+        )  # its source folder passes for a package without origin
         require(
-            importlib.util.find_spec("rkhs_interfaces.msg") is not None,
+            interfaces is not None and interfaces.origin is not None,
             "rkhs_interfaces",
             "the built interfaces (run 'make build', then 'source setup.bash')",
             "none",
@@ -55,7 +58,7 @@ def _train(options: argparse.Namespace) -> int:
         run_training(config, InlineRunner(simulation), folder, quiet=options.quiet)
         code = 0
     else:
-        code = launch(resolved(config), (f"output:={folder}", f"quiet:={options.quiet}".lower()))
+        code = launch(resolved(config), (f"output:={folder.resolve()}", f"quiet:={options.quiet}".lower()))
     if code == 0:
         print(summary(folder, config))
     return code

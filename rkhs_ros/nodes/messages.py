@@ -49,11 +49,7 @@ def observation_message(identity: int, batch: Batch, step: int, frame: Frame) ->
     return msg.Observation(
         batch=identity,
         step=step,
-        horizon=batch.horizon,
-        seed=batch.seed,
-        first_episode=batch.first_episode,
-        explore=batch.explore,
-        rows=batch.rows,
+        **vars(batch),
         observations=doubles(frame.observations),
         rewards=doubles(frame.rewards),
     )
@@ -76,14 +72,7 @@ def batch_of(message: msg.Observation | StartEpisodes.Request) -> Batch:
 
 def start_request(identity: int, batch: Batch) -> StartEpisodes.Request:
     """Return the request to start a batch."""
-    return StartEpisodes.Request(
-        batch=identity,
-        seed=batch.seed,
-        first_episode=batch.first_episode,
-        rows=batch.rows,
-        horizon=batch.horizon,
-        explore=batch.explore,
-    )
+    return StartEpisodes.Request(batch=identity, **vars(batch))
 
 
 def episodes_message(identity: int, version: int, episodes: Episodes) -> msg.Episodes:

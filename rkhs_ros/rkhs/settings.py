@@ -49,25 +49,24 @@ def variant(default: Any, table: Mapping[str, type], key: str) -> Any:
     return field(default=default, metadata={"table": table, "key": key})
 
 
-def build(cls: type[T], values: Tree, path: str = "", **given: Any) -> T:
+def build(cls: type[T], values: Tree, path: str = "") -> T:
     """Make a settings dataclass from a tree of values.
 
     Args:
         cls: the dataclass.
         values: plain values by field name, nested for nested settings.
         path: dotted prefix for messages.
-        given: fields that are not settings.
 
     Raises:
         ValueError: an unknown key, a value of another type or out of its range; one line with a hint.
     """
     require(isinstance(values, Mapping), path.rstrip(".") or "configuration", "a section of keys", repr(values))
-    known = {f.name: f for f in fields(cls) if f.name not in given}  # type: ignore[arg-type]  # a dataclass
+    known = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]  # a dataclass
     for key in values:
         if key not in known:
             raise ValueError(f"unknown key '{path}{key}', {hint(str(key), known)}")
     types = get_type_hints(cls)
-    return cls(**given, **{k: _convert(f, types[k], values[k], path + k) for k, f in known.items() if k in values})
+    return cls(**{k: _convert(f, types[k], values[k], path + k) for k, f in known.items() if k in values})
 
 
 def _build_variant(f: Field[Any], values: Tree, path: str) -> Any:
