@@ -64,6 +64,8 @@ def run(make_node: Callable[[], AnyNode], work: Callable[[AnyNode, Event], None]
         code = _say(error, FAILED)
     finally:
         rclpy.try_shutdown()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)  # Python would put back what kills it while it ends
     sys.exit(code)
 
 
