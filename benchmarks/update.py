@@ -9,7 +9,8 @@ import math
 import os
 import time
 import tracemalloc
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from statistics import median
 
 os.environ["OMP_NUM_THREADS"] = "1"
@@ -17,17 +18,19 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import numpy as np
 from sklearn.linear_model import OrthogonalMatchingPursuit
 
-from rkhs_ros.experiments.config import Training
+from rkhs_ros.experiments.config import load_config
 from rkhs_ros.experiments.rollout import InlineRunner
 from rkhs_ros.experiments.training import train
-from rkhs_ros.learning.algorithm import Algorithm
-from rkhs_ros.learning.registry import ALGORITHMS
+from rkhs_ros.learning.algorithm import Experience
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import RBF
 from rkhs_ros.rkhs.pursuit import Pursuit, pursue
 from sim_nodes.simulation import Simulation
 
-REPEATS = {1_000: 51, 10_000: 21, 100_000: 7}
+CONFIGS = Path(__file__).parents[1] / "config"
+REPEATS = {1_000: 21, 10_000: 7, 100_000: 3}
 POINTS, ATOMS = 1000, 40
 
 
@@ -56,31 +59,42 @@ def growth(amounts: dict[int, float], first: int, last: int) -> float:
     return math.log(amounts[last] / amounts[first]) / math.log(last / first)
 
 
-def updates(name: str, algorithm: Algorithm) -> None:
-    """Print time and memory of an algorithm's update of a pendulum policy that has all its centres."""
-    training = Training(iterations=3, exploration_sd=(2.0,), algorithm=algorithm)
-    runner = InlineRunner(Simulation("rkhs/Pendulum-v0"))
+def update_of(config: Path, samples: int, changes: Sequence[str] = ()) -> tuple[Callable[[], object], int]:
+    """Return an update after three iterations, of episodes with that many steps, and the policy's centres."""
+    settings = load_config(config, [*changes, "iterations=3"])
+    training, environment = settings.training, settings.environment
+    runner = InlineRunner(Simulation(environment.id, environment.options))
     *_, last = train(training, runner)
+    batch = Batch(1, 0, samples // training.horizon, training.horizon, explore=True)
+    episodes = runner.collect(last.policy, batch).seen_through(last.policy.inputs)
+    memory = episodes.take(slice(0))
+
+    def collect(policy: GaussianPolicy, rows: int) -> Episodes:
+        raise RuntimeError("these step rules try nothing out")
+
+    experience = Experience(episodes, training.discount, memory, collect)
+    return lambda: training.algorithm.update(last.policy, experience), last.metrics.centres
+
+
+def updates(config: Path, changes: Sequence[str] = (), aim: float = 30.0) -> None:
+    """Print time and memory of an algorithm's update of a policy that has all its centres."""
+    name = " ".join([config.stem, *(change.rpartition(".")[2] for change in changes)])
     seconds: dict[int, float] = {}
     memory: dict[int, float] = {}
     for samples, repeats in REPEATS.items():
-        batch = Batch(1, 0, samples // training.horizon, training.horizon, explore=True)
-        episodes = runner.collect(last.policy, batch)
-
-        def update() -> None:
-            algorithm.update(last.policy, episodes, training.discount)  # noqa: B023  # called in this round only
-
+        update, centres = update_of(config, samples, changes)
         seconds[samples], memory[samples] = seconds_of(update, repeats), peak_of(update)
-        aim = "   (aim 15 ms)" if samples == min(REPEATS) else ""
+        note = f"   (aim {aim:.0f} ms)" if samples == min(REPEATS) else ""
+        size = f"{samples:>6} samples, {centres:>4} centres"
         print(
-            f"{name:<11}{samples:>7} samples, {last.metrics.centres} centres"
-            f"  {1e3 * seconds[samples]:8.1f} ms  {memory[samples] / 2**20:8.1f} MiB{aim}"
+            f"{name:<40}{size}  {1e3 * seconds[samples]:8.1f} ms  {memory[samples] / 2**20:8.1f} MiB{note}", flush=True
         )
-    for first in (1_000, 10_000):
-        print(
-            f"{name:<11}growth from {first:>6} to 100000     {growth(seconds, first, 100_000):8.2f}"
-            f"     {growth(memory, first, 100_000):8.2f}       (aim at most 1.1)"
-        )
+    least, most = min(REPEATS), max(REPEATS)
+    print(
+        f"{name:<40}growth from {least} to {most}    {growth(seconds, least, most):8.2f}"
+        f"     {growth(memory, least, most):8.2f}       (aim at most 1.1)",
+        flush=True,
+    )
 
 
 def pursuits() -> None:
@@ -121,10 +135,24 @@ def pursuits() -> None:
     print(f"scikit-learn, with forming it            {1e3 * both:8.1f} ms   {both / our_seconds:26.2f} times ours")
 
 
+def once(config: Path, changes: Sequence[str], aim: str) -> None:
+    """Print the time of an update at the fewest samples only."""
+    update, centres = update_of(config, min(REPEATS), changes)
+    name = " ".join([config.stem, *(change.rpartition(".")[2] for change in changes)])
+    size = f"{min(REPEATS):>6} samples, {centres:>4} centres"
+    print(f"{name:<40}{size}  {1e3 * seconds_of(update, 9):8.1f} ms   {aim}", flush=True)
+
+
 def main() -> None:
     """Print the tables."""
-    for name, algorithm in ALGORITHMS.items():
-        updates(name, algorithm())
+    for name in ("ac", "npg", "nac", "power", "grid_ac", "enac", "grid_power"):
+        updates(CONFIGS / f"pendulum_{name}.yaml")
+    updates(CONFIGS / "pendulum_nac.yaml", ["algorithm.critic=trajectory"])
+    updates(CONFIGS / "pendulum_nac.yaml", ["algorithm.regression=pursuit"])
+    for name in ("ac", "npg", "nac", "power"):
+        once(CONFIGS / f"pendulum_pomdp_{name}.yaml", [], "(aim 100 ms)")
+    once(CONFIGS / "pendulum_pomdp_enac.yaml", [], "")
+    once(CONFIGS / "pendulum_power.yaml", ["algorithm.weighting=printed"], "as printed: cubic in the samples")
     pursuits()
 
 

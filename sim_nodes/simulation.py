@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.validation import hint
-from sim_nodes.envs.vector_task import clip  # its package registers the tasks
+from sim_nodes.envs.vector_task import JointStates, VectorTask, clip  # its package registers the tasks
 
 Array = NDArray[np.float64]
 
@@ -73,6 +73,20 @@ class Simulation:
         rewards = np.where(self._active, rewards, 0.0)
         self._active = self._active & ~(terminated | truncated)
         return Frame(self._flat(observations), rewards, self._active)
+
+    def joint_states(self) -> JointStates | None:
+        """Return what the robot of the first row did in the step just made; None for nothing, or no robot."""
+        return self.vector.joint_states() if isinstance(self.vector, VectorTask) else None
+
+    def robot_description(self) -> str | None:
+        """Return the robot's URDF; None for a task without a robot."""
+        task = self._vector(1, 1)
+        return task.robot_description() if isinstance(task, VectorTask) else None
+
+    @property
+    def vector(self) -> VectorEnv[Any, Any, Any]:
+        """The environment of the batch that was begun last, to look at."""
+        return self._current
 
     def _flat(self, observations: Any) -> Array:
         return np.asarray(observations, dtype=np.float64).reshape(len(observations), -1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from rclpy.node import Node
 
 from rkhs_interfaces.msg import Action, Episodes, Observation
@@ -9,12 +11,15 @@ from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.experiments.config import environment_from
 from rkhs_ros.experiments.rollout import EpisodeRecorder
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS, batch_of, describe, episodes_message, matrix, observation_message
-from rkhs_ros.nodes.parameters import declare, given
+from rkhs_ros.nodes.parameters import declare, declared, given
 from rkhs_ros.nodes.spin import run
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.settings import Entry
 from rkhs_ros.rkhs.validation import hint
 from sim_nodes.simulation import Frame, Simulation
+
+if TYPE_CHECKING:
+    from rkhs_ros.nodes.robot_state import RobotState
 
 
 class SimulatorNode(Node):
@@ -32,7 +37,10 @@ class SimulatorNode(Node):
             ValueError: an unknown parameter, or an environment that cannot be served.
         """
         super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
-        self._simulation = self._make_simulation(given(self))
+        tree = given(self)
+        shown = declared(self, tree, "robot_state", False, "publish joint_states and robot_description for viewers")
+        self._simulation = self._make_simulation(tree)
+        self._robot = self._make_robot_state() if shown else None
         self._batch: Batch | None = None
         self._identity = 0
         self._step = 0
@@ -50,6 +58,13 @@ class SimulatorNode(Node):
         environment = environment_from(tree.get("environment", {}))
         declare(self, [Entry("environment.id", environment.id, {"description": "Gymnasium id of the environment"})])
         return Simulation(environment.id, environment.options)
+
+    def _make_robot_state(self) -> RobotState:
+        try:
+            from rkhs_ros.nodes.robot_state import RobotState
+        except ImportError as error:
+            raise ValueError(f"robot_state: expected sensor_msgs and std_msgs to be installed, got: {error}") from error
+        return RobotState(self, self._simulation)
 
     def _describe(self, request: DescribeTask.Request, response: DescribeTask.Response) -> DescribeTask.Response:
         heard = self._observations.get_subscription_count() > 0 and self._episodes.get_subscription_count() > 0
@@ -88,6 +103,8 @@ class SimulatorNode(Node):
         self._publish(batch, frame)
         self._recorder.acted(self._step - 1, actions)
         self._record(batch, frame)
+        if self._robot is not None:
+            self._robot.publish()
 
     def _awaits(self, batch: Batch, message: Action) -> bool:
         in_turn = (message.batch, message.step) == (self._identity, self._step) and self._step < batch.horizon

@@ -6,22 +6,32 @@ import argparse
 import importlib.util
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+import gymnasium
+
 from rkhs_ros.experiments.config import load_config
+from rkhs_ros.experiments.experiment import known, load_experiment
+from rkhs_ros.experiments.figures import draw_experiment
+from rkhs_ros.experiments.film import USUAL, shoot
+from rkhs_ros.experiments.film_files import animate, draw_strip
 from rkhs_ros.experiments.launcher import launch
 from rkhs_ros.experiments.report import new_folder, resolved, summary
+from rkhs_ros.experiments.reproduce import reproduce
+from rkhs_ros.experiments.results import results
 from rkhs_ros.experiments.rollout import InlineRunner
 from rkhs_ros.experiments.run import run_training
+from rkhs_ros.experiments.table import load_table
 from rkhs_ros.learning.kernel_choice import KERNELS
 from rkhs_ros.learning.registry import ALGORITHMS
-from rkhs_ros.policies.storage import load_policy
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.storage import Task, load_policy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.validation import require
-from sim_nodes.envs import TASKS
-from sim_nodes.simulation import Simulation
+from sim_nodes.simulation import Simulation  # its package registers the tasks
 
+OURS = "rkhs/"  # what the names of the tasks begin with
 BAD_INPUT = 2
 INTERRUPTED = 130
 
@@ -40,7 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _train(options: argparse.Namespace) -> int:
-    changes = [f"{name}={value}" for name in ("seed", "iterations") if (value := getattr(options, name)) is not None]
+    names = ("seed", "iterations", "simulators")
+    changes = [f"{name}={value}" for name in names if (value := getattr(options, name)) is not None]
     config = load_config(options.config, [*changes, *options.set])
     simulation = Simulation(config.environment.id, config.environment.options)  # refuses what cannot be served
     if options.runner == "ros":
@@ -58,22 +69,30 @@ def _train(options: argparse.Namespace) -> int:
         run_training(config, InlineRunner(simulation), folder, quiet=options.quiet)
         code = 0
     else:
-        code = launch(resolved(config), (f"output:={folder.resolve()}", f"quiet:={options.quiet}".lower()))
+        more = (f"output:={folder.resolve()}", f"quiet:={options.quiet}".lower())
+        code = launch(resolved(config), more, simulators=config.training.simulators)
     if code == 0:
         print(summary(folder, config))
     return code
 
 
-def _evaluate(options: argparse.Namespace) -> int:
-    require(options.episodes >= 1, "--episodes", "at least 1", options.episodes)
-    policy, task = load_policy(options.policy)
+def _loaded(path: Path) -> tuple[GaussianPolicy, Task, InlineRunner]:
+    """Return a policy, its task and where it can act."""
+    policy, task = load_policy(path)
     runner = InlineRunner(Simulation(task.environment, task.options))
+    input_dim = policy.inputs.dimension(runner.observation_dim, runner.action_dim)
     require(
-        (runner.observation_dim, runner.action_dim) == (policy.mean.input_dim, policy.mean.output_dim),
-        f"{options.policy}",
-        f"a policy from {runner.observation_dim} to {runner.action_dim} dimensions, as {task.environment} has",
+        (input_dim, runner.action_dim) == (policy.mean.input_dim, policy.mean.output_dim),
+        f"{path}",
+        f"a policy from {input_dim} to {runner.action_dim} dimensions, as {task.environment} has",
         f"{policy.mean.input_dim} to {policy.mean.output_dim}",
     )
+    return policy, task, runner
+
+
+def _evaluate(options: argparse.Namespace) -> int:
+    require(options.episodes >= 1, "--episodes", "at least 1", options.episodes)
+    policy, task, runner = _loaded(options.policy)
     episodes = runner.collect(policy, Batch(options.seed, 0, options.episodes, task.horizon, explore=False))
     returns = episodes.returns(task.discount)
     result = {
@@ -88,8 +107,39 @@ def _evaluate(options: argparse.Namespace) -> int:
     return 0
 
 
+def _render(options: argparse.Namespace) -> int:
+    film = shoot(*_loaded(options.policy), seed=options.seed, frames=options.frames)
+    folder = options.out or options.policy.parent
+    folder.mkdir(parents=True, exist_ok=True)
+    for write, name in ((draw_strip, "film.png"), (animate, "film.gif")):
+        write(folder / name, film)
+        print(folder / name)
+    return 0
+
+
+def _reproduce(options: argparse.Namespace) -> int:
+    require(options.runs is None or options.runs >= 1, "--runs", "at least 1", options.runs)
+    require(options.jobs == -1 or options.jobs >= 1, "--jobs", "at least 1, or -1 for all cores", options.jobs)
+    names = list(known()) if options.figure == "all" else [options.figure]
+    for experiment in [load_experiment(name) for name in names]:
+        runs = options.runs or experiment.runs
+        table = reproduce(experiment, options.out, runs=runs, jobs=options.jobs, quiet=options.quiet)
+        picture = table.with_suffix(".png")
+        draw_experiment(picture, experiment, load_table(table))
+        print(f"{experiment.name}: {table} and {picture}")
+    return 0
+
+
+def _results(options: argparse.Namespace) -> int:
+    options.out.write_text(results(options.folder, options.out))
+    print(options.out)
+    return 0
+
+
 def _list(options: argparse.Namespace) -> int:
-    for title, names in (("tasks", list(TASKS)), ("algorithms", list(ALGORITHMS)), ("kernels", list(KERNELS))):
+    tasks = [name for name in gymnasium.registry if name.startswith(OURS)]
+    kinds: dict[str, Iterable[str]] = {"tasks": tasks, "algorithms": ALGORITHMS, "kernels": KERNELS, "figures": known()}
+    for title, names in kinds.items():
         print(f"{title}: {', '.join(names)}")
     print("Any other Gymnasium environment with continuous actions is a task too, by its id.")
     return 0
@@ -107,6 +157,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     train.add_argument("--seed", type=int, metavar="N", help="seed of all randomness")
     train.add_argument("--iterations", type=int, metavar="N", help="number of policy updates")
+    train.add_argument("--simulators", type=int, metavar="K", help="simulator nodes that share the episodes")
     train.add_argument(
         "--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="settings, as algorithm.ridge=0.1"
     )
@@ -119,7 +170,29 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("--episodes", type=int, default=100, metavar="N", help="number of episodes (100)")
     evaluate.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all randomness (0)")
 
-    commands.add_parser("list", help="tasks, algorithms and kernels").set_defaults(command=_list)
+    render = commands.add_parser("render", help="film an episode without exploration")
+    render.set_defaults(command=_render)
+    render.add_argument("policy", type=Path, metavar="POLICY.npz", help="a policy that was learnt")
+    render.add_argument("--out", type=Path, metavar="DIR", help="folder for film.png and film.gif (the policy's)")
+    render.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all randomness (0)")
+    render.add_argument("--frames", type=int, default=USUAL, metavar="N", help="pictures at most (%(default)s)")
+
+    again = commands.add_parser("reproduce", help="make the paper's figures again")
+    again.set_defaults(command=_reproduce)
+    again.add_argument("figure", metavar="FIGURE", help=f"{', '.join(known())}, or all")
+    again.add_argument("--runs", type=int, metavar="N", help="independent runs of each curve (the paper's number)")
+    again.add_argument("--jobs", type=int, default=-1, metavar="J", help="processes side by side (all cores)")
+    again.add_argument(
+        "--out", type=Path, default=Path("results/reproduce"), metavar="DIR", help="where the results go (%(default)s)"
+    )
+    again.add_argument("--quiet", action="store_true", help="no progress bar")
+
+    report = commands.add_parser("results", help="say which of the paper's claims hold, from reproduced figures")
+    report.set_defaults(command=_results)
+    report.add_argument("folder", type=Path, metavar="DIR", help="folder with the figures' csv files")
+    report.add_argument("--out", type=Path, default=Path("results.md"), metavar="FILE", help="(%(default)s)")
+
+    commands.add_parser("list", help="tasks, algorithms, kernels and figures").set_defaults(command=_list)
     return parser
 
 

@@ -13,6 +13,7 @@ from rkhs_ros.learning.algorithm import Algorithm
 from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.rkhs_nac import RKHSNAC
+from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.rkhs.settings import build, entries, setting, variant
 from rkhs_ros.rkhs.validation import hint, require
@@ -32,7 +33,11 @@ class Training:
     exploration_sd: tuple[float, ...] = setting(
         (1.0,), "first standard deviation of the actions, one or one per dimension", minimum=1e-6, maximum=1e6
     )
+    simulators: int = setting(
+        1, "simulator nodes that share the episodes of a batch; no result depends on it", minimum=1, maximum=64
+    )
     timeout: float = setting(20.0, "seconds after which a silent node ends the run", minimum=0.1, maximum=3600.0)
+    inputs: Inputs = Inputs()
     kernel: KernelChoice = KernelChoice()
     algorithm: Algorithm = variant(RKHSNAC(), ALGORITHMS, "name")
 

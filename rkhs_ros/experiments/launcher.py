@@ -10,8 +10,11 @@ import tempfile
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from copy import deepcopy
 from pathlib import Path
 from types import FrameType
+
+import yaml
 
 FAILED = 1  # exit code
 PATIENCE = 5.0  # seconds that a node has to end after a signal
@@ -25,21 +28,43 @@ MODULES = {
 Nodes = dict[str, subprocess.Popen[bytes]]
 
 
-def launch(parameters: str, learner_parameters: Sequence[str] = ()) -> int:
+def namespaces(simulators: int) -> list[str]:
+    """Return the namespaces of that many simulator nodes, relative ones with their slash; none for a single one."""
+    return [""] if simulators == 1 else [f"simulator_{k + 1}/" for k in range(simulators)]
+
+
+def node_names(simulators: int) -> list[str]:
+    """Return the names of all nodes of a run, the learner's last."""
+    return [*(f"{namespace}simulator" for namespace in namespaces(simulators)), "policy", "learner"]
+
+
+def launch(parameters: str, learner_parameters: Sequence[str] = (), *, simulators: int = 1) -> int:
     """Run the nodes until the learner ends.
 
     Args:
         parameters: content of a ROS parameter file.
         learner_parameters: further ``name:=value`` for the learner.
+        simulators: number of simulator nodes, of more than one each in a namespace of its own.
 
     Returns:
         The learner's exit code, or that of a node that ended before it.
     """
+    names = node_names(simulators)
     with tempfile.TemporaryDirectory(prefix="rkhs_") as folder:
         file = Path(folder) / "parameters.yaml"
-        file.write_text(parameters)
-        with started(MODULES, file, learner_parameters) as nodes, _signals_passed_to(nodes["learner"]):
+        file.write_text(for_all(parameters, simulators))
+        with started(names, file, learner_parameters) as nodes, _signals_passed_to(nodes["learner"]):
             return _wait(nodes)
+
+
+def for_all(parameters: str, simulators: int) -> str:
+    """Return the parameter file with the simulator's under the name of each one, and what the policy node needs."""
+    document = yaml.safe_load(parameters)
+    simulator = document.pop("simulator")
+    # Copies, since ROS reads no YAML with aliases.
+    document |= {f"/{name}": deepcopy(simulator) for name in node_names(simulators) if name.endswith("simulator")}
+    document["policy"] = {"ros__parameters": {"simulators": simulators}}
+    return str(yaml.safe_dump(document))
 
 
 @contextmanager
@@ -47,7 +72,7 @@ def started(names: Iterable[str], parameters: Path, learner_parameters: Sequence
     """Start nodes, and end those that still run at the exit of the context.
 
     Args:
-        names: keys of `MODULES`.
+        names: keys of `MODULES`, after a namespace and a slash if need be.
         parameters: a ROS parameter file.
         learner_parameters: further ``name:=value`` for the learner.
     """
@@ -63,7 +88,8 @@ def started(names: Iterable[str], parameters: Path, learner_parameters: Sequence
 
 def _start(name: str, arguments: list[str]) -> subprocess.Popen[bytes]:
     """Start a node outside our foreground group, so that a Ctrl-C reaches it once, through us."""
-    command = [sys.executable, "-m", MODULES[name], "--ros-args", *arguments]
+    namespace, _, kind = name.rpartition("/")
+    command = [sys.executable, "-m", MODULES[kind], "--ros-args", "-r", f"__ns:=/{namespace}", *arguments]
     return subprocess.Popen(command, stdin=subprocess.DEVNULL, process_group=0, env=_environment())
 
 

@@ -26,7 +26,7 @@ def draw_curve(path: Path, iterations: Array, train: Array, mean: Array, task: T
     axes = figure.subplots()
     axes.plot(iterations, train, color="tab:orange", label="with exploration")
     axes.plot(iterations, mean, color="tab:blue", linewidth=2, label="noise-free policy")
-    for name, value in _references(task).items():
+    for name, value in references(task).items():
         axes.axhline(value, color="grey", linestyle="--", linewidth=1)
         axes.annotate(
             name, (1.0, value), xycoords=("axes fraction", "data"), ha="right", va="bottom", color="grey", fontsize=8
@@ -77,14 +77,15 @@ def _draw_plane(axes: Axes, policy: GaussianPolicy, episode: Array) -> None:
 
 
 def _draw_times(axes: Axes, policy: GaussianPolicy, episode: Array) -> None:
-    axes.plot(episode, linewidth=1)
-    axes.set(xlabel="step", ylabel="observations (thin)", title="An episode")
+    newest = episode[:, -(episode.shape[1] // policy.inputs.history) :]
+    axes.plot(newest, linewidth=1)
+    axes.set(xlabel="step", ylabel="newest inputs (thin)", title="An episode")
     actions = axes.twinx()
     actions.plot(policy.mean(episode), color="black", linewidth=2)
     actions.set_ylabel("mean action (black)")
     axes.legend(
-        handles=[Line2D([], [], color=f"C{i % 10}") for i in range(min(episode.shape[1], 10))],
-        labels=[f"{i + 1}" for i in range(min(episode.shape[1], 10))],
+        handles=[Line2D([], [], color=f"C{i % 10}") for i in range(min(newest.shape[1], 10))],
+        labels=[f"{i + 1}" for i in range(min(newest.shape[1], 10))],
         frameon=False,
     )
 
@@ -95,7 +96,8 @@ def _span(points: Array, steps: int) -> tuple[Array, ...]:
     return tuple(np.linspace(a, b, steps) for a, b in zip(low - margin, high + margin, strict=True))
 
 
-def _references(task: Task) -> dict[str, float]:
+def references(task: Task) -> dict[str, float]:
+    """Return the returns known for a task at its registered horizon and discount, by name."""
     spec = gymnasium.spec(task.environment)
     comparable = task.discount == REFERENCE_DISCOUNT and task.horizon == spec.max_episode_steps
     return getattr(spec.vector_entry_point, "reference_returns", {}) if comparable else {}

@@ -30,6 +30,7 @@ class Row(NamedTuple):
     centres: int
     step_size: float
     kl: float
+    sparsification_error: float
     seconds: float
 
 
@@ -80,6 +81,7 @@ class Report:
             centres=metrics.centres,
             step_size=metrics.step_size,
             kl=metrics.kl,
+            sparsification_error=metrics.sparsification_error,
             seconds=time.monotonic() - self._began,
         )
         self._write(row, mode="a")

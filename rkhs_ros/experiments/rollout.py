@@ -59,7 +59,7 @@ class InlineRunner:
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Return the episodes of a batch under the policy."""
-        acting = Acting.start(policy, batch)
+        acting = Acting(policy, batch, explore=batch.explore)
         recorder = EpisodeRecorder(batch, self.observation_dim, self.action_dim)
         frame = self.simulation.start(batch)
         recorder.observed(0, frame)

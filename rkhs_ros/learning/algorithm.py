@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-
-import numpy as np
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.features import Samples
+from rkhs_ros.learning.steps import StepRule
 from rkhs_ros.policies.gaussian import GaussianPolicy, mean_kl
+from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rkhs.pursuit import sparsify
 from rkhs_ros.rkhs.settings import setting
 
 
@@ -33,32 +35,104 @@ class Metrics:
 
 
 @dataclass(frozen=True)
-class Algorithm(ABC):
-    """Policy search by functions; a subclass is one algorithm and its fields are the hyper-parameters."""
+class Experience:
+    """What an update learns from. The episodes' observations are the policy's inputs.
 
-    centres: int = setting(40, "number of centres of the policy at most", minimum=1, maximum=2000)
-    sparsification_tolerance: float = setting(
-        0.0, "relative error at which fewer centres are enough", minimum=0.0, maximum=1.0
+    Attributes:
+        episodes: exploring episodes of the policy, N at least 1.
+        discount: discount factor of the return.
+        memory: earlier episodes that the algorithm asked to keep; none at first.
+        collect: makes a number of fresh exploring episodes with a policy; they count as episodes used.
+        iteration: number of updates before this one.
+    """
+
+    episodes: Episodes
+    discount: float
+    memory: Episodes
+    collect: Callable[[GaussianPolicy, int], Episodes]
+    iteration: int = 0
+
+
+class Update(NamedTuple):
+    """What comes out of an update.
+
+    Attributes:
+        policy: the next policy.
+        metrics: what the update did.
+        memory: episodes to keep for the next update.
+    """
+
+    policy: GaussianPolicy
+    metrics: Metrics
+    memory: Episodes
+
+
+@dataclass(frozen=True)
+class Algorithm(ABC):
+    """Policy search by functions; a subclass is one algorithm and its fields are the hyper-parameters.
+
+    An algorithm is completed by the space it searches: `Sparse` or `OnGrid`.
+    """
+
+    exploration_decay: float = setting(
+        1.0, "factor on a constant standard deviation each iteration", minimum=0.0, maximum=1.0
     )
+    exploration_minimum: float = setting(0.05, "standard deviation not decayed below", minimum=1e-6, maximum=1e6)
 
     @abstractmethod
-    def update(self, policy: GaussianPolicy, episodes: Episodes, discount: float) -> tuple[GaussianPolicy, Metrics]:
+    def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
         """Return the next policy.
 
         Args:
             policy: the policy that acted in the episodes.
-            episodes: its exploring episodes.
-            discount: discount factor of the return.
+            experience: what it saw, did and earned.
         """
 
+    @abstractmethod
+    def samples(self, policy: GaussianPolicy, episodes: Episodes) -> Samples:
+        """Return the samples in coordinates of the space searched."""
+
+    @abstractmethod
     def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
-        """Return the policy with the direction added to its mean, sparsified, and the relative error of that."""
-        fit = sparsify(policy.mean + direction, points, budget=self.centres, tolerance=self.sparsification_tolerance)
-        return policy.with_mean(fit.function), fit.error
+        """Return the policy with the direction added to its mean, and the relative error of keeping it small."""
+
+    def climb(
+        self, policy: GaussianPolicy, coefficients: Array, samples: Samples, experience: Experience, step: StepRule
+    ) -> Update:
+        r"""Return the policy a step along a direction, :math:`h \leftarrow h + \alpha w`, its variance decayed.
+
+        Args:
+            policy: the policy.
+            coefficients: of the direction w in the samples' coordinates, shape (m, n).
+            samples: the policy's samples.
+            experience: for the step rules that try steps out.
+            step: how far to go.
+        """
+        direction = samples.basis.function(coefficients)
+
+        def try_out(size: float, episodes: int) -> float:
+            tried = policy.with_mean(policy.mean + direction.scale(size))  # thinned out only once it is chosen
+            return float(experience.collect(tried, episodes).returns(experience.discount).mean())
+
+        along = samples.features @ coefficients
+        size = step.step_size(along, samples.variance, try_out, experience.iteration)
+        new, error = self.move(policy, direction.scale(size), samples.observations)
+        new = replace(new, variance=self.decayed(policy))
+        return Update(new, measure(policy, new, samples.observations, size, error), experience.memory)
+
+    def decayed(self, policy: GaussianPolicy) -> ConstantVariance:
+        """Return the variance of the next policy.
+
+        Raises:
+            ValueError: it depends on the state.
+        """
+        if not isinstance(policy.variance, ConstantVariance):
+            raise ValueError("variance: expected a constant one to decay, got one that depends on the state")
+        return policy.variance.decay(self.exploration_decay, self.exploration_minimum)
 
 
 def measure(
     old: GaussianPolicy, new: GaussianPolicy, points: Array, step_size: float, sparsification_error: float
 ) -> Metrics:
     """Return the metrics of an update over the points visited."""
-    return Metrics(step_size, mean_kl(old, new, points), len(np.asarray(new.mean.centres)), sparsification_error)
+    return Metrics(step_size, mean_kl(old, new, points), len(new.mean.centres), sparsification_error)

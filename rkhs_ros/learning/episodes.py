@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.validation import require
 
@@ -16,7 +17,7 @@ class Episodes:
     """N episodes of H steps.
 
     Attributes:
-        observations: before each action, shape (N, H, d).
+        observations: before each action, shape (N, H, d); for the algorithms, the policy's inputs made of them.
         actions: as drawn, before any clipping, shape (N, H, n).
         rewards: of each action, shape (N, H); 0 where an episode was over.
         mask: True where the episode was still going on, shape (N, H).
@@ -34,6 +35,23 @@ class Episodes:
             got = getattr(self, name).shape[:2]
             require(got == shape, f"episodes' {name}", f"{shape} episodes and steps", got)
 
+    def __len__(self) -> int:
+        """Return the number of episodes N."""
+        return len(self.rewards)
+
+    def __add__(self, other: Episodes) -> Episodes:
+        """Put the episodes of both together."""
+        names = [f.name for f in fields(self)]
+        return Episodes(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in names))
+
+    def take(self, rows: NDArray[np.int_] | slice) -> Episodes:
+        """Return some of the episodes."""
+        return Episodes(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+    def seen_through(self, inputs: Inputs) -> Episodes:
+        """Return the episodes with the policy's inputs in place of the observations."""
+        return replace(self, observations=inputs.unfold(self.observations, self.actions))
+
     @property
     def horizon(self) -> int:
         """Number of steps H."""
@@ -45,12 +63,20 @@ class Episodes:
 
     def rewards_to_go(self, discount: float) -> Array:
         r"""Return :math:`\sum_{k \ge t} \gamma^{k-t} r_k` at each step, shape (N, H)."""
-        result = np.empty_like(self.rewards)
-        following = np.zeros(len(self.rewards))
-        for t in reversed(range(self.horizon)):
-            following = self.rewards[:, t] + discount * following
-            result[:, t] = following
-        return result
+        return _sums_to_go(self.rewards, discount)
+
+    def lambda_returns(self, value: Array, discount: float, trace: float) -> Array:
+        r"""Return the lambda returns of a value function at each step, shape (N, H).
+
+        .. math:: V_t + \sum_{k \ge t} (\gamma \lambda)^{k-t} (r_k + \gamma V_{k+1} - V_k)
+
+        Args:
+            value: V at each step, shape (N, H), 0 after the end.
+            discount: gamma.
+            trace: lambda; at 1 V cancels and the rewards to go are left.
+        """
+        following = np.concatenate([value[:, 1:], np.zeros((len(value), 1))], axis=1)
+        return value + _sums_to_go(self.rewards + discount * following - value, discount * trace)
 
     def flat(self, values: Array) -> Array:
         """Return the entries of an array of shape (N, H, ...) where episodes went on, shape (samples, ...)."""
@@ -60,3 +86,13 @@ class Episodes:
     def steps(self) -> NDArray[np.int_]:
         """The step t of each sample, shape (samples,)."""
         return np.broadcast_to(np.arange(self.horizon), self.mask.shape)[self.mask]
+
+
+def _sums_to_go(values: Array, factor: float) -> Array:
+    """Return the discounted sum from each step on."""
+    result = np.empty_like(values)
+    following = np.zeros(len(values))
+    for t in reversed(range(values.shape[1])):
+        following = values[:, t] + factor * following
+        result[:, t] = following
+    return result

@@ -9,6 +9,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.rkhs.fixed import FixedBasis
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky
 
@@ -22,7 +23,7 @@ class Samples:
         observations: shape (samples, d).
         exploration: :math:`a - h(s)`, shape (samples, n).
         variance: of the policy that acted, shape (samples, n).
-        basis: Newton basis on centres chosen among the observations.
+        basis: functions that the coordinates belong to.
         features: the basis at the observations, shape (samples, m).
     """
 
@@ -30,22 +31,29 @@ class Samples:
     observations: Array
     exploration: Array
     variance: Array
-    basis: NewtonBasis
+    basis: NewtonBasis | FixedBasis
     features: Array
 
     @classmethod
     def of(cls, policy: GaussianPolicy, episodes: Episodes, centres: int) -> Samples:
-        """Choose at most that many centres and evaluate policy and basis at the samples."""
+        """Take the Newton basis of at most that many centres, chosen among the observations."""
         observations = episodes.flat(episodes.observations)
         chosen = pivoted_cholesky(policy.mean.kernel, observations, centres)
-        return cls(
-            episodes,
-            observations,
-            episodes.flat(episodes.actions) - policy.mean(observations),
-            policy.variance(observations),
-            NewtonBasis.of(policy.mean.kernel, observations, chosen),
-            chosen.values,
-        )
+        return cls._of(policy, episodes, NewtonBasis.of(policy.mean.kernel, observations, chosen), chosen.values)
+
+    @classmethod
+    def on(cls, policy: GaussianPolicy, episodes: Episodes, centres: Array) -> Samples:
+        """Take the kernel functions of given centres, shape (m, d), as they are."""
+        basis = FixedBasis(policy.mean.kernel, centres)
+        return cls._of(policy, episodes, basis, basis(episodes.flat(episodes.observations)))
+
+    @classmethod
+    def _of(
+        cls, policy: GaussianPolicy, episodes: Episodes, basis: NewtonBasis | FixedBasis, features: Array
+    ) -> Samples:
+        observations = episodes.flat(episodes.observations)
+        exploration = episodes.flat(episodes.actions) - policy.mean(observations)
+        return cls(episodes, observations, exploration, policy.variance(observations), basis, features)
 
     @property
     def score(self) -> Array:
@@ -77,6 +85,17 @@ def ridge_regression(features: Array, targets: Array, penalty: Array, weights: A
     Returns:
         The coefficients theta, shape (p, k).
     """
+    n, p = features.shape
+    if n < p:
+        return _dual_ridge_regression(features, targets, penalty, np.ones(n) if weights is None else weights)
     weighted = features if weights is None else features * weights[:, None]
-    normal = weighted.T @ features / len(features) + np.diag(penalty)
-    return np.asarray(cho_solve(cho_factor(normal, check_finite=False), weighted.T @ targets / len(features)))
+    normal = weighted.T @ features / n + np.diag(penalty)
+    return np.asarray(cho_solve(cho_factor(normal, check_finite=False), weighted.T @ targets / n))
+
+
+def _dual_ridge_regression(features: Array, targets: Array, penalty: Array, weights: Array) -> Array:
+    """Solve the same problem through the n x n Gram, where there are more features than rows."""
+    root = np.sqrt(weights / len(features))[:, None]
+    scaled = root * features / penalty
+    gram = scaled @ (root * features).T + np.eye(len(features))
+    return np.asarray(scaled.T @ cho_solve(cho_factor(gram, check_finite=False), root * targets))

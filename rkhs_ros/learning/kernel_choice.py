@@ -19,8 +19,9 @@ class KernelChoice:
     form: str = setting("rbf", "names of kernels joined by + and *, as in 'rbf + polynomial'")
     bandwidth: str | tuple[float, ...] = setting(
         "median",
-        "bandwidths of rbf, one or one per dimension in the observation's units; or 'median': the median distance of "
-        "pairs of the first iteration's observations along each dimension",
+        "bandwidths of rbf in the inputs' units: one, one per input, or one per number of a window's entry, the same "
+        "at every age; or 'median': along each dimension the median distance of pairs of the first iteration's points, "
+        "or their standard deviation where it is larger",
         minimum=1e-9,
         maximum=1e9,
         choices=("median",),
@@ -41,7 +42,9 @@ class KernelChoice:
 
     def _rbf(self, points: Array) -> Kernel:
         bandwidth = median_bandwidth(points) if isinstance(self.bandwidth, str) else self.bandwidth
-        return RBF(tuple(self.bandwidth_scale * b for b in bandwidth))
+        ages, rest = divmod(points.shape[1], len(bandwidth))
+        repeats = 1 if rest or len(bandwidth) == 1 else ages
+        return RBF(tuple(self.bandwidth_scale * b for b in bandwidth * repeats))
 
     def _polynomial(self, points: Array) -> Kernel:
         return Polynomial(self.offset, self.degree)

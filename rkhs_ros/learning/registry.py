@@ -2,8 +2,21 @@
 
 from __future__ import annotations
 
+from rkhs_ros.learning.ac import AC
 from rkhs_ros.learning.algorithm import Algorithm
+from rkhs_ros.learning.enac import ENAC
+from rkhs_ros.learning.power import PoWER
+from rkhs_ros.learning.rkhs_ac import RKHSAC
 from rkhs_ros.learning.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.rkhs_npg import RKHSNPG
 from rkhs_ros.learning.rkhs_power import RKHSPoWER
 
-ALGORITHMS: dict[str, type[Algorithm]] = {"rkhs_nac": RKHSNAC, "rkhs_power": RKHSPoWER}
+ALGORITHMS: dict[str, type[Algorithm]] = {
+    "rkhs_ac": RKHSAC,
+    "rkhs_npg": RKHSNPG,
+    "rkhs_nac": RKHSNAC,
+    "rkhs_power": RKHSPoWER,
+    "ac": AC,
+    "enac": ENAC,
+    "power": PoWER,
+}

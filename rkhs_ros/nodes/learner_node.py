@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
+from functools import reduce
+from itertools import zip_longest
+from operator import add
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -15,6 +18,7 @@ from rclpy.node import Node
 from rkhs_interfaces.msg import Episodes as EpisodesMessage
 from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
 from rkhs_ros.experiments.config import Config, Environment, training_from
+from rkhs_ros.experiments.launcher import namespaces
 from rkhs_ros.experiments.run import run_training
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS, episodes_of, set_policy_request, start_request
@@ -25,6 +29,46 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.settings import entries
 
 ASK_AGAIN = 2.0  # seconds after which a request is sent anew
+
+
+class SimulatorLink:
+    """What the learner knows of one simulator.
+
+    Owns the batch that it was asked for and the episodes that it sent.
+
+    Args:
+        node: the learner node.
+        namespace: the simulator's.
+    """
+
+    def __init__(self, node: LearnerNode, namespace: str) -> None:
+        self.name = f"{namespace}simulator"
+        self.namespace = namespace
+        self.batch: Batch | None = None
+        self.heard: Episodes | None = None
+        self.step = 0
+        self._node = node
+        self.start = node.create_client(StartEpisodes, f"{namespace}start_episodes")
+        self.describe = node.create_client(DescribeTask, f"{namespace}describe_task")
+        node.create_subscription(EpisodesMessage, f"{namespace}episodes", self._hear, LOCKSTEP_QOS)
+
+    def expect(self, batch: Batch | None) -> None:
+        """Wait for the episodes of a batch from now on."""
+        self.batch, self.heard, self.step = batch, None, 0
+
+    @property
+    def busy(self) -> bool:
+        """Whether episodes are still to come."""
+        return self.batch is not None and self.heard is None
+
+    def _hear(self, message: EpisodesMessage) -> None:
+        node = self._node
+        if self.batch is None or (message.batch, message.policy_version) != (node.identity, node.version):
+            return  # late, or of another learner
+        try:
+            self.heard = episodes_of(message, self.batch, node.observation_dim, node.action_dim)
+        except ValueError as error:
+            node.get_logger().warning(f"ignored episodes: {error}")
 
 
 class LearnerNode(Node):
@@ -49,14 +93,11 @@ class LearnerNode(Node):
         self.told = Event()  # to end
         self._executor = EventsExecutor()
         self._executor.add_node(self)
-        self._identity = time.time_ns()  # names a batch for the peers; no result depends on it
-        self._version = 0
+        self.identity = time.time_ns()  # names a batch for the peers; no result depends on it
+        self.version = 0
         self._served: GaussianPolicy | None = None
-        self._heard: Episodes | None = None
-        self._start = self.create_client(StartEpisodes, "start_episodes")
-        self._describe = self.create_client(DescribeTask, "describe_task")
+        self._simulators = [SimulatorLink(self, namespace) for namespace in namespaces(self.training.simulators)]
         self._set_policy = self.create_client(SetPolicy, "set_policy")
-        self._episodes = self.create_subscription(EpisodesMessage, "episodes", self._hear, LOCKSTEP_QOS)
 
     def connect(self) -> Config:
         """Wait for simulator and policy node, and return the whole configuration.
@@ -64,9 +105,14 @@ class LearnerNode(Node):
         Raises:
             PeerError: one of them does not appear in time.
         """
-        self._until(self._describe.service_is_ready, "simulator")
+        for simulator in self._simulators:
+            self._until(simulator.describe.service_is_ready, simulator.name)
         self._until(self._set_policy.service_is_ready, "policy")
-        task = self._connected(self._describe, DescribeTask.Request(), "simulator")
+        tasks = [self._connected(s.describe, DescribeTask.Request(), s.name) for s in self._simulators]
+        task, *others = tasks
+        for simulator, other in zip(self._simulators[1:], others, strict=True):
+            if (other.environment, other.options) != (task.environment, task.options):
+                raise PeerError(f"expected all simulators of one task, got {other.environment} from {simulator.name}")
         self.observation_dim, self.action_dim = task.observation_dim, task.action_dim
         return Config(Environment(task.environment, json.loads(task.options)), self.training)
 
@@ -79,42 +125,40 @@ class LearnerNode(Node):
         """
         self._check_alone()
         self._serve(policy)
-        self._identity += 1
-        self._batch, self._heard = batch, None
-        _accepted(self._call(self._start, start_request(self._identity, batch), "simulator"), "simulator")
-        step = 0
-        while (episodes := self._heard) is None:
-            step = self._wait_beyond(step)
-        return episodes
+        self.identity += 1
+        parts = batch.split(len(self._simulators))
+        for simulator, part in zip_longest(self._simulators, parts):
+            simulator.expect(part)
+        for simulator, part in zip(self._simulators, parts, strict=False):
+            request = start_request(self.identity, part)
+            _accepted(self._call(simulator.start, request, simulator.name), simulator.name)
+        while any(simulator.busy for simulator in self._simulators):
+            self._wait_beyond()
+        heard = [simulator.heard for simulator in self._simulators if simulator.heard is not None]
+        return reduce(add, heard)
 
     def _check_alone(self) -> None:
-        for name, topic in (("simulator", "observation"), ("policy", "action")):
-            if (count := self.count_publishers(topic)) > 1:
-                raise PeerError(f"expected one {name} node, got {count}; set ROS_DOMAIN_ID to keep runs apart")
+        for simulator in self._simulators:
+            for name, topic in ((simulator.name, "observation"), ("policy", "action")):
+                if (count := self.count_publishers(simulator.namespace + topic)) > 1:
+                    raise PeerError(f"expected one {name} node, got {count}; set ROS_DOMAIN_ID to keep runs apart")
 
-    def _wait_beyond(self, step: int) -> int:
-        """Wait for the episodes; where they take long, return the step reached, which must be a later one."""
-        if self._spin(lambda: self._heard is not None, self.training.timeout):
-            return step
-        task = self._call(self._describe, DescribeTask.Request(), "simulator")
-        if task.batch != self._identity:
-            raise PeerError("the simulator node was started anew and does not know the batch")
-        if task.step <= step and self._heard is None:
-            raise self._silent("policy")
-        return int(task.step)
-
-    def _hear(self, message: EpisodesMessage) -> None:
-        if (message.batch, message.policy_version) != (self._identity, self._version):
-            return  # late, or of another learner
-        try:
-            self._heard = episodes_of(message, self._batch, self.observation_dim, self.action_dim)
-        except ValueError as error:
-            self.get_logger().warning(f"ignored episodes: {error}")
+    def _wait_beyond(self) -> None:
+        """Wait for the episodes; where they take long, every simulator must have come to a later step."""
+        if self._spin(lambda: not any(s.busy for s in self._simulators), self.training.timeout):
+            return
+        for simulator in [s for s in self._simulators if s.busy]:
+            task = self._call(simulator.describe, DescribeTask.Request(), simulator.name)
+            if task.batch != self.identity:
+                raise PeerError(f"the {simulator.name} node was started anew and does not know the batch")
+            if task.step <= simulator.step and simulator.busy:
+                raise self._silent("policy")
+            simulator.step = int(task.step)
 
     def _serve(self, policy: GaussianPolicy) -> None:
         if policy is not self._served:
-            self._version += 1
-            request = set_policy_request(policy, self._version)
+            self.version += 1
+            request = set_policy_request(policy, self.version)
             _accepted(self._connected(self._set_policy, request, "policy"), "policy")
             self._served = policy
 

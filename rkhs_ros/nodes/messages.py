@@ -5,21 +5,28 @@ from __future__ import annotations
 import json
 from array import array
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.time import Time
 
 import rkhs_interfaces.msg as msg
 from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.policies.variance import ConstantVariance, KernelVariance, Variance
+from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance, Variance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array, Kernel, kernel_from_terms
+from rkhs_ros.rkhs.settings import build
 from rkhs_ros.rkhs.validation import finite_array, require
+from sim_nodes.envs.vector_task import JointStates
 from sim_nodes.simulation import Frame, Simulation
+
+if TYPE_CHECKING:
+    from sensor_msgs.msg import JointState
 
 # Reliable. Volatile, since keeping messages for late peers doubles the time of a round trip: the learner waits
 # until the peers say that they are connected.
@@ -123,6 +130,20 @@ def describe(simulation: Simulation, identity: int, step: int, *, connected: boo
     )
 
 
+def joint_state_messages(states: JointStates, begin: int) -> list[JointState]:
+    """Return a motion as messages, stamped from ``begin`` on, in nanoseconds."""
+    from sensor_msgs.msg import JointState  # here, since it takes 0.1 s and few nodes need it
+    from std_msgs.msg import Header
+
+    stamps = (begin + round(1e9 * states.period * knot) for knot in range(len(states.positions)))
+    return [
+        JointState(
+            header=Header(stamp=Time(nanoseconds=stamp).to_msg()), name=states.names, position=doubles(positions)
+        )
+        for stamp, positions in zip(stamps, states.positions, strict=True)
+    ]
+
+
 def policy_message(policy: GaussianPolicy, version: int) -> msg.Policy:
     """Return the policy as a message."""
     mean = policy.mean
@@ -134,6 +155,12 @@ def policy_message(policy: GaussianPolicy, version: int) -> msg.Policy:
         centres=doubles(mean.centres),
         weights=doubles(mean.weights),
         variance=_variance_message(policy.variance),
+        inputs=msg.Inputs(
+            history=policy.inputs.history,
+            angles=policy.inputs.columns,
+            degree=policy.inputs.degree,
+            offset=policy.inputs.offset,
+        ),
     )
 
 
@@ -150,7 +177,7 @@ def policy_of(message: msg.Policy) -> GaussianPolicy:
     kernel = _kernel(message.kernel)
     kernel(np.zeros((1, d)), np.zeros((1, d)))  # refuses bandwidths of another dimension
     mean = Function(kernel, matrix(message.centres, m, d, "centres"), matrix(message.weights, m, n, "weights"))
-    return GaussianPolicy(mean, _variance_of(message.variance, d, n))
+    return GaussianPolicy(mean, _variance_of(message.variance, d, n), _inputs_of(message.inputs))
 
 
 def set_policy_request(policy: GaussianPolicy, version: int) -> SetPolicy.Request:
@@ -166,28 +193,38 @@ def _kernel(terms: Iterable[msg.KernelTerm]) -> Kernel:
     return kernel_from_terms((term.name, term.parameters) for term in terms)
 
 
+def _inputs_of(message: msg.Inputs) -> Inputs:
+    numbers = {"history": message.history, "degree": message.degree, "offset": message.offset}
+    angles = {"angles": list(message.angles)} if len(message.angles) else {}
+    return build(Inputs, {**numbers, **angles}, "inputs.")
+
+
 def _variance_message(variance: Variance) -> msg.Variance:
     if isinstance(variance, ConstantVariance):
         return msg.Variance(name="constant", values=doubles(variance.values))
+    bounds = {"minimum": doubles(variance.minimum), "maximum": doubles(variance.maximum)}
+    if isinstance(variance, FunctionVariance):
+        g = variance.function
+        values, centres, kernel = doubles(g.weights), doubles(g.centres), _terms(g.kernel)
+        return msg.Variance(name="function", kernel=kernel, values=values, centres=centres, **bounds)
     return msg.Variance(
         name="kernel",
         kernel=_terms(variance.kernel),
-        **{name: doubles(getattr(variance, name)) for name in ("values", "centres", "mass", "minimum", "maximum")},
+        **{name: doubles(getattr(variance, name)) for name in ("values", "centres", "mass")},
+        **bounds,
     )
 
 
 def _variance_of(message: msg.Variance, d: int, n: int) -> Variance:
-    require(message.name in ("constant", "kernel"), "variance", "'constant' or 'kernel'", f"'{message.name}'")
+    names = ("constant", "kernel", "function")
+    require(message.name in names, "variance", f"one of {', '.join(names)}", f"'{message.name}'")
     if message.name == "constant":
         return ConstantVariance(matrix(message.values, 1, n, "variance values")[0])
-    m = len(message.mass)
+    m = len(message.centres) // d
     kernel = _kernel(message.kernel)
-    kernel(np.zeros((1, d)), np.zeros((1, d)))
-    return KernelVariance(
-        kernel,
-        matrix(message.centres, m, d, "variance centres"),
-        matrix(message.mass, m, 1, "variance mass")[:, 0],
-        matrix(message.values, m, n, "variance values"),
-        matrix(message.minimum, 1, n, "variance minimum")[0],
-        matrix(message.maximum, 1, n, "variance maximum")[0],
-    )
+    kernel(np.zeros((1, d)), np.zeros((1, d)))  # refuses bandwidths of another dimension
+    centres, values = matrix(message.centres, m, d, "variance centres"), matrix(message.values, m, n, "variance values")
+    bounds = [matrix(getattr(message, name), 1, n, f"variance {name}")[0] for name in ("minimum", "maximum")]
+    if message.name == "function":
+        return FunctionVariance(Function(kernel, centres, values), *bounds)
+    return KernelVariance(kernel, centres, matrix(message.mass, m, 1, "variance mass")[:, 0], values, *bounds)

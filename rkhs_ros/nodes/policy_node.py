@@ -8,19 +8,63 @@ from rclpy.node import Node
 
 from rkhs_interfaces.msg import Action, Observation
 from rkhs_interfaces.srv import SetPolicy
+from rkhs_ros.experiments.launcher import namespaces
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS, batch_of, doubles, matrix, policy_of
 from rkhs_ros.nodes.parameters import declared, given
 from rkhs_ros.nodes.spin import run
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.storage import load_policy
+from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.validation import hint
+
+MOST_SIMULATORS = 64
+
+
+class Seat:
+    """Where one simulator is served.
+
+    Owns the batch under way. A batch is served by one policy from its first step to its last.
+
+    Args:
+        node: the policy node.
+        namespace: the simulator's.
+    """
+
+    def __init__(self, node: PolicyNode, namespace: str) -> None:
+        self._node = node
+        self._acting: Acting | None = None
+        self._version = 0
+        self._batch = 0
+        self.actions = node.create_publisher(Action, f"{namespace}action", LOCKSTEP_QOS)
+        node.create_subscription(Observation, f"{namespace}observation", self._observe, LOCKSTEP_QOS)
+
+    def _observe(self, message: Observation) -> None:
+        try:
+            if message.step == 0 and message.batch > self._batch:
+                self._begin(message)
+            acting = self._acting
+            if acting is not None and message.batch == self._batch and message.step < acting.batch.horizon:
+                self._act(acting, message)
+        except ValueError as error:
+            self._node.get_logger().warning(f"ignored an observation: {error}")
+
+    def _begin(self, message: Observation) -> None:
+        self._acting, self._version = self._node.acting(batch_of(message))
+        self._batch = message.batch
+
+    def _act(self, acting: Acting, message: Observation) -> None:
+        rows = acting.batch.rows
+        columns = max(len(message.observations) // rows, 1)
+        actions = acting(message.step, matrix(message.observations, rows, columns, "observations"))
+        numbers = {"batch": message.batch, "step": message.step, "policy_version": self._version}
+        self.actions.publish(Action(**numbers, actions=doubles(actions)))
 
 
 class PolicyNode(Node):
     """Serves a policy.
 
-    Owns the policy in service and the batch it acts in. Does not own any random state: the exploration of an
-    episode follows from the batch's seed. A batch is served by one policy from its first step to its last.
+    Owns the policy in service. Does not own any random state: the exploration of an episode follows from the
+    batch's seed.
     """
 
     def __init__(self) -> None:
@@ -33,13 +77,23 @@ class PolicyNode(Node):
         self._newest: GaussianPolicy | None = None
         self._version = 0
         self._fixed = False
-        self._load(given(self))
-        self._acting: Acting | None = None
-        self._acting_version = 0
-        self._batch = 0
-        self._actions = self.create_publisher(Action, "action", LOCKSTEP_QOS)
-        self.create_subscription(Observation, "observation", self._observe, LOCKSTEP_QOS)
+        tree = given(self)
+        simulators = declared(self, tree, "simulators", 1, "simulator nodes to serve")
+        if not 1 <= simulators <= MOST_SIMULATORS:
+            raise ValueError(f"simulators: expected 1 to {MOST_SIMULATORS}, got {simulators}")
+        self._load(tree)
+        self._seats = [Seat(self, namespace) for namespace in namespaces(simulators)]
         self.create_service(SetPolicy, "set_policy", self._set_policy)
+
+    def acting(self, batch: Batch) -> tuple[Acting, int]:
+        """Return the policy in service, ready to act in a batch, and its version.
+
+        Raises:
+            ValueError: there is none yet.
+        """
+        if self._newest is None:
+            raise ValueError("expected a policy before the first observation, got none")
+        return Acting(self._newest, batch, explore=batch.explore and not self._fixed), self._version
 
     def _load(self, tree: dict[str, object]) -> None:
         about = "policy.npz to serve alone, noise-free; empty to wait for a learner's policy"
@@ -64,39 +118,8 @@ class PolicyNode(Node):
             response.message = str(error)
             self.get_logger().warning(f"refused a policy: {error}")
         response.version = self._version
-        response.connected = self._actions.get_subscription_count() > 0
+        response.connected = all(seat.actions.get_subscription_count() > 0 for seat in self._seats)
         return response
-
-    def _observe(self, message: Observation) -> None:
-        try:
-            if message.step == 0 and message.batch > self._batch:
-                self._begin(message)
-            if message.batch == self._batch and message.step < message.horizon and self._acting is not None:
-                self._act(self._acting, message)
-        except ValueError as error:
-            self.get_logger().warning(f"ignored an observation: {error}")
-
-    def _begin(self, message: Observation) -> None:
-        if self._newest is None:
-            raise ValueError("expected a policy before the first observation, got none")
-        batch = batch_of(message)
-        noise_free = Acting(self._newest, exploration=None)
-        self._acting = noise_free if self._fixed else Acting.start(self._newest, batch)
-        self._acting_version = self._version
-        self._batch = message.batch
-
-    def _act(self, acting: Acting, message: Observation) -> None:
-        columns = acting.policy.mean.input_dim
-        observations = matrix(message.observations, message.rows, columns, "observations")
-        actions = acting(message.step, observations)
-        self._actions.publish(
-            Action(
-                batch=message.batch,
-                step=message.step,
-                policy_version=self._acting_version,
-                actions=doubles(actions),
-            )
-        )
 
 
 def main() -> None:

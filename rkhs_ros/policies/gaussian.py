@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.policies.variance import KernelVariance, Variance
+from rkhs_ros.policies.variance import ConstantVariance, Variance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.validation import require
@@ -20,10 +21,12 @@ class GaussianPolicy:
     Attributes:
         mean: the function h.
         variance: the diagonal of Sigma.
+        inputs: what mean and variance are given of the history; the methods take it as ``observations``.
     """
 
     mean: Function
     variance: Variance
+    inputs: Inputs = Inputs()
 
     def __post_init__(self) -> None:
         """Raise ValueError where mean and variance differ in their dimensions."""
@@ -33,7 +36,7 @@ class GaussianPolicy:
             f"{self.mean.output_dim} action dimensions, as the mean has",
             self.variance.output_dim,
         )
-        if isinstance(self.variance, KernelVariance):
+        if not isinstance(self.variance, ConstantVariance):
             d = self.mean.input_dim
             require(self.variance.input_dim == d, "variance centres", f"{d} columns", self.variance.input_dim)
 
@@ -64,27 +67,48 @@ def mean_kl(old: GaussianPolicy, new: GaussianPolicy, observations: Array) -> fl
     return float(0.5 * terms.sum(axis=1).mean())
 
 
-@dataclass(frozen=True)
 class Acting:
     """A policy that acts through the steps of one batch of episodes.
 
-    A pure function of step and observations, so that a step asked for twice is answered alike.
+    Owns what its window looks back on, filed by step, so that a step asked for twice is answered alike.
 
-    Attributes:
+    Args:
         policy: the policy, the same throughout the batch.
-        exploration: standard normal draws, shape (rows, horizon, n), or None to act by the mean.
+        batch: the episodes.
+        explore: whether actions are drawn; by the mean otherwise.
     """
 
-    policy: GaussianPolicy
-    exploration: Array | None
-
-    @classmethod
-    def start(cls, policy: GaussianPolicy, batch: Batch) -> Acting:
-        """Begin a batch."""
-        return cls(policy, batch.exploration(policy.mean.output_dim) if batch.explore else None)
+    def __init__(self, policy: GaussianPolicy, batch: Batch, *, explore: bool) -> None:
+        n = policy.mean.output_dim
+        self.policy = policy
+        self.batch = batch
+        self._exploration = batch.exploration(n) if explore else None
+        self._seen = np.zeros((batch.rows, batch.horizon, 0))
+        self._done = np.zeros((batch.rows, batch.horizon, n if policy.inputs.history > 1 else 0))
 
     def __call__(self, step: int, observations: Array) -> Array:
-        """Return the actions of a step, shape (rows, n)."""
-        if self.exploration is None:
-            return self.policy.mean(observations)
-        return self.policy.act(observations, self.exploration[:, step])
+        """Return the actions of a step, shape (rows, n), for observations of shape (rows, d).
+
+        Raises:
+            ValueError: the observations are not what the policy takes.
+        """
+        inputs = self.policy.inputs
+        if inputs.history == 1:
+            return self._act(step, inputs.features(observations))
+        if self._seen.shape[2] == 0:
+            self._remember(observations.shape[1])
+        self._seen[:, step] = observations
+        actions = self._act(step, inputs.at(np.array([step]), self._seen, self._done)[:, 0])
+        self._done[:, step] = actions
+        return actions
+
+    def _remember(self, d: int) -> None:
+        """Make room for observations, once it is known how many numbers they have."""
+        size = self.policy.inputs.dimension(d, self.policy.mean.output_dim)
+        require(size == self.policy.mean.input_dim, "points", f"{self.policy.mean.input_dim} columns", size)
+        self._seen = np.zeros((self.batch.rows, self.batch.horizon, d))
+
+    def _act(self, step: int, points: Array) -> Array:
+        if self._exploration is None:
+            return self.policy.mean(points)
+        return self.policy.act(points, self._exploration[:, step])

@@ -13,12 +13,14 @@ from typing import Any
 import numpy as np
 
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.variance import ConstantVariance, KernelVariance, Variance
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance, Variance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Kernel, Term, kernel_from_terms
+from rkhs_ros.rkhs.settings import build
 from rkhs_ros.rkhs.validation import require
 
-SCHEMA = 1
+SCHEMA = 2
 Arrays = dict[str, np.ndarray]
 
 
@@ -48,6 +50,7 @@ def save_policy(path: Path, policy: GaussianPolicy, task: Task) -> None:
         "centres": policy.mean.centres,
         "weights": policy.mean.weights,
         **_variance_arrays(policy.variance),
+        "inputs": np.array(json.dumps(asdict(policy.inputs))),
     }
     aside = path.with_name(path.name + ".part")
     with aside.open("wb") as file:
@@ -71,7 +74,8 @@ def load_policy(path: Path) -> tuple[GaussianPolicy, Task]:
         require(schema == SCHEMA, f"{path}", f"a policy of schema {SCHEMA}", f"schema {schema}")
         kernel = _kernel(arrays, "kernel")
         mean = Function(kernel, arrays["centres"], arrays["weights"])
-        return GaussianPolicy(mean, _variance(arrays)), Task(**json.loads(str(arrays["task"])))
+        inputs = build(Inputs, json.loads(str(arrays["inputs"])), "inputs.")
+        return GaussianPolicy(mean, _variance(arrays), inputs), Task(**json.loads(str(arrays["task"])))
     except FileNotFoundError:
         raise
     except KeyError as error:
@@ -99,16 +103,31 @@ def _kernel(arrays: Arrays, prefix: str) -> Kernel:
 def _variance_arrays(variance: Variance) -> Arrays:
     if isinstance(variance, ConstantVariance):
         return {"variance": variance.values}
-    names = ("centres", "mass", "minimum", "maximum")
+    if isinstance(variance, FunctionVariance):
+        function, mass = variance.function, {}
+        kernel, centres, values = function.kernel, function.centres, function.weights
+    else:
+        kernel, centres, values, mass = (
+            variance.kernel,
+            variance.centres,
+            variance.values,
+            {"variance_mass": variance.mass},
+        )
     return {
-        "variance": variance.values,
-        **_kernel_arrays("variance_kernel", variance.kernel),
-        **{f"variance_{name}": getattr(variance, name) for name in names},
+        "variance": values,
+        **_kernel_arrays("variance_kernel", kernel),
+        "variance_centres": centres,
+        **mass,
+        "variance_minimum": variance.minimum,
+        "variance_maximum": variance.maximum,
     }
 
 
 def _variance(arrays: Arrays) -> Variance:
     if "variance_kernel" not in arrays:
         return ConstantVariance(arrays["variance"])
-    rest = {name: arrays[f"variance_{name}"] for name in ("centres", "mass", "minimum", "maximum")}
-    return KernelVariance(kernel=_kernel(arrays, "variance_kernel"), values=arrays["variance"], **rest)
+    kernel, centres, values = _kernel(arrays, "variance_kernel"), arrays["variance_centres"], arrays["variance"]
+    bounds = (arrays["variance_minimum"], arrays["variance_maximum"])
+    if "variance_mass" not in arrays:
+        return FunctionVariance(Function(kernel, centres, values), *bounds)
+    return KernelVariance(kernel, centres, arrays["variance_mass"], values, *bounds)

@@ -5,8 +5,9 @@ So the draws of an episode are the same wherever and beside whatever other episo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import blake2b
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,12 @@ class Batch:
     def episodes(self) -> range:
         """The episodes' numbers."""
         return range(self.first_episode, self.first_episode + self.rows)
+
+    def split(self, parts: int) -> list[Batch]:
+        """Return the same episodes as that many batches of near the same size, in order; fewer where rows are few."""
+        ends = [self.rows * part // parts for part in range(parts + 1)]
+        shares = ((a, b - a) for a, b in pairwise(ends) if b > a)
+        return [replace(self, first_episode=self.first_episode + a, rows=rows) for a, rows in shares]
 
     def environment_seeds(self) -> list[int]:
         """Return a seed for the environment of each row."""

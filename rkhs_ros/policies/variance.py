@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array, Kernel, rowwise_matmul
 from rkhs_ros.rkhs.validation import finite_array, require
 
@@ -76,10 +77,7 @@ class KernelVariance:
         object.__setattr__(self, "mass", _positive(finite_array(self.mass, (m,), "mass"), "variance mass"))
         object.__setattr__(self, "values", finite_array(self.values, (m, n), "variance values"))
         require(bool((self.values >= 0).all()), "variance values", "numbers >= 0", self.values.min())
-        for bound in ("minimum", "maximum"):
-            array = finite_array(getattr(self, bound), (n,), f"variance {bound}")
-            object.__setattr__(self, bound, _positive(array, f"variance {bound}"))
-        require(bool((self.minimum <= self.maximum).all()), "variance minimum", "at most the maximum", self.minimum)
+        _set_bounds(self, n)
 
     @property
     def input_dim(self) -> int:
@@ -100,7 +98,51 @@ class KernelVariance:
         return np.asarray(np.clip(mean, self.minimum, self.maximum))
 
 
-Variance = ConstantVariance | KernelVariance
+@dataclass(frozen=True)
+class FunctionVariance:
+    r"""A function of the state, within bounds: Eq 24 as printed.
+
+    .. math:: g(s) = \sum_j \kappa(c_j, s)\,\beta_j
+
+    Attributes:
+        function: g before it is bounded.
+        minimum: lower bound, shape (n,), positive.
+        maximum: upper bound, shape (n,).
+    """
+
+    function: Function
+    minimum: Array
+    maximum: Array
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where shapes do not fit or the bounds are no bounds."""
+        _set_bounds(self, self.output_dim)
+
+    @property
+    def input_dim(self) -> int:
+        """Dimension of the points."""
+        return self.function.input_dim
+
+    @property
+    def output_dim(self) -> int:
+        """Number of action dimensions."""
+        return self.function.output_dim
+
+    def __call__(self, x: Array) -> Array:
+        """Evaluate at points of shape (batch, d): shape (batch, n), each row by itself to the last bit."""
+        return np.asarray(np.clip(self.function(x), self.minimum, self.maximum))
+
+
+Variance = ConstantVariance | KernelVariance | FunctionVariance
+
+
+def _set_bounds(variance: KernelVariance | FunctionVariance, n: int) -> None:
+    """Check the bounds of a variance and file them as arrays."""
+    for bound in ("minimum", "maximum"):
+        array = finite_array(getattr(variance, bound), (n,), f"variance {bound}")
+        object.__setattr__(variance, bound, _positive(array, f"variance {bound}"))
+    good = bool((variance.minimum <= variance.maximum).all())
+    require(good, "variance minimum", "at most the maximum", variance.minimum)
 
 
 def _positive(values: Array, what: str) -> Array:

@@ -54,8 +54,10 @@ class Function:
         return rowwise_matmul(self.kernel(x, self.centres), self.weights)
 
     def __add__(self, other: Function) -> Function:
-        """Add two functions of the same space; their centres are concatenated."""
+        """Add two functions of the same space; their centres are concatenated, or shared where they are the same."""
         require(self.kernel == other.kernel, "sum of functions", f"the kernel {self.kernel}", other.kernel)
+        if np.array_equal(self.centres, other.centres):
+            return Function(self.kernel, self.centres, self.weights + other.weights)
         return Function(
             self.kernel,
             np.concatenate([self.centres, other.centres]),

@@ -48,6 +48,10 @@ class Kernel(ABC):
     def diagonal(self, x: Array) -> Array:
         """Return the kernel of each point of ``x``, shape (n, d), with itself, shape (n,)."""
 
+    def row_by_row(self, x: Array) -> Callable[[int], Array]:
+        """Return what gives one row of the matrix of all pairs of ``x`` after the other, shape (n,) each."""
+        return lambda i: self(x[i : i + 1], x)[0]
+
     @abstractmethod
     def terms(self) -> tuple[Term, ...]:
         """Return the kernel in postfix order, the inverse of `kernel_from_terms`."""
@@ -76,14 +80,18 @@ class RBF(Kernel):
         object.__setattr__(self, "bandwidth", tuple(values.tolist()))
 
     def __call__(self, x: Array, y: Array) -> Array:  # noqa: D102
-        if len(self.bandwidth) not in (1, x.shape[1]):
-            expected = f"1 or {x.shape[1]} values for {x.shape[1]}-dimensional points"
+        scale = self._scale(x.shape[1])
+        return _gaussian(x * scale, y * scale)
+
+    def row_by_row(self, x: Array) -> Callable[[int], Array]:  # noqa: D102
+        scaled = x * self._scale(x.shape[1])  # once, not for every row
+        return lambda i: _gaussian(scaled[i : i + 1], scaled)[0]
+
+    def _scale(self, d: int) -> Array:
+        if len(self.bandwidth) not in (1, d):
+            expected = f"1 or {d} values for {d}-dimensional points"
             raise ValueError(f"rbf bandwidth: expected {expected}, got {len(self.bandwidth)}")
-        scale = 1.0 / np.array(self.bandwidth)
-        gram: Array = cdist(x * scale, y * scale, "sqeuclidean")
-        np.multiply(gram, -0.5, out=gram)
-        np.exp(gram, out=gram)
-        return gram
+        return 1.0 / np.array(self.bandwidth)
 
     def diagonal(self, x: Array) -> Array:  # noqa: D102
         return np.ones(len(x))
@@ -150,6 +158,13 @@ class Product(Kernel):
         return (*self.left.terms(), *self.right.terms(), Term("product", ()))
 
 
+def _gaussian(x: Array, y: Array) -> Array:
+    gram: Array = cdist(x, y, "sqeuclidean")
+    np.multiply(gram, -0.5, out=gram)
+    np.exp(gram, out=gram)
+    return gram
+
+
 def rowwise_matmul(x: Array, matrix: Array) -> Array:
     """Multiply each row of ``x``, shape (n, k), with ``matrix``, shape (k, m), on its own.
 
@@ -188,10 +203,11 @@ def kernel_from_terms(terms: Iterable[tuple[str, Iterable[float]]]) -> Kernel:
 
 
 def median_bandwidth(points: ArrayLike, most: int = 1000) -> tuple[float, ...]:
-    """Return the median distance of pairs of points along each dimension (the median trick).
+    """Return the median distance of pairs of points along each dimension (the median trick), or 1 where all agree.
 
-    At most ``most`` evenly spaced points are paired. A dimension in which more than half of the pairs agree
-    falls back to the standard deviation, and to 1 where all points agree.
+    At most ``most`` evenly spaced points are paired. The standard deviation is taken where it is larger: where many
+    points agree, as at the end of a joint's range, the median tells nothing of the rest. Of normal points the median
+    is 0.95 standard deviations.
 
     Args:
         points: shape (n, d), n at least 1.
@@ -202,4 +218,4 @@ def median_bandwidth(points: ArrayLike, most: int = 1000) -> tuple[float, ...]:
     if len(array) == 1:
         return tuple(1.0 for _ in array.T)
     spreads = ((float(np.median(pdist(column[:, None], "cityblock"))), float(column.std())) for column in array.T)
-    return tuple(median or deviation or 1.0 for median, deviation in spreads)
+    return tuple(max(median, deviation) or 1.0 for median, deviation in spreads)

@@ -45,12 +45,13 @@ def pivoted_cholesky(kernel: Kernel, points: Array, rank: int, tolerance: float 
     rows = np.empty((rank, len(points)))
     pivots = np.empty(rank, dtype=int)
     gram = kernel(points, points) if rank == len(points) else None
+    row_of = kernel.row_by_row(points)
     for k in range(rank):
         pivot = int(power.argmax())
         if power[pivot] <= floor:
             pivots, rows = pivots[:k], rows[:k]
             break
-        row = kernel(points[pivot : pivot + 1], points)[0] if gram is None else gram[pivot]
+        row = row_of(pivot) if gram is None else gram[pivot]
         row -= rows[:k, pivot] @ rows[:k]
         row /= np.sqrt(power[pivot])
         row[pivots[:k]] = 0.0

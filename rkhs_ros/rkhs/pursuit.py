@@ -8,6 +8,7 @@ rank r of the basis.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -80,7 +81,9 @@ def pursue(
     require(budget >= 1, "budget", "at least 1 centre", budget)
     cholesky = pivoted_cholesky(kernel, candidates, rank, tolerance=1e-13)
     basis = NewtonBasis.of(kernel, candidates, cholesky)
-    triangle, reduced, unreachable = _reduce(basis, points, targets, ridge)
+    size = len(basis.centres)
+    blocks = _blocks(basis, points, targets)
+    triangle, reduced, unreachable = _reduce(blocks, size, targets.shape[1], ridge * len(points))
     dictionary = triangle @ cholesky.values.T
     search = _basic if fitting == "basic" else _orthogonal
     floor = tolerance * float(np.linalg.norm(targets))
@@ -89,19 +92,49 @@ def pursue(
     return Pursuit(chosen, Function(kernel, candidates[chosen], weights), residuals)
 
 
-def _reduce(basis: NewtonBasis, points: Array, targets: Array, ridge: float) -> tuple[Array, Array, float]:
+def pursue_atoms(
+    rows: Array, targets: Array, atoms: Array, *, budget: int, ridge: float = 0.0, fitting: Fitting = "back_fitting"
+) -> tuple[np.ndarray, Array]:
+    """Fit targets by linear functionals of rows, built from at most ``budget`` atoms.
+
+    Args:
+        rows: coordinates in an orthonormal basis, shape (n, m).
+        targets: shape (n, k).
+        atoms: vectors in the same coordinates to choose among, shape (p, m).
+        budget: number of choices at most.
+        ridge: weight of the fitted vector's squared norm beside the mean squared residual.
+        fitting: ``back_fitting`` or ``pre_fitting``.
+
+    Returns:
+        The indices of the atoms chosen, shape (c,), and their weights, shape (c, k).
+    """
+    blocks = (np.concatenate([rows[i : i + BLOCK], targets[i : i + BLOCK]], 1) for i in range(0, len(rows), BLOCK))
+    triangle, reduced, unreachable = _reduce(blocks, rows.shape[1], targets.shape[1], ridge * len(rows))
+    chosen, weights, _ = _orthogonal(triangle @ atoms.T, reduced, budget, -unreachable, fitting)
+    return chosen, weights
+
+
+def _blocks(basis: NewtonBasis, points: Array, targets: Array) -> Iterator[Array]:
+    for start in range(0, len(points), BLOCK):
+        block = slice(start, start + BLOCK)
+        yield np.concatenate([basis(points[block]), targets[block]], axis=1)
+
+
+def _reduce(blocks: Iterable[Array], m: int, k: int, ridge: float) -> tuple[Array, Array, float]:
     """Return a least-squares problem of few rows that stands for the one of all points.
+
+    Args:
+        blocks: of rows, each the m coordinates of a point and its k targets.
+        m: number of coordinates, in an orthonormal basis.
+        k: number of targets.
+        ridge: weight of the solution's squared norm beside the sum of squared residuals.
 
     Returns:
         The triangular factor R of the basis at the points (a QR factorisation), shape (m, m); the targets' coordinates
         Q'y, shape (m, k); and the square of what no function of the basis reaches.
     """
-    m = len(basis.centres)
-    # The Newton basis is orthonormal, so these rows measure the function's norm.
-    factor = np.sqrt(ridge * len(points)) * np.eye(m if ridge > 0 else 0, m + targets.shape[1])
-    for start in range(0, len(points), BLOCK):
-        block = slice(start, start + BLOCK)
-        rows = np.concatenate([basis(points[block]), targets[block]], axis=1)
+    factor = np.sqrt(ridge) * np.eye(m if ridge > 0 else 0, m + k)
+    for rows in blocks:
         factor = np.asarray(np.linalg.qr(np.concatenate([factor, rows]), mode="r"))
     return factor[:m, :m], factor[:m, m:], float(np.sum(factor[m:, m:] ** 2))
 
@@ -191,5 +224,5 @@ def sparsify(function: Function, points: Array, *, budget: int, tolerance: float
         budget=budget,
         tolerance=tolerance,
         ridge=SPARSIFICATION_RIDGE,
-        rank=len(function.centres),
+        rank=4 * budget,
     )

@@ -5,12 +5,14 @@ From them the YAML files are validated, the ROS parameters declared and the reso
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import Field, field, fields, is_dataclass
 from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 from rkhs_ros.rkhs.validation import hint, pick, require
 
+SCIENTIFIC = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")  # 1e6 is a number to ROS, but text to YAML 1.1
 T = TypeVar("T")
 Tree = Mapping[str, Any]
 
@@ -82,6 +84,8 @@ def _convert(f: Field[Any], kind: Any, value: Any, name: str) -> Any:
         return _build_variant(f, value, name + ".")
     if is_dataclass(kind):
         return build(kind, value, name + ".")  # type: ignore[arg-type]  # a dataclass type
+    if kind is float and isinstance(value, str) and SCIENTIFIC.fullmatch(value):
+        value = float(value)
     try:
         converted = _of_type(kind, value, name)
     except OverflowError as error:

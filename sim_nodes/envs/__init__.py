@@ -10,6 +10,7 @@ from functools import partial
 from gymnasium.envs.registration import register
 
 from sim_nodes.envs.pendulum import Pendulum
+from sim_nodes.envs.pendulum_pomdp import PendulumPOMDP
 from sim_nodes.envs.toy import Toy
 from sim_nodes.envs.vector_task import SingleTask, VectorTask
 
@@ -21,6 +22,7 @@ def _single(task: type[VectorTask], **options: object) -> SingleTask:
 TASKS: dict[str, tuple[type[VectorTask], int]] = {
     "rkhs/Toy-v0": (Toy, 20),
     "rkhs/Pendulum-v0": (Pendulum, 100),
+    "rkhs/PendulumPOMDP-v0": (PendulumPOMDP, 100),
 }
 
 for _id, (_task, _horizon) in TASKS.items():
@@ -30,3 +32,10 @@ for _id, (_task, _horizon) in TASKS.items():
         vector_entry_point=_task,  # type: ignore[arg-type]  # Gymnasium's protocol is of keywords only
         max_episode_steps=_horizon,
     )
+
+register(  # by name, since it needs PyBullet, which is optional
+    id="rkhs/PR2Door-v0",
+    entry_point="sim_nodes.pr2.environment:SinglePR2Door",
+    vector_entry_point="sim_nodes.pr2.environment:PR2Door",
+    max_episode_steps=1,
+)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from gymnasium.spaces import Box
 
 from sim_nodes.envs.vector_task import Array, VectorTask, clip
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 ANGLES = ("clip", "wrap")
 
@@ -57,6 +60,17 @@ class Pendulum(VectorTask):
 
     def reward(self, states: Array, actions: Array) -> Array:  # noqa: D102
         return np.exp(-0.5 * states[:, 0] ** 2)
+
+    def draw(self, axes: Axes, state: Array, action: Array) -> None:
+        """Draw the rod, upright at angle zero and turning clockwise, and the torque as an arc the way it pushes."""
+        theta, torque = float(state[0]), float(action[0])
+        turn = np.linspace(theta, theta + 0.5 * torque, 30)
+        axes.plot(np.sin(turn) / 2, np.cos(turn) / 2, color="tab:orange", linewidth=3)
+        axes.plot(np.sin(turn[-1]) / 2, np.cos(turn[-1]) / 2, "o", color="tab:orange", markersize=7)
+        axes.plot([0.0, np.sin(theta)], [0.0, np.cos(theta)], color="tab:blue", linewidth=6, solid_capstyle="round")
+        axes.plot(0.0, 0.0, "o", color="black", markersize=8)
+        axes.text(1.3, -1.15, f"torque {torque:+.2f}", ha="right", fontsize=12)
+        axes.set(xlim=(-1.4, 1.4), ylim=(-1.25, 1.25), aspect="equal")
 
     def _bounded(self, theta: Array) -> Array:
         if self.angle == "clip":

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from gymnasium.spaces import Box
 
 from sim_nodes.envs.vector_task import Array, VectorTask, clip
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+GOAL = 3.0
 
 
 class Toy(VectorTask):
@@ -32,4 +37,15 @@ class Toy(VectorTask):
         return clip(states + actions + self.noise_sd * noise, -4.0, 4.0)
 
     def reward(self, states: Array, actions: Array) -> Array:  # noqa: D102
-        return np.exp(-np.abs(states[:, 0] - 3.0))
+        return np.exp(-np.abs(states[:, 0] - GOAL))
+
+    def draw(self, axes: Axes, state: Array, action: Array) -> None:
+        """Draw the line, the goal on it, the point, and the way that it is told to go."""
+        place, told = float(state[0]), float(state[0] + action[0])
+        axes.plot([-4.0, 4.0], [0.0, 0.0], color="lightgrey", linewidth=4)
+        axes.plot(GOAL, 0.0, "*", color="tab:green", markersize=20)
+        axes.plot([place, told], [0.25, 0.25], color="tab:orange", linewidth=3)
+        axes.plot(told, 0.25, ">" if told > place else "<", color="tab:orange", markersize=9)
+        axes.plot(place, 0.0, "o", color="tab:blue", markersize=14)
+        axes.text(0.0, -0.6, f"at {place:+.2f}, told {action[0]:+.2f}", ha="center", fontsize=13)
+        axes.set(xlim=(-5.2, 5.2), ylim=(-1.0, 1.0))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -11,6 +11,9 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:  # a node draws nothing and need not wait for it
+    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 
@@ -20,6 +23,20 @@ NOISE_BLOCK = 128  # steps
 def clip(values: Array, low: Array | float, high: Array | float) -> Array:
     """Return the values within bounds; several times faster than `numpy.clip` on few values."""
     return np.minimum(np.maximum(values, low), high)
+
+
+class JointStates(NamedTuple):
+    """A motion of a robot's joints.
+
+    Attributes:
+        names: of the joints.
+        positions: one after another, in radians or metres, shape (k, joints).
+        period: seconds from one to the next.
+    """
+
+    names: tuple[str, ...]
+    positions: Array
+    period: float
 
 
 class VectorTask(VectorEnv[Array, Array, Any]):
@@ -37,7 +54,8 @@ class VectorTask(VectorEnv[Array, Array, Any]):
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}
     single_observation_space: Any
     single_action_space: Any
-    noise_dim: int
+    noise_dim: int  # standard normal draws of a transition
+    observation_noise_dim: int = 0  # and of an observation
     reference_returns: ClassVar[dict[str, float]] = {}  # at the registered horizon and discount 0.99
 
     def __init__(self, num_envs: int = 1, max_episode_steps: int | None = None) -> None:
@@ -59,9 +77,37 @@ class VectorTask(VectorEnv[Array, Array, Any]):
     def reward(self, states: Array, actions: Array) -> Array:
         """Return the reward of each row, shape (rows,), of acting in these states."""
 
-    def observe(self, states: Array) -> Array:
-        """Return the observations of the states: the states themselves unless a task hides something."""
+    def observe(self, states: Array, noise: Array) -> Array:
+        """Return the observations of the states: the states themselves unless a task hides something.
+
+        Args:
+            states: shape (rows, state_dim).
+            noise: standard normal draws, shape (rows, observation_noise_dim).
+        """
         return states.copy()
+
+    def draw(self, axes: Axes, state: Array, action: Array) -> None:
+        """Draw a moment, for a film of an episode.
+
+        Args:
+            axes: to draw in, empty.
+            state: shape (state_dim,).
+            action: within its bounds, shape (n,).
+        """
+        raise ValueError(f"{type(self).__name__}: expected a task that draws itself, got one without a method draw")
+
+    def joint_states(self) -> JointStates | None:
+        """Return what the robot of the first row did in the step just made; None for nothing, or no robot."""
+        return None
+
+    def robot_description(self) -> str | None:
+        """Return the robot's URDF; None where there is no robot."""
+        return None
+
+    @property
+    def states(self) -> Array:
+        """The states of the rows, shape (rows, state_dim)."""
+        return self._states
 
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
@@ -75,16 +121,18 @@ class VectorTask(VectorEnv[Array, Array, Any]):
         """
         if seed is not None or not self._streams:
             self._streams = [seeding.np_random(s)[0] for s in self._row_seeds(seed)]
-        self._noise: Array = np.empty((0, self.num_envs, self.noise_dim))
+        first = np.stack([stream.standard_normal(self.observation_noise_dim) for stream in self._streams])
+        self._noise: Array = np.empty((0, self.num_envs, self.noise_dim + self.observation_noise_dim))
         self._noise_used = 0
         self._states = self.initial_states(self.num_envs)
         self._step = 0
-        return self.observe(self._states), {}
+        return self.observe(self._states, first), {}
 
     def step(self, actions: Array) -> tuple[Array, Any, Any, Any, dict[str, Any]]:
         """Make one step in every row."""
         clipped = clip(actions, self.single_action_space.low, self.single_action_space.high)
-        noise = self._next_noise()
+        draws = self._next_noise()
+        noise, observation_noise = draws[:, : self.noise_dim], draws[:, self.noise_dim :]
         if self._step == self.max_episode_steps:
             self._step = 0
             self._states, rewards = self.initial_states(self.num_envs), np.zeros(self.num_envs)
@@ -93,12 +141,18 @@ class VectorTask(VectorEnv[Array, Array, Any]):
             rewards = self.reward(self._states, clipped)
             self._states = self.transition(self._states, clipped, noise)
         truncated = np.full(self.num_envs, self._step == self.max_episode_steps)
-        return self.observe(self._states), rewards, np.zeros(self.num_envs, dtype=bool), truncated, {}
+        return (
+            self.observe(self._states, observation_noise),
+            rewards,
+            np.zeros(self.num_envs, dtype=bool),
+            truncated,
+            {},
+        )
 
     def _next_noise(self) -> Array:
         """Return the draws of a step; they are made in blocks, which is faster and changes none of them."""
         if self._noise_used == len(self._noise):
-            shape = (NOISE_BLOCK, self.noise_dim)
+            shape = (NOISE_BLOCK, self.noise_dim + self.observation_noise_dim)
             self._noise = np.stack([stream.standard_normal(shape) for stream in self._streams], axis=1)
             self._noise_used = 0
         self._noise_used += 1

@@ -1,6 +1,8 @@
-"""Every algorithm on every registered task, and with every kernel."""
+"""Every algorithm on every registered task, with every choice it offers, and with every kernel."""
 
 from collections.abc import Iterator
+from dataclasses import fields
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -11,27 +13,53 @@ from rkhs_ros.experiments.rollout import InlineRunner
 from rkhs_ros.experiments.training import Iteration, train
 from rkhs_ros.learning.kernel_choice import KERNELS
 from rkhs_ros.learning.registry import ALGORITHMS
+from rkhs_ros.learning.spaces import OnGrid
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.kernels import kernel_from_terms
 from sim_nodes.envs import TASKS
 from sim_nodes.simulation import Simulation
 
+SIZES = {"rkhs/PendulumPOMDP-v0": 2}  # of the grid, along each of many dimensions
+WINDOWS = {"rkhs/PendulumPOMDP-v0": 3}
+WIDE = {"grid_low": [-4.0], "grid_high": [4.0]}  # around all that is seen
 BUDGET = 15
+TRIES, EPISODES_OF_A_TRY = 5, 2
 FORMS = [*KERNELS, *(f"{a} {sign} {b}" for a in KERNELS for b in KERNELS for sign in "+*")]
 over_algorithms = pytest.mark.parametrize("algorithm", ALGORITHMS)
 over_tasks = pytest.mark.parametrize("task", TASKS)
 over_forms = pytest.mark.parametrize("form", FORMS)
 
 
-def settings(algorithm: str, form: str = "rbf", seed: int = 0) -> Training:
+def choices() -> Iterator[Any]:
+    """Yield all combinations of the words that an algorithm's settings may be and of its step rules."""
+    for name, cls in ALGORITHMS.items():
+        offered: dict[str, list[Any]] = {}
+        for f in fields(cls):
+            if f.metadata.get("choices"):
+                offered[f.name] = list(f.metadata["choices"])
+            elif f.name == "step":
+                offered[f.name] = [{"rule": rule} for rule in f.metadata["table"]]
+        for values in product(*offered.values()):
+            words = [value["rule"] if isinstance(value, dict) else value for value in values]
+            yield pytest.param(name, dict(zip(offered, values, strict=True)), id="-".join([name, *words]))
+
+
+def settings(task: str, algorithm: str, form: str = "rbf", seed: int = 0, **changes: Any) -> Training:
+    on_grid = issubclass(ALGORITHMS[algorithm], OnGrid)
+    size = {"grid_counts": SIZES.get(task, 3), **WIDE} if on_grid else {"centres": BUDGET}
+    # A window holds the policy's own actions, not clipped: a polynomial of them may grow without bound.
+    history = WINDOWS.get(task, 1) if "polynomial" not in form else 1
+    if changes.get("step") == {"rule": "line_search"}:
+        changes["step"] = {"rule": "line_search", "choices": TRIES, "episodes": EPISODES_OF_A_TRY}
     tree: dict[str, Any] = {
         "seed": seed,
         "iterations": 2,
-        "episodes_per_iteration": 4,
-        "evaluation_episodes": 2,
-        "horizon": 20,
-        "kernel": {"form": form},
-        "algorithm": {"name": algorithm, "centres": BUDGET},
+        "episodes_per_iteration": 3,
+        "evaluation_episodes": 1,
+        "horizon": 12,
+        "inputs": {"history": history},
+        "kernel": {"form": form, **({"bandwidth": 4.0} if on_grid else {})},
+        "algorithm": {"name": algorithm, **size, **changes},
     }
     return training_from(tree)
 
@@ -45,11 +73,12 @@ def bits(policy: GaussianPolicy, x: np.ndarray) -> bytes:
     return b"".join(array.tobytes() for array in arrays)
 
 
-def assert_sound(iteration: Iteration) -> None:
+def assert_sound(iteration: Iteration, task: str, training: Training) -> None:
     mean, metrics = iteration.policy.mean, iteration.metrics
     points = iteration.evaluation.flat(iteration.evaluation.observations)
+    on_grid = isinstance(training.algorithm, OnGrid)
     assert np.isfinite(mean.weights).all()
-    assert len(mean.centres) == metrics.centres <= BUDGET
+    assert len(mean.centres) == metrics.centres <= (SIZES.get(task, 3) ** mean.input_dim if on_grid else BUDGET)
     assert np.isfinite(mean(points)).all()
     assert (iteration.policy.variance(points) > 0).all()
     assert np.isfinite([metrics.kl, metrics.step_size, metrics.sparsification_error]).all()
@@ -60,25 +89,31 @@ def assert_sound(iteration: Iteration) -> None:
 
 
 @over_tasks
-@over_algorithms
-def test_an_algorithm_makes_sound_policies_on_a_task(task: str, algorithm: str) -> None:
-    for iteration in run(task, settings(algorithm)):
-        assert_sound(iteration)
+@pytest.mark.parametrize(("algorithm", "chosen"), choices())
+def test_an_algorithm_makes_sound_policies_with_every_choice_it_offers(
+    task: str, algorithm: str, chosen: dict[str, Any]
+) -> None:
+    training = settings(task, algorithm, **chosen)
+    tried = TRIES * EPISODES_OF_A_TRY if chosen.get("step") == {"rule": "line_search"} else 0
+    for iteration in run(task, training):
+        assert_sound(iteration, task, training)
         assert iteration.metrics.kl > 0.0
+        assert iteration.episodes_used == iteration.number * (3 + tried)
 
 
 @over_tasks
 @over_algorithms
 @over_forms
 def test_an_algorithm_works_with_any_kernel(task: str, algorithm: str, form: str) -> None:
-    for iteration in run(task, settings(algorithm, form)):
-        assert_sound(iteration)
+    training = settings(task, algorithm, form)
+    for iteration in run(task, training):
+        assert_sound(iteration, task, training)
 
 
 @over_tasks
 @over_algorithms
 def test_the_seed_determines_every_bit(task: str, algorithm: str) -> None:
-    (*_, one), (*_, again), (*_, other) = (run(task, settings(algorithm, seed=seed)) for seed in (5, 5, 6))
+    (*_, one), (*_, again), (*_, other) = (run(task, settings(task, algorithm, seed=seed)) for seed in (5, 5, 6))
     x = one.evaluation.flat(one.evaluation.observations)
     assert bits(one.policy, x) == bits(again.policy, x)
     assert np.array_equal(one.train_returns, again.train_returns)

@@ -2,6 +2,7 @@
 
 from array import array
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,10 @@ from rkhs_interfaces.msg import Observation
 from rkhs_interfaces.srv import SetPolicy
 from rkhs_ros.nodes.messages import set_policy_request
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import Task, save_policy
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.policies.variance import ConstantVariance, KernelVariance
+from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Polynomial
 from test.ros.conftest import Probe, Process
@@ -23,17 +25,23 @@ BATCH = Batch(seed=3, first_episode=5, rows=2, horizon=4, explore=True)
 SEEN = np.array([[0.3, -1.0], [2.0, 0.5]])
 
 
-def policy(seed: int, *, learnt: bool = False) -> GaussianPolicy:
+PLAIN, WINDOW = Inputs(), Inputs(history=3, angles=(1.0,), degree=2, offset=0.25)
+
+
+def policy(seed: int, variance: str = "constant", inputs: Inputs = PLAIN) -> GaussianPolicy:
     rng = np.random.default_rng(seed)
-    kernel = RBF((1.0, 2.0)) + Polynomial(0.5, 2)
-    mean = Function(kernel, rng.normal(size=(3, 2)), rng.normal(size=(3, 1)))
-    if not learnt:
-        return GaussianPolicy(mean, ConstantVariance(np.array([0.5])))
-    variance = KernelVariance(kernel, rng.normal(size=(2, 2)), np.ones(2), np.ones((2, 1)), np.ones(1), np.ones(1))
-    return GaussianPolicy(mean, variance)
+    d = inputs.dimension(2, 1)
+    kernel = RBF(tuple(rng.uniform(1, 2, d))) + Polynomial(0.5, 2)
+    mean = Function(kernel, rng.normal(size=(3, d)), 0.1 * rng.normal(size=(3, 1)))
+    if variance == "constant":
+        return GaussianPolicy(mean, ConstantVariance(np.array([0.5])), inputs)
+    centres, values, low, high = rng.normal(size=(2, d)), rng.uniform(1, 2, (2, 1)), np.array([0.5]), np.array([1.5])
+    if variance == "function":
+        return GaussianPolicy(mean, FunctionVariance(Function(kernel, centres, values), low, high), inputs)
+    return GaussianPolicy(mean, KernelVariance(kernel, centres, np.array([1.0, 3.0]), values, low, high), inputs)
 
 
-def observation(step: int, batch: int = 1) -> Observation:
+def observation(step: int, batch: int = 1, seen: np.ndarray = SEEN) -> Observation:
     return Observation(
         batch=batch,
         step=step,
@@ -42,7 +50,7 @@ def observation(step: int, batch: int = 1) -> Observation:
         first_episode=5,
         explore=True,
         rows=2,
-        observations=array("d", SEEN.tobytes()),
+        observations=array("d", seen.tobytes()),
     )
 
 
@@ -56,7 +64,7 @@ def answer(probe: Probe, message: Observation) -> tuple[int, np.ndarray]:
 
 
 def expected(served: GaussianPolicy, step: int) -> np.ndarray:
-    return Acting.start(served, BATCH)(step, SEEN)
+    return Acting(served, BATCH, explore=True)(step, SEEN)
 
 
 @pytest.fixture
@@ -67,15 +75,21 @@ def node(start: Start, probe: Probe) -> Process:
     return process
 
 
-@pytest.mark.parametrize("learnt", [False, True])
-def test_any_policy_acts_over_topics_as_in_process(node: Process, probe: Probe, learnt: bool) -> None:
-    served = policy(4, learnt=learnt)
+@pytest.mark.parametrize(
+    ("variance", "inputs"),
+    [("constant", WINDOW), ("kernel", PLAIN), ("kernel", WINDOW), ("function", PLAIN), ("function", WINDOW)],
+    ids=["constant, window", "kernel", "kernel, window", "function", "function, window"],
+)
+def test_any_policy_acts_over_topics_as_in_process(node: Process, probe: Probe, variance: str, inputs: Inputs) -> None:
+    served = policy(4, variance, inputs)
     response = probe.ask("set_policy", set_policy_request(served, 2))
     assert (response.accepted, response.version, response.message) == (True, 2, "")
-    for step in range(4):
-        version, actions = answer(probe, observation(step))
+    acting = Acting(served, BATCH, explore=True)
+    seen = np.random.default_rng(1).normal(size=(4, *SEEN.shape))
+    for step in (0, 1, 2, 1, 3):  # the fourth is a duplicate
+        version, actions = answer(probe, observation(step, seen=seen[step]))
         assert version == 2
-        np.testing.assert_array_equal(actions, expected(served, step))
+        np.testing.assert_array_equal(actions, acting(step, seen[step]))
 
 
 def test_a_swap_never_lands_inside_a_batch(node: Process, probe: Probe) -> None:
@@ -101,6 +115,48 @@ def test_a_duplicate_is_answered_alike_and_a_late_batch_not_at_all(node: Process
     assert len(probe.heard["action"]) == count
 
 
+@pytest.mark.parametrize(
+    "misfit",
+    [
+        replace(policy(1), inputs=Inputs(angles=(2.0,))),
+        replace(policy(1), inputs=Inputs(angles=(9.0,), history=2)),
+        replace(policy(1), inputs=Inputs(history=2)),
+        replace(policy(1), inputs=Inputs(degree=2)),
+    ],
+    ids=["angle beyond", "angle beyond in a window", "window", "monomials"],
+)
+def test_a_policy_of_other_points_than_are_seen_is_silent_and_the_next_one_acts(
+    node: Process, probe: Probe, misfit: GaussianPolicy
+) -> None:
+    assert probe.ask("set_policy", set_policy_request(misfit, 2)).accepted  # it was not yet seen what is observed
+    probe.say("observation", observation(0))
+    probe.settle()
+    assert probe.heard["action"] == []
+    assert probe.ask("set_policy", set_policy_request(policy(0), 3)).accepted
+    version, actions = answer(probe, observation(0, batch=2))
+    assert version == 3
+    np.testing.assert_array_equal(actions, expected(policy(0), 0))
+
+
+def test_an_observation_of_another_size_is_ignored(node: Process, probe: Probe) -> None:
+    answer(probe, observation(0))
+    beyond, rowless = observation(4), observation(1)
+    beyond.horizon, rowless.rows = 9, 0
+    wrong = [
+        observation(1, seen=SEEN[:, :1]),
+        observation(1, seen=SEEN[:1]),
+        observation(1, seen=np.zeros((0, 2))),
+        observation(1, seen=np.full((2, 2), np.nan)),
+        beyond,
+    ]
+    for message in wrong:
+        probe.say("observation", message)
+    probe.settle()
+    assert len(probe.heard["action"]) == 1
+    np.testing.assert_array_equal(answer(probe, rowless)[1], expected(policy(0), 1))  # the rows are the batch's
+    np.testing.assert_array_equal(answer(probe, observation(2))[1], expected(policy(0), 2))
+
+
 def spoil(name: str) -> SetPolicy.Request:
     request = set_policy_request(policy(1), 2)
     p = request.policy
@@ -124,6 +180,22 @@ def spoil(name: str) -> SetPolicy.Request:
         p.variance.name = "constnt"
     elif name == "no dimensions":
         p.observation_dim = 0
+    elif name == "no window":
+        p.inputs.history = 0
+    elif name == "window too long":
+        p.inputs.history = 1001
+    elif name == "degree too high":
+        p.inputs.degree = 21
+    elif name == "offset not finite":
+        p.inputs.offset = float("nan")
+    elif name.startswith("function"):
+        p.variance = set_policy_request(policy(1, "function"), 2).policy.variance
+        if name == "function with crossed bounds":
+            p.variance.minimum = array("d", [2.0])
+        elif name == "function with too few values":
+            p.variance.values = array("d", [1.0])
+        elif name == "function over other points":
+            p.variance.centres = array("d", [1.0] * 3)
     return request
 
 
@@ -140,6 +212,13 @@ def spoil(name: str) -> SetPolicy.Request:
         ("variance negative", "variance: expected positive"),
         ("variance unknown", "'constnt'"),
         ("no dimensions", "dimensions: expected at least 1"),
+        ("no window", "inputs.history: expected a number in [1, 1000], got 0"),
+        ("window too long", "inputs.history: expected a number in [1, 1000], got 1001"),
+        ("degree too high", "inputs.degree: expected a number in [0, 20], got 21"),
+        ("offset not finite", "inputs.offset: expected a number in"),
+        ("function with crossed bounds", "variance minimum: expected at most the maximum"),
+        ("function with too few values", "variance values: expected"),
+        ("function over other points", "variance centres: expected"),
     ],
 )
 def test_a_refused_policy_leaves_the_old_one_serving(node: Process, probe: Probe, name: str, reason: str) -> None:
@@ -153,11 +232,15 @@ def test_a_refused_policy_leaves_the_old_one_serving(node: Process, probe: Probe
 
 
 def test_a_saved_policy_is_served_alone_without_noise(start: Start, probe: Probe, tmp_path: Path) -> None:
-    save_policy(tmp_path / "policy.npz", policy(2), Task("rkhs/Pendulum-v0", {}, 4, 0.99))
+    saved = policy(2, inputs=WINDOW)
+    save_policy(tmp_path / "policy.npz", saved, Task("rkhs/Pendulum-v0", {}, 4, 0.99))
     start("policy", "--ros-args", "-p", f"policy_file:={tmp_path / 'policy.npz'}")
     probe.meet("action")
-    for step in range(2):
-        np.testing.assert_array_equal(answer(probe, observation(step))[1], policy(2).mean(SEEN))
+    done = np.zeros((2, 4, 1))
+    for step in range(4):
+        points = WINDOW.at(np.array([step]), np.repeat(SEEN[:, None], 4, axis=1), done)[:, 0]
+        done[:, step] = saved.mean(points)
+        np.testing.assert_array_equal(answer(probe, observation(step))[1], done[:, step])
     response = probe.ask("set_policy", set_policy_request(policy(0), 1))
     assert not response.accepted
     assert "file" in response.message

@@ -1,12 +1,18 @@
 """Over topics and in process: the same curve and the same policy, to the last bit."""
 
 import csv
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
+from rkhs_ros.experiments.cli import main
+from rkhs_ros.learning.registry import ALGORITHMS
+from rkhs_ros.learning.spaces import OnGrid
+from sim_nodes.envs import TASKS
 from test.ros.conftest import ROOT, Process
 
 Start = Callable[..., Process]
@@ -18,31 +24,95 @@ def curve(folder: Path) -> list[dict[str, str]]:
     return [{name: value for name, value in row.items() if name != "seconds"} for row in rows]
 
 
+def settings(task: str, algorithm: str) -> Iterator[str]:
+    """Yield settings of short runs that differ in all that goes over topics: inputs, kernels, variances, tries."""
+    grid = issubclass(ALGORITHMS[algorithm], OnGrid)
+    yield from ("episodes_per_iteration=3", "evaluation_episodes=1", "horizon=12", "timeout=60")
+    yield from {
+        "rkhs/Toy-v0": ["inputs.degree=2" if grid else "inputs.degree=5", "inputs.offset=0.2"],
+        "rkhs/Pendulum-v0": ["environment.options.angle=wrap", "inputs.angles=[0]"],
+        "rkhs/PendulumPOMDP-v0": ["inputs.history=3", "inputs.angles=[0]"],
+    }[task]
+    if grid:
+        yield from ("algorithm.grid_low=-2", "algorithm.grid_high=2", "kernel.bandwidth=3.0")
+        yield f"algorithm.grid_counts={2 if task == 'rkhs/PendulumPOMDP-v0' else 3}"
+    else:
+        yield "algorithm.centres=15"
+        if task == "rkhs/Toy-v0":
+            yield from ("kernel.form=polynomial", "kernel.offset=0", "kernel.degree=1")
+    search = ["algorithm.step.rule=line_search", "algorithm.step.choices=3", "algorithm.step.episodes=2"]
+    yield from {
+        "rkhs_ac": search,
+        "rkhs_npg": ["algorithm.baseline=value"],
+        "rkhs_nac": ["algorithm.critic=trajectory", "algorithm.ridge_norm=scale_free"],
+        "rkhs_power": ["algorithm.variance=printed", "algorithm.reuse=2"],
+        "ac": ["algorithm.regression=pursuit"],
+        "enac": search,
+        "power": ["algorithm.solution=diagonal", "exploration_sd=[2.0]"],
+    }[algorithm]
+
+
+def assert_same_bits(start: Start, folder: Path, arguments: tuple[object, ...], iterations: int) -> dict[str, Any]:
+    """Train over topics and in this process; return the arrays of the policy, which must be the same."""
+    over_topics = start("rkhs", "train", *arguments, "--runner", "ros", "--out", folder / "ros")
+    with threadpool_limits(1), pytest.raises(SystemExit) as end:  # as many threads as the processes have
+        main(["train", *map(str, arguments), "--runner", "inline", "--out", str(folder / "inline")])
+    assert end.value.code == 0
+    code, out, err = over_topics.finish()
+    assert (code, err) == (0, "")
+    assert out.count("\n") == 3
+    assert curve(folder / "ros") == curve(folder / "inline")
+    assert len(curve(folder / "ros")) == iterations
+    with np.load(folder / "ros" / "policy.npz") as a, np.load(folder / "inline" / "policy.npz") as b:
+        assert a.files == b.files
+        assert all(np.array_equal(a[name], b[name]) for name in a.files)
+        arrays = dict(a)
+    assert (folder / "ros" / "config.yaml").read_text() == (folder / "inline" / "config.yaml").read_text()
+    return arrays
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_an_algorithm_on_a_task_learns_the_same_over_topics_as_in_process(
+    start: Start, tmp_path: Path, algorithm: str, task: str
+) -> None:
+    config = tmp_path / "run.yaml"
+    simulator = f"simulator: {{ros__parameters: {{environment: {{id: {task}}}}}}}\n"
+    config.write_text(simulator + f"learner: {{ros__parameters: {{algorithm: {{name: {algorithm}}}}}}}\n")
+    arguments = ("--quiet", "--seed", 7, "--iterations", 2, "--set", *settings(task, algorithm))
+    arrays = assert_same_bits(start, tmp_path, (config, *arguments), 2)
+    kind = {"rkhs_power": "function", "power": "kernel"}.get(algorithm, "constant")
+    assert ("variance_centres" in arrays, "variance_mass" in arrays) == (kind != "constant", kind == "kernel")
+    assert arrays["weights"].any()
+
+
 @pytest.mark.parametrize(
     ("config", "changes"),
     [
-        ("pendulum_nac", ()),
-        ("pendulum_nac", ("algorithm.critic=trajectory", "episodes_per_iteration=3", "evaluation_episodes=1")),
-        ("pendulum_power", ("horizon=40",)),
         ("toy_power", ("kernel.form=rbf + polynomial", "discount=0.9")),
-        ("pendulum_v1", ("horizon=30",)),
+        ("pendulum_v1", ("horizon=30", "episodes_per_iteration=5")),
     ],
 )
 def test_a_run_over_topics_equals_the_run_in_process(
     start: Start, tmp_path: Path, config: str, changes: tuple[str, ...]
 ) -> None:
-    settings = [word for change in changes for word in ("--set", change)]
-    for runner in ("ros", "inline"):
-        arguments = (ROOT / "config" / f"{config}.yaml", *SHORT, *settings, "--runner", runner)
-        code, out, err = start("rkhs", "train", *arguments, "--out", tmp_path / runner).finish()
-        assert (code, err) == (0, "")
-        assert out.count("\n") == 3
-    assert curve(tmp_path / "ros") == curve(tmp_path / "inline")
-    assert len(curve(tmp_path / "ros")) == 3
-    with np.load(tmp_path / "ros" / "policy.npz") as a, np.load(tmp_path / "inline" / "policy.npz") as b:
-        assert a.files == b.files
-        assert all(np.array_equal(a[name], b[name]) for name in a.files)
-    assert (tmp_path / "ros" / "config.yaml").read_text() == (tmp_path / "inline" / "config.yaml").read_text()
+    assert_same_bits(start, tmp_path, (ROOT / "config" / f"{config}.yaml", *SHORT, "--set", *changes), 3)
+
+
+@pytest.mark.parametrize("simulators", [2, 3])
+def test_the_number_of_simulators_changes_no_bit(start: Start, tmp_path: Path, simulators: int) -> None:
+    config = ROOT / "config" / "pendulum_pomdp_nac.yaml"
+    small = ("algorithm.centres=20", "horizon=20", "episodes_per_iteration=5", "evaluation_episodes=2", "timeout=60")
+    # With 3 simulators and 2 evaluation episodes one has nothing to do.
+    assert_same_bits(start, tmp_path, (config, *SHORT, "--simulators", simulators, "--set", *small), 3)
+
+
+@pytest.mark.parametrize("simulators", [1, 2])
+def test_the_robot_does_the_same_over_topics_and_in_process(start: Start, tmp_path: Path, simulators: int) -> None:
+    pytest.importorskip("pybullet", reason="the PR2 needs PyBullet")
+    config = ROOT / "config" / "pr2_door_contextual.yaml"
+    small = ("episodes_per_iteration=4", "evaluation_episodes=2", "timeout=60")
+    assert_same_bits(start, tmp_path, (config, *SHORT, "--simulators", simulators, "--set", *small), 3)
 
 
 def test_runs_side_by_side_in_different_domains_do_not_meet(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+from rkhs_ros.learning.algorithm import Algorithm, Experience, Update
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.variance import ConstantVariance, KernelVariance
@@ -51,6 +52,29 @@ def random_episodes(rng: np.random.Generator) -> Callable[..., Episodes]:
         return Episodes(observations, actions, np.where(mask, rng.uniform(size=(n, horizon)), 0.0), mask)
 
     return make
+
+
+@pytest.fixture
+def learn() -> Callable[..., Update]:
+    """An update from episodes; nothing is remembered, and there are no fresh episodes, unless they are given."""
+
+    def refuse(policy: GaussianPolicy, episodes: int) -> Episodes:
+        raise AssertionError(f"asked for {episodes} episodes")
+
+    def update(
+        algorithm: Algorithm,
+        policy: GaussianPolicy,
+        episodes: Episodes,
+        discount: float = 0.99,
+        *,
+        memory: Episodes | None = None,
+        collect: Callable[[GaussianPolicy, int], Episodes] = refuse,
+        iteration: int = 0,
+    ) -> Update:
+        remembered = episodes.take(slice(0)) if memory is None else memory
+        return algorithm.update(policy, Experience(episodes, discount, remembered, collect, iteration))
+
+    return update
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from rkhs_ros.learning.steps import KLStep
 from rkhs_ros.rkhs.settings import entries
 from sim_nodes.simulation import Simulation
 
-CONFIGS = sorted((Path(__file__).parents[2] / "config").rglob("*.yaml"))
+CONFIGS = sorted((Path(__file__).parents[2] / "config").glob("*.yaml"))
 MINIMAL = "simulator: {ros__parameters: {environment: {id: rkhs/Toy-v0}}}\n"
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rkhs_ros.learning.critics import step_critic, trajectory_critic, value
+from rkhs_ros.learning.critics import pursuit_critic, step_critic, trajectory_critic, value
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.features import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -93,3 +93,50 @@ def test_a_constant_in_the_returns_changes_no_critic(
         to_go = seen.episodes.rewards_to_go(DISCOUNT)
         shifted = with_rewards_to_go(seen, seen.episodes.flat(to_go + 5.0))
     np.testing.assert_allclose(critic(shifted, DISCOUNT, 0.1), critic(seen, DISCOUNT, 0.1), atol=1e-4)
+
+
+@pytest.mark.parametrize("masked", [False, True], ids=["whole", "masked"])
+@pytest.mark.parametrize("norm", ["norm", "scale_free"])
+@pytest.mark.parametrize("trace", [1.0, 0.6, 0.0])
+def test_the_step_critic_is_least_squares_on_rows_for_its_penalties(
+    samples: Callable[..., Samples], masked: bool, norm: str, trace: float
+) -> None:
+    seen = samples(6, 8, 5, masked=masked, learnt=True)
+    scale = np.sqrt(np.mean(seen.variance))
+    scores = [scale * np.kron(f, e / v) for f, e, v in zip(seen.features, seen.exploration, seen.variance, strict=True)]
+    time = np.array([[1.0, t / 8, (t / 8) ** 2] for t in seen.episodes.steps])
+
+    def fit(rows: np.ndarray, targets: np.ndarray, ridges: list[float]) -> np.ndarray:
+        squares = [
+            1.0 if norm == "norm" or ridge == 1e-6 else np.mean(c**2) for c, ridge in zip(rows.T, ridges, strict=True)
+        ]
+        penalty = np.diag(np.sqrt(len(rows) * np.array(ridges) * squares))
+        return np.linalg.lstsq(np.concatenate([rows, penalty]), np.append(targets, np.zeros(len(ridges))))[0]
+
+    to_go = seen.episodes.flat(seen.episodes.rewards_to_go(DISCOUNT))
+    of_state = np.column_stack([seen.features, time])
+    fitted = np.zeros(seen.episodes.mask.shape)
+    fitted[seen.episodes.mask] = of_state @ fit(of_state, to_go, [0.3] * 5 + [1e-6] * 3)
+    targets = seen.episodes.flat(seen.episodes.lambda_returns(fitted, DISCOUNT, trace))
+    w = fit(np.column_stack([scores, of_state]), targets, [0.2] * 10 + [0.3] * 5 + [1e-6] * 3)[:10]
+    got = step_critic(seen, DISCOUNT, 0.2, norm, value_ridge=0.3, trace=trace)
+    np.testing.assert_allclose(got.ravel(), scale * w, rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("equations", ["step", "trajectory"])
+def test_a_pursuit_over_enough_atoms_is_the_ridge_regression_after_the_value(
+    samples: Callable[..., Samples], equations: str
+) -> None:
+    seen = samples(12, 8, 5)
+    seen = replace(seen, exploration=seen.exploration[:, :1], variance=seen.variance[:, :1])  # five coordinates of w
+    scale = np.sqrt(np.mean(seen.variance))
+    rows = scale * seen.features * seen.exploration / seen.variance
+    if equations == "step":
+        targets = seen.episodes.flat(seen.episodes.rewards_to_go(DISCOUNT)) - value(seen, DISCOUNT, 0.3)
+    else:
+        rows = np.array([DISCOUNT ** np.arange(8) @ rows[8 * i : 8 * i + 8] for i in range(12)])
+        returns = seen.episodes.returns(DISCOUNT)
+        targets = returns - returns.mean()
+    expected = np.linalg.solve(rows.T @ rows + 0.2 * len(rows) * np.eye(5), rows.T @ targets)
+    got = pursuit_critic(seen, DISCOUNT, 0.2, equations=equations, value_ridge=0.3)
+    np.testing.assert_allclose(got[:, 0], scale * expected, rtol=1e-8, atol=1e-10)

@@ -10,12 +10,20 @@ from hypothesis import strategies as st
 
 from sim_nodes.envs import TASKS
 from sim_nodes.envs.pendulum import Pendulum
+from sim_nodes.envs.pendulum_pomdp import PendulumPOMDP
 from sim_nodes.envs.toy import Toy
 from sim_nodes.envs.vector_task import VectorTask
 
 over_tasks = pytest.mark.parametrize("task", TASKS)
-VARIANTS: list[tuple[type[VectorTask], dict[str, Any]]] = [(Toy, {}), (Pendulum, {}), (Pendulum, {"angle": "wrap"})]
-over_variants = pytest.mark.parametrize(("cls", "options"), VARIANTS, ids=["toy", "pendulum", "wrapped pendulum"])
+VARIANTS: list[tuple[type[VectorTask], dict[str, Any]]] = [
+    (Toy, {}),
+    (Pendulum, {}),
+    (Pendulum, {"angle": "wrap"}),
+    (PendulumPOMDP, {}),
+]
+over_variants = pytest.mark.parametrize(
+    ("cls", "options"), VARIANTS, ids=["toy", "pendulum", "wrapped pendulum", "pendulum seen in part"]
+)
 
 
 def play(task: VectorTask, actions: np.ndarray, seed: list[int]) -> tuple[np.ndarray, np.ndarray]:
@@ -33,6 +41,7 @@ def test_gymnasiums_checker_finds_nothing(task: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message=".*symmetric and normalized")  # the actions are the paper's
+        warnings.filterwarnings("ignore", message=".*Box observation space m.* value is .*infinity")  # so is its noise
         check_env(gymnasium.make(task).unwrapped, skip_render_check=True)
 
 
@@ -115,6 +124,43 @@ def test_a_step_of_the_pendulum_is_the_papers_formula_twice(angle: str) -> None:
     reward = Pendulum(angle=angle).reward(np.array([[0.4, -1.2]]), np.array([[torque]]))
     np.testing.assert_allclose(reward, [np.exp(-0.5 * 0.4**2)], rtol=1e-12)
     assert np.array_equal(Pendulum(angle=angle).reset(seed=0)[0], [[-np.pi, 0.0]])
+
+
+@over_variants
+def test_each_step_takes_the_next_draws_of_its_rows_stream(
+    cls: type[VectorTask], options: dict[str, Any], rng: np.random.Generator
+) -> None:
+    task, actions, seeds = cls(2, **options), rng.uniform(-1, 1, (300, 2, 1)), [11, 12]  # past two blocks of draws
+    observations, rewards = play(task, actions, seeds)
+    for row, seed in enumerate(seeds):
+        stream = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed)))
+        state = cls(1, **options).initial_states(1)
+        seen = state[0] if cls is not PendulumPOMDP else state[0, :1] + 0.04 * stream.standard_normal(1)
+        assert np.array_equal(observations[0, row], seen)
+        for t in range(300):
+            assert rewards[t, row] == task.reward(state, actions[t, row : row + 1])[0]
+            state = task.transition(state, actions[t, row : row + 1], stream.standard_normal((1, cls.noise_dim)))
+            seen = state[0] if cls is not PendulumPOMDP else state[0, :1] + 0.04 * stream.standard_normal(1)
+            assert np.array_equal(observations[t + 1, row], seen)
+
+
+def test_of_the_hidden_state_the_angle_is_seen_with_the_papers_noise() -> None:
+    observations = play(PendulumPOMDP(5000), np.zeros((0, 5000, 1)), list(range(5000)))[0][0]
+    assert observations.shape == (5000, 1)
+    # Standard errors: 0.0006 of the mean, 0.0004 of the deviation; the margins are four of them.
+    assert observations.mean() == pytest.approx(-np.pi, abs=0.0024)
+    assert observations.std() == pytest.approx(2 * 0.02, abs=0.0016)
+    assert (observations < -np.pi).any()  # the noise is not clipped
+
+
+def test_what_is_seen_does_not_change_what_happens() -> None:
+    states, noise = np.array([[0.4, -1.2], [3.1, 12.0]]), np.ones((2, 4))
+    hidden, full = PendulumPOMDP(2), Pendulum(2)
+    assert np.array_equal(
+        hidden.transition(states, np.ones((2, 1)), noise), full.transition(states, np.ones((2, 1)), noise)
+    )
+    assert np.array_equal(hidden.reward(states, np.ones((2, 1))), full.reward(states, np.ones((2, 1))))
+    assert PendulumPOMDP(angle="wrap").angle == "wrap"
 
 
 angles = st.floats(-np.pi, np.pi)

@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.policies.inputs import Inputs
 
 
 def episodes_of(rewards: np.ndarray, ends: np.ndarray) -> Episodes:
@@ -25,6 +26,35 @@ def test_rewards_to_go_and_returns_are_their_sums(n: int, horizon: int, discount
     np.testing.assert_allclose(episodes.returns(discount), to_go[:, 0], atol=1e-12)
 
 
+@given(
+    n=st.integers(1, 4),
+    horizon=st.integers(1, 9),
+    discount=st.floats(0, 1),
+    trace=st.floats(0, 1),
+    seed=st.integers(0, 999),
+)
+def test_lambda_returns_are_the_mixture_of_all_returns_of_some_steps(
+    n: int, horizon: int, discount: float, trace: float, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    episodes = episodes_of(rng.normal(size=(n, horizon)), rng.integers(1, horizon + 1, n))
+    value = np.where(episodes.mask, rng.normal(size=(n, horizon)), 0.0)
+    got = episodes.lambda_returns(value, discount, trace)
+    for i in range(n):
+        end = int(episodes.mask[i].sum())
+        for t in range(end):
+            # k rewards and then the value; the last of these returns has all that is left of the weight.
+            after = [
+                sum(discount**j * episodes.rewards[i, t + j] for j in range(k))
+                + (discount**k * value[i, t + k] if t + k < end else 0.0)
+                for k in range(1, end - t + 1)
+            ]
+            mixture = (
+                sum((1 - trace) * trace**k * r for k, r in enumerate(after[:-1])) + trace ** (end - t - 1) * after[-1]
+            )
+            assert got[i, t] == pytest.approx(mixture, abs=1e-9)
+
+
 def test_samples_are_the_steps_before_an_episodes_end() -> None:
     episodes = episodes_of(np.ones((3, 4)), np.array([4, 1, 2]))
     assert episodes.steps.tolist() == [0, 1, 2, 3, 0, 0, 1]
@@ -43,3 +73,39 @@ def test_arrays_of_different_lengths_are_refused(wrong: str) -> None:
     }
     with pytest.raises(ValueError, match=f"episodes' {wrong}: expected"):
         Episodes(**{**good, wrong: good[wrong][:, :2]})
+
+
+def random_episodes(seed: int, n: int) -> Episodes:
+    rng = np.random.default_rng(seed)
+    observations, actions = rng.normal(size=(n, 5, 2)), rng.normal(size=(n, 5, 1))
+    return Episodes(observations, actions, rng.normal(size=(n, 5)), rng.uniform(size=(n, 5)) > 0.5)
+
+
+NAMES = ("observations", "actions", "rewards", "mask")
+
+
+@given(n=st.integers(0, 4), m=st.integers(0, 4), seed=st.integers(0, 999))
+def test_episodes_together_are_the_ones_and_then_the_others(n: int, m: int, seed: int) -> None:
+    one, other = random_episodes(seed, n), random_episodes(seed + 1, m)
+    together = one + other
+    assert len(together) == n + m
+    for name in NAMES:
+        assert np.array_equal(getattr(together.take(slice(n)), name), getattr(one, name))
+        assert np.array_equal(getattr(together.take(slice(n, None)), name), getattr(other, name))
+
+
+def test_some_of_the_episodes_are_taken_in_the_order_asked_for() -> None:
+    episodes = random_episodes(0, 6)
+    some = episodes.take(np.array([4, 0, 4]))
+    for name in NAMES:
+        values = getattr(episodes, name)
+        assert np.array_equal(getattr(some, name), [values[4], values[0], values[4]])
+
+
+def test_episodes_seen_through_inputs_differ_in_their_observations_only() -> None:
+    episodes, inputs = random_episodes(0, 3), Inputs(history=2, angles=(0.0,))
+    seen = episodes.seen_through(inputs)
+    assert np.array_equal(seen.observations, inputs.unfold(episodes.observations, episodes.actions))
+    assert seen.observations.shape == (3, 5, inputs.dimension(2, 1))
+    assert all(np.array_equal(getattr(seen, name), getattr(episodes, name)) for name in NAMES[1:])
+    assert np.array_equal(episodes.seen_through(Inputs()).observations, episodes.observations)

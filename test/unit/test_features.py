@@ -71,3 +71,34 @@ def test_the_time_features_span_the_quadratic_polynomials(
     for target in (np.ones(12), t, t**2):
         np.testing.assert_allclose(features @ np.linalg.lstsq(features, target)[0], target, atol=1e-9)
     assert np.linalg.matrix_rank(features) == 3
+
+
+@given(n=st.integers(1, 12), more=st.integers(1, 12), weighted=st.booleans(), seed=st.integers(0, 999))
+def test_more_features_than_rows_change_nothing_but_the_way_to_the_solution(
+    n: int, more: int, weighted: bool, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    p = n + more
+    features, targets = rng.normal(size=(n, p)), rng.normal(size=(n, 2))
+    penalty, weights = 10 ** rng.uniform(-3, 1, p), rng.uniform(0, 3, n) if weighted else None
+    dual = ridge_regression(features, targets, penalty, weights)
+    # Rows without weight make the system tall, which is then solved through the features.
+    padding = np.zeros((more, p))
+    q = np.concatenate([np.ones(n) if weights is None else weights, np.zeros(more)]) * p / n
+    primal = ridge_regression(
+        np.concatenate([features, padding]), np.concatenate([targets, padding[:, :2]]), penalty, q
+    )
+    np.testing.assert_allclose(dual, primal, rtol=1e-8, atol=1e-10)
+
+
+def test_samples_on_given_centres_are_measured_by_the_kernel_functions_there(
+    policy: GaussianPolicy, random_episodes: Callable[..., Episodes], rng: np.random.Generator
+) -> None:
+    episodes, centres = random_episodes(policy, 3, 4, masked=True), rng.normal(size=(5, 2))
+    samples, other = Samples.on(policy, episodes, centres), Samples.of(policy, episodes, 5)
+    for row, s in zip(samples.features, episodes.flat(episodes.observations), strict=True):
+        np.testing.assert_allclose(row, np.exp(-0.5 * np.sum((centres - s) ** 2, axis=1)), rtol=1e-12)
+    for name in ("observations", "exploration", "variance", "score", "time_features"):
+        assert np.array_equal(getattr(samples, name), getattr(other, name))
+    w = rng.normal(size=(5, 2))
+    np.testing.assert_allclose(samples.basis.function(w)(samples.observations), samples.features @ w, rtol=1e-12)

@@ -108,3 +108,20 @@ def test_points_of_another_dimension_are_refused() -> None:
 def test_functions_of_different_spaces_do_not_add() -> None:
     with pytest.raises(ValueError, match="sum of functions"):
         random_function(KERNELS[0], 0) + random_function(KERNELS[1], 0)
+
+
+@over_kernels
+def test_a_sum_over_the_same_centres_has_no_more_of_them(kernel: Kernel, rng: np.random.Generator) -> None:
+    h, x = random_function(kernel, 0), rng.normal(size=(9, 2))
+    g = Function(kernel, h.centres.copy(), rng.normal(size=h.weights.shape))
+    total = h + g
+    assert np.array_equal(total.centres, h.centres)
+    np.testing.assert_allclose(total(x), h(x) + g(x), rtol=1e-12, atol=1e-12)
+
+
+@over_kernels
+def test_a_sum_over_centres_in_another_order_keeps_them_all(kernel: Kernel, rng: np.random.Generator) -> None:
+    h, x = random_function(kernel, 0), rng.normal(size=(9, 2))
+    g = Function(kernel, h.centres[::-1], rng.normal(size=h.weights.shape))
+    assert len((h + g).centres) == 2 * len(h.centres)
+    np.testing.assert_allclose((h + g)(x), h(x) + g(x), rtol=1e-12, atol=1e-12)

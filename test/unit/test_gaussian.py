@@ -88,7 +88,7 @@ def test_an_action_does_not_depend_on_the_rows_beside_it(
 
 
 def test_acting_twice_at_a_step_gives_the_same_action(random_policy: Make, rng: np.random.Generator) -> None:
-    acting, x = Acting.start(random_policy(), Batch(0, 0, 3, 5, explore=True)), rng.normal(size=(3, 2))
+    acting, x = Acting(random_policy(), Batch(0, 0, 3, 5, explore=True), explore=True), rng.normal(size=(3, 2))
     first = acting(2, x)
     acting(3, x)
     assert np.array_equal(acting(2, x), first)
@@ -96,7 +96,7 @@ def test_acting_twice_at_a_step_gives_the_same_action(random_policy: Make, rng: 
 
 def test_without_exploration_the_mean_acts(random_policy: Make, rng: np.random.Generator) -> None:
     policy, x = random_policy(), rng.normal(size=(3, 2))
-    assert np.array_equal(Acting.start(policy, Batch(0, 0, 3, 5, explore=False))(1, x), policy.mean(x))
+    assert np.array_equal(Acting(policy, Batch(0, 0, 3, 5, explore=False), explore=False)(1, x), policy.mean(x))
 
 
 def test_mean_and_variance_of_different_dimensions_are_refused(random_policy: Make) -> None:
@@ -107,3 +107,18 @@ def test_mean_and_variance_of_different_dimensions_are_refused(random_policy: Ma
 def test_a_variance_over_other_points_than_the_mean_is_refused(random_policy: Make) -> None:
     with pytest.raises(ValueError, match="variance centres: expected 3 columns, got 2"):
         GaussianPolicy(random_policy(d=3, learnt=True).mean, random_policy(d=2, learnt=True).variance)
+
+
+@over_variances
+def test_the_derivative_of_log_prob_along_a_function_is_its_inner_product_with_the_score(
+    random_policy: Make, rng: np.random.Generator, learnt: bool
+) -> None:
+    policy = random_policy(learnt=learnt)
+    kernel = policy.mean.kernel
+    for _ in range(10):
+        s, a = rng.normal(size=(1, 2)), rng.normal(size=(1, 2))
+        along = Function(kernel, rng.normal(size=(3, 2)), rng.normal(size=(3, 2)))
+        gradient = Function(kernel, s, policy.score(s, a))  # K(s, .) u
+        forth, back = (policy.with_mean(policy.mean + along.scale(size)).log_prob(s, a)[0] for size in (1e-3, -1e-3))
+        # Along a line log pi is a parabola, on which the central difference is exact.
+        assert gradient.inner(along) == pytest.approx((forth - back) / 2e-3, rel=1e-8, abs=1e-9)

@@ -15,6 +15,13 @@ def test_given_bandwidths_take_no_notice_of_the_points() -> None:
     assert KernelChoice(bandwidth=(0.5, 2.0)).fit(np.zeros((3, 2))) == RBF((0.5, 2.0))
 
 
+def test_the_bandwidths_of_one_entry_serve_every_age_of_a_window() -> None:
+    choice = KernelChoice(bandwidth=(0.5, 2.0), bandwidth_scale=3.0)
+    assert choice.fit(np.zeros((3, 6))) == RBF((1.5, 6.0) * 3)
+    with pytest.raises(ValueError, match="rbf bandwidth: expected 1 or 5 values"):
+        choice.fit(np.zeros((3, 5)))(np.zeros((3, 5)), np.zeros((3, 5)))
+
+
 def test_a_form_composes_kernels_with_times_before_plus() -> None:
     choice = KernelChoice("rbf + polynomial*rbf", bandwidth=(1.0,), offset=0.5, degree=2)
     rbf, polynomial = RBF((1.0,)), Polynomial(0.5, 2)

@@ -6,7 +6,7 @@ from sklearn.linear_model import OrthogonalMatchingPursuit
 
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
-from rkhs_ros.rkhs.pursuit import SPARSIFICATION_RIDGE, Fitting, pursue, sparsify
+from rkhs_ros.rkhs.pursuit import SPARSIFICATION_RIDGE, Fitting, pursue, pursue_atoms, sparsify
 
 FITTINGS: list[Fitting] = ["basic", "back_fitting", "pre_fitting"]
 over_fittings = pytest.mark.parametrize("fitting", FITTINGS)
@@ -180,3 +180,45 @@ def test_an_unknown_fitting_and_an_empty_budget_are_refused() -> None:
         pursue(KERNEL, points, targets, candidates, budget=1, fitting="best")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="budget: expected at least 1 centre, got 0"):
         pursue(KERNEL, points, targets, candidates, budget=0)
+
+
+@given(seed=st.integers(0, 10_000), columns=st.integers(1, 2))
+def test_the_pursuit_of_atoms_is_the_orthogonal_matching_pursuit_of_scikit_learn(seed: int, columns: int) -> None:
+    rng = np.random.default_rng(seed)
+    rows, atoms, targets = rng.normal(size=(60, 12)), rng.normal(size=(25, 12)), rng.normal(size=(60, columns))
+    chosen, weights = pursue_atoms(rows, targets, atoms, budget=6)
+    dictionary = rows @ atoms.T
+    lengths = np.linalg.norm(dictionary, axis=0)
+    assert weights.shape == (6, columns)
+    if columns == 1:
+        oracle = OrthogonalMatchingPursuit(n_nonzero_coefs=6, fit_intercept=False).fit(
+            dictionary / lengths, targets[:, 0]
+        )
+        assert set(chosen) == set(np.flatnonzero(oracle.coef_))
+        np.testing.assert_allclose(weights[:, 0], (oracle.coef_ / lengths)[chosen], rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(weights, np.linalg.lstsq(dictionary[:, chosen], targets)[0], rtol=1e-8, atol=1e-10)
+
+
+@given(seed=st.integers(0, 10_000))
+def test_the_pursuit_of_atoms_leaves_no_better_choice_at_any_step(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rows, atoms, targets = rng.normal(size=(60, 12)), rng.normal(size=(25, 12)), rng.normal(size=(60, 2))
+    chosen, _ = pursue_atoms(rows, targets, atoms, budget=6)
+    dictionary = rows @ atoms.T
+    unit = dictionary / np.linalg.norm(dictionary, axis=0)
+    for k, choice in enumerate(chosen):
+        fitted = dictionary[:, chosen[:k]]
+        left = targets - fitted @ np.linalg.lstsq(fitted, targets)[0]
+        assert choice == np.argmax(np.sum((unit.T @ left) ** 2, axis=1))
+
+
+@pytest.mark.parametrize("fitting", ["back_fitting", "pre_fitting"])
+@pytest.mark.parametrize("n", [60, 7], ids=["tall", "wide"])
+def test_the_ridge_of_a_pursuit_of_atoms_is_on_the_vector_fitted(
+    fitting: Fitting, n: int, rng: np.random.Generator
+) -> None:
+    rows, atoms, targets = rng.normal(size=(n, 5)), rng.normal(size=(9, 5)), rng.normal(size=(n, 2))
+    chosen, weights = pursue_atoms(rows, targets, atoms, budget=9, ridge=0.3, fitting=fitting)
+    vector = np.linalg.solve(rows.T @ rows + 0.3 * n * np.eye(5), rows.T @ targets)  # five atoms reach any vector
+    assert len(chosen) == 5
+    np.testing.assert_allclose(atoms[chosen].T @ weights, vector, rtol=1e-8, atol=1e-10)

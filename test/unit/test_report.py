@@ -19,7 +19,7 @@ TRAINING = Training(name="short", iterations=2, episodes_per_iteration=3, evalua
 CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
 COLUMNS = [
     *("iteration", "episodes", "train_return", "train_return_sd", "mean_policy_return"),
-    *("centres", "step_size", "kl", "seconds"),
+    *("centres", "step_size", "kl", "sparsification_error", "seconds"),
 ]
 
 
@@ -54,6 +54,7 @@ def test_a_run_leaves_what_happened_in_it(
         assert int(row["centres"]) == iteration.metrics.centres
         assert float(row["step_size"]) == iteration.metrics.step_size
         assert float(row["kl"]) == iteration.metrics.kl
+        assert float(row["sparsification_error"]) == iteration.metrics.sparsification_error
     assert 0 < float(rows[0]["seconds"]) <= float(rows[1]["seconds"])
 
     policy, task = load_policy(folder / "policy.npz")

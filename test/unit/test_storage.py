@@ -1,6 +1,7 @@
 import json
 import resource
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,10 @@ import numpy as np
 import pytest
 
 from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import Task, load_policy, save_policy
+from rkhs_ros.policies.variance import FunctionVariance
+from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
 
 Make = Callable[..., GaussianPolicy]
@@ -16,27 +20,67 @@ TASK = Task("rkhs/Toy-v0", {"angle": "clip", "nested": [1, 2.5]}, 20, 0.99)
 KERNELS: list[Kernel] = [RBF((0.1, 1 / 3)), Polynomial(0.25, 3), RBF((1.0,)) * (Polynomial(1.0, 2) + RBF((2.0,)))]
 
 
+@pytest.mark.parametrize(
+    "inputs", [Inputs(), Inputs(history=3, angles=(1.0, 0.0), degree=2, offset=0.1)], ids=["plain", "inputs"]
+)
 @pytest.mark.parametrize("kernel", KERNELS, ids=str)
-@pytest.mark.parametrize("learnt", [False, True], ids=["constant variance", "learnt variance"])
+@pytest.mark.parametrize("variance", ["constant", "kernel", "function"])
 def test_a_policy_comes_back_bit_for_bit(
     tmp_path: Path,
     random_policy: Make,
     rng: np.random.Generator,
     arrays_of: Callable[[Any], dict[str, np.ndarray]],
     kernel: Kernel,
-    learnt: bool,
+    variance: str,
+    inputs: Inputs,
 ) -> None:
-    policy = random_policy(kernel=kernel, learnt=learnt)
+    policy = replace(random_policy(kernel=kernel, learnt=variance == "kernel"), inputs=inputs)
+    if variance == "function":
+        g = Function(kernel, rng.normal(size=(4, 2)), rng.normal(size=(4, 2)))
+        policy = replace(policy, variance=FunctionVariance(g, np.full(2, 0.1), np.full(2, 1.5)))
     save_policy(tmp_path / "policy.npz", policy, TASK)
     loaded, task = load_policy(tmp_path / "policy.npz")
     assert task == TASK
     assert loaded.mean.kernel == policy.mean.kernel
+    assert loaded.inputs == inputs
     assert type(loaded.variance) is type(policy.variance)
     expected, got = arrays_of(policy), arrays_of(loaded)
     assert expected.keys() == got.keys()
     assert all(expected[name].tobytes() == got[name].tobytes() for name in expected)
     x, exploration = rng.normal(size=(11, 2)), rng.standard_normal((11, 2))
     assert np.array_equal(loaded.act(x, exploration), policy.act(x, exploration))
+
+
+def test_a_file_of_the_first_schema_is_refused_by_its_number(tmp_path: Path, random_policy: Make) -> None:
+    path = tmp_path / "policy.npz"
+    save_policy(path, random_policy(), TASK)
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files if name != "inputs"}
+    np.savez(path, **{**arrays, "schema": np.array(1)})
+    with pytest.raises(ValueError, match="a policy of schema 2, got schema 1"):
+        load_policy(path)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "message"),
+    [
+        ({"history": 0}, r"inputs\.history: expected a number in \[1, 1000\], got 0"),
+        ({"angles": [0.5]}, r"inputs\.angles: expected whole numbers"),
+        ({"window": 2}, r"unknown key 'inputs\.window'"),
+        ([1], "inputs: expected a section of keys"),
+    ],
+)
+def test_a_file_with_inputs_that_are_none_is_refused_in_one_line(
+    tmp_path: Path, random_policy: Make, inputs: object, message: str
+) -> None:
+    path = tmp_path / "policy.npz"
+    save_policy(path, random_policy(), TASK)
+    with np.load(path) as file:
+        arrays = {**file, "inputs": np.array(json.dumps(inputs))}
+    np.savez(path, **arrays)
+    with pytest.raises(ValueError, match=message) as refusal:
+        load_policy(path)
+    assert "\n" not in str(refusal.value)
 
 
 def test_the_zero_function_comes_back(tmp_path: Path, random_policy: Make) -> None:
@@ -78,7 +122,7 @@ def test_a_file_with_a_changed_byte_is_refused_or_still_a_policy(
 @pytest.mark.parametrize(
     "change",
     [
-        {"schema": np.array(2)},
+        {"schema": np.array(1)},
         {"schema": None},
         {"weights": None},
         {"weights": np.zeros((3, 2))},
@@ -87,6 +131,8 @@ def test_a_file_with_a_changed_byte_is_refused_or_still_a_policy(
         {"kernel": np.array(["rbg"])},
         {"kernel_parameters": np.array([-1.0])},
         {"variance": np.array([1.0, -1.0])},
+        {"inputs": None},
+        {"inputs": np.array("no json")},
         {"task": np.array("no json")},
         {"task": np.array(json.dumps([1]))},
         {"task": np.array(json.dumps({"environment": "rkhs/Toy-v0"}))},

@@ -48,6 +48,16 @@ def test_training_and_evaluation_episodes_of_one_number_differ() -> None:
     assert not np.any(training.exploration(1) == evaluation.exploration(1))
 
 
+@given(rows=st.integers(1, 20), parts=st.integers(1, 30), explore=st.booleans())
+def test_the_parts_of_a_batch_are_its_episodes(rows: int, parts: int, explore: bool) -> None:
+    batch = Batch(3, 11, rows, 4, explore=explore)
+    split = batch.split(parts)
+    assert len(split) == min(rows, parts)
+    assert max(part.rows for part in split) - min(part.rows for part in split) <= 1
+    assert [seed for part in split for seed in part.environment_seeds()] == batch.environment_seeds()
+    assert np.array_equal(np.concatenate([part.exploration(2) for part in split]), batch.exploration(2))
+
+
 def test_exploration_is_standard_normal() -> None:
     draws = Batch(0, 0, 100, 100, explore=True).exploration(2).ravel()  # 20000 draws
     # Standard errors: 0.007 of the mean, 0.01 of the variance; the margins are four of them.

@@ -8,10 +8,14 @@ import pytest
 
 from rkhs_ros.experiments.config import Training, load_config
 from rkhs_ros.experiments.rollout import InlineRunner
-from rkhs_ros.experiments.training import first_policy, train
+from rkhs_ros.experiments.training import Collector, first_policy, train
+from rkhs_ros.learning.algorithm import Experience, Update
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.kernel_choice import KernelChoice
+from rkhs_ros.learning.registry import ALGORITHMS
+from rkhs_ros.learning.rkhs_nac import RKHSNAC
 from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import RBF, median_bandwidth
 from sim_nodes.simulation import Simulation
@@ -52,7 +56,8 @@ def test_each_iteration_uses_new_episodes_and_reports_them() -> None:
         batches = [batch for batch in runner.batches if batch.explore is explore]
         assert [number for batch in batches for number in batch.episodes] == list(numbers)
     for i, trained, evaluated in zip(iterations, runner.episodes[::2], runner.episodes[1::2], strict=True):
-        assert i.evaluation is evaluated
+        assert np.array_equal(i.evaluation.observations, evaluated.observations)
+        assert np.array_equal(i.evaluation.rewards, evaluated.rewards)
         assert np.array_equal(i.train_returns, trained.returns(0.99))
         assert np.array_equal(i.mean_policy_returns, evaluated.returns(0.99))
 
@@ -78,12 +83,54 @@ def test_one_episode_of_one_step_is_enough() -> None:
     assert len(list(train(tiny, InlineRunner(Simulation("rkhs/Toy-v0"))))) == 2
 
 
-def test_a_space_with_nothing_in_it_yet_stays_at_0() -> None:
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_a_space_with_nothing_in_it_yet_stays_at_0(algorithm: str) -> None:
     # At the toy's start, 0, the homogeneous polynomial kernel vanishes.
     choice = KernelChoice("polynomial", offset=0.0)
-    training = Training(iterations=1, episodes_per_iteration=3, horizon=1, kernel=choice)
+    training = Training(
+        iterations=1, episodes_per_iteration=3, horizon=1, kernel=choice, algorithm=ALGORITHMS[algorithm]()
+    )
     (iteration,) = train(training, InlineRunner(Simulation("rkhs/Toy-v0")))
-    assert iteration.metrics.centres == 0
+    assert not iteration.policy.mean(iteration.evaluation.flat(iteration.evaluation.observations)).any()
+
+
+class Numbered:
+    """Tells which episodes were asked for; what they hold does not matter."""
+
+    observation_dim, action_dim = 2, 1
+
+    def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
+        shape = (batch.rows, batch.horizon)
+        numbers = np.broadcast_to(np.array(batch.episodes)[:, None, None], (*shape, 2)).astype(float)
+        return Episodes(numbers, np.zeros((*shape, 1)), np.full(shape, float(batch.explore)), np.ones(shape, bool))
+
+
+def test_an_update_is_told_how_many_came_before_it_and_what_the_last_one_kept() -> None:
+    told: list[tuple[int, int, float]] = []
+
+    class Keeping(RKHSNAC):
+        def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
+            told.append((experience.iteration, len(experience.memory), experience.discount))
+            update = super().update(policy, experience)
+            return update._replace(memory=experience.episodes.take(slice(experience.iteration + 1)))
+
+    list(train(replace(SHORT, algorithm=Keeping(), discount=0.8), InlineRunner(Simulation("rkhs/Toy-v0"))))
+    assert told == [(0, 0, 0.8), (1, 1, 0.8), (2, 2, 0.8)]
+
+
+def test_no_episode_is_used_twice_and_exploring_ones_are_counted() -> None:
+    inputs = Inputs(history=2)
+    training = replace(SHORT, inputs=inputs, evaluation_episodes=3, horizon=4)
+    collector = Collector(training, Numbered())
+    policy = first_policy(training, 2, 1)
+    numbers: dict[bool, list[float]] = {True: [], False: []}
+    for episodes in (2, 0, 5, 1):
+        got = collector.evaluate(policy) if episodes == 0 else collector.explore(policy, episodes)
+        assert got.observations.shape[2] == inputs.dimension(2, 1)
+        assert (got.rewards == float(episodes > 0)).all()
+        numbers[episodes > 0] += got.observations[:, 0, 0].tolist()
+    assert numbers == {True: list(range(8)), False: [0, 1, 2]}
+    assert collector.episodes_used == 8
 
 
 @pytest.mark.slow

@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rkhs_ros.policies.variance import ConstantVariance, KernelVariance
+from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance
+from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
 
 GOOD = {
@@ -102,3 +103,42 @@ def test_decay_shrinks_the_standard_deviation_but_not_below_its_minimum(
     decayed = float(np.sqrt(ConstantVariance(np.array([sd**2])).decay(factor, minimum).values[0]))
     # A deviation that begins below the minimum stays where it is.
     assert decayed == pytest.approx(min(sd, max(sd * factor, minimum)), rel=1e-9)
+
+
+@given(
+    seed=st.integers(0, 10_000),
+    distance=st.floats(0, 1e8),
+    scale=st.sampled_from([0.0, 1e-9, 1.0, 1e9]),
+    kernel=st.sampled_from([RBF((0.1,)), RBF((1.0, 5.0)), Polynomial(1.0, 2)]),
+)
+def test_a_function_as_variance_is_that_function_within_its_bounds(
+    seed: int, distance: float, scale: float, kernel: Kernel
+) -> None:
+    rng = np.random.default_rng(seed)
+    function = Function(kernel, rng.normal(size=(6, 2)), scale * rng.normal(size=(6, 3)))
+    low, high = np.array([1e-4, 0.1, 1.0]), np.array([1e-3, 1.0, 1.0])
+    x = distance * rng.normal(size=(20, 2))
+    there = FunctionVariance(function, low, high)(x)
+    expected = [[min(max(g, a), b) for g, a, b in zip(row, low, high, strict=True)] for row in function(x)]
+    assert np.array_equal(there, expected)
+
+
+def test_a_row_of_a_function_as_variance_does_not_depend_on_the_rows_beside_it(rng: np.random.Generator) -> None:
+    function = Function(RBF((0.7,)), rng.normal(size=(23, 2)), rng.normal(size=(23, 2)))
+    variance, x = FunctionVariance(function, np.full(2, 0.1), np.full(2, 9.0)), rng.normal(size=(31, 2))
+    assert np.array_equal(variance(x), np.concatenate([variance(row[None]) for row in x]))
+
+
+@pytest.mark.parametrize(
+    ("bounds", "message"),
+    [
+        (([0.0], [1.0]), "variance minimum: expected positive"),
+        (([2.0], [1.0]), "variance minimum: expected at most the maximum"),
+        (([1.0], [np.inf]), "variance maximum: expected finite"),
+        (([1.0], [2.0, 2.0]), "variance maximum: expected"),
+    ],
+)
+def test_bounds_that_are_none_are_refused(bounds: tuple[list[float], list[float]], message: str) -> None:
+    function = Function(RBF((1.0,)), np.zeros((1, 2)), np.ones((1, 1)))
+    with pytest.raises(ValueError, match=message):
+        FunctionVariance(function, *map(np.array, bounds))

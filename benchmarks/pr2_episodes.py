@@ -1,0 +1,64 @@
+"""Episodes of the PR2 per second over topics, with one simulator node and with two, side by side in one run."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from pathlib import Path
+from statistics import median
+
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import rclpy
+
+from rkhs_ros.experiments.config import load_config
+from rkhs_ros.experiments.launcher import for_all, node_names, started
+from rkhs_ros.experiments.report import resolved
+from rkhs_ros.experiments.rollout import InlineRunner
+from rkhs_ros.experiments.training import first_policy
+from rkhs_ros.nodes.learner_node import LearnerNode
+from rkhs_ros.policies.streams import Batch
+from sim_nodes.simulation import Simulation
+
+CONFIG = Path(__file__).parents[1] / "config" / "pr2_door_power.yaml"
+EPISODES, ROUNDS = 20, 5
+
+
+def episodes_per_second(simulators: int) -> float:
+    """Return the median over rounds of the episodes per second."""
+    config = load_config(CONFIG, [f"simulators={simulators}"])
+    with tempfile.TemporaryDirectory() as folder:
+        parameters = Path(folder) / "parameters.yaml"
+        parameters.write_text(for_all(resolved(config), simulators))
+        rclpy.init(args=["--ros-args", "--params-file", str(parameters)])
+        with started(node_names(simulators)[:-1], parameters):
+            learner = LearnerNode()
+            learner.connect()
+            policy = first_policy(config.training, learner.observation_dim, learner.action_dim)
+            rounds = [seconds_of(learner, policy, k) for k in range(ROUNDS + 1)]
+        rclpy.shutdown()
+    return EPISODES / median(rounds[1:])
+
+
+def seconds_of(runner, policy, number: int) -> float:
+    """Return how long a batch takes."""
+    begin = time.perf_counter()
+    runner.collect(policy, Batch(0, number * EPISODES, EPISODES, 1, explore=True))
+    return time.perf_counter() - begin
+
+
+def main() -> None:
+    """Print the table."""
+    config = load_config(CONFIG)
+    inline = InlineRunner(Simulation(config.environment.id, config.environment.options))
+    policy = first_policy(config.training, inline.observation_dim, inline.action_dim)
+    single = [seconds_of(inline, policy, k) / EPISODES for k in range(ROUNDS + 1)][1:]
+    print(f"an episode in process           {1e3 * median(single):6.1f} ms   (at most 150 ms)")
+    one, two = episodes_per_second(1), episodes_per_second(2)
+    print(f"episodes/s, one simulator node  {one:6.2f}")
+    print(f"episodes/s, two simulator nodes {two:6.2f}      {two / one:.2f} times (aim 1.6)")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,77 @@
+"""What the PR2 earns, and where it opens the door, over a grid of changes for three poses, as a picture.
+
+``python benchmarks/pr2_map.py [--out FILE.png]``; takes about a minute. Prints the share of the changes that open the
+door and the median time of an episode; the picture is kept only where it is told to.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from pathlib import Path
+
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from sim_nodes.pr2.environment import POSE_SD, PR2Door
+
+POSES = {
+    "as demonstrated": np.zeros(3),
+    "all errors one sd": POSE_SD,
+    "nearer, to the right, turned left": POSE_SD * np.array([1.0, -1.0, 1.0]),
+}
+COLUMNS, ROWS = 15, 13
+
+
+def survey(task: PR2Door, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[float]]:
+    """Return rewards and successes, shape (openings, shifts), and the seconds of the episodes."""
+    rewards, opened, seconds = np.empty((ROWS, COLUMNS)), np.empty((ROWS, COLUMNS), dtype=bool), []
+    shifts, openings = axes(task)
+    for row, opening in enumerate(openings):
+        for column, shift in enumerate(shifts):
+            begin = time.process_time()
+            outcome = task.attempt(pose, np.array([shift, opening]))
+            seconds.append(time.process_time() - begin)
+            rewards[row, column], opened[row, column] = outcome.reward, outcome.success
+    return rewards, opened, seconds
+
+
+def axes(task: PR2Door) -> tuple[np.ndarray, np.ndarray]:
+    """Return the changes of the columns and of the rows."""
+    space = task.single_action_space
+    return np.linspace(space.low[0], space.high[0], COLUMNS), np.linspace(space.low[1], space.high[1], ROWS)
+
+
+def main(path: Path | None) -> None:
+    """Draw the maps, keep them if there is a path, and print the figures."""
+    task = PR2Door()
+    shifts, openings = axes(task)
+    figure, panels = plt.subplots(1, len(POSES), figsize=(14, 4), sharey=True, layout="constrained")
+    for panel, (name, pose) in zip(panels, POSES.items(), strict=True):
+        rewards, opened, seconds = survey(task, pose)
+        mesh = panel.pcolormesh(shifts, openings, rewards, vmin=0.0, vmax=1.0, cmap="viridis")
+        columns, rows = np.meshgrid(shifts, openings)
+        panel.plot(columns[opened], rows[opened], "w.", markersize=5)
+        panel.set(title=f"{name}: {opened.mean():.0%} open it", xlabel="shift along the lever (m)")
+        print(
+            f"{name:35s} {opened.mean():5.1%} of the changes open the door, best reward {rewards.max():.3f},"
+            f" {np.median(seconds):.3f} s an episode"
+        )
+    panels[0].set_ylabel("change of the opening (m)")
+    figure.colorbar(mesh, label="reward (dots: the door is open)")
+    if path is not None:
+        figure.savefig(path, dpi=120)
+        print(path)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--out", type=Path, metavar="FILE.png", help="where the picture goes (nowhere)")
+    main(parser.parse_args().out)

@@ -1,0 +1,114 @@
+"""Experiments: what is compared with what, over how many runs, from files in config/experiments/."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rkhs_ros.experiments.config import Config, load_config
+from rkhs_ros.rkhs.validation import pick, require
+
+BANDS = ("confidence", "sd")
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One way to learn.
+
+    Attributes:
+        label: its name in the figure.
+        config: configuration file.
+        changes: settings that replace the file's, as ``algorithm.ridge=0.1``; ``{run}`` stands for the run's number.
+    """
+
+    label: str
+    config: Path
+    changes: tuple[str, ...]
+
+    def run(self, number: int) -> Config:
+        """Return the configuration of a run; its number is its seed."""
+        changes = [change.replace("{run}", str(number)) for change in self.changes]
+        return load_config(self.config, [*changes, f"name={self.label!r}", f"seed={number}"])
+
+
+@dataclass(frozen=True)
+class Panel:
+    """The curves of one plot."""
+
+    title: str
+    curves: tuple[Curve, ...]
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One figure.
+
+    Attributes:
+        name: name of its file.
+        title: what it shows.
+        runs: number of independent runs of each curve.
+        band: around the mean, its 95 % "confidence" interval or the "sd" of the runs.
+        panels: its plots, side by side.
+    """
+
+    name: str
+    title: str
+    runs: int
+    band: str
+    panels: tuple[Panel, ...]
+
+
+def folder() -> Path:
+    """Return the folder of the experiments' files, in the source tree or where it was installed.
+
+    Raises:
+        FileNotFoundError: neither has it.
+    """
+    for parent in Path(__file__).resolve().parents:
+        for place in (parent / "config" / "experiments", parent / "share" / "rkhs_ros" / "config" / "experiments"):
+            if place.is_dir():
+                return place
+    raise FileNotFoundError("config/experiments: expected beside the sources or under share/rkhs_ros, found nowhere")
+
+
+def known() -> dict[str, Path]:
+    """Return the files of the experiments by name."""
+    return {path.stem: path for path in sorted(folder().glob("*.yaml"))}
+
+
+def load_experiment(name: str) -> Experiment:
+    """Read an experiment by name.
+
+    Raises:
+        ValueError: the name is unknown, or the file is not an experiment.
+    """
+    path = pick(name, known(), "experiment")
+    tree = _section(yaml.safe_load(path.read_text()), ("title", "runs", "band", "panels"), str(path))
+    require(tree["band"] in BANDS, f"{path}: band", f"one of {', '.join(BANDS)}", tree["band"])
+    panels = tuple(_panel(panel, path) for panel in tree["panels"])
+    return Experiment(name, str(tree["title"]), int(tree["runs"]), str(tree["band"]), panels)
+
+
+def _panel(tree: Any, path: Path) -> Panel:
+    tree = _section(tree, ("title", "curves"), f"{path}: panel", ("set",))
+    common = tree.get("set", [])
+    return Panel(str(tree["title"]), tuple(_curve(curve, common, path) for curve in tree["curves"]))
+
+
+def _curve(tree: Any, common: list[str], path: Path) -> Curve:
+    tree = _section(tree, ("label", "config"), f"{path}: curve", ("set",))
+    changes = tuple(str(change) for change in [*common, *tree.get("set", [])])
+    return Curve(str(tree["label"]), path.parents[1] / f"{tree['config']}.yaml", changes)
+
+
+def _section(tree: Any, needed: tuple[str, ...], what: str, more: tuple[str, ...] = ()) -> Mapping[str, Any]:
+    if not isinstance(tree, Mapping):
+        raise ValueError(f"{what}: expected a section of keys, got {tree!r}")
+    missing = [key for key in needed if key not in tree]
+    unknown = [key for key in tree if key not in (*needed, *more)]
+    require(not missing and not unknown, what, f"the keys {', '.join((*needed, *more))}", ", ".join(map(str, tree)))
+    return tree

@@ -1,0 +1,126 @@
+"""A film of an episode: what is seen while a policy acts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rkhs_ros.experiments.rollout import InlineRunner
+from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
+from rkhs_ros.policies.storage import Task
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rkhs.validation import require
+from sim_nodes.envs.vector_task import VectorTask
+from sim_nodes.simulation import Simulation
+
+Pictures = NDArray[np.uint8]  # RGB, shape (height, width, 3), or several of them
+FEWEST, MOST, USUAL = 2, 200, 60  # pictures of a film
+SIZE, DPI = (3.2, 2.4), 100  # inches, of a drawn picture
+
+
+@dataclass(frozen=True)
+class Film:
+    """What was seen.
+
+    Attributes:
+        pictures: by the camera's name, "" for the only one, shape (frames, height, width, 3).
+        captions: when it was, one for each frame.
+    """
+
+    pictures: dict[str, Pictures]
+    captions: list[str]
+
+
+def shoot(policy: GaussianPolicy, task: Task, runner: InlineRunner, *, seed: int = 0, frames: int = USUAL) -> Film:
+    """Let a policy act without noise for an episode and return what is seen.
+
+    Args:
+        policy: it acts.
+        task: what it was learnt on.
+        runner: of that task.
+        seed: of all randomness.
+        frames: pictures, spread evenly over the episode; fewer where it is shorter.
+
+    Raises:
+        ValueError: a number is out of range, or the environment does not draw itself.
+    """
+    require(FEWEST <= frames <= MOST, "frames", f"{FEWEST} to {MOST}", frames)
+    batch, simulation = Batch(seed, 0, 1, task.horizon, explore=False), runner.simulation
+    simulation.start(batch)
+    if hasattr(simulation.vector, "render_frames"):
+        return _watched(policy, batch, simulation, frames)
+    own = isinstance(simulation.vector, VectorTask)
+    shown, look = (simulation, _drawn) if own else (_with_pictures(task, simulation), _rendered)
+    steps = spread(int(runner.collect(policy, batch).mask[0].sum()), frames)
+    pictures = np.array(list(_moments(policy, batch, shown, steps, look)))
+    return Film({"": pictures}, [f"step {step}" for step in steps])
+
+
+def spread(length: int, count: int) -> list[int]:
+    """Return as many numbers below the length, evenly from the first to the last; all where they are fewer."""
+    return [int(k) for k in np.linspace(0, length - 1, min(count, length)).round()]
+
+
+def _watched(policy: GaussianPolicy, batch: Batch, simulation: Simulation, frames: int) -> Film:
+    """Return what the cameras of a task see, of which one action makes a whole motion."""
+    task: Any = simulation.vector
+    actions = Acting(policy, batch, explore=False)(0, simulation.start(batch).observations)
+    simulation.step(actions)
+    motion = simulation.joint_states()
+    every, period = (1, 0.0) if motion is None else (-(-len(motion.positions) // frames), motion.period)
+    change = task.change(actions[0])
+    pictures = task.render_frames(task.states[0], change, every=every)  # refuses what makes no motion
+    count = len(next(iter(pictures.values())))
+    return Film(pictures, [f"{frame * every * period:.1f} s" for frame in range(count)])
+
+
+def _moments(
+    policy: GaussianPolicy,
+    batch: Batch,
+    simulation: Simulation,
+    steps: list[int],
+    look: Callable[[Simulation, Array], Pictures],
+) -> Iterator[Pictures]:
+    """Yield what is seen before some steps of the episode."""
+    acting = Acting(policy, batch, explore=False)
+    frame = simulation.start(batch)
+    for step in range(steps[-1] + 1):
+        actions = acting(step, frame.observations)
+        if step in steps:
+            yield look(simulation, np.clip(actions[0], simulation.action_low, simulation.action_high))
+        frame = simulation.step(actions)
+
+
+def _drawn(simulation: Simulation, action: Array) -> Pictures:
+    task: Any = simulation.vector
+    figure = Figure(figsize=SIZE, dpi=DPI)
+    canvas: Any = FigureCanvasAgg(figure)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_axis_off()
+    task.draw(axes, task.states[0], action)
+    canvas.draw()
+    return np.array(canvas.buffer_rgba())[:, :, :3]
+
+
+def _with_pictures(task: Task, simulation: Simulation) -> Simulation:
+    """Return the simulation of an environment that is told to draw itself."""
+    modes = simulation.vector.metadata.get("render_modes") or []
+    what = "an environment that draws itself (render mode rgb_array)"
+    require("rgb_array" in modes, task.environment, what, f"one with {', '.join(modes) or 'no render mode'}")
+    return Simulation(task.environment, {**task.options, "render_mode": "rgb_array"})
+
+
+def _rendered(simulation: Simulation, action: Array) -> Pictures:
+    try:
+        pictures: Any = simulation.vector.render()
+    except gymnasium.error.DependencyNotInstalled as error:
+        raise ValueError(f"{simulation.environment}: expected what draws it to be installed, got: {error}") from error
+    return np.asarray(pictures[0], dtype=np.uint8)

@@ -1,0 +1,93 @@
+"""Experiments made: independent runs side by side, resumed where they stopped, gathered in one table."""
+
+from __future__ import annotations
+
+import csv
+import sys
+from collections.abc import Callable, Iterable
+from hashlib import blake2b
+from pathlib import Path
+
+import yaml
+from joblib import Parallel, delayed
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from rkhs_ros.experiments.config import Config
+from rkhs_ros.experiments.experiment import Experiment
+from rkhs_ros.experiments.rollout import InlineRunner
+from rkhs_ros.experiments.training import Iteration, train
+from sim_nodes.simulation import Simulation
+
+COLUMNS = ("panel", "curve", "run", "iteration", "episodes", "train_return", "mean_policy_return")
+
+
+def reproduce(experiment: Experiment, out: Path, *, runs: int, jobs: int, quiet: bool = False) -> Path:
+    """Make all runs of an experiment and return its table, a csv file.
+
+    A run is filed under its settings in ``out/runs``, and not made again where it is there already.
+
+    Args:
+        experiment: what to compare.
+        out: folder for the table and the runs.
+        runs: number of runs of each curve.
+        jobs: number of processes.
+        quiet: without progress bar.
+    """
+    (out / "runs").mkdir(parents=True, exist_ok=True)
+    places = {
+        (panel.title, curve.label, run): (config, _file(out, config))
+        for panel in experiment.panels
+        for curve in panel.curves
+        for run in range(runs)
+        for config in [curve.run(run)]
+    }
+    missing = {file: config for config, file in places.values() if not file.exists()}
+    _make(missing, jobs, experiment.name, quiet)
+    lines = ((*key, *line) for key, (_, file) in places.items() for line in _lines(file))
+    return _write(out / f"{experiment.name}.csv", COLUMNS, (map(_short, line) for line in lines))
+
+
+def _make(missing: dict[Path, Config], jobs: int, name: str, quiet: bool) -> None:
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, TimeRemainingColumn(), console=Console(file=sys.stderr), disable=quiet) as progress:
+        bar = progress.add_task(name, total=len(missing))
+        work = (delayed(_run)(config, file) for file, config in missing.items())
+        for _ in Parallel(n_jobs=jobs, return_as="generator_unordered")(work):
+            progress.advance(bar)
+
+
+def _run(config: Config, file: Path) -> None:
+    runner = InlineRunner(Simulation(config.environment.id, config.environment.options))
+    lines = [_line(iteration) for iteration in train(config.training, runner)]
+    _write(file, COLUMNS[3:], lines)
+
+
+def _line(iteration: Iteration) -> tuple[object, ...]:
+    returns = float(iteration.train_returns.mean()), float(iteration.mean_policy_returns.mean())
+    return (iteration.number, iteration.episodes_used, *returns)
+
+
+def _file(out: Path, config: Config) -> Path:
+    settings = yaml.safe_dump(config.parameters(), sort_keys=True)
+    return out / "runs" / f"{blake2b(settings.encode(), digest_size=12).hexdigest()}.csv"
+
+
+def _lines(file: Path) -> Iterable[tuple[object, ...]]:
+    kinds: tuple[Callable[[str], object], ...] = (int, int, float, float)
+    with file.open(newline="") as text:
+        for line in list(csv.reader(text))[1:]:
+            yield tuple(kind(word) for kind, word in zip(kinds, line, strict=True))
+
+
+def _write(file: Path, header: Iterable[str], lines: Iterable[Iterable[object]]) -> Path:
+    """Write a table whole or not at all."""
+    aside = file.with_name(file.name + ".part")
+    with aside.open("w", newline="") as text:
+        csv.writer(text, lineterminator="\n").writerows([header, *lines])
+    aside.replace(file)
+    return file
+
+
+def _short(value: object) -> object:
+    return f"{value:.3f}" if isinstance(value, float) else value

@@ -1,0 +1,71 @@
+"""An experiment's table, read back: for each curve the returns of its runs."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rkhs_ros.rkhs.kernels import Array
+
+
+@dataclass(frozen=True)
+class Returns:
+    """What the runs of a curve earned.
+
+    Attributes:
+        episodes: exploring episodes used up to each iteration, shape (iterations,).
+        train: mean discounted return of the exploring episodes, shape (runs, iterations).
+        mean_policy: that of noise-free episodes after the update, shape (runs, iterations).
+    """
+
+    episodes: Array
+    train: Array
+    mean_policy: Array
+
+    @property
+    def runs(self) -> int:
+        """Number of runs."""
+        return len(self.train)
+
+    def end(self) -> float:
+        """Return the mean over runs of the noise-free return after the last iteration."""
+        return float(self.mean_policy[:, -1].mean())
+
+    def at(self, iteration: int) -> float:
+        """Return the mean over runs of the noise-free return after an iteration, counted from 1."""
+        return float(self.mean_policy[:, iteration - 1].mean())
+
+
+Table = dict[tuple[str, str], Returns]
+
+
+def load_table(path: Path) -> Table:
+    """Read a table: the returns by panel and curve.
+
+    Raises:
+        ValueError: there is no such file, or it is not the table of whole runs.
+        OSError: the file cannot be read.
+    """
+    if not path.exists():
+        raise ValueError(f"{path}: expected a table, got none; 'rkhs reproduce {path.stem}' makes it")
+    with path.open(newline="") as text:
+        lines = list(csv.DictReader(text))
+    curves: dict[tuple[str, str], dict[int, list[dict[str, str]]]] = {}
+    try:
+        for line in lines:
+            curves.setdefault((line["panel"], line["curve"]), {}).setdefault(int(line["run"]), []).append(line)
+        return {key: _returns(runs) for key, runs in curves.items()}
+    except (KeyError, ValueError) as error:
+        raise ValueError(
+            f"{path}: expected the table of an experiment, got one that cannot be read ({error})"
+        ) from error
+
+
+def _returns(runs: dict[int, list[dict[str, str]]]) -> Returns:
+    def column(name: str) -> Array:
+        return np.array([[float(line[name]) for line in lines] for lines in runs.values()])
+
+    return Returns(column("episodes")[0], column("train_return"), column("mean_policy_return"))

@@ -1,0 +1,52 @@
+"""RKHS-NPG: the natural policy gradient in RKHS (section 3.1 of the paper, Algorithm 1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rkhs_ros.learning.algorithm import Experience, Update
+from rkhs_ros.learning.critics import dual_regression, trajectory_features, value
+from rkhs_ros.learning.features import Samples
+from rkhs_ros.learning.spaces import Sparse
+from rkhs_ros.learning.steps import STEP_RULES, KLStep, StepRule
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rkhs.settings import setting, variant
+
+
+@dataclass(frozen=True)
+class RKHSNPG(Sparse):
+    r"""Up the natural gradient, through the N x N Gram of the trajectories (Eq 18 to 20).
+
+    .. math:: h \leftarrow h + \alpha \sum_i \hat R_i \sum_t K(s_{it}, \cdot)\, u_{it}, \qquad
+        \hat R = (\Lambda + \lambda N I)^{-1} (R - b 1)
+
+    As printed there is no baseline b, and learning stalls halfway: the returns' mean drowns their differences.
+    """
+
+    baseline: str = setting(
+        "intercept",
+        "what is taken off the returns: their intercept in the regression, the value of the first state beside it, or "
+        "nothing, as printed",
+        choices=("intercept", "value", "printed"),
+    )
+    ridge: float = setting(0.1, "lambda N relative to the Gram's mean diagonal", minimum=1e-12, maximum=1e6)
+    value_ridge: float = setting(0.01, "penalty on the value's squared norm in the RKHS", minimum=1e-12, maximum=1e6)
+    step: StepRule = variant(KLStep(), STEP_RULES, "rule")
+
+    def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
+        """Return the policy one natural step on."""
+        samples = self.samples(policy, experience.episodes)
+        trajectories = trajectory_features(samples, discount=1.0)  # grad log P(xi), Eq 19
+        weights = self._weights(samples, trajectories, experience.discount)  # R hat, after Eq 18
+        gradient = (trajectories.T @ weights).reshape(-1, policy.mean.output_dim)
+        return self.climb(policy, gradient, samples, experience, self.step)  # Eq 20
+
+    def _weights(self, samples: Samples, trajectories: Array, discount: float) -> Array:
+        returns = samples.episodes.returns(discount)
+        if self.baseline == "value":
+            first = np.concatenate([[0], np.cumsum(samples.episodes.mask.sum(axis=1))[:-1]])
+            returns = returns - value(samples, discount, self.value_ridge)[first]
+        return dual_regression(trajectories, returns, self.ridge, intercept=self.baseline != "printed")

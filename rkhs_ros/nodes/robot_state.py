@@ -1,0 +1,50 @@
+"""What a simulator publishes of its robot, for viewers; imported where it is asked for, as it takes its time."""
+
+from __future__ import annotations
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from rkhs_ros.nodes.messages import joint_state_messages
+from rkhs_ros.rkhs.validation import require
+from sim_nodes.simulation import Simulation
+
+MOTION_QOS = QoSProfile(depth=256)  # a whole motion
+LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class RobotState:
+    """Publishes a robot's URDF once, and its motions all at once, stamped with when they are to be seen.
+
+    Owns the time at which the motion before ends. The next one begins then, or now if that is later: viewers drop
+    what is older than what they had.
+
+    Args:
+        node: the simulator node.
+        simulation: of a task with a robot.
+
+    Raises:
+        ValueError: the task has no robot.
+    """
+
+    def __init__(self, node: Node, simulation: Simulation) -> None:
+        description = simulation.robot_description()
+        require(description is not None, "robot_state", "a task with joints", simulation.environment)
+        self._clock = node.get_clock()
+        self._simulation = simulation
+        self._end = 0  # ns
+        self._joint_states = node.create_publisher(JointState, "joint_states", MOTION_QOS)
+        self._description = node.create_publisher(String, "robot_description", LATCHED_QOS)
+        self._description.publish(String(data=description))
+
+    def publish(self) -> None:
+        """Publish what the robot did in the step just made, if it did something."""
+        states = self._simulation.joint_states()
+        if states is None:
+            return
+        begin = max(self._end, self._clock.now().nanoseconds)
+        for message in joint_state_messages(states, begin):
+            self._joint_states.publish(message)
+        self._end = begin + round(1e9 * states.period * len(states.positions))

@@ -1,0 +1,123 @@
+"""What a policy's function is given of what was observed and done: windows of history, and features of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+from math import comb, prod
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rkhs.settings import setting
+from rkhs_ros.rkhs.validation import require
+
+
+@dataclass(frozen=True)
+class Inputs:
+    r"""The map from a history :math:`(o_0, a_0, \dots, o_t)` to the point at which the policy's mean is evaluated.
+
+    The same code serves the policy that acts, step by step, and the learner, all steps at once.
+    """
+
+    history: int = setting(
+        1,
+        "length of the window: the last observations, each with the action before it, not clipped; 1: the observation",
+        minimum=1,
+        maximum=1000,
+    )
+    angles: str | tuple[float, ...] = setting(
+        "none",
+        "columns of the observation that are angles in radians, given as (sin, cos); or 'none'",
+        minimum=0,
+        maximum=10_000,
+        choices=("none",),
+    )
+    degree: int = setting(
+        0, "degree of the monomials given in place of the numbers themselves; 0: the numbers", minimum=0, maximum=20
+    )
+    offset: float = setting(1.0, "offset c of the polynomial kernel that the monomials span", minimum=1e-9, maximum=1e6)
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where a column is not a whole number."""
+        whole = isinstance(self.angles, str) or all(column == int(column) for column in self.angles)
+        require(whole, "inputs.angles", "whole numbers", self.angles)
+        require(len(set(self.columns)) == len(self.columns), "inputs.angles", "each column once", self.angles)
+
+    @property
+    def columns(self) -> list[int]:
+        """The columns of the observation that are angles."""
+        return [] if isinstance(self.angles, str) else [int(column) for column in self.angles]
+
+    def dimension(self, observation_dim: int, action_dim: int) -> int:
+        """Return the dimension of the points.
+
+        Raises:
+            ValueError: an angle is not a column of the observation.
+        """
+        self._check_angles(observation_dim)
+        seen = observation_dim + len(self.columns)
+        size = seen if self.history == 1 else self.history * (seen + action_dim)
+        return comb(size + self.degree, self.degree) if self.degree else size
+
+    def unfold(self, observations: Array, actions: Array) -> Array:
+        """Return the points at all steps, shape (rows, horizon, input_dim).
+
+        Args:
+            observations: before each action, shape (rows, horizon, d).
+            actions: of each step, shape (rows, horizon, n).
+        """
+        return self.at(np.arange(observations.shape[1]), observations, actions)
+
+    def at(self, steps: NDArray[np.int_], observations: Array, actions: Array) -> Array:
+        """Return the points at some steps, shape (rows, len(steps), input_dim), each row by itself to the last bit.
+
+        A window that begins before the episode did repeats the first observation, with actions 0.
+        """
+        if self.history == 1:
+            return self.features(observations[:, steps])
+        ago = np.arange(self.history - 1, -1, -1)
+        places = steps[:, None] - ago
+        seen = self._angles(observations[:, np.maximum(places, 0)])
+        done = np.where(places[:, :, None] > 0, actions[:, np.maximum(places - 1, 0)], 0.0)
+        windows = np.concatenate([seen, done], axis=-1)
+        return self._monomials(windows.reshape(*windows.shape[:2], -1))
+
+    def features(self, observations: Array) -> Array:
+        """Return the points of a window of length 1, shape (..., input_dim)."""
+        return self._monomials(self._angles(observations))
+
+    def _check_angles(self, observation_dim: int) -> None:
+        good = max(self.columns, default=0) < observation_dim
+        require(good, "inputs.angles", f"columns from 0 to {observation_dim - 1}", self.angles)
+
+    def _angles(self, observations: Array) -> Array:
+        if not self.columns:
+            return observations
+        self._check_angles(observations.shape[-1])
+        turned = observations[..., self.columns]
+        rest = np.delete(observations, self.columns, axis=-1)
+        return np.concatenate([np.sin(turned), np.cos(turned), rest], axis=-1)
+
+    def _monomials(self, x: Array) -> Array:
+        r"""Return the monomials whose inner products are the polynomial kernel.
+
+        .. math:: (x \cdot y + c)^p = \phi(x) \cdot \phi(y)
+
+        In these coordinates a small offset loses no digits, as it does in the kernel's Gram matrix.
+        """
+        if self.degree == 0:
+            return x
+        size = x.shape[-1] + 1
+        constant = np.full((*x.shape[:-1], 1), np.sqrt(self.offset))
+        factors = np.concatenate([x, constant], axis=-1)
+        choices = list(combinations_with_replacement(range(size), self.degree))
+        scale = np.sqrt([_multinomial(np.bincount(c, minlength=size).tolist()) for c in choices])
+        return np.asarray(scale * factors[..., np.array(choices)].prod(axis=-1))
+
+
+def _multinomial(counts: Sequence[int]) -> int:
+    """Return the number of orders of a multiset with those counts."""
+    return prod(comb(sum(counts[: i + 1]), count) for i, count in enumerate(counts))

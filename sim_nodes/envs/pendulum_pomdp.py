@@ -1,0 +1,29 @@
+"""The inverted pendulum of which only the angle is seen, and with noise: section 4.3 of the paper."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from gymnasium.spaces import Box
+
+from sim_nodes.envs.pendulum import Pendulum
+from sim_nodes.envs.vector_task import Array
+
+
+class PendulumPOMDP(Pendulum):
+    r"""The pendulum with the observation :math:`o = \theta + 2\epsilon`, :math:`\epsilon \sim N(0, 0.02^2)`.
+
+    The velocity must be inferred from a history of observations and actions. With full observation at most 51.8 can
+    be earned; what is attainable here is not known.
+    """
+
+    single_observation_space = Box(-np.inf, np.inf, (1,), np.float64)
+    reference_returns: ClassVar[dict[str, float]] = {
+        "optimum if all were seen (dynamic programming)": 51.8,
+        "balanced, the paper says": 25.0,
+    }
+    observation_noise_dim = 1
+
+    def observe(self, states: Array, noise: Array) -> Array:  # noqa: D102
+        return states[:, :1] + 2.0 * self.noise_sd * noise

@@ -1,0 +1,66 @@
+"""Pictures of an episode, drawn without a graphics card."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_nodes.pr2.robot import Vector
+
+
+class Camera(NamedTuple):
+    """Where a camera is and looks, in metres, and its vertical angle of view in degrees."""
+
+    place: Vector
+    target: Vector
+    view: float
+
+
+CAMERAS = {
+    "room": Camera((-0.9, -2.0, 1.9), (0.5, 0.0, 0.85), 55.0),
+    "hand": Camera((0.45, -0.75, 1.25), (0.82, -0.20, 0.93), 45.0),
+}
+NEAR, FAR = 0.05, 10.0  # m
+LIGHT = (-2.0, -2.0, 4.0)
+TINY_RENDERER = 1 << 16  # PyBullet's, on the processor
+
+
+class Film:
+    """Takes a picture with every camera once in some calls.
+
+    Owns the pictures taken.
+
+    Args:
+        size: width and height of a picture.
+        every: calls from one picture to the next.
+    """
+
+    def __init__(self, size: tuple[int, int], every: int) -> None:
+        self.size = size
+        self.every = every
+        self._calls = 0
+        self._taken: dict[str, list[NDArray[np.uint8]]] = {name: [] for name in CAMERAS}
+
+    def __call__(self, client: Any) -> None:
+        """Take the pictures of a moment, if it is one of those."""
+        if self._calls % self.every == 0:
+            for name, camera in CAMERAS.items():
+                self._taken[name].append(picture(client, camera, self.size))
+        self._calls += 1
+
+    def frames(self) -> dict[str, NDArray[np.uint8]]:
+        """Return the pictures of each camera, shape (frames, height, width, 3)."""
+        return {name: np.array(pictures) for name, pictures in self._taken.items()}
+
+
+def picture(client: Any, camera: Camera, size: tuple[int, int]) -> NDArray[np.uint8]:
+    """Return what a camera sees as RGB, shape (height, width, 3)."""
+    width, height = size
+    view = client.computeViewMatrix(camera.place, camera.target, (0.0, 0.0, 1.0))
+    lens = client.computeProjectionMatrixFOV(camera.view, width / height, NEAR, FAR)
+    _, _, pixels, _, _ = client.getCameraImage(
+        width, height, view, lens, lightDirection=LIGHT, shadow=0, renderer=TINY_RENDERER
+    )
+    return np.reshape(pixels, (height, width, 4)).astype(np.uint8)[:, :, :3]

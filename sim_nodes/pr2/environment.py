@@ -1,0 +1,226 @@
+"""The robotic manipulation task of section 4.4 of the paper: a PR2 opens a door, one action an episode."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from gymnasium.spaces import Box
+
+from sim_nodes.envs.vector_task import Array, JointStates, SingleTask, VectorTask, clip
+from sim_nodes.pr2 import cameras, demonstration, door, robot
+from sim_nodes.pr2.motion import adapted
+from sim_nodes.pr2.world import Trajectory, World, in_window, require_display
+
+POSES = ("per_run", "per_episode")
+POSE_SD = np.array([0.015, 0.05, 0.05])  # of the base: x, y (m), yaw (rad)
+START = (0.05, 0.04)  # m: a first guess of where to grip and how wide, which is poor
+TRACKING_SCALE = 0.05  # m
+
+
+class Outcome(NamedTuple):
+    """What came of a change of the demonstration.
+
+    Attributes:
+        reward: from 0 to 1.
+        success: the door ended open.
+        door_angle: at the end, rad.
+        tracking_error: the first part of the cost; infinite where the arm cannot reach.
+        trajectory: what was done; None where the arm cannot reach.
+    """
+
+    reward: float
+    success: bool
+    door_angle: float
+    tracking_error: float
+    trajectory: Trajectory | None
+
+
+class PR2Door(VectorTask):
+    r"""Open a door by changing a demonstration, while the robot does not stand where it stood when that was given.
+
+    The observation is the error of the base's pose: :math:`(x / 0.015\,m, y / 0.05\,m, yaw / 0.05\,rad)`, standard
+    normal. The action, in metres, is added to ``start``, a poor first guess; the sum, the change, moves the fingers
+    along the lever (to the left), by at most 0.2, and widens their opening, by at most 0.08. The demonstration, so
+    changed, is carried out in the frame of the robot's base:
+
+    .. math:: r = \exp(-R_1 - R_2), \qquad R_1 = \frac{\text{mean} \|x - x_{demo}\|^2 +
+        \text{mean} (w - w_{demo})^2}{(0.05\,m)^2}
+
+    with the tool's place x in the world and the opening w; :math:`R_2` is 0 if the door ends open beyond 5 degrees,
+    otherwise 1. What the arm cannot reach earns 0. An episode is over after one action. The rows run one after
+    another, each from the same state of the simulator, so no row depends on another.
+
+    Owns the simulator, made at the first action, and the trajectories of the last episodes.
+
+    Args:
+        num_envs: number of rows.
+        max_episode_steps: of no effect, since an episode has one step.
+        pose: the error is drawn once ("per_run") or for each episode from the row's seed ("per_episode").
+        pose_seed: what the error "per_run" follows from.
+        start: the change that the action (0, 0) stands for, two numbers in metres. It is added to an action within its
+            space, and the bounds of that hold for the sum once more.
+        gui: PyBullet's window shows what is done; it is one for the process and stays open until that ends.
+    """
+
+    single_observation_space = Box(-np.inf, np.inf, (3,), np.float64)
+    single_action_space = Box(np.array([-0.2, -0.08]), np.array([0.2, 0.08]), dtype=np.float64)
+    noise_dim = 0
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        max_episode_steps: int | None = None,
+        pose: str = "per_run",
+        pose_seed: int = 0,
+        start: Sequence[float] = START,
+        gui: bool = False,
+    ) -> None:
+        if pose not in POSES:
+            raise ValueError(f"pose: expected one of {', '.join(POSES)}, got '{pose}'")
+        if not isinstance(pose_seed, int) or pose_seed < 0:
+            raise ValueError(f"pose_seed: expected a whole number from 0, got {pose_seed!r}")
+        first = np.asarray(start, dtype=np.float64) if _numbers(start) else np.empty(0)
+        if first.shape != (2,) or not np.all(np.isfinite(first)):
+            raise ValueError(f"start: expected two finite numbers, got {start!r}")
+        if not isinstance(gui, bool):
+            raise ValueError(f"gui: expected true or false, got {gui!r}")
+        if gui:
+            require_display()
+        super().__init__(num_envs, 1)
+        self.gui = gui
+        self.pose = pose
+        self.pose_seed = pose_seed
+        self.start = first
+        self.outcomes: list[Outcome] = []
+        self._world: World | None = None
+
+    @property
+    def world(self) -> World:
+        """The simulator."""
+        if self._world is None:
+            self._world = in_window() if self.gui else World()
+        return self._world
+
+    def initial_states(self, rows: int) -> Array:
+        """Return the errors of the pose: x, y in metres, yaw in radians; shape (rows, 3)."""
+        if self.pose == "per_run":
+            return np.tile(POSE_SD * np.random.default_rng(self.pose_seed).standard_normal(3), (rows, 1))
+        return np.stack([POSE_SD * stream.standard_normal(3) for stream in self._streams])
+
+    def transition(self, states: Array, actions: Array, noise: Array) -> Array:  # noqa: D102
+        return states
+
+    def reward(self, states: Array, actions: Array) -> Array:  # noqa: D102
+        pairs = zip(states, self.change(actions), strict=True)
+        self.outcomes = [self.attempt(state, change) for state, change in pairs]
+        return np.array([outcome.reward for outcome in self.outcomes])
+
+    def observe(self, states: Array, noise: Array) -> Array:  # noqa: D102
+        return states / POSE_SD
+
+    def step(self, actions: Array) -> tuple[Array, Any, Any, Any, dict[str, Any]]:
+        """Carry out an action in every row, or start anew in the step after; an action that is not finite is refused.
+
+        The info holds ``success``, ``door_angle`` (rad) and ``tracking_error`` (:math:`R_1`) of each row.
+        """
+        if not np.all(np.isfinite(actions)):
+            raise ValueError(f"action: expected finite numbers, got {np.asarray(actions).tolist()}")
+        observations, rewards, _, over, _ = super().step(actions)
+        return observations, rewards, over, np.zeros_like(over), self._info() if over.all() else {}
+
+    def change(self, actions: Array) -> Array:
+        """Return by how much actions, shape (2,) or (rows, 2), change the demonstration."""
+        low, high = self.single_action_space.low, self.single_action_space.high
+        return clip(self.start + clip(actions, low, high), low, high)
+
+    def attempt(self, pose: Array, change: Array) -> Outcome:
+        """Return what comes of a change of the demonstration when the base's pose is off by x, y, yaw.
+
+        The change is not the action but its sum with ``start``; (0, 0) is the demonstration. It is clipped.
+        """
+        return self._attempt(pose, change, None)
+
+    def render_frames(
+        self, pose: Array, change: Array, size: tuple[int, int] = (320, 240), every: int = 4
+    ) -> dict[str, Any]:
+        """Carry out a change and return what the cameras see: RGB of shape (frames, height, width, 3) by name.
+
+        Args:
+            pose: error of the base: x, y, yaw.
+            change: of the demonstration, as for `attempt`.
+            size: width and height of a frame.
+            every: knots, of 0.05 s, from one frame to the next.
+
+        Raises:
+            ValueError: the arm cannot reach so far.
+        """
+        film = cameras.Film(size, every)
+        if self._attempt(pose, change, film).trajectory is None:
+            raise ValueError(f"change: expected one within the arm's reach, got {np.asarray(change).tolist()}")
+        return film.frames()
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Give up the simulator, unless it is the one in the window."""
+        if self._world is not None and not self.gui:
+            self._world.close()
+        self._world = None
+
+    def joint_states(self) -> JointStates | None:
+        """Return what the joints did in the first row; None before, or where the arm cannot reach."""
+        trajectory = self.outcomes[0].trajectory if self.outcomes and self._step else None
+        return None if trajectory is None else JointStates(*trajectory.joint_states(), 1.0 / demonstration.RATE)
+
+    def robot_description(self) -> str:
+        """Return the robot's URDF."""
+        return robot.urdf()
+
+    def _attempt(self, pose: Array, change: Array, film: cameras.Film | None) -> Outcome:
+        shown = demonstration.load()
+        motion = adapted(shown, clip(change, self.single_action_space.low, self.single_action_space.high))
+        if motion is None:
+            return Outcome(0.0, False, 0.0, float("inf"), None)
+        trajectory = self.world.run(motion, pose, film)
+        error, angle = tracking_error(trajectory, shown), float(trajectory.door[-1])
+        success = angle > door.OPENED
+        return Outcome(float(np.exp(-error - (not success))), success, angle, error, trajectory)
+
+    def _info(self) -> dict[str, Any]:
+        names = ("success", "door_angle", "tracking_error")
+        return {name: np.array([getattr(outcome, name) for outcome in self.outcomes]) for name in names}
+
+
+def _numbers(values: Any) -> bool:
+    """Return whether it is a plain row of numbers."""
+    row = values.tolist() if isinstance(values, np.ndarray) else values
+    return isinstance(row, list | tuple) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in row)
+
+
+def tracking_error(trajectory: Trajectory, shown: demonstration.Demonstration) -> float:
+    """Return the squared distance from the demonstration, in the scale of the cost."""
+    place = np.sum((trajectory.tool - shown.positions) ** 2, axis=1)
+    opening = (trajectory.openings - shown.openings) ** 2
+    return float((np.mean(place) + np.mean(opening)) / TRACKING_SCALE**2)
+
+
+class SinglePR2Door(SingleTask):
+    """The task as an ordinary Gymnasium environment of one row.
+
+    Args:
+        options: of `PR2Door`.
+    """
+
+    task: PR2Door
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(PR2Door(**options))
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Carry out the action; the episode is then over."""
+        observation, reward, _, _, info = super().step(action)
+        return observation, reward, True, False, {name: values[0].item() for name, values in info.items()}
+
+    def close(self) -> None:
+        """Give up the simulator."""
+        self.task.close()

@@ -1,0 +1,247 @@
+"""The robot and the door in PyBullet: a motion of the arm and the gripper, carried out against contacts."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_nodes.pr2 import door, robot
+from sim_nodes.pr2.demonstration import RATE, TORSO
+from sim_nodes.pr2.kinematics import arm_chain, rotation_about
+from sim_nodes.pr2.motion import Motion
+from sim_nodes.pr2.silence import silence
+
+try:
+    with silence(2):
+        import pybullet
+    from pybullet_utils.bullet_client import BulletClient
+except ImportError as _error:
+    raise gymnasium.error.DependencyNotInstalled("PyBullet is missing: pip install pybullet==3.2.7") from _error
+
+Array = NDArray[np.float64]
+
+CONTROL_RATE = 60  # Hz
+SIMULATION_RATE = 120  # Hz
+SOLVER_ITERATIONS = 30
+CONTACT_CORRECTION = 0.5  # part of a penetration undone in a step: the fingers then sink less than 1 mm into the lever
+STIFFNESS = 20.0  # 1/s: speed asked of a motor for an error of its position
+GRIP_TORQUE = 5.0  # N m of a finger, about 55 N at its tip; the mechanism could bear far more
+FINGER_FRICTION = 1.0
+# The gripper's motor as felt behind its gears, kg m2. Fingers of their bare mass are too light beside the door for
+# the solver, which would then not reach the torque of the grip.
+GEARED_INERTIA = 0.01
+JOINT_NAMES = tuple(joint.name for joint in robot.MOVING)
+VELOCITY = np.array([joint.velocity for joint in robot.MOVING])
+EFFORT = np.array([GRIP_TORQUE if joint in robot.FINGERS else joint.effort for joint in robot.MOVING])
+_ARM, _FINGERS, _TIPS = slice(0, 7), slice(7, 9), slice(9, 11)
+_FORCES = EFFORT.tolist()
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """What was done, at the knots of a motion.
+
+    Attributes:
+        positions: of the joints of `JOINT_NAMES`, shape (k, 11).
+        velocities: of these joints, shape (k, 11).
+        torques: of their motors, shape (k, 11).
+        door: angle of the door, rad, shape (k,).
+        lever: angle of the lever, rad, shape (k,).
+        tool: place of the tool in the world, shape (k, 3).
+        openings: metres between the finger tips, shape (k,).
+    """
+
+    positions: Array
+    velocities: Array
+    torques: Array
+    door: Array
+    lever: Array
+    tool: Array
+    openings: Array
+
+    def joint_states(self) -> tuple[tuple[str, ...], Array]:
+        """Return the names of all joints of the robot that are not fixed, and their positions, shape (k, 12)."""
+        torso = np.full((len(self.positions), 1), TORSO)
+        return (robot.TORSO.name, *JOINT_NAMES), np.concatenate([torso, self.positions], axis=1)
+
+
+class World:
+    """A PR2 before a door.
+
+    Owns a PyBullet client. An episode does not depend on those before it.
+
+    Args:
+        gui: whether it is in a window; see `in_window`.
+    """
+
+    def __init__(self, *, gui: bool = False) -> None:
+        with silence(1):
+            self.client = BulletClient(pybullet.GUI if gui else pybullet.DIRECT)
+        self.client.setPhysicsEngineParameter(
+            fixedTimeStep=1.0 / SIMULATION_RATE,
+            numSolverIterations=SOLVER_ITERATIONS,
+            deterministicOverlappingPairs=1,
+            contactERP=CONTACT_CORRECTION,
+        )
+        self._robot = self._load("pr2", robot.simulated_urdf(TORSO))
+        self._door = self._load("door", door.urdf())
+        self._joints = self._indices(self._robot, JOINT_NAMES)
+        self._hinge, self._lever = self._indices(self._door, [joint.name for joint in door.JOINTS])
+        self._set_surfaces()
+        self._still = self.client.saveState()
+        self._chain = arm_chain(TORSO)
+
+    def close(self) -> None:
+        """Give up the client."""
+        if self.client.isConnected():
+            self.client.disconnect()
+
+    def run(self, motion: Motion, base: Array, watch: Callable[[Any], None] | None = None) -> Trajectory:
+        """Carry out a motion, from a shut door.
+
+        Args:
+            motion: of the arm and the gripper.
+            base: where the robot stands: x, y in metres, yaw in radians.
+            watch: called with the client at every knot.
+        """
+        self._reset(motion, base)
+        targets, speeds = _commands(motion)
+        ticks = CONTROL_RATE // RATE
+        states = [self._knot(watch)]
+        for knot in range(len(motion.arm) - 1):
+            for tick in range(knot * ticks, (knot + 1) * ticks):
+                self._control(targets[tick], speeds[tick])
+            states.append(self._knot(watch))
+        return self._trajectory(np.array(states), base)
+
+    def _reset(self, motion: Motion, base: Array) -> None:
+        client = self.client
+        client.restoreState(self._still)
+        client.resetBasePositionAndOrientation(
+            self._robot, (base[0], base[1], 0.0), client.getQuaternionFromEuler((0.0, 0.0, base[2]))
+        )
+        finger = robot.finger_angle(motion.openings[0])
+        for index, angle in zip(self._joints, [*motion.arm[0], *[finger] * 4], strict=True):
+            client.resetJointState(self._robot, index, angle)
+        for index in (self._hinge, self._lever):
+            client.resetJointState(self._door, index, 0.0)
+        self._set_latch(True)
+        self._measure()
+        self._torque = [0.0] * len(self._joints)  # what is read is of the motion before
+
+    def _control(self, targets: Array, speeds: Array) -> None:
+        """Command the motors' speeds, within their limits, and simulate until the next command."""
+        targets[_TIPS], speeds[_TIPS] = self._q[_FINGERS], self._v[_FINGERS]  # as the mechanism has it
+        wanted = np.minimum(np.maximum(speeds + STIFFNESS * (targets - self._q), -VELOCITY), VELOCITY)
+        self.client.setJointMotorControlArray(
+            self._robot, self._joints, pybullet.VELOCITY_CONTROL, targetVelocities=wanted.tolist(), forces=_FORCES
+        )
+        for _ in range(SIMULATION_RATE // CONTROL_RATE):
+            self._simulate()
+        self._measure()
+
+    def _simulate(self) -> None:
+        client = self.client
+        (opened, *_), (turned, *_) = client.getJointStates(self._door, (self._hinge, self._lever))
+        held = door.latched(self._latched, opened, turned)
+        if held != self._latched:
+            self._set_latch(held)
+        # A spring as a motor that cannot hold its speed: exact when it is held, and it does not overshoot its stop.
+        client.setJointMotorControl2(
+            self._door,
+            self._lever,
+            pybullet.VELOCITY_CONTROL,
+            targetVelocity=-door.RETURN_SPEED,
+            force=-door.spring(turned),
+        )
+        client.stepSimulation()
+
+    def _set_latch(self, held: bool) -> None:
+        """Let the hinge be held by the latch, or by friction only."""
+        self._latched = held
+        control = {"controlMode": pybullet.POSITION_CONTROL, "targetPosition": 0.0, "force": door.LATCH_TORQUE}
+        free = {"controlMode": pybullet.VELOCITY_CONTROL, "targetVelocity": 0.0, "force": door.HINGE_FRICTION}
+        self.client.setJointMotorControl2(self._door, self._hinge, **(control if held else free))
+
+    def _measure(self) -> None:
+        states = self.client.getJointStates(self._robot, self._joints)
+        self._q, self._v = np.array([s[0] for s in states]), np.array([s[1] for s in states])
+        self._torque = [s[3] for s in states]
+
+    def _knot(self, watch: Callable[[Any], None] | None) -> Array:
+        if watch is not None:
+            watch(self.client)
+        angles = [state[0] for state in self.client.getJointStates(self._door, (self._hinge, self._lever))]
+        return np.concatenate([self._q, self._v, self._torque, angles])
+
+    def _trajectory(self, states: Array, base: Array) -> Trajectory:
+        positions, velocities, torques, angles = np.split(states, [11, 22, 33], axis=1)
+        tool = self._chain.forward(positions[:, _ARM])[0] @ rotation_about((0.0, 0.0, 1.0), base[2:])[0].T
+        openings = robot.gap(positions[:, _FINGERS]).mean(axis=1)
+        place = tool + np.array([base[0], base[1], 0.0])
+        return Trajectory(positions, velocities, torques, angles[:, 0], angles[:, 1], place, openings)
+
+    def _load(self, name: str, text: str) -> int:
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / f"{name}.urdf"
+            path.write_text(text)
+            return int(self.client.loadURDF(str(path), useFixedBase=True, flags=pybullet.URDF_USE_INERTIA_FROM_FILE))
+
+    def _indices(self, body: int, names: Any) -> list[int]:
+        found = {self.client.getJointInfo(body, i)[1].decode(): i for i in range(self.client.getNumJoints(body))}
+        return [found[name] for name in names]
+
+    def _set_surfaces(self) -> None:
+        tips = self._indices(self._robot, [joint.name for joint in (*robot.FINGERS, *robot.TIPS)])
+        surfaces = [(self._robot, tip, FINGER_FRICTION) for tip in tips]
+        surfaces += [(self._door, self._lever, door.LEVER_FRICTION), (self._door, self._hinge, door.PANEL_FRICTION)]
+        for body, link, friction in surfaces:
+            self.client.changeDynamics(body, link, lateralFriction=friction, restitution=0.0)
+        for tip in tips:
+            self.client.changeDynamics(self._robot, tip, localInertiaDiagonal=(GEARED_INERTIA,) * 3)
+
+
+@cache
+def in_window() -> World:
+    """Return the world in a window: the same one always, since PyBullet opens no second window in a process."""
+    return World(gui=True)
+
+
+def require_display() -> None:
+    """Refuse where no window can be opened; PyBullet would end the process.
+
+    Raises:
+        ValueError: there is no display.
+    """
+    if sys.platform != "linux":
+        return
+    try:
+        x11 = ctypes.CDLL("libX11.so.6")
+    except OSError as error:
+        raise ValueError(f"gui: expected a display, got none ({error})") from error
+    x11.XOpenDisplay.restype = ctypes.c_void_p
+    if (display := x11.XOpenDisplay(None)) is None:
+        raise ValueError(f"gui: expected a display, got none (DISPLAY is '{os.environ.get('DISPLAY', '')}')")
+    x11.XCloseDisplay(ctypes.c_void_p(display))
+
+
+def _commands(motion: Motion) -> tuple[Array, Array]:
+    """Return positions and velocities to be had at the end of each control period, shapes (ticks, 11)."""
+    fingers = robot.finger_angle(motion.openings)[:, None]
+    knots = np.concatenate([motion.arm, np.repeat(fingers, 4, axis=1)], axis=1)
+    ticks = CONTROL_RATE // RATE
+    part = (np.arange(1, ticks + 1) / ticks)[:, None]
+    steps = np.diff(knots, axis=0)[:, None, :]
+    targets = (knots[:-1, None, :] + part * steps).reshape(-1, knots.shape[1])
+    return targets, np.repeat(steps[:, 0] * RATE, ticks, axis=0)

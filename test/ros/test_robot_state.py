@@ -1,0 +1,121 @@
+"""The simulator node shows the robot of a task to viewers, when it is asked to."""
+
+import xml.etree.ElementTree as ET
+from array import array
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from rkhs_interfaces.msg import Action
+from rkhs_interfaces.srv import DescribeTask, StartEpisodes
+from rkhs_ros.policies.streams import Batch
+from sim_nodes.simulation import Simulation
+from test.ros.conftest import Probe, Process
+
+pytest.importorskip("pybullet", reason="PyBullet is not installed: pip install pybullet==3.2.7")
+
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+Start = Callable[..., Process]
+TASK = "rkhs/PR2Door-v0"
+ACTIONS = np.array([[-0.03, -0.02], [0.01, 0.0]])
+PERIOD = 50_000_000  # ns
+
+
+class Viewer:
+    """What a viewer hears, who came before or after the node."""
+
+    def __init__(self, probe: Probe) -> None:
+        self.states: list[Any] = []
+        self.descriptions: list[Any] = []
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.listeners = [
+            probe.create_subscription(JointState, "joint_states", self.states.append, QoSProfile(depth=512)),
+            probe.create_subscription(String, "robot_description", self.descriptions.append, latched),
+        ]
+
+
+def begin(start: Start, probe: Probe, *parameters: str) -> None:
+    given = [word for parameter in (f"environment.id:={TASK}", *parameters) for word in ("-p", parameter)]
+    start("simulator", "--ros-args", *given)
+    probe.meet("observation")
+    probe.until(lambda: probe.ask("describe_task", DescribeTask.Request()).connected)
+
+
+def play(probe: Probe, batch: int) -> None:
+    request = StartEpisodes.Request(batch=batch, seed=3, first_episode=5, rows=2, horizon=1, explore=True)
+    assert probe.ask("start_episodes", request).accepted
+    probe.say("action", Action(batch=batch, step=0, policy_version=1, actions=array("d", ACTIONS.ravel())))
+    probe.until(lambda: [m for m in probe.heard["episodes"] if m.batch == batch] != [])
+
+
+def stamps(states: list[Any]) -> np.ndarray:
+    return np.array([m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in states])
+
+
+def test_the_robot_is_described_and_its_motions_are_shown_in_order(start: Start, probe: Probe) -> None:
+    early = Viewer(probe)
+    begin(start, probe, "robot_state:=true")
+    probe.until(lambda: all(probe.count_publishers(listener.topic_name) == 1 for listener in early.listeners))
+    assert early.states == []
+    before = probe.get_clock().now().nanoseconds
+    play(probe, batch=1)
+    simulation = Simulation(TASK)
+    simulation.start(Batch(3, 5, 2, 1, explore=True))
+    simulation.step(ACTIONS)
+    expected = simulation.joint_states()
+    assert expected is not None
+    knots = len(expected.positions)
+    probe.until(lambda: len(early.states) >= knots)
+    play(probe, batch=2)
+    probe.until(lambda: len(early.states) >= 2 * knots)
+    probe.settle()
+    assert len(early.states) == 2 * knots
+    np.testing.assert_array_equal([m.position for m in early.states], np.tile(expected.positions, (2, 1)))
+    assert {tuple(m.name) for m in early.states} == {expected.names}
+    times = stamps(early.states)
+    assert times[0] >= before
+    assert np.all(np.diff(times) == PERIOD)  # the second motion was made long before the first one's end
+
+    late = Viewer(probe)
+    probe.until(lambda: len(late.descriptions) == 1)
+    assert late.descriptions == early.descriptions
+    tree = ET.fromstring(late.descriptions[0].data)
+    assert {joint.get("name") for joint in tree.findall("joint") if joint.get("type") != "fixed"} == set(expected.names)
+
+
+@pytest.mark.parametrize("parameters", [(), ("robot_state:=false",)], ids=["not asked", "declined"])
+def test_nothing_is_shown_unless_asked_for(start: Start, probe: Probe, parameters: tuple[str, ...]) -> None:
+    viewer = Viewer(probe)
+    begin(start, probe, *parameters)
+    play(probe, batch=1)
+    probe.settle()
+    assert [probe.count_publishers(listener.topic_name) for listener in viewer.listeners] == [0, 0]
+    assert (viewer.states, viewer.descriptions) == ([], [])
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        (
+            ("environment.id:=rkhs/Toy-v0", "robot_state:=true"),
+            "robot_state: expected a task with joints, got rkhs/Toy",
+        ),
+        (
+            ("environment.id:=Pendulum-v1", "robot_state:=true"),
+            "robot_state: expected a task with joints, got Pendulum",
+        ),
+        ((f"environment.id:={TASK}", "robot_state:=7"), "robot_state: expected bool, got 7"),
+    ],
+)
+def test_a_robot_that_cannot_be_shown_is_refused(start: Start, parameters: tuple[str, ...], message: str) -> None:
+    given = [word for parameter in parameters for word in ("-p", parameter)]
+    code, _, err = start("simulator", "--ros-args", *given).finish()
+    assert code == 2
+    lines = [line for line in err.splitlines() if line.startswith("error: ")]
+    assert len(lines) == 1
+    assert message in lines[0]

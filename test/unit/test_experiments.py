@@ -1,0 +1,135 @@
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rkhs_ros.experiments.claims import CLAIMS
+from rkhs_ros.experiments.cli import main
+from rkhs_ros.experiments.experiment import Curve, Experiment, Panel, known, load_experiment
+from rkhs_ros.experiments.figures import draw_experiment
+from rkhs_ros.experiments.reproduce import reproduce
+from rkhs_ros.experiments.results import results
+from rkhs_ros.experiments.rollout import InlineRunner
+from rkhs_ros.experiments.table import load_table
+from rkhs_ros.experiments.training import train
+from sim_nodes.simulation import Simulation
+
+ROOT = Path(__file__).parents[2]
+SHORT = ("iterations=2", "horizon=5", "episodes_per_iteration=2", "evaluation_episodes=2")
+PAPER_RUNS = {"fig1": 50, "fig2": 50, "fig3-toy": 50, "fig3-pendulum": 15, "fig5-pomdp": 10, "fig5-pr2": 5}
+
+
+@pytest.fixture
+def experiment() -> Experiment:
+    nac, ac = (Curve(name, ROOT / "config" / f"toy_{name}.yaml", SHORT) for name in ("nac", "ac"))
+    longer = replace(nac, label="longer", changes=(*SHORT, "iterations=3"))
+    return Experiment("small", "Small", 2, "sd", (Panel("left", (nac, ac)), Panel("right", (longer,))))
+
+
+def test_the_papers_figures_are_defined_with_its_numbers_of_runs() -> None:
+    assert {name: load_experiment(name).runs for name in known()} == PAPER_RUNS
+
+
+@pytest.mark.parametrize("name", PAPER_RUNS)
+def test_every_curve_of_a_figure_is_a_configuration_of_its_own(name: str) -> None:
+    curves = [curve for panel in load_experiment(name).panels for curve in panel.curves]
+    settings = [str(curve.run(3).parameters()) for curve in curves]
+    assert len(set(settings)) == len(curves)
+    assert all(curve.run(3).training.seed == 3 for curve in curves)
+
+
+def test_every_claim_is_of_a_figure() -> None:
+    assert {claim.figure for claim in CLAIMS} == set(PAPER_RUNS)
+
+
+@pytest.mark.slow
+def test_a_table_holds_every_iteration_of_every_run(experiment: Experiment, tmp_path: Path) -> None:
+    table = reproduce(experiment, tmp_path, runs=2, jobs=1, quiet=True)
+    lines = list(csv.DictReader(table.open()))
+    assert len(lines) == 2 * (2 + 2 + 3)
+    config = experiment.panels[0].curves[1].run(1)
+    runner = InlineRunner(Simulation(config.environment.id))
+    expected = [iteration.mean_policy_returns.mean() for iteration in train(config.training, runner)]
+    returns = load_table(table)["left", "ac"]
+    assert returns.mean_policy[1] == pytest.approx(expected, abs=5e-4)  # three decimals are written
+    assert returns.episodes.tolist() == [2, 4]
+    assert returns.end() == pytest.approx(returns.mean_policy[:, 1].mean())
+
+
+@pytest.mark.slow
+def test_an_interrupted_experiment_makes_only_what_is_missing(experiment: Experiment, tmp_path: Path) -> None:
+    table = reproduce(experiment, tmp_path, runs=1, jobs=1, quiet=True)
+    whole = table.read_bytes()
+    runs = sorted((tmp_path / "runs").iterdir())
+    lost, *kept = runs
+    lost.rename(lost.with_name(lost.name + ".part"))  # as a run leaves it that was cut short
+    times = {run: run.stat().st_mtime_ns for run in kept}
+    assert reproduce(experiment, tmp_path, runs=1, jobs=1, quiet=True).read_bytes() == whole
+    assert lost.exists()
+    assert {run: run.stat().st_mtime_ns for run in kept} == times
+    reproduce(experiment, tmp_path, runs=2, jobs=2, quiet=True)
+    assert load_table(table)["right", "longer"].runs == 2
+    assert {run: run.stat().st_mtime_ns for run in kept} == times
+
+
+@pytest.mark.slow
+def test_the_number_of_processes_changes_nothing(experiment: Experiment, tmp_path: Path) -> None:
+    one, two = (reproduce(experiment, tmp_path / str(j), runs=2, jobs=j, quiet=True) for j in (1, 2))
+    assert one.read_bytes() == two.read_bytes()
+
+
+@pytest.mark.slow
+def test_a_figure_shows_its_curves(experiment: Experiment, tmp_path: Path) -> None:
+    table = load_table(reproduce(experiment, tmp_path, runs=2, jobs=1, quiet=True))
+    pictures = [tmp_path / "one.png", tmp_path / "other.png"]
+    draw_experiment(pictures[0], experiment, table)
+    key = ("right", "longer")
+    changed = {**table, key: replace(table[key], mean_policy=table[key].mean_policy + 1.0)}
+    draw_experiment(pictures[1], experiment, changed)
+    one, other = (picture.read_bytes() for picture in pictures)
+    assert one[:8] == b"\x89PNG\r\n\x1a\n"
+    assert one != other
+
+
+def test_a_file_that_is_no_table_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "fig1.csv"
+    file.write_text("a,b\n1,2\n")
+    with pytest.raises(ValueError, match="expected the table of an experiment"):
+        load_table(file)
+
+
+def test_the_page_of_results_is_up_to_date() -> None:
+    page = ROOT / "docs" / "results.md"
+    assert results(ROOT / "docs" / "results", page) == page.read_text()
+
+
+def test_a_claim_fails_where_its_returns_do() -> None:
+    (claim,) = (claim for claim in CLAIMS if "insensitive" not in claim.paper and "covariant" in claim.paper)
+    table = load_table(ROOT / "docs" / "results" / "fig2.csv")
+    assert claim.judge(table).holds
+    panel, curve = next(key for key in table if key[1] == "RKHS-NAC c = 1")
+    returns = table[panel, curve]
+    worse = replace(returns, mean_policy=returns.mean_policy - np.linspace(0, 1, returns.mean_policy.shape[1]))
+    assert not claim.judge({**table, (panel, curve): worse}).holds
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (("reproduce", "fig22"), "unknown experiment 'fig22', did you mean 'fig2'?"),
+        (("reproduce", "fig1", "--runs", "0"), "--runs: expected at least 1, got 0"),
+        (("reproduce", "fig1", "--jobs", "0"), "--jobs: expected at least 1, or -1 for all cores, got 0"),
+        (("results", "nowhere"), "'rkhs reproduce fig1' makes it"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(
+    arguments: tuple[str, ...], reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ending:
+        main(arguments)
+    assert ending.value.code == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert reason in error
