@@ -100,7 +100,7 @@ def main() -> None:
     inline_step = seconds_per_call(lambda: inline.collect(policy, batch), 5) / batch.horizon
 
     rclpy.init()
-    raw = ping_pong(observation_message(1, batch, 1, simulation.step(np.zeros((batch.rows, 1)))))
+    raw = ping_pong(observation_message(1, 1, batch, 1, simulation.step(np.zeros((batch.rows, 1)))))
     with tempfile.TemporaryDirectory() as folder:
         parameters = Path(folder) / "parameters.yaml"
         parameters.write_text(resolved(config))

@@ -18,6 +18,9 @@ from sim_nodes.envs.vector_task import JointStates, VectorTask, clip  # its pack
 Array = NDArray[np.float64]
 
 
+MOST_VECTORS = 8  # kept; more than a run has kinds of batches
+
+
 class Frame(NamedTuple):
     """The rows of a batch after some steps.
 
@@ -56,6 +59,7 @@ class Simulation:
         self.action_dim = _size(actions)
         self.action_low = np.ravel(actions.low).astype(np.float64)
         self.action_high = np.ravel(actions.high).astype(np.float64)
+        self.step_seconds = _step_seconds(vector)
 
     def start(self, batch: Batch) -> Frame:
         """Begin the episodes of a batch."""
@@ -94,6 +98,9 @@ class Simulation:
     def _vector(self, rows: int, horizon: int) -> VectorEnv[Any, Any, Any]:
         key = (rows, horizon)
         if key not in self._vectors:
+            if len(self._vectors) >= MOST_VECTORS:
+                oldest = next(iter(self._vectors))
+                self._vectors.pop(oldest).close()
             self._vectors[key] = _make(self.environment, self.options, rows, horizon)
         return self._vectors[key]
 
@@ -115,6 +122,13 @@ def _make(environment: str, options: dict[str, Any], rows: int, horizon: int) ->
         raise ValueError(f"environment.options: expected what {environment} takes, got {options} ({error})") from error
     except gymnasium.error.DependencyNotInstalled as error:
         raise ValueError(f"{environment}: expected its packages to be installed, got: {error}") from error
+
+
+def _step_seconds(vector: VectorEnv[Any, Any, Any]) -> float:
+    """Return the seconds of the task's own time that a step stands for; 1 where it does not say."""
+    if isinstance(vector, VectorTask):
+        return vector.step_seconds
+    return float(1.0 / vector.metadata.get("render_fps", 1.0))
 
 
 def _continuous(space: gymnasium.Space[Any], what: str) -> Box:

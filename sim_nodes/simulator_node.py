@@ -2,32 +2,45 @@
 
 from __future__ import annotations
 
+import json
+import time
 from typing import TYPE_CHECKING
 
-from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
 
 from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.experiments.config import environment_from
 from rkhs_ros.experiments.rollout import EpisodeRecorder
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS, batch_of, describe, episodes_message, matrix, observation_message
-from rkhs_ros.nodes.parameters import declare, declared, given
-from rkhs_ros.nodes.spin import run
+from rkhs_ros.nodes.health import Health
+from rkhs_ros.nodes.messages import (
+    LOCKSTEP_QOS,
+    batch_of,
+    clock_message,
+    describe,
+    episodes_message,
+    matrix,
+    observation_message,
+)
+from rkhs_ros.nodes.parameters import declare, declared, given, require_known, restarts
+from rkhs_ros.nodes.spin import Server, forever, run
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.settings import Entry
-from rkhs_ros.rkhs.validation import hint
+from rkhs_ros.rkhs.validation import require
 from sim_nodes.simulation import Frame, Simulation
 
 if TYPE_CHECKING:
     from rkhs_ros.nodes.robot_state import RobotState
 
+PATIENCE, MOST_PATIENCE = 0.02, 1.0  # seconds without an action before an observation is said again, twice as many each
 
-class SimulatorNode(Node):
+
+class SimulatorNode(Server):
     """Publishes observations, executes actions, and publishes the episodes they make.
 
-    Owns the environment, the step it waits at, and the episodes under way. Does not own the pace: the action is
-    the clock. Only the action of the current batch and step is taken, so nothing is stepped twice, and only of
-    the policy that acted in the batch's first step.
+    Owns the environment, the step it waits at, the episodes under way and the clock. Does not own the pace: the action
+    ends a step. Only the action of the current batch and step is taken, so nothing is stepped twice, and only of
+    the policy that is to act in the batch. An observation that is not answered is published again.
     """
 
     def __init__(self) -> None:
@@ -39,22 +52,40 @@ class SimulatorNode(Node):
         super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
         tree = given(self)
         shown = declared(self, tree, "robot_state", False, "publish joint_states and robot_description for viewers")
+        again = restarts(self, tree)
         self._simulation = self._make_simulation(tree)
         self._robot = self._make_robot_state() if shown else None
         self._batch: Batch | None = None
         self._identity = 0
         self._step = 0
         self._version = 0
+        self._clock_steps = 0
+        self._last: Observation | None = None  # as long as it waits for its action
+        self._patience = PATIENCE
+        self._again_at = 0.0
+        self._ended: Episodes | None = None
         self._observations = self.create_publisher(Observation, "observation", LOCKSTEP_QOS)
         self._episodes = self.create_publisher(Episodes, "episodes", LOCKSTEP_QOS)
+        self._clock_ticks = self.create_publisher(Clock, "clock", LOCKSTEP_QOS)
+        self._health = Health(self, again, self._report)
         self.create_subscription(Action, "action", self._act, LOCKSTEP_QOS)
         self.create_service(StartEpisodes, "start_episodes", self._start)
         self.create_service(DescribeTask, "describe_task", self._describe)
 
+    def look(self) -> float:
+        """Report, and ask for the action again where it does not come; return the seconds until the next look."""
+        wait = self._health.look()
+        if self._last is None:
+            return wait
+        now = time.monotonic()
+        if now >= self._again_at:
+            self._observations.publish(self._last)
+            self._patience = min(2 * self._patience, MOST_PATIENCE)
+            self._again_at = now + self._patience
+        return min(wait, self._again_at - now)
+
     def _make_simulation(self, tree: dict[str, dict[str, object]]) -> Simulation:
-        for name in tree:
-            if name != "environment":
-                raise ValueError(f"unknown key '{name}', {hint(name, {'environment.id': None})}")
+        require_known(tree, "environment")
         environment = environment_from(tree.get("environment", {}))
         declare(self, [Entry("environment.id", environment.id, {"description": "Gymnasium id of the environment"})])
         return Simulation(environment.id, environment.options)
@@ -66,63 +97,98 @@ class SimulatorNode(Node):
             raise ValueError(f"robot_state: expected sensor_msgs and std_msgs to be installed, got: {error}") from error
         return RobotState(self, self._simulation)
 
+    def _report(self) -> dict[str, object]:
+        return {"serving version": self._version, "batch": self._identity, "step": self._step}
+
     def _describe(self, request: DescribeTask.Request, response: DescribeTask.Response) -> DescribeTask.Response:
         heard = self._observations.get_subscription_count() > 0 and self._episodes.get_subscription_count() > 0
-        return describe(self._simulation, self._identity, self._step, connected=heard)
+        return describe(self._simulation, self._identity, self._step, self._clock_steps, connected=heard)
 
     def _start(self, request: StartEpisodes.Request, response: StartEpisodes.Response) -> StartEpisodes.Response:
         try:
+            self._check_task(request)
             batch = batch_of(request)
-            if self._batch is None or (request.batch, batch) != (self._identity, self._batch):
-                self._begin(request.batch, batch)  # else it is asked for again, because an answer was lost
+            if (request.batch, request.policy_version, batch) == (self._identity, self._version, self._batch):
+                self._repeat()
+            else:
+                self._begin(request, batch)
         except ValueError as error:
             response.message = str(error)
+            self._health.refuse(f"to start episodes: {error}")
             return response
         response.accepted = True
         return response
 
-    def _begin(self, identity: int, batch: Batch) -> None:
+    def _check_task(self, request: StartEpisodes.Request) -> None:
+        ours = (self._simulation.environment, json.dumps(self._simulation.options))
+        asked = (request.environment, request.options)
+        require(asked == ours, "task", " with options ".join(ours), " with options ".join(asked))
+
+    def _begin(self, request: StartEpisodes.Request, batch: Batch) -> None:
         frame = self._simulation.start(batch)
-        self._batch, self._identity, self._step = batch, identity, 0
+        self._batch, self._identity, self._version = batch, request.batch, request.policy_version
+        self._step, self._ended = 0, None
+        self._clock_steps = max(self._clock_steps, request.clock)
         self._recorder = EpisodeRecorder(batch, self._simulation.observation_dim, self._simulation.action_dim)
         self._publish(batch, frame)
         self._record(batch, frame)
 
+    def _repeat(self) -> None:
+        """Say again what was said last, as it may have been lost."""
+        if self._ended is not None:
+            self._episodes.publish(self._ended)
+        elif self._last is not None:
+            self._observations.publish(self._last)
+
     def _act(self, message: Action) -> None:
         batch = self._batch
         if batch is None or not self._awaits(batch, message):
-            return  # late, a duplicate, of another batch or of another policy
+            expected = f"batch {self._identity}, step {self._step}, policy version {self._version}"
+            got = f"batch {message.batch}, step {message.step}, policy version {message.policy_version}"
+            self._health.pass_over(f"an action: expected {expected}, got {got}")
+            return
         try:
             actions = matrix(message.actions, batch.rows, self._simulation.action_dim, "actions")
         except ValueError as error:
-            self.get_logger().warning(f"ignored an action: {error}")
+            self._health.refuse(f"an action: {error}")
             return
         frame = self._simulation.step(actions)
-        self._version = message.policy_version
         self._step += 1
+        self._clock_steps += 1
         self._publish(batch, frame)
         self._recorder.acted(self._step - 1, actions)
         self._record(batch, frame)
+        self._health.steps += 1
+        self._tick()
         if self._robot is not None:
             self._robot.publish()
 
     def _awaits(self, batch: Batch, message: Action) -> bool:
-        in_turn = (message.batch, message.step) == (self._identity, self._step) and self._step < batch.horizon
-        return in_turn and (self._step == 0 or message.policy_version == self._version)
+        expected = (self._identity, self._step, self._version)
+        return (message.batch, message.step, message.policy_version) == expected and self._step < batch.horizon
 
     def _publish(self, batch: Batch, frame: Frame) -> None:
-        self._observations.publish(observation_message(self._identity, batch, self._step, frame))
+        message = observation_message(self._identity, self._version, batch, self._step, frame)
+        self._observations.publish(message)
+        self._last = message if self._step < batch.horizon else None
+        self._patience = PATIENCE
+        self._again_at = time.monotonic() + PATIENCE
 
     def _record(self, batch: Batch, frame: Frame) -> None:
         """Record after publishing: the policy node is at work meanwhile."""
         self._recorder.observed(self._step, frame)
         if self._step == batch.horizon:
-            self._episodes.publish(episodes_message(self._identity, self._version, self._recorder.episodes()))
+            self._ended = episodes_message(self._identity, self._version, self._recorder.episodes())
+            self._episodes.publish(self._ended)
+
+    def _tick(self) -> None:
+        if self._clock_ticks.get_subscription_count() > 0:
+            self._clock_ticks.publish(clock_message(self._clock_steps * self._simulation.step_seconds))
 
 
 def main() -> None:
     """Run the simulator node."""
-    run(SimulatorNode)
+    run(SimulatorNode, forever)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from rkhs_ros.experiments.experiment import known, load_experiment
 from rkhs_ros.experiments.figures import draw_experiment
 from rkhs_ros.experiments.film import USUAL, shoot
 from rkhs_ros.experiments.film_files import animate, draw_strip
-from rkhs_ros.experiments.launcher import launch
+from rkhs_ros.experiments.launcher import NodeProcess, launch
 from rkhs_ros.experiments.report import new_folder, resolved, summary
 from rkhs_ros.experiments.reproduce import reproduce
 from rkhs_ros.experiments.results import results
@@ -136,6 +136,10 @@ def _results(options: argparse.Namespace) -> int:
     return 0
 
 
+def _status(options: argparse.Namespace) -> int:
+    return NodeProcess("status").process.wait()
+
+
 def _list(options: argparse.Namespace) -> int:
     tasks = [name for name in gymnasium.registry if name.startswith(OURS)]
     kinds: dict[str, Iterable[str]] = {"tasks": tasks, "algorithms": ALGORITHMS, "kernels": KERNELS, "figures": known()}
@@ -192,6 +196,7 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument("folder", type=Path, metavar="DIR", help="folder with the figures' csv files")
     report.add_argument("--out", type=Path, default=Path("results.md"), metavar="FILE", help="(%(default)s)")
 
+    commands.add_parser("status", help="what the nodes of a run say of themselves").set_defaults(command=_status)
     commands.add_parser("list", help="tasks, algorithms, kernels and figures").set_defaults(command=_list)
     return parser
 

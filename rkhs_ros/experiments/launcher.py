@@ -1,7 +1,8 @@
-"""Starts the three nodes of a run in processes of their own, and ends them together."""
+"""Starts the nodes of a run in processes of their own, starts again those that die, and ends them together."""
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import subprocess
@@ -18,14 +19,17 @@ import yaml
 
 FAILED = 1  # exit code
 PATIENCE = 5.0  # seconds that a node has to end after a signal
+LOOK = 0.05  # seconds between looks at the nodes
+MOST_DEATHS, WITHIN = 10, 300.0  # of a node, in seconds, after which the run is given up
+LEAST_DELAY, MOST_DELAY = 0.05, 5.0  # seconds before a node is started again, twice as many each time
 MODULES = {
     "simulator": "sim_nodes.simulator_node",
     "policy": "rkhs_ros.nodes.policy_node",
     "learner": "rkhs_ros.nodes.learner_node",
+    "status": "rkhs_ros.nodes.status_node",
 }
-
-
-Nodes = dict[str, subprocess.Popen[bytes]]
+_libc = ctypes.CDLL(None)
+_END_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 
 
 def namespaces(simulators: int) -> list[str]:
@@ -36,6 +40,73 @@ def namespaces(simulators: int) -> list[str]:
 def node_names(simulators: int) -> list[str]:
     """Return the names of all nodes of a run, the learner's last."""
     return [*(f"{namespace}simulator" for namespace in namespaces(simulators)), "policy", "learner"]
+
+
+class NodeProcess:
+    """A node in a process of its own, which can be started again.
+
+    Owns the process and the times of its deaths.
+
+    Args:
+        name: a key of `MODULES`, after a namespace and a slash if need be.
+        arguments: of the node, after ``--ros-args``.
+    """
+
+    def __init__(self, name: str, arguments: Sequence[str] = ()) -> None:
+        self.name = name
+        self._arguments = list(arguments)
+        self._deaths: list[float] = []
+        self._due: float | None = None  # when it is to be started again
+        self.told = False  # to end
+        self.process = self._start()
+
+    def ended(self) -> int | None:
+        """Return the exit code if the node ended; start it again when it is time to, if it died."""
+        if self._due is None:
+            return self.process.poll()
+        if time.monotonic() >= self._due:
+            self._due = None
+            self.process = self._start()
+        return None
+
+    def interrupt(self) -> None:
+        """Have the node end."""
+        self.told = True
+        self.process.send_signal(signal.SIGINT)
+
+    def revive(self) -> bool:
+        """Have a node that was killed started again; return False where it died too often."""
+        now = time.monotonic()
+        self._deaths.append(now)
+        recent = sum(now - death < WITHIN for death in self._deaths)
+        if recent > MOST_DEATHS:
+            return False
+        delay = min(LEAST_DELAY * 2 ** (recent - 1), MOST_DELAY)
+        print(
+            f"warning: the {self.name} node was killed by signal {-self.process.returncode}; "
+            f"starting it again in {delay:g} s ({recent} of {MOST_DEATHS} times within {WITHIN:g} s)",
+            file=sys.stderr,
+        )
+        self._due = now + delay
+        return True
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        """Start the node outside our foreground group, so that a Ctrl-C reaches it once, through us."""
+        namespace, _, kind = self.name.rpartition("/")
+        again = [f"restarts:={len(self._deaths)}"] if self._deaths else []
+        if again and kind == "learner":
+            again.append("resume:=true")
+        words = [word for assignment in again for word in ("-p", assignment)]
+        return subprocess.Popen(
+            [sys.executable, "-m", MODULES[kind], "--ros-args", "-r", f"__ns:=/{namespace}", *self._arguments, *words],
+            stdin=subprocess.DEVNULL,
+            process_group=0,
+            env=_environment(),
+            preexec_fn=_end_with_parent,
+        )
+
+
+Nodes = dict[str, NodeProcess]
 
 
 def launch(parameters: str, learner_parameters: Sequence[str] = (), *, simulators: int = 1) -> int:
@@ -54,7 +125,7 @@ def launch(parameters: str, learner_parameters: Sequence[str] = (), *, simulator
         file = Path(folder) / "parameters.yaml"
         file.write_text(for_all(parameters, simulators))
         with started(names, file, learner_parameters) as nodes, _signals_passed_to(nodes["learner"]):
-            return _wait(nodes)
+            return _watch(nodes)
 
 
 def for_all(parameters: str, simulators: int) -> str:
@@ -80,50 +151,55 @@ def started(names: Iterable[str], parameters: Path, learner_parameters: Sequence
     nodes: Nodes = {}
     try:
         for name in names:
-            nodes[name] = _start(name, ["--params-file", str(parameters), *(extra if name == "learner" else [])])
+            nodes[name] = NodeProcess(name, ["--params-file", str(parameters), *(extra if name == "learner" else [])])
         yield nodes
     finally:
-        _end(nodes)
-
-
-def _start(name: str, arguments: list[str]) -> subprocess.Popen[bytes]:
-    """Start a node outside our foreground group, so that a Ctrl-C reaches it once, through us."""
-    namespace, _, kind = name.rpartition("/")
-    command = [sys.executable, "-m", MODULES[kind], "--ros-args", "-r", f"__ns:=/{namespace}", *arguments]
-    return subprocess.Popen(command, stdin=subprocess.DEVNULL, process_group=0, env=_environment())
+        _end([node.process for node in nodes.values()])
 
 
 def _environment() -> dict[str, str]:
     # The wheels of ROS 2 start Python once more to set the library path, unless this says that they did.
-    return {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
+    inherited = {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
+    # Shared memory is not faster for messages as small as ours, and a node that is killed would leave it behind.
+    return {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", **inherited}
 
 
-def _wait(nodes: Nodes) -> int:
+def _end_with_parent() -> None:
+    """Have the kernel end this process when the launcher dies, however it does."""
+    _libc.prctl(_END_WITH_PARENT, signal.SIGTERM)
+
+
+def _watch(nodes: Nodes) -> int:
     while True:
-        for name, process in nodes.items():
-            code = process.poll()
-            if code is not None and name == "learner":
-                return code
-            if code is not None:
-                return _report_loss(name, code, nodes["learner"])
-        time.sleep(0.05)
+        for node in nodes.values():
+            code = node.ended()
+            if code is None:
+                continue
+            if code < 0 and not node.told:
+                if not node.revive():
+                    return _report_loss(node.name, f"was killed more than {MOST_DEATHS} times within {WITHIN:g} s")
+            elif code != 0 or node.name == "learner":
+                return abs(code)
+            else:
+                return _report_loss(node.name, "ended before the learner")
+        time.sleep(LOOK)
 
 
-def _report_loss(name: str, code: int, learner: subprocess.Popen[bytes]) -> int:
-    if learner.poll() is None and code <= 0:
-        how = f"was killed by signal {-code}" if code else "ended before the learner"
-        print(f"error: the {name} node {how}", file=sys.stderr)
-    return code if code > 0 else FAILED
+def _report_loss(name: str, how: str) -> int:
+    print(f"error: the {name} node {how}", file=sys.stderr)
+    return FAILED
 
 
 @contextmanager
-def _signals_passed_to(learner: subprocess.Popen[bytes]) -> Iterator[None]:
+def _signals_passed_to(learner: NodeProcess) -> Iterator[None]:
     """Let the first signal end the learner, which writes what was learnt; a second one ends us."""
 
     def pass_on(number: int, frame: FrameType | None) -> None:
-        learner.send_signal(signal.SIGINT)
         for each in previous:
             signal.signal(each, signal.default_int_handler)
+        if learner.process.poll() is not None:
+            raise KeyboardInterrupt
+        learner.interrupt()
 
     previous = {number: signal.signal(number, pass_on) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
@@ -133,11 +209,12 @@ def _signals_passed_to(learner: subprocess.Popen[bytes]) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _end(nodes: Nodes) -> None:
-    for process in nodes.values():
+def _end(processes: Iterable[subprocess.Popen[bytes]]) -> None:
+    processes = list(processes)
+    for process in processes:
         process.terminate()
     deadline = time.monotonic() + PATIENCE
-    for process in nodes.values():
+    for process in processes:
         try:
             process.wait(max(deadline - time.monotonic(), 0.1))
         except subprocess.TimeoutExpired:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from functools import reduce
-from itertools import zip_longest
+from functools import partial, reduce
+from itertools import count
 from operator import add
 from pathlib import Path
 from threading import Event
@@ -15,67 +15,32 @@ from typing import Any
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
-from rkhs_interfaces.msg import Episodes as EpisodesMessage
-from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
+from rkhs_interfaces.srv import DescribeTask, SetPolicy
 from rkhs_ros.experiments.config import Config, Environment, training_from
 from rkhs_ros.experiments.launcher import namespaces
 from rkhs_ros.experiments.run import run_training
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS, episodes_of, set_policy_request, start_request
-from rkhs_ros.nodes.parameters import declare, declared, given
+from rkhs_ros.nodes.health import Health
+from rkhs_ros.nodes.messages import set_policy_request
+from rkhs_ros.nodes.parameters import declare, declared, given, restarts
+from rkhs_ros.nodes.simulator_link import SimulatorLink
 from rkhs_ros.nodes.spin import LOOK_UP, PeerError, StoppedError, run
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.settings import entries
 
-ASK_AGAIN = 2.0  # seconds after which a request is sent anew
-
-
-class SimulatorLink:
-    """What the learner knows of one simulator.
-
-    Owns the batch that it was asked for and the episodes that it sent.
-
-    Args:
-        node: the learner node.
-        namespace: the simulator's.
-    """
-
-    def __init__(self, node: LearnerNode, namespace: str) -> None:
-        self.name = f"{namespace}simulator"
-        self.namespace = namespace
-        self.batch: Batch | None = None
-        self.heard: Episodes | None = None
-        self.step = 0
-        self._node = node
-        self.start = node.create_client(StartEpisodes, f"{namespace}start_episodes")
-        self.describe = node.create_client(DescribeTask, f"{namespace}describe_task")
-        node.create_subscription(EpisodesMessage, f"{namespace}episodes", self._hear, LOCKSTEP_QOS)
-
-    def expect(self, batch: Batch | None) -> None:
-        """Wait for the episodes of a batch from now on."""
-        self.batch, self.heard, self.step = batch, None, 0
-
-    @property
-    def busy(self) -> bool:
-        """Whether episodes are still to come."""
-        return self.batch is not None and self.heard is None
-
-    def _hear(self, message: EpisodesMessage) -> None:
-        node = self._node
-        if self.batch is None or (message.batch, message.policy_version) != (node.identity, node.version):
-            return  # late, or of another learner
-        try:
-            self.heard = episodes_of(message, self.batch, node.observation_dim, node.action_dim)
-        except ValueError as error:
-            node.get_logger().warning(f"ignored episodes: {error}")
+STANDS = 2.0  # seconds that a node must keep to its refusal
+LOOK_AGAIN = 0.5  # seconds without episodes after which the peers are looked after
+ASK_AGAIN, LEAST_OFTEN = 0.5, 4.0  # seconds after which a request is sent anew, twice as many each time
 
 
 class LearnerNode(Node):
     """Runs the training loop over topics; a `Runner` to that loop.
 
-    Owns the settings of the run. Does not own the environment, the policy in service or the steps of a batch: it
-    hears whole episodes, so that a step costs one message each way between simulator and policy node.
+    Owns the settings of the run and the numbers of its batches and policies. Does not own the environment, the policy
+    in service or the steps of a batch: it hears whole episodes, so that a step costs one message each way between
+    simulator and policy node. It brings peers back that died: what one of them no longer knows begins again, and comes
+    out the same to the last bit.
     """
 
     def __init__(self) -> None:
@@ -88,15 +53,23 @@ class LearnerNode(Node):
         tree = given(self)
         self.output = declared(self, tree, "output", "", "folder for the results; empty for results/NAME/TIME")
         self.quiet = declared(self, tree, "quiet", False, "no progress bar")
+        self.resume = declared(self, tree, "resume", False, "go on with the run in the output folder")
+        again = restarts(self, tree)
         self.training = training_from(tree)
         declare(self, entries(self.training))
         self.told = Event()  # to end
         self._executor = EventsExecutor()
         self._executor.add_node(self)
-        self.identity = time.time_ns()  # names a batch for the peers; no result depends on it
-        self.version = 0
+        # No result depends on the numbers; no other learner, and not this one started again, uses the same ones.
+        self._numbers = count(time.time_ns())
+        self._version = 0
         self._served: GaussianPolicy | None = None
-        self._simulators = [SimulatorLink(self, namespace) for namespace in namespaces(self.training.simulators)]
+        self._policy_instance = 0
+        self._clock_steps = 0
+        self._progress_at = 0.0
+        self._health = Health(self, again, self._report)
+        places = namespaces(self.training.simulators)
+        self._simulators = [SimulatorLink(self, place, self._health.refuse) for place in places]
         self._set_policy = self.create_client(SetPolicy, "set_policy")
 
     def connect(self) -> Config:
@@ -108,11 +81,13 @@ class LearnerNode(Node):
         for simulator in self._simulators:
             self._until(simulator.describe.service_is_ready, simulator.name)
         self._until(self._set_policy.service_is_ready, "policy")
-        tasks = [self._connected(s.describe, DescribeTask.Request(), s.name) for s in self._simulators]
-        task, *others = tasks
+        for simulator in self._simulators:
+            simulator.task = self._connected(partial(self._describe, simulator), simulator.name)
+        task, *others = [simulator.task for simulator in self._simulators]
         for simulator, other in zip(self._simulators[1:], others, strict=True):
             if (other.environment, other.options) != (task.environment, task.options):
                 raise PeerError(f"expected all simulators of one task, got {other.environment} from {simulator.name}")
+        self._clock_steps = max(simulator.task.clock for simulator in self._simulators)
         self.observation_dim, self.action_dim = task.observation_dim, task.action_dim
         return Config(Environment(task.environment, json.loads(task.options)), self.training)
 
@@ -120,64 +95,92 @@ class LearnerNode(Node):
         """Return the episodes of a batch under the policy.
 
         Raises:
-            PeerError: a node did not answer in time, or there are two of it.
+            PeerError: a node did not answer in time, or there was one of this name before.
             ValueError: a node refused the policy or the batch.
         """
-        self._check_alone()
-        self._serve(policy)
-        self.identity += 1
+        if policy is not self._served:
+            self._version, self._served = next(self._numbers), policy
+            self._push(policy)
+        for simulator in self._simulators:
+            simulator.rest()
         parts = batch.split(len(self._simulators))
-        for simulator, part in zip_longest(self._simulators, parts):
-            simulator.expect(part)
-        for simulator, part in zip(self._simulators, parts, strict=False):
-            request = start_request(self.identity, part)
-            _accepted(self._call(simulator.start, request, simulator.name), simulator.name)
-        while any(simulator.busy for simulator in self._simulators):
-            self._wait_beyond()
+        self._begin(list(zip(self._simulators, parts, strict=False)))
+        self._progress_at = time.monotonic()
+        while not self._spin(lambda: not self._busy(), LOOK_AGAIN):
+            self._repair(policy)
         heard = [simulator.heard for simulator in self._simulators if simulator.heard is not None]
+        self._health.steps += batch.horizon
         return reduce(add, heard)
 
-    def _check_alone(self) -> None:
+    def _busy(self) -> bool:
+        return any(simulator.busy for simulator in self._simulators)
+
+    def _begin(self, tasks: list[tuple[SimulatorLink, Batch]]) -> None:
+        """Have simulators begin batches."""
+        for simulator, batch in tasks:
+            simulator.begin(batch, next(self._numbers), self._version, self._clock_steps)
+            self._ask_for_episodes(simulator)
+        self._clock_steps += max(batch.horizon for _, batch in tasks)
+
+    def _ask_for_episodes(self, simulator: SimulatorLink) -> None:
+        self._accepted(simulator.start, simulator.request, simulator.name)
+
+    def _describe(self, simulator: SimulatorLink) -> DescribeTask.Response:
+        return self._call(simulator.describe, DescribeTask.Request(), simulator.name)
+
+    def _repair(self, policy: GaussianPolicy) -> None:
+        """Ask again for what may have been lost, and begin anew what a node that died no longer knows."""
+        policy_is_new = self._push(policy)
         for simulator in self._simulators:
-            for name, topic in ((simulator.name, "observation"), ("policy", "action")):
-                if (count := self.count_publishers(simulator.namespace + topic)) > 1:
-                    raise PeerError(f"expected one {name} node, got {count}; set ROS_DOMAIN_ID to keep runs apart")
+            if simulator.busy and simulator.batch is not None:
+                self._look_after(simulator, simulator.batch, policy_is_new)
+        if self._busy() and time.monotonic() > self._progress_at + self.training.timeout:
+            raise self._silent("policy")
 
-    def _wait_beyond(self) -> None:
-        """Wait for the episodes; where they take long, every simulator must have come to a later step."""
-        if self._spin(lambda: not any(s.busy for s in self._simulators), self.training.timeout):
+    def _look_after(self, simulator: SimulatorLink, batch: Batch, policy_is_new: bool) -> None:
+        task = self._describe(simulator)
+        if policy_is_new or simulator.lost(task):
+            self.get_logger().info(f"the batch of the {simulator.name} node begins anew")
+            self._begin([(simulator, batch)])
+        elif not simulator.moved(task):
+            self._ask_for_episodes(simulator)
             return
-        for simulator in [s for s in self._simulators if s.busy]:
-            task = self._call(simulator.describe, DescribeTask.Request(), simulator.name)
-            if task.batch != self.identity:
-                raise PeerError(f"the {simulator.name} node was started anew and does not know the batch")
-            if task.step <= simulator.step and simulator.busy:
-                raise self._silent("policy")
-            simulator.step = int(task.step)
+        self._progress_at = time.monotonic()
 
-    def _serve(self, policy: GaussianPolicy) -> None:
-        if policy is not self._served:
-            self.version += 1
-            request = set_policy_request(policy, self.version)
-            _accepted(self._connected(self._set_policy, request, "policy"), "policy")
-            self._served = policy
+    def _push(self, policy: GaussianPolicy) -> bool:
+        """Have the policy node serve the policy; return whether it is another process than before."""
+        ask = partial(self._accepted, self._set_policy, set_policy_request(policy, self._version), "policy")
+        response = self._connected(ask, "policy")
+        before, self._policy_instance = self._policy_instance, response.instance
+        return bool(before != response.instance)
 
-    def _connected(self, client: Any, request: Any, name: str) -> Any:
+    def _connected(self, ask: Callable[[], Any], name: str) -> Any:
         """Ask a node again and again until it is connected to its peers."""
         deadline = time.monotonic() + self.training.timeout
-        while not (response := self._call(client, request, name)).connected:
+        while not (response := ask()).connected:
             if time.monotonic() > deadline:
                 raise self._silent(name)
+        return response
+
+    def _accepted(self, client: Any, request: Any, name: str) -> Any:
+        """Ask a node until it accepts. A refusal must stand: one may come from a second node that is about to end."""
+        deadline = time.monotonic() + STANDS
+        while not (response := self._call(client, request, name)).accepted:
+            if time.monotonic() > deadline:
+                raise ValueError(f"the {name} node refused: {response.message}")
+            self._spin(lambda: False, LOOK_UP)
         return response
 
     def _call(self, client: Any, request: Any, name: str) -> Any:
         """Ask a node; ask again where the answer was lost, as may happen to peers that have just met."""
         deadline = time.monotonic() + self.training.timeout
+        patience = ASK_AGAIN
         while time.monotonic() < deadline:
             future = client.call_async(request)
-            if self._spin(future.done, min(ASK_AGAIN, self.training.timeout)):
+            if self._spin(future.done, min(patience, self.training.timeout)):
                 return future.result()
             client.remove_pending_request(future)
+            patience = min(2 * patience, LEAST_OFTEN)
         raise self._silent(name)
 
     def _until(self, condition: Callable[[], bool], name: str) -> None:
@@ -194,22 +197,24 @@ class LearnerNode(Node):
             left = deadline - time.monotonic()
             if left <= 0:
                 return False
-            self._executor.spin_once(timeout_sec=min(left, LOOK_UP))  # nor do new peers wake it
+            wait = min(left, LOOK_UP, self._health.look())  # nor do new peers wake it
+            self._executor.spin_once(timeout_sec=wait)
             if self.told.is_set():
                 raise StoppedError
         return True
 
-
-def _accepted(response: Any, name: str) -> None:
-    if not response.accepted:
-        raise ValueError(f"the {name} node refused: {response.message}")
+    def _report(self) -> dict[str, object]:
+        steps = [str(simulator.step) for simulator in self._simulators]
+        batches = [str(simulator.request.batch) for simulator in self._simulators]
+        return {"serving version": self._version, "batch": " ".join(batches), "step": " ".join(steps)}
 
 
 def learn(node: LearnerNode, told: Event) -> None:
     """Run the whole training of a learner node, or until told to end."""
     node.told = told
     config = node.connect()
-    run_training(config, node, Path(node.output) if node.output else None, quiet=node.quiet)
+    folder = Path(node.output) if node.output else None
+    run_training(config, node, folder, quiet=node.quiet)
 
 
 def main() -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
 
 import rkhs_interfaces.msg as msg
 from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
@@ -51,15 +52,30 @@ def _numbers(values: Any, shape: tuple[int, ...], what: str) -> Array:
     return finite_array(np.frombuffer(values, dtype=np.float64), shape, what)
 
 
-def observation_message(identity: int, batch: Batch, step: int, frame: Frame) -> msg.Observation:
+def observation_message(identity: int, version: int, batch: Batch, step: int, frame: Frame) -> msg.Observation:
     """Return what the simulator publishes after ``step`` steps of a batch."""
     return msg.Observation(
         batch=identity,
+        policy_version=version,
         step=step,
         **vars(batch),
         observations=doubles(frame.observations),
         rewards=doubles(frame.rewards),
     )
+
+
+def observations_of(message: msg.Observation, batch: Batch) -> Array:
+    """Return the observations that a message carries, shape (rows, d).
+
+    Raises:
+        ValueError: they are not of that batch, misshapen or not finite; nor may the rewards be.
+    """
+    for name, value in vars(batch).items():
+        require(getattr(message, name) == value, f"batch {message.batch}, {name}", str(value), getattr(message, name))
+    require(message.step <= batch.horizon, "step", f"at most {batch.horizon}", message.step)
+    _numbers(message.rewards, (batch.rows if message.step else 0,), "rewards")
+    columns = max(len(message.observations) // batch.rows, 1)
+    return matrix(message.observations, batch.rows, columns, "observations")
 
 
 def batch_of(message: msg.Observation | StartEpisodes.Request) -> Batch:
@@ -77,9 +93,18 @@ def batch_of(message: msg.Observation | StartEpisodes.Request) -> Batch:
     )
 
 
-def start_request(identity: int, batch: Batch) -> StartEpisodes.Request:
-    """Return the request to start a batch."""
-    return StartEpisodes.Request(batch=identity, **vars(batch))
+def start_request(
+    identity: int, version: int, batch: Batch, task: DescribeTask.Response, clock: int
+) -> StartEpisodes.Request:
+    """Return the request to start a batch of a task."""
+    return StartEpisodes.Request(
+        batch=identity,
+        policy_version=version,
+        environment=task.environment,
+        options=task.options,
+        clock=clock,
+        **vars(batch),
+    )
 
 
 def episodes_message(identity: int, version: int, episodes: Episodes) -> msg.Episodes:
@@ -115,7 +140,7 @@ def episodes_of(message: msg.Episodes, batch: Batch, observation_dim: int, actio
     )
 
 
-def describe(simulation: Simulation, identity: int, step: int, *, connected: bool) -> DescribeTask.Response:
+def describe(simulation: Simulation, identity: int, step: int, clock: int, *, connected: bool) -> DescribeTask.Response:
     """Return what a simulation's task is, and how far it is."""
     return DescribeTask.Response(
         environment=simulation.environment,
@@ -126,8 +151,14 @@ def describe(simulation: Simulation, identity: int, step: int, *, connected: boo
         action_high=doubles(simulation.action_high),
         batch=identity,
         step=step,
+        clock=clock,
         connected=connected,
     )
+
+
+def clock_message(seconds: float) -> Clock:
+    """Return a time since the beginning of the run as what goes to /clock."""
+    return Clock(clock=Time(nanoseconds=round(1e9 * seconds)).to_msg())
 
 
 def joint_state_messages(states: JointStates, begin: int) -> list[JointState]:

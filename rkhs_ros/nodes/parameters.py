@@ -9,6 +9,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 
 from rkhs_ros.rkhs.settings import Entry
+from rkhs_ros.rkhs.validation import hint
 
 STANDARD = ("use_sim_time", "start_type_description_service", "qos_overrides")
 INT64 = 2**63 - 1
@@ -56,6 +57,22 @@ def declared(node: Node, tree: dict[str, Any], name: str, default: Any, descript
         raise ValueError(f"{name}: expected {type(default).__name__}, got {value!r}")
     declare(node, [Entry(name, value, {"description": description})])
     return value
+
+
+def restarts(node: Node, tree: dict[str, Any]) -> int:
+    """Take out of a node's tree how often it was started again, and declare it."""
+    return int(declared(node, tree, "restarts", 0, "times that this node was started again after it died"))
+
+
+def require_known(tree: Mapping[str, Any], *known: str) -> None:
+    """Refuse what is left of a node's tree.
+
+    Raises:
+        ValueError: something is, but for the names given.
+    """
+    for name in tree:
+        if name not in known:
+            raise ValueError(f"unknown key '{name}', {hint(name, dict.fromkeys(known))}")
 
 
 def _descriptor(about: Mapping[str, Any]) -> ParameterDescriptor:

@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
+from collections import deque
 from pathlib import Path
-
-from rclpy.node import Node
 
 from rkhs_interfaces.msg import Action, Observation
 from rkhs_interfaces.srv import SetPolicy
 from rkhs_ros.experiments.launcher import namespaces
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS, batch_of, doubles, matrix, policy_of
-from rkhs_ros.nodes.parameters import declared, given
-from rkhs_ros.nodes.spin import run
+from rkhs_ros.nodes.health import Health
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS, batch_of, doubles, observations_of, policy_of
+from rkhs_ros.nodes.parameters import declared, given, require_known, restarts
+from rkhs_ros.nodes.spin import Server, forever, run
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.storage import load_policy
-from rkhs_ros.policies.streams import Batch
-from rkhs_ros.rkhs.validation import hint
 
 MOST_SIMULATORS = 64
+MEMORY = 64  # batches
 
 
 class Seat:
     """Where one simulator is served.
 
-    Owns the batch under way. A batch is served by one policy from its first step to its last.
+    Owns the batch under way, its policy and its last answer. A batch is served by one policy from its first step to
+    its last; one that was left is not begun again, as its messages may come late.
 
     Args:
         node: the policy node.
@@ -33,38 +33,55 @@ class Seat:
     def __init__(self, node: PolicyNode, namespace: str) -> None:
         self._node = node
         self._acting: Acting | None = None
+        self._begun: deque[int] = deque(maxlen=MEMORY)
         self._version = 0
-        self._batch = 0
+        self.batch = 0
+        self.answer: Action | None = None
         self.actions = node.create_publisher(Action, f"{namespace}action", LOCKSTEP_QOS)
         node.create_subscription(Observation, f"{namespace}observation", self._observe, LOCKSTEP_QOS)
 
     def _observe(self, message: Observation) -> None:
+        health = self._node.health
         try:
-            if message.step == 0 and message.batch > self._batch:
+            if message.step == 0 and message.batch not in self._begun:
                 self._begin(message)
-            acting = self._acting
-            if acting is not None and message.batch == self._batch and message.step < acting.batch.horizon:
-                self._act(acting, message)
+            if self._acting is not None and (message.batch, message.policy_version) == (self.batch, self._version):
+                self._act(self._acting, message)
+            else:
+                got = f"batch {message.batch}, step {message.step}, policy version {message.policy_version}"
+                expected = f"batch {self.batch} or step 0 of a new one, policy version {self._node.version}"
+                health.pass_over(f"an observation: expected {expected}, got {got}")
         except ValueError as error:
-            self._node.get_logger().warning(f"ignored an observation: {error}")
+            health.refuse(f"an observation: {error}")
 
     def _begin(self, message: Observation) -> None:
-        self._acting, self._version = self._node.acting(batch_of(message))
-        self._batch = message.batch
+        """Begin a batch, unless another policy is to act in it, or its first observation is refused."""
+        batch = batch_of(message)
+        observations_of(message, batch)
+        policy, version = self._node.policy, self._node.version
+        if policy is None or version != message.policy_version:
+            return
+        self._acting, self._version = Acting(policy, batch, explore=batch.explore and not self._node.fixed), version
+        self._begun.append(message.batch)
+        self.batch, self.answer = message.batch, None
 
     def _act(self, acting: Acting, message: Observation) -> None:
-        rows = acting.batch.rows
-        columns = max(len(message.observations) // rows, 1)
-        actions = acting(message.step, matrix(message.observations, rows, columns, "observations"))
-        numbers = {"batch": message.batch, "step": message.step, "policy_version": self._version}
-        self.actions.publish(Action(**numbers, actions=doubles(actions)))
+        observations = observations_of(message, acting.batch)
+        if message.step == acting.batch.horizon:
+            return  # the last observation asks for no action
+        if self.answer is None or message.step != self.answer.step:
+            actions = acting(message.step, observations)
+            numbers = {"batch": message.batch, "step": message.step, "policy_version": self._version}
+            self.answer = Action(**numbers, actions=doubles(actions))
+            self._node.health.steps += 1
+        self.actions.publish(self.answer)
 
 
-class PolicyNode(Node):
+class PolicyNode(Server):
     """Serves a policy.
 
-    Owns the policy in service. Does not own any random state: the exploration of an episode follows from the
-    batch's seed.
+    Owns the policy in service, its version, and whether it is fixed, being of a file. Does not own any random state:
+    the exploration of an episode follows from the batch's seed.
     """
 
     def __init__(self) -> None:
@@ -74,57 +91,58 @@ class PolicyNode(Node):
             ValueError: an unknown parameter, or a policy file that cannot be used.
         """
         super().__init__("policy", automatically_declare_parameters_from_overrides=True)
-        self._newest: GaussianPolicy | None = None
-        self._version = 0
-        self._fixed = False
+        self.policy: GaussianPolicy | None = None
+        self.version = 0
+        self.fixed = False
         tree = given(self)
         simulators = declared(self, tree, "simulators", 1, "simulator nodes to serve")
         if not 1 <= simulators <= MOST_SIMULATORS:
             raise ValueError(f"simulators: expected 1 to {MOST_SIMULATORS}, got {simulators}")
+        again = restarts(self, tree)
         self._load(tree)
         self._seats = [Seat(self, namespace) for namespace in namespaces(simulators)]
+        self.health = Health(self, again, self._report)
         self.create_service(SetPolicy, "set_policy", self._set_policy)
 
-    def acting(self, batch: Batch) -> tuple[Acting, int]:
-        """Return the policy in service, ready to act in a batch, and its version.
+    def look(self) -> float:
+        """Report; return the seconds until the next report."""
+        return self.health.look()
 
-        Raises:
-            ValueError: there is none yet.
-        """
-        if self._newest is None:
-            raise ValueError("expected a policy before the first observation, got none")
-        return Acting(self._newest, batch, explore=batch.explore and not self._fixed), self._version
+    def _report(self) -> dict[str, object]:
+        answers = [seat.answer for seat in self._seats]
+        steps = ["-" if answer is None else str(answer.step) for answer in answers]
+        batches = [str(seat.batch) for seat in self._seats]
+        return {"serving version": self.version, "batch": " ".join(batches), "step": " ".join(steps)}
 
     def _load(self, tree: dict[str, object]) -> None:
         about = "policy.npz to serve alone, noise-free; empty to wait for a learner's policy"
         file = declared(self, tree, "policy_file", "", about)
-        if tree:
-            name = next(iter(tree))
-            raise ValueError(f"unknown key '{name}', {hint(name, {'policy_file': None})}")
+        require_known(tree, "policy_file")
         if file:
             try:
-                self._newest, _ = load_policy(Path(file))
+                self.policy, _ = load_policy(Path(file))
             except FileNotFoundError as error:
                 raise ValueError(f"policy_file: expected a policy.npz, got '{file}', which does not exist") from error
-            self._fixed = True
+            self.fixed = True
 
     def _set_policy(self, request: SetPolicy.Request, response: SetPolicy.Response) -> SetPolicy.Response:
         try:
-            if self._fixed:
+            if self.fixed:
                 raise ValueError("policy: expected none from a learner, this node serves the policy of a file")
-            self._newest, self._version = policy_of(request.policy), request.policy.version
+            self.policy, self.version = policy_of(request.policy), request.policy.version
             response.accepted = True
         except (ValueError, TypeError) as error:
             response.message = str(error)
-            self.get_logger().warning(f"refused a policy: {error}")
-        response.version = self._version
+            self.health.refuse(f"a policy: {error}")
+        response.version = self.version
+        response.instance = self.health.instance
         response.connected = all(seat.actions.get_subscription_count() > 0 for seat in self._seats)
         return response
 
 
 def main() -> None:
     """Run the policy node."""
-    run(PolicyNode)
+    run(PolicyNode, forever)
 
 
 if __name__ == "__main__":

@@ -28,15 +28,23 @@ class StoppedError(RuntimeError):
     """The process was told to end."""
 
 
-def forever(node: Node, told: Event) -> None:
+class Server(Node):
+    """A node that answers others and has duties of its own in between."""
+
+    def look(self) -> float:
+        """Do what is due; return the seconds until something may be due again."""
+        raise NotImplementedError
+
+
+def forever(node: Server, told: Event) -> None:
     """Handle a node's messages until told to end."""
     executor = EventsExecutor()
     executor.add_node(node)
     while not told.is_set():
-        executor.spin_once(timeout_sec=LOOK_UP)
+        executor.spin_once(timeout_sec=min(node.look(), LOOK_UP))
 
 
-def run(make_node: Callable[[], AnyNode], work: Callable[[AnyNode, Event], None] = forever) -> None:
+def run(make_node: Callable[[], AnyNode], work: Callable[[AnyNode, Event], None]) -> None:
     """Run a node's process: make it, let it work, and end cleanly.
 
     Bad input ends with one line and exit code 2, a silent peer or a full disk with one line and exit code 1, a

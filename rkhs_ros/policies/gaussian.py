@@ -13,6 +13,8 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.validation import require
 
+MOST_NUMBERS = 10**8  # that a batch is remembered by, so that no message can ask for more memory than there is
+
 
 @dataclass(frozen=True)
 class GaussianPolicy:
@@ -82,6 +84,7 @@ class Acting:
         n = policy.mean.output_dim
         self.policy = policy
         self.batch = batch
+        self._require_room(n)
         self._exploration = batch.exploration(n) if explore else None
         self._seen = np.zeros((batch.rows, batch.horizon, 0))
         self._done = np.zeros((batch.rows, batch.horizon, n if policy.inputs.history > 1 else 0))
@@ -92,7 +95,9 @@ class Acting:
         Raises:
             ValueError: the observations are not what the policy takes.
         """
-        inputs = self.policy.inputs
+        inputs, mean = self.policy.inputs, self.policy.mean
+        size = inputs.dimension(observations.shape[1], mean.output_dim)
+        require(size == mean.input_dim, "points", f"{mean.input_dim} columns", size)
         if inputs.history == 1:
             return self._act(step, inputs.features(observations))
         if self._seen.shape[2] == 0:
@@ -104,9 +109,12 @@ class Acting:
 
     def _remember(self, d: int) -> None:
         """Make room for observations, once it is known how many numbers they have."""
-        size = self.policy.inputs.dimension(d, self.policy.mean.output_dim)
-        require(size == self.policy.mean.input_dim, "points", f"{self.policy.mean.input_dim} columns", size)
+        self._require_room(d)
         self._seen = np.zeros((self.batch.rows, self.batch.horizon, d))
+
+    def _require_room(self, columns: int) -> None:
+        numbers = self.batch.rows * self.batch.horizon * columns
+        require(numbers <= MOST_NUMBERS, "batch", f"at most {MOST_NUMBERS} numbers to remember", numbers)
 
     def _act(self, step: int, points: Array) -> Array:
         if self._exploration is None:

@@ -26,6 +26,9 @@ def stream(seed: int, name: str, episode: int) -> np.random.Generator:
     return np.random.Generator(np.random.Philox(key=stream_seed(seed, name, episode)))
 
 
+MOST_SAMPLES = 10**7  # of a batch, so that no message can ask for more memory than there is
+
+
 @dataclass(frozen=True)
 class Batch:
     """The episodes that run side by side: what everyone needs to know of them when they start.
@@ -51,6 +54,8 @@ class Batch:
         require(0 <= self.first_episode < 2**63, "first_episode", "a number in [0, 2^63)", self.first_episode)
         require(1 <= self.rows <= 10_000, "rows", "1 to 10000 episodes", self.rows)
         require(1 <= self.horizon <= 1_000_000, "horizon", "1 to 1000000 steps", self.horizon)
+        samples = self.rows * self.horizon
+        require(samples <= MOST_SAMPLES, "rows and horizon", f"at most {MOST_SAMPLES} samples in all", samples)
 
     @property
     def episodes(self) -> range:

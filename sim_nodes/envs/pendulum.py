@@ -38,6 +38,7 @@ class Pendulum(VectorTask):
         "balanced, the paper says": 25.0,
     }
     noise_dim = 4
+    step_seconds = 0.1
     noise_sd = 0.02
 
     def __init__(self, num_envs: int = 1, max_episode_steps: int | None = None, angle: str = "clip") -> None:

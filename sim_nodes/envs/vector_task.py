@@ -56,6 +56,7 @@ class VectorTask(VectorEnv[Array, Array, Any]):
     single_action_space: Any
     noise_dim: int  # standard normal draws of a transition
     observation_noise_dim: int = 0  # and of an observation
+    step_seconds: float = 1.0  # that a step stands for
     reference_returns: ClassVar[dict[str, float]] = {}  # at the registered horizon and discount 0.99
 
     def __init__(self, num_envs: int = 1, max_episode_steps: int | None = None) -> None:

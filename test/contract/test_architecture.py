@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 LAYERS = ("rkhs", "policies", "learning", "experiments", "nodes")
-ROS = ("rclpy", "rkhs_interfaces", "rcl_interfaces", "sensor_msgs", "std_msgs")
+ROS = ("rclpy", "rkhs_interfaces", "rcl_interfaces", "sensor_msgs", "std_msgs", "diagnostic_msgs", "rosgraph_msgs")
 SOURCES = sorted(path for package in ("rkhs_ros", "sim_nodes") for path in (ROOT / package).rglob("*.py"))
 EVERYTHING = sorted(
     [*SOURCES, *(p for folder in ("test", "benchmarks", "launch") for p in (ROOT / folder).rglob("*.py"))]

@@ -78,11 +78,10 @@ def test_an_interrupted_run_keeps_what_it_learnt_and_leaves_no_process(
 
 
 @pytest.mark.parametrize("name", ["simulator", "policy"])
-@pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
-def test_a_node_that_stalls_or_dies_ends_the_run_by_name(run: Process, name: str, number: signal.Signals) -> None:
+def test_a_node_that_stalls_ends_the_run_by_name(run: Process, name: str) -> None:
     nodes = children(run)
     (victim,) = [p for p in nodes if f"{name}_node" in Path(f"/proc/{p}/cmdline").read_text()]
-    os.kill(victim, number)
+    os.kill(victim, signal.SIGSTOP)
     code, _, err = run.finish()
     assert code == 1
     (line,) = [line for line in err.splitlines() if line.startswith("error:")]
@@ -104,17 +103,45 @@ def test_a_learner_alone_names_who_is_missing(start: Start, parameters: Paramete
     assert not (tmp_path / "out").exists()
 
 
-def test_two_simulators_on_the_same_names_are_told_apart(
-    start: Start, parameters: Parameters, probe: Probe, tmp_path: Path
+@pytest.mark.parametrize("name", ["simulator", "policy", "learner"])
+def test_a_second_node_of_a_name_ends_and_the_first_goes_on(
+    start: Start, parameters: Parameters, probe: Probe, tmp_path: Path, name: str
 ) -> None:
-    out = f"output:={tmp_path / 'out'}"
-    file = parameters("toy_nac", "iterations=10000")  # they may be found out late
-    for name in ("simulator", "simulator", "policy"):
-        start(name, *(("--ros-args", "--params-file", file) if name == "simulator" else ()))
-    probe.until(lambda: probe.count_publishers("observation") == 2)
-    code, _, err = start("learner", "--ros-args", "--params-file", file, "-p", out).finish()
+    file = parameters("toy_nac", "iterations=10000")
+    arguments = {
+        "simulator": ("--params-file", file),
+        "policy": (),
+        "learner": ("--params-file", file, "-p", f"output:={tmp_path / 'out'}"),
+    }
+    for each, given in arguments.items():
+        start(each, "--ros-args", *given)
+    probe.until(lambda: len(probe.heard["episodes"]) >= 2)
+    arguments["learner"] = ("--params-file", file, "-p", f"output:={tmp_path / 'other'}")
+    code, _, err = start(name, "--ros-args", *arguments[name]).finish()
     assert code == 1
-    assert "expected one simulator node, got 2" in err
+    (line,) = [line for line in err.splitlines() if line.startswith("error:")]
+    assert line.startswith(f"error: expected one {name} node, got another that was there before")
+    count = len(probe.heard["episodes"])
+    probe.until(lambda: len(probe.heard["episodes"]) >= count + 5)
+
+
+def test_two_runs_at_once_on_the_same_names_leave_the_first_one_its_bits(start: Start, tmp_path: Path) -> None:
+    def begin(out: str, config: str, *more: object) -> Process:
+        return start("rkhs", "train", ROOT / "config" / config, "--quiet", "--out", tmp_path / out, *more)
+
+    def curve(out: str) -> list[str]:
+        file = tmp_path / out / "curve.csv"
+        return [line.rpartition(",")[0] for line in file.read_text().splitlines()] if file.exists() else []
+
+    first = begin("first", "toy_nac.yaml", "--iterations", 100_000)
+    assert begin("alone", "toy_nac.yaml", "--iterations", 200, "--runner", "inline").finish()[0] == 0
+    assert begin("second", "pendulum_nac.yaml").finish()[0] == 1
+    while len(curve("first")) < 202:
+        assert first.popen.poll() is None
+        time.sleep(0.1)
+    first.interrupt()
+    first.finish()
+    assert curve("first")[:201] == curve("alone")
 
 
 @pytest.mark.parametrize(

@@ -41,9 +41,10 @@ def policy(seed: int, variance: str = "constant", inputs: Inputs = PLAIN) -> Gau
     return GaussianPolicy(mean, KernelVariance(kernel, centres, np.array([1.0, 3.0]), values, low, high), inputs)
 
 
-def observation(step: int, batch: int = 1, seen: np.ndarray = SEEN) -> Observation:
+def observation(step: int, batch: int = 1, version: int = 1, seen: np.ndarray = SEEN) -> Observation:
     return Observation(
         batch=batch,
+        policy_version=version,
         step=step,
         horizon=4,
         seed=3,
@@ -51,6 +52,7 @@ def observation(step: int, batch: int = 1, seen: np.ndarray = SEEN) -> Observati
         explore=True,
         rows=2,
         observations=array("d", seen.tobytes()),
+        rewards=array("d", [0.0, 0.0] if step else []),
     )
 
 
@@ -87,7 +89,7 @@ def test_any_policy_acts_over_topics_as_in_process(node: Process, probe: Probe, 
     acting = Acting(served, BATCH, explore=True)
     seen = np.random.default_rng(1).normal(size=(4, *SEEN.shape))
     for step in (0, 1, 2, 1, 3):  # the fourth is a duplicate
-        version, actions = answer(probe, observation(step, seen=seen[step]))
+        version, actions = answer(probe, observation(step, version=2, seen=seen[step]))
         assert version == 2
         np.testing.assert_array_equal(actions, acting(step, seen[step]))
 
@@ -99,12 +101,13 @@ def test_a_swap_never_lands_inside_a_batch(node: Process, probe: Probe) -> None:
         version, actions = answer(probe, message)
         assert version == 1
         np.testing.assert_array_equal(actions, expected(policy(0), message.step))
-    version, actions = answer(probe, observation(0, batch=2))
+    version, actions = answer(probe, observation(0, batch=2, version=2))
     assert version == 2
     np.testing.assert_array_equal(actions, expected(policy(1), 0))
 
 
 def test_a_duplicate_is_answered_alike_and_a_late_batch_not_at_all(node: Process, probe: Probe) -> None:
+    answer(probe, observation(0, batch=4))
     answer(probe, observation(0, batch=5))
     first, again = answer(probe, observation(1, batch=5)), answer(probe, observation(1, batch=5))
     np.testing.assert_array_equal(first[1], again[1])
@@ -129,11 +132,11 @@ def test_a_policy_of_other_points_than_are_seen_is_silent_and_the_next_one_acts(
     node: Process, probe: Probe, misfit: GaussianPolicy
 ) -> None:
     assert probe.ask("set_policy", set_policy_request(misfit, 2)).accepted  # it was not yet seen what is observed
-    probe.say("observation", observation(0))
+    probe.say("observation", observation(0, version=2))
     probe.settle()
     assert probe.heard["action"] == []
     assert probe.ask("set_policy", set_policy_request(policy(0), 3)).accepted
-    version, actions = answer(probe, observation(0, batch=2))
+    version, actions = answer(probe, observation(0, batch=2, version=3))
     assert version == 3
     np.testing.assert_array_equal(actions, expected(policy(0), 0))
 
@@ -148,12 +151,13 @@ def test_an_observation_of_another_size_is_ignored(node: Process, probe: Probe) 
         observation(1, seen=np.zeros((0, 2))),
         observation(1, seen=np.full((2, 2), np.nan)),
         beyond,
+        rowless,
     ]
     for message in wrong:
         probe.say("observation", message)
     probe.settle()
     assert len(probe.heard["action"]) == 1
-    np.testing.assert_array_equal(answer(probe, rowless)[1], expected(policy(0), 1))  # the rows are the batch's
+    np.testing.assert_array_equal(answer(probe, observation(1))[1], expected(policy(0), 1))
     np.testing.assert_array_equal(answer(probe, observation(2))[1], expected(policy(0), 2))
 
 
@@ -240,7 +244,7 @@ def test_a_saved_policy_is_served_alone_without_noise(start: Start, probe: Probe
     for step in range(4):
         points = WINDOW.at(np.array([step]), np.repeat(SEEN[:, None], 4, axis=1), done)[:, 0]
         done[:, step] = saved.mean(points)
-        np.testing.assert_array_equal(answer(probe, observation(step))[1], done[:, step])
+        np.testing.assert_array_equal(answer(probe, observation(step, version=0))[1], done[:, step])
     response = probe.ask("set_policy", set_policy_request(policy(0), 1))
     assert not response.accepted
     assert "file" in response.message

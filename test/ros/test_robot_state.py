@@ -47,7 +47,8 @@ def begin(start: Start, probe: Probe, *parameters: str) -> None:
 
 
 def play(probe: Probe, batch: int) -> None:
-    request = StartEpisodes.Request(batch=batch, seed=3, first_episode=5, rows=2, horizon=1, explore=True)
+    numbers = {"batch": batch, "policy_version": 1, "seed": 3, "first_episode": 5, "rows": 2, "horizon": 1}
+    request = StartEpisodes.Request(environment=TASK, options="{}", explore=True, **numbers)
     assert probe.ask("start_episodes", request).accepted
     probe.say("action", Action(batch=batch, step=0, policy_version=1, actions=array("d", ACTIONS.ravel())))
     probe.until(lambda: [m for m in probe.heard["episodes"] if m.batch == batch] != [])

@@ -25,9 +25,24 @@ def simulator(start: Start, parameters: Callable[..., Path], probe: Probe) -> Pr
     return process
 
 
+def request(batch: int = 9, **changes: object) -> StartEpisodes.Request:
+    numbers = {"batch": batch, "policy_version": 1, "seed": 3, "first_episode": 5, "rows": 2, "horizon": 4}
+    return StartEpisodes.Request(
+        **{"environment": "rkhs/Toy-v0", "options": "{}", "explore": True, **numbers, **changes}
+    )
+
+
+def seen(probe: Probe) -> dict[int, np.ndarray]:
+    """Return the observations of each step; those that are not answered at once come again, the same."""
+    steps: dict[int, np.ndarray] = {}
+    for message in probe.heard["observation"]:
+        values = np.frombuffer(message.observations).reshape(2, 1)
+        np.testing.assert_array_equal(steps.setdefault(message.step, values), values)
+    return steps
+
+
 def begin(probe: Probe, batch: int = 9) -> None:
-    request = StartEpisodes.Request(batch=batch, seed=3, first_episode=5, rows=2, horizon=4, explore=True)
-    assert probe.ask("start_episodes", request).accepted
+    assert probe.ask("start_episodes", request(batch)).accepted
     probe.until(lambda: probe.heard["observation"][-1:] != [] and probe.heard["observation"][-1].batch == batch)
 
 
@@ -44,12 +59,11 @@ def test_a_batch_over_topics_is_the_simulation_itself(simulator: Process, probe:
     begin(probe)
     for step in range(4):
         probe.say("action", action(step))
-        probe.until(lambda: len(probe.heard["observation"]) == step + 2)  # noqa: B023  # awaited in this step
+        probe.until(lambda: len(seen(probe)) == step + 2)  # noqa: B023  # awaited in this step
     probe.until(lambda: len(probe.heard["episodes"]) == 1)
     simulation = Simulation("rkhs/Toy-v0")
     frames = [simulation.start(BATCH), *(simulation.step(np.array([[0.5], [-0.25]])) for _ in range(4))]
-    heard = [np.frombuffer(m.observations).reshape(2, 1) for m in probe.heard["observation"]]
-    np.testing.assert_array_equal(heard, [frame.observations for frame in frames])
+    np.testing.assert_array_equal(list(seen(probe).values()), [frame.observations for frame in frames])
     rewards = np.frombuffer(probe.heard["episodes"][0].rewards).reshape(2, 4)
     np.testing.assert_array_equal(rewards.T, [frame.rewards for frame in frames[1:]])
 
@@ -70,32 +84,58 @@ def test_a_batch_over_topics_is_the_simulation_itself(simulator: Process, probe:
 def test_an_action_that_is_not_awaited_is_ignored(simulator: Process, probe: Probe, intruder: Action) -> None:
     begin(probe)
     probe.say("action", action(0))
-    probe.until(lambda: len(probe.heard["observation"]) == 2)
+    probe.until(lambda: len(seen(probe)) == 2)
     probe.say("action", intruder)
     probe.settle()
-    assert len(probe.heard["observation"]) == 2
+    assert list(seen(probe)) == [0, 1]
     assert step_of(probe) == 1
     probe.say("action", action(1))
-    probe.until(lambda: len(probe.heard["observation"]) == 3)
+    probe.until(lambda: len(seen(probe)) == 3)
     expected = Simulation("rkhs/Toy-v0")
     expected.start(BATCH)
     for _ in range(2):
         frame = expected.step(np.array([[0.5], [-0.25]]))
-    np.testing.assert_array_equal(np.frombuffer(probe.heard["observation"][-1].observations), frame.observations[:, 0])
+    np.testing.assert_array_equal(seen(probe)[2], frame.observations)
 
 
 def test_late_actions_of_an_abandoned_batch_do_not_touch_the_next(simulator: Process, probe: Probe) -> None:
     begin(probe, batch=9)
     probe.say("action", action(0))
-    probe.until(lambda: len(probe.heard["observation"]) == 2)
+    probe.until(lambda: len(seen(probe)) == 2)
     begin(probe, batch=10)
     probe.say("action", action(1))
     probe.settle()
     assert step_of(probe) == 0
 
 
-def test_a_batch_out_of_range_is_refused_with_the_reason(simulator: Process, probe: Probe) -> None:
-    answer = probe.ask("start_episodes", StartEpisodes.Request(batch=1, rows=0, horizon=4))
-    assert not answer.accepted
-    assert "rows: expected 1 to 10000" in answer.message
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"environment": "rkhs/Pendulum-v0"}, "task: expected rkhs/Toy-v0 with options {}, got rkhs/Pendulum-v0"),
+        ({"options": '{"angle": "wrap"}'}, 'got rkhs/Toy-v0 with options {"angle": "wrap"}'),
+        ({"rows": 0}, "rows: expected 1 to 10000"),
+        ({"rows": 10_000, "horizon": 1_000_000}, "rows and horizon: expected at most 10000000 samples"),
+    ],
+)
+def test_a_refused_request_leaves_the_batch_under_way(
+    simulator: Process, probe: Probe, changes: dict[str, object], reason: str
+) -> None:
     begin(probe)
+    response = probe.ask("start_episodes", request(10, **changes))
+    assert not response.accepted
+    assert reason in response.message
+    probe.say("action", action(0))
+    probe.until(lambda: len(seen(probe)) == 2)
+
+
+def test_the_request_for_the_batch_under_way_repeats_what_was_said_last(simulator: Process, probe: Probe) -> None:
+    begin(probe)
+    for step in range(4):
+        probe.say("action", action(step))
+        probe.until(lambda: len(seen(probe)) == step + 2)  # noqa: B023  # awaited in this step
+    probe.until(lambda: len(probe.heard["episodes"]) == 1)
+    for count in (2, 3):
+        assert probe.ask("start_episodes", request()).accepted
+        probe.until(lambda: len(probe.heard["episodes"]) == count)  # noqa: B023  # awaited in this step
+    assert probe.heard["episodes"][0] == probe.heard["episodes"][-1]
+    assert step_of(probe) == 4

@@ -1,0 +1,71 @@
+"""What ``rkhs status`` shows: the nodes that are at work and how they fare."""
+
+from __future__ import annotations
+
+import time
+from threading import Event
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rich.console import Console
+from rich.table import Table
+
+from rkhs_ros.nodes.health import HEALTH_QOS, PERIOD
+from rkhs_ros.nodes.spin import LOOK_UP, PeerError, run
+
+LISTEN = 2 * PERIOD  # seconds: within them every node reports
+KEYS = ("serving version", "batch", "step", "steps per second", "refusals", "passed over", "restarts", "last refusal")
+LEVELS = {DiagnosticStatus.OK: "green", DiagnosticStatus.WARN: "yellow"}
+
+
+class StatusNode(Node):
+    """Listens to what the nodes report.
+
+    Owns the newest report of each.
+    """
+
+    def __init__(self) -> None:
+        """Open the topic."""
+        super().__init__("status")
+        self.heard: dict[str, DiagnosticStatus] = {}
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._hear, HEALTH_QOS)
+
+    def _hear(self, message: DiagnosticArray) -> None:
+        ours = [status for status in message.status if KEYS[0] in {value.key for value in status.values}]
+        self.heard |= {status.name: status for status in ours}
+
+
+def table(statuses: dict[str, DiagnosticStatus]) -> Table:
+    """Return the reports, a node a row."""
+    result = Table("node", "state", *KEYS)
+    for name, status in sorted(statuses.items()):
+        values = {value.key: value.value for value in status.values}
+        state = f"[{LEVELS.get(status.level, 'red')}]{status.message}"
+        result.add_row(name, state, *(values.get(key, "") for key in KEYS))
+    return result
+
+
+def show(node: StatusNode, told: Event) -> None:
+    """Listen for as long as it takes every node to report, and print what was heard.
+
+    Raises:
+        PeerError: nobody reported.
+    """
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    deadline = time.monotonic() + LISTEN
+    while time.monotonic() < deadline and not told.is_set():
+        executor.spin_once(timeout_sec=LOOK_UP)
+    if not node.heard:
+        raise PeerError(f"expected nodes at work, got none within {LISTEN:g} s; is ROS_DOMAIN_ID theirs?")
+    Console().print(table(node.heard))
+
+
+def main() -> None:
+    """Run the status node."""
+    run(StatusNode, show)
+
+
+if __name__ == "__main__":
+    main()
