@@ -17,7 +17,7 @@ from rkhs_ros.experiments.figures import draw_experiment
 from rkhs_ros.experiments.film import USUAL, shoot
 from rkhs_ros.experiments.film_files import animate, draw_strip
 from rkhs_ros.experiments.launcher import NodeProcess, launch
-from rkhs_ros.experiments.report import new_folder, resolved, summary
+from rkhs_ros.experiments.report import new_folder, old_folder, resolved, summary
 from rkhs_ros.experiments.reproduce import reproduce
 from rkhs_ros.experiments.results import results
 from rkhs_ros.experiments.rollout import InlineRunner
@@ -50,9 +50,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _train(options: argparse.Namespace) -> int:
+    _check_train(options)
     names = ("seed", "iterations", "simulators")
     changes = [f"{name}={value}" for name in names if (value := getattr(options, name)) is not None]
-    config = load_config(options.config, [*changes, *options.set])
+    file = options.config or old_folder(options.resume) / "config.yaml"
+    config = load_config(file, [*changes, *options.set])
     simulation = Simulation(config.environment.id, config.environment.options)  # refuses what cannot be served
     if options.runner == "ros":
         interfaces = importlib.util.find_spec(
@@ -64,16 +66,25 @@ def _train(options: argparse.Namespace) -> int:
             "the built interfaces (run 'make build', then 'source setup.bash')",
             "none",
         )
-    folder = new_folder(options.out, config.training.name)
+    folder = options.resume or new_folder(options.out, config.training.name)
     if options.runner == "inline":
-        run_training(config, InlineRunner(simulation), folder, quiet=options.quiet)
+        run_training(config, InlineRunner(simulation), folder, quiet=options.quiet, resume=bool(options.resume))
         code = 0
     else:
-        more = (f"output:={folder.resolve()}", f"quiet:={options.quiet}".lower())
+        more = [f"output:={folder.resolve()}", f"quiet:={options.quiet}".lower()]
+        more += ["resume:=true"] if options.resume else []
         code = launch(resolved(config), more, simulators=config.training.simulators)
     if code == 0:
         print(summary(folder, config))
     return code
+
+
+def _check_train(options: argparse.Namespace) -> None:
+    given = [name for name in ("CONFIG", "--resume") if getattr(options, name.strip("-").lower())]
+    require(len(given) == 1, "train", "CONFIG or --resume DIR, one of them", " and ".join(given) or "none")
+    fixed = {"--seed": options.seed is not None, "--set": bool(options.set), "--out": options.out is not None}
+    wrong = [name for name, is_given in fixed.items() if is_given and options.resume]
+    require(not wrong, "--resume", "the settings and the folder that the run began with", ", ".join(wrong))
 
 
 def _loaded(path: Path) -> tuple[GaussianPolicy, Task, InlineRunner]:
@@ -155,7 +166,8 @@ def _parser() -> argparse.ArgumentParser:
 
     train = commands.add_parser("train", help="learn a policy")
     train.set_defaults(command=_train)
-    train.add_argument("config", type=Path, metavar="CONFIG", help="a YAML file, see config/")
+    train.add_argument("config", type=Path, nargs="?", metavar="CONFIG", help="a YAML file, see config/")
+    train.add_argument("--resume", type=Path, metavar="DIR", help="in place of CONFIG, a run to go on with")
     train.add_argument(
         "--runner", choices=("ros", "inline"), default="ros", help="over topics in three processes, or in this one"
     )

@@ -73,6 +73,13 @@ class Config:
         training = self.training
         return Task(self.environment.id, dict(self.environment.options), training.horizon, training.discount)
 
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All settings by their dotted names."""
+        options = {f"environment.options.{name}": value for name, value in self.environment.options.items()}
+        learner = {entry.name: entry.value for entry in entries(self.training)}
+        return {"environment.id": self.environment.id, **options, **learner}
+
     def parameters(self) -> dict[str, Any]:
         """Return all settings as the tree of a ROS parameter file."""
         environment: dict[str, Any] = {"id": self.environment.id}

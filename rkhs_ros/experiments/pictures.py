@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 
 import gymnasium
@@ -12,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.policies.files import write_whole
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.rkhs.kernels import Array
@@ -33,7 +35,7 @@ def draw_curve(path: Path, iterations: Array, train: Array, mean: Array, task: T
         )
     axes.set(xlabel="iteration", ylabel="discounted return", title=task.environment)
     axes.legend(loc="lower right", frameon=False)
-    figure.savefig(path, dpi=120)
+    _save(path, figure)
 
 
 def draw_policy(path: Path, policy: GaussianPolicy, episodes: Episodes) -> None:
@@ -46,7 +48,13 @@ def draw_policy(path: Path, policy: GaussianPolicy, episodes: Episodes) -> None:
     length = int(episodes.mask[0].sum())
     draw = {1: _draw_line, 2: _draw_plane}.get(policy.mean.input_dim, _draw_times)
     draw(axes, policy, episodes.observations[0, :length])
-    figure.savefig(path, dpi=120)
+    _save(path, figure)
+
+
+def _save(path: Path, figure: Figure) -> None:
+    content = BytesIO()
+    figure.savefig(content, dpi=120)
+    write_whole(path, content.getvalue())
 
 
 def _draw_line(axes: Axes, policy: GaussianPolicy, episode: Array) -> None:

@@ -2,36 +2,23 @@
 
 from __future__ import annotations
 
-import csv
 import platform
 import time
 from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import yaml
 
 from rkhs_ros.experiments.config import Config
+from rkhs_ros.experiments.curve import Curve, Row
 from rkhs_ros.experiments.pictures import draw_curve, draw_policy
 from rkhs_ros.experiments.training import Iteration
+from rkhs_ros.policies.files import write_whole
 from rkhs_ros.policies.storage import save_policy
 
-
-class Row(NamedTuple):
-    """One line of curve.csv."""
-
-    iteration: int
-    episodes: int
-    train_return: float
-    train_return_sd: float
-    mean_policy_return: float
-    centres: int
-    step_size: float
-    kl: float
-    sparsification_error: float
-    seconds: float
+BEFORE_A_RUN = {"checkpoints", "config.yaml.part"}  # what a run killed before it began may leave
 
 
 def new_folder(folder: Path | None, name: str) -> Path:
@@ -43,34 +30,59 @@ def new_folder(folder: Path | None, name: str) -> Path:
     """
     if folder is None:
         folder = Path("results") / name / datetime.now().strftime("%Y-%m-%d_%H-%M-%S_%f")
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    if folder.exists() and (not folder.is_dir() or {path.name for path in folder.iterdir()} - BEFORE_A_RUN):
         raise ValueError(f"{folder}: expected a new or empty folder for the results, got one in use; choose another")
     folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def is_begun(folder: Path) -> bool:
+    """Return whether a run was begun in the folder."""
+    return (folder / "config.yaml").is_file()
+
+
+def old_folder(folder: Path | None) -> Path:
+    """Return the folder of a run that was begun.
+
+    Raises:
+        ValueError: there is no config.yaml in it, or no folder.
+    """
+    if folder is None or not is_begun(folder):
+        raise ValueError(f"{folder}: expected the folder of a run, got none with a config.yaml")
     return folder
 
 
 class Report:
     """The results of a run, written as it goes.
 
-    Owns the files of its folder: config.yaml and curve.csv grow with the run, policy.npz and the pictures come
-    with `finish`.
+    Owns the files of its folder, less the checkpoints: config.yaml is there from the beginning, curve.csv grows with
+    the run, policy.npz and the pictures come with `finish`.
 
     Args:
-        folder: an empty folder.
+        folder: an empty folder, or that of the run that goes on.
         config: the run.
+        done: number of iterations whose lines are kept.
+
+    Raises:
+        OSError: the folder cannot be written.
     """
 
-    def __init__(self, folder: Path, config: Config) -> None:
+    def __init__(self, folder: Path, config: Config, done: int = 0) -> None:
         self.folder = folder
         self._config = config
-        self._began = time.monotonic()
-        self._rows: list[Row] = []
+        self._curve = Curve(folder / "curve.csv")
         self._last: Iteration | None = None
-        (folder / "config.yaml").write_text(resolved(config))
-        self._write(Row._fields, mode="w")
+        rows = self._curve.rows()[:done]
+        self._began = time.monotonic() - (rows[-1].seconds if rows else 0.0)
+        write_whole(folder / "config.yaml", resolved(config).encode())
+        self._curve.begin(rows)
 
     def add(self, iteration: Iteration) -> None:
-        """Write an iteration's line."""
+        """Write an iteration's line.
+
+        Raises:
+            OSError: it cannot be written.
+        """
         metrics = iteration.metrics
         row = Row(
             iteration=iteration.number,
@@ -79,30 +91,30 @@ class Report:
             train_return_sd=float(iteration.train_returns.std()),
             mean_policy_return=float(iteration.mean_policy_returns.mean()),
             centres=metrics.centres,
-            step_size=metrics.step_size,
-            kl=metrics.kl,
-            sparsification_error=metrics.sparsification_error,
+            step_size=float(metrics.step_size),
+            kl=float(metrics.kl),
+            sparsification_error=float(metrics.sparsification_error),
             seconds=time.monotonic() - self._began,
         )
-        self._write(row, mode="a")
-        self._rows.append(row)
+        self._curve.append(row)
         self._last = iteration
 
     def finish(self) -> None:
-        """Write the policy and the pictures of what was learnt so far."""
+        """Write the policy and the pictures of what was learnt so far.
+
+        Raises:
+            OSError: one cannot be written.
+        """
         if self._last is None:
             return
         save_policy(self.folder / "policy.npz", self._last.policy, self._config.task)
+        rows = self._curve.rows()
         numbers, train, mean = (
-            np.array([getattr(row, name) for row in self._rows])
+            np.array([getattr(row, name) for row in rows])
             for name in ("iteration", "train_return", "mean_policy_return")
         )
         draw_curve(self.folder / "curve.png", numbers, train, mean, self._config.task)
         draw_policy(self.folder / "policy.png", self._last.policy, self._last.evaluation)
-
-    def _write(self, row: tuple[object, ...], mode: str) -> None:
-        with (self.folder / "curve.csv").open(mode, newline="") as file:
-            csv.writer(file).writerow(row)
 
 
 def resolved(config: Config) -> str:
@@ -114,11 +126,11 @@ def resolved(config: Config) -> str:
 
 def summary(folder: Path, config: Config) -> str:
     """Return in three lines what was learnt and where the pictures are."""
-    with (folder / "curve.csv").open(newline="") as file:
-        first, *_, last = [*csv.DictReader(file)] * 2
+    rows = Curve(folder / "curve.csv").rows()
+    first, last = rows[0], rows[-1]
     return (
-        f"Learnt {config.environment.id} in {last['episodes']} episodes, {float(last['seconds']):.1f} s.\n"
-        f"Return: {float(first['train_return']):.1f} before, {float(last['mean_policy_return']):.1f} after, noise-free"
-        f" ({last['centres']} centres).\n"
+        f"Learnt {config.environment.id} in {last.episodes} episodes, {last.seconds:.1f} s.\n"
+        f"Return: {first.train_return:.1f} before, {last.mean_policy_return:.1f} after, noise-free"
+        f" ({last.centres} centres).\n"
         f"Pictures: {folder / 'curve.png'} and {folder / 'policy.png'}"
     )

@@ -6,6 +6,7 @@ import csv
 import sys
 from collections.abc import Callable, Iterable
 from hashlib import blake2b
+from io import StringIO
 from pathlib import Path
 
 import yaml
@@ -17,6 +18,7 @@ from rkhs_ros.experiments.config import Config
 from rkhs_ros.experiments.experiment import Experiment
 from rkhs_ros.experiments.rollout import InlineRunner
 from rkhs_ros.experiments.training import Iteration, train
+from rkhs_ros.policies.files import write_whole
 from sim_nodes.simulation import Simulation
 
 COLUMNS = ("panel", "curve", "run", "iteration", "episodes", "train_return", "mean_policy_return")
@@ -82,10 +84,9 @@ def _lines(file: Path) -> Iterable[tuple[object, ...]]:
 
 def _write(file: Path, header: Iterable[str], lines: Iterable[Iterable[object]]) -> Path:
     """Write a table whole or not at all."""
-    aside = file.with_name(file.name + ".part")
-    with aside.open("w", newline="") as text:
-        csv.writer(text, lineterminator="\n").writerows([header, *lines])
-    aside.replace(file)
+    text = StringIO(newline="")
+    csv.writer(text, lineterminator="\n").writerows([header, *lines])
+    write_whole(file, text.getvalue().encode())
     return file
 
 

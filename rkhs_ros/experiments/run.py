@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from rkhs_ros.experiments.checkpoint import Checkpoints
 from rkhs_ros.experiments.config import Config
-from rkhs_ros.experiments.report import Report, new_folder
+from rkhs_ros.experiments.curve import Curve
+from rkhs_ros.experiments.lock import locked
+from rkhs_ros.experiments.report import Report, new_folder, old_folder
 from rkhs_ros.experiments.training import Iteration, Runner, train
 
 
-def run_training(config: Config, runner: Runner, folder: Path | None, *, quiet: bool = False) -> Path:
+def run_training(
+    config: Config, runner: Runner, folder: Path | None, *, quiet: bool = False, resume: bool = False
+) -> Path:
     """Train and write the results.
 
     Args:
@@ -23,31 +28,49 @@ def run_training(config: Config, runner: Runner, folder: Path | None, *, quiet: 
         runner: who lets the policies act.
         folder: where the results go; results/NAME/TIME where None.
         quiet: without progress bar.
+        resume: go on with the run in the folder; what it leaves has the same bits as that of a run never stopped.
 
     Returns:
         The folder of the results.
 
     Raises:
-        ValueError: the folder holds something already.
+        ValueError: the folder holds something already, or no run to go on with, or one that another process is
+            in, or one that began with other settings.
         OSError: the folder cannot be written.
     """
-    report = Report(new_folder(folder, config.training.name), config)
-    try:
-        with _progress(config, quiet) as show:
-            for iteration in train(config.training, runner):
-                report.add(iteration)
+    folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
+    with locked(folder):
+        checkpoints = Checkpoints(folder, config)
+        state = checkpoints.newest(len(Curve(folder / "curve.csv").rows())) if resume else None
+        done = state.iterations if state else 0
+        report = Report(folder, config, done)
+        with _finished(report), _progress(config, done, quiet) as show:
+            for iteration in train(config.training, runner, state):
+                report.add(iteration)  # before the checkpoint, which is of no use without its line
+                checkpoints.write(iteration.state)
                 show(iteration)
-    finally:
-        report.finish()  # what was learnt before an interruption is kept
-    return report.folder
+    return folder
 
 
 @contextmanager
-def _progress(config: Config, quiet: bool) -> Iterator[Callable[[Iteration], None]]:
+def _finished(report: Report) -> Iterator[None]:
+    """Write what was learnt, after an interruption too."""
+    try:
+        yield
+    except BaseException:
+        with suppress(Exception):  # the first error is the one to tell of
+            report.finish()
+        raise
+    report.finish()
+
+
+@contextmanager
+def _progress(config: Config, done: int, quiet: bool) -> Iterator[Callable[[Iteration], None]]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     text = TextColumn("return {task.fields[train]}, noise-free {task.fields[mean]}")
     with Progress(*columns, text, console=Console(file=sys.stderr), disable=quiet) as progress:
-        task = progress.add_task(config.training.name, total=config.training.iterations, train="-", mean="-")
+        total = config.training.iterations
+        task = progress.add_task(config.training.name, total=total, completed=done, train="-", mean="-")
 
         def show(iteration: Iteration) -> None:
             train_return, mean_return = iteration.train_returns.mean(), iteration.mean_policy_returns.mean()

@@ -30,26 +30,59 @@ class Runner(Protocol):
 
 
 @dataclass(frozen=True)
+class State:
+    """Where a run is between two iterations: all that the next one follows from, beside the settings.
+
+    Every random stream is a function of seed, name and episode. So the numbers of the next episodes are the whole
+    state of the randomness, and a run that goes on from here has the same bits as one that never stopped.
+
+    Attributes:
+        iterations: number of iterations done.
+        policy: the policy after them.
+        memory: episodes that the algorithm asked to keep; none at first.
+        explored: number of exploring episodes so far, which is the number of the next one.
+        evaluated: number of noise-free episodes so far.
+    """
+
+    iterations: int
+    policy: GaussianPolicy
+    memory: Episodes
+    explored: int
+    evaluated: int
+
+
+@dataclass(frozen=True)
 class Iteration:
     """One pass of the training loop.
 
     Attributes:
-        number: from 1.
-        episodes_used: exploring episodes so far, this iteration's included.
-        policy: the policy after the update.
+        state: where the run is after it.
         train_returns: returns of this iteration's exploring episodes, before the update, shape (N,).
         mean_policy_returns: returns of noise-free episodes after the update.
         evaluation: those noise-free episodes, with the policy's inputs as observations.
         metrics: what the update did.
     """
 
-    number: int
-    episodes_used: int
-    policy: GaussianPolicy
+    state: State
     train_returns: np.ndarray
     mean_policy_returns: np.ndarray
     evaluation: Episodes
     metrics: Metrics
+
+    @property
+    def number(self) -> int:
+        """Its number, from 1."""
+        return self.state.iterations
+
+    @property
+    def episodes_used(self) -> int:
+        """Number of exploring episodes so far, this iteration's included."""
+        return self.state.explored
+
+    @property
+    def policy(self) -> GaussianPolicy:
+        """The policy after the update."""
+        return self.state.policy
 
 
 def first_policy(training: Training, observation_dim: int, action_dim: int) -> GaussianPolicy:
@@ -65,6 +98,18 @@ def first_policy(training: Training, observation_dim: int, action_dim: int) -> G
     return GaussianPolicy(Function.zero(RBF((1.0,)), input_dim, action_dim), variance, training.inputs)
 
 
+def first_state(training: Training, runner: Runner) -> State:
+    """Return the state that a run begins in.
+
+    Raises:
+        ValueError: the settings do not fit the task.
+    """
+    policy = first_policy(training, runner.observation_dim, runner.action_dim)
+    shape = (0, training.horizon)
+    observations, actions = (np.zeros((*shape, d)) for d in (policy.mean.input_dim, policy.mean.output_dim))
+    return State(0, policy, Episodes(observations, actions, np.zeros(shape), np.zeros(shape, dtype=bool)), 0, 0)
+
+
 class Collector:
     """Lets policies act in ever new episodes, and counts them.
 
@@ -73,57 +118,62 @@ class Collector:
     Args:
         training: the learner's settings.
         runner: who lets the policies act.
+        state: where the run is.
     """
 
-    def __init__(self, training: Training, runner: Runner) -> None:
+    def __init__(self, training: Training, runner: Runner, state: State) -> None:
         self._training = training
         self._runner = runner
-        self._next = {True: 0, False: 0}
-
-    @property
-    def episodes_used(self) -> int:
-        """Number of exploring episodes so far."""
-        return self._next[True]
+        self.explored = state.explored
+        self.evaluated = state.evaluated
 
     def explore(self, policy: GaussianPolicy, episodes: int) -> Episodes:
         """Return a number of exploring episodes, with the policy's inputs as observations."""
-        return self._collect(policy, episodes, explore=True)
+        first, self.explored = self.explored, self.explored + episodes
+        return self._collect(policy, first, episodes, explore=True)
 
     def evaluate(self, policy: GaussianPolicy) -> Episodes:
         """Return noise-free episodes, with the policy's inputs as observations."""
-        return self._collect(policy, self._training.evaluation_episodes, explore=False)
+        episodes = self._training.evaluation_episodes
+        first, self.evaluated = self.evaluated, self.evaluated + episodes
+        return self._collect(policy, first, episodes, explore=False)
 
-    def _collect(self, policy: GaussianPolicy, episodes: int, *, explore: bool) -> Episodes:
-        batch = Batch(self._training.seed, self._next[explore], episodes, self._training.horizon, explore=explore)
-        self._next[explore] += episodes
+    def _collect(self, policy: GaussianPolicy, first: int, episodes: int, *, explore: bool) -> Episodes:
+        batch = Batch(self._training.seed, first, episodes, self._training.horizon, explore=explore)
         return self._runner.collect(policy, batch).seen_through(policy.inputs)
 
 
-def train(training: Training, runner: Runner) -> Iterator[Iteration]:
+def train(training: Training, runner: Runner, state: State | None = None) -> Iterator[Iteration]:
     """Learn, yielding each iteration as it is done.
 
     Args:
         training: the learner's settings.
         runner: who lets the policies act.
+        state: where to go on from; None to begin.
+
+    Raises:
+        ValueError: the settings do not fit the task.
     """
-    policy = first_policy(training, runner.observation_dim, runner.action_dim)
-    collector = Collector(training, runner)
-    memory: Episodes | None = None
-    for k in range(training.iterations):
-        episodes = collector.explore(policy, training.episodes_per_iteration)
-        if memory is None:
-            kernel = training.kernel.fit(episodes.flat(episodes.observations))
-            policy = policy.with_mean(replace(policy.mean, kernel=kernel))
-            memory = episodes.take(slice(0))
-        experience = Experience(episodes, training.discount, memory, collector.explore, k)
-        policy, metrics, memory = training.algorithm.update(policy, experience)
-        evaluation = collector.evaluate(policy)
-        yield Iteration(
-            number=k + 1,
-            episodes_used=collector.episodes_used,
-            policy=policy,
-            train_returns=episodes.returns(training.discount),
-            mean_policy_returns=evaluation.returns(training.discount),
-            evaluation=evaluation,
-            metrics=metrics,
-        )
+    state = state or first_state(training, runner)
+    while state.iterations < training.iterations:
+        iteration = _iteration_after(state, training, runner)
+        yield iteration
+        state = iteration.state
+
+
+def _iteration_after(state: State, training: Training, runner: Runner) -> Iteration:
+    policy, collector = state.policy, Collector(training, runner, state)
+    episodes = collector.explore(policy, training.episodes_per_iteration)
+    if state.iterations == 0:
+        kernel = training.kernel.fit(episodes.flat(episodes.observations))
+        policy = policy.with_mean(replace(policy.mean, kernel=kernel))
+    experience = Experience(episodes, training.discount, state.memory, collector.explore, state.iterations)
+    policy, metrics, memory = training.algorithm.update(policy, experience)
+    evaluation = collector.evaluate(policy)
+    return Iteration(
+        state=State(state.iterations + 1, policy, memory, collector.explored, collector.evaluated),
+        train_returns=episodes.returns(training.discount),
+        mean_policy_returns=evaluation.returns(training.discount),
+        evaluation=evaluation,
+        metrics=metrics,
+    )

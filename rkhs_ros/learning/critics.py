@@ -146,10 +146,8 @@ def advantages(samples: Samples, discount: float, ridge: float, ridge_norm: str 
 
 def trajectory_features(samples: Samples, discount: float) -> Array:
     r"""Return :math:`\sum_t \gamma^t K(s_t, \cdot) u_t` of each episode in coordinates, shape (N, m n)."""
-    mask = samples.episodes.mask
     discounted = discount ** samples.episodes.steps[:, None] * samples.score_features
-    begins = np.concatenate([[0], np.cumsum(mask.sum(axis=1))[:-1]])
-    return np.asarray(np.add.reduceat(discounted, begins, axis=0))
+    return np.asarray(np.add.reduceat(discounted, samples.episodes.begins, axis=0))
 
 
 def dual_regression(features: Array, returns: Array, ridge: float, *, intercept: bool = True) -> Array:

@@ -50,7 +50,8 @@ class Episodes:
 
     def seen_through(self, inputs: Inputs) -> Episodes:
         """Return the episodes with the policy's inputs in place of the observations."""
-        return replace(self, observations=inputs.unfold(self.observations, self.actions))
+        # Row by row in memory, as files give it back: another order could change last bits of what is made of it.
+        return replace(self, observations=np.ascontiguousarray(inputs.unfold(self.observations, self.actions)))
 
     @property
     def horizon(self) -> int:
@@ -86,6 +87,12 @@ class Episodes:
     def steps(self) -> NDArray[np.int_]:
         """The step t of each sample, shape (samples,)."""
         return np.broadcast_to(np.arange(self.horizon), self.mask.shape)[self.mask]
+
+    @property
+    def begins(self) -> NDArray[np.int_]:
+        """Where the samples of each episode begin among all samples, shape (N,)."""
+        lengths = self.mask.sum(axis=1)
+        return np.asarray(np.cumsum(lengths) - lengths)
 
 
 def _sums_to_go(values: Array, factor: float) -> Array:

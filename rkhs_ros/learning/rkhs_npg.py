@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from rkhs_ros.learning.algorithm import Experience, Update
 from rkhs_ros.learning.critics import dual_regression, trajectory_features, value
 from rkhs_ros.learning.features import Samples
@@ -47,6 +45,5 @@ class RKHSNPG(Sparse):
     def _weights(self, samples: Samples, trajectories: Array, discount: float) -> Array:
         returns = samples.episodes.returns(discount)
         if self.baseline == "value":
-            first = np.concatenate([[0], np.cumsum(samples.episodes.mask.sum(axis=1))[:-1]])
-            returns = returns - value(samples, discount, self.value_ridge)[first]
+            returns = returns - value(samples, discount, self.value_ridge)[samples.episodes.begins]
         return dual_regression(trajectories, returns, self.ridge, intercept=self.baseline != "printed")

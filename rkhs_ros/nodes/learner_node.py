@@ -18,6 +18,7 @@ from rclpy.node import Node
 from rkhs_interfaces.srv import DescribeTask, SetPolicy
 from rkhs_ros.experiments.config import Config, Environment, training_from
 from rkhs_ros.experiments.launcher import namespaces
+from rkhs_ros.experiments.report import is_begun
 from rkhs_ros.experiments.run import run_training
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.nodes.health import Health
@@ -53,7 +54,9 @@ class LearnerNode(Node):
         tree = given(self)
         self.output = declared(self, tree, "output", "", "folder for the results; empty for results/NAME/TIME")
         self.quiet = declared(self, tree, "quiet", False, "no progress bar")
-        self.resume = declared(self, tree, "resume", False, "go on with the run in the output folder")
+        self.resume = declared(
+            self, tree, "resume", False, "go on with the run in the output folder, if one began there"
+        )
         again = restarts(self, tree)
         self.training = training_from(tree)
         declare(self, entries(self.training))
@@ -214,7 +217,8 @@ def learn(node: LearnerNode, told: Event) -> None:
     node.told = told
     config = node.connect()
     folder = Path(node.output) if node.output else None
-    run_training(config, node, folder, quiet=node.quiet)
+    begun = folder is not None and is_begun(folder)
+    run_training(config, node, folder, quiet=node.quiet, resume=node.resume and begun)
 
 
 def main() -> None:

@@ -1,17 +1,19 @@
-"""Policies in files: plain arrays in npz, no pickle, written aside and renamed."""
+"""Policies in files: plain arrays in npz, no pickle."""
 
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
+from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 
+from rkhs_ros.policies.files import write_whole
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance, Variance
@@ -42,22 +44,17 @@ class Task:
 
 
 def save_policy(path: Path, policy: GaussianPolicy, task: Task) -> None:
-    """Write a policy and its task; an existing file is replaced whole or not at all."""
+    """Write a policy and its task; an existing file is replaced whole or not at all.
+
+    Raises:
+        OSError: it cannot be written.
+    """
     arrays = {
         "schema": np.array(SCHEMA),
         "task": np.array(json.dumps(asdict(task), sort_keys=True)),
-        **_kernel_arrays("kernel", policy.mean.kernel),
-        "centres": policy.mean.centres,
-        "weights": policy.mean.weights,
-        **_variance_arrays(policy.variance),
-        "inputs": np.array(json.dumps(asdict(policy.inputs))),
+        **policy_arrays(policy),
     }
-    aside = path.with_name(path.name + ".part")
-    with aside.open("wb") as file:
-        np.savez(file, allow_pickle=False, **arrays)
-        file.flush()
-        os.fsync(file.fileno())
-    aside.replace(path)
+    write_whole(path, packed(arrays))
 
 
 def load_policy(path: Path) -> tuple[GaussianPolicy, Task]:
@@ -68,14 +65,10 @@ def load_policy(path: Path) -> tuple[GaussianPolicy, Task]:
         FileNotFoundError: there is no such file.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        arrays = unpacked(path.read_bytes())
         schema = int(arrays["schema"])
         require(schema == SCHEMA, f"{path}", f"a policy of schema {SCHEMA}", f"schema {schema}")
-        kernel = _kernel(arrays, "kernel")
-        mean = Function(kernel, arrays["centres"], arrays["weights"])
-        inputs = build(Inputs, json.loads(str(arrays["inputs"])), "inputs.")
-        return GaussianPolicy(mean, _variance(arrays), inputs), Task(**json.loads(str(arrays["task"])))
+        return policy_of(arrays), Task(**json.loads(str(arrays["task"])))
     except FileNotFoundError:
         raise
     except KeyError as error:
@@ -83,6 +76,47 @@ def load_policy(path: Path) -> tuple[GaussianPolicy, Task]:
     except Exception as error:  # a damaged archive raises almost anything
         reason = " ".join(str(error).split())
         raise ValueError(f"{path}: expected a whole policy file (npz), got an unreadable one ({reason})") from error
+
+
+def packed(arrays: Arrays) -> bytes:
+    """Return the content of an npz file, no pickle in it."""
+    buffer = BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)
+    return buffer.getvalue()
+
+
+def unpacked(content: bytes) -> Arrays:
+    """Return the arrays of an npz file; where it is damaged this raises almost anything.
+
+    Each array's bytes are read to their end, for only there their checksum is compared. Reading by numpy alone ends
+    where the array's own header says.
+    """
+    with ZipFile(BytesIO(content)) as archive:
+        members = {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
+    return {name: np.lib.format.read_array(BytesIO(member), allow_pickle=False) for name, member in members.items()}
+
+
+def policy_arrays(policy: GaussianPolicy) -> Arrays:
+    """Return a policy as arrays by name."""
+    return {
+        **_kernel_arrays("kernel", policy.mean.kernel),
+        "centres": policy.mean.centres,
+        "weights": policy.mean.weights,
+        **_variance_arrays(policy.variance),
+        "inputs": np.array(json.dumps(asdict(policy.inputs))),
+    }
+
+
+def policy_of(arrays: Arrays) -> GaussianPolicy:
+    """Return the policy that such arrays, and perhaps others beside them, stand for.
+
+    Raises:
+        KeyError: one is missing.
+        ValueError: they are no policy.
+    """
+    mean = Function(_kernel(arrays, "kernel"), arrays["centres"], arrays["weights"])
+    inputs = build(Inputs, json.loads(str(arrays["inputs"])), "inputs.")
+    return GaussianPolicy(mean, _variance(arrays), inputs)
 
 
 def _kernel_arrays(prefix: str, kernel: Kernel) -> Arrays:

@@ -75,6 +75,13 @@ def test_arrays_of_different_lengths_are_refused(wrong: str) -> None:
         Episodes(**{**good, wrong: good[wrong][:, :2]})
 
 
+@given(ends=st.lists(st.integers(1, 6), min_size=0, max_size=5))
+def test_an_episode_begins_after_the_samples_of_those_before_it(ends: list[int]) -> None:
+    episodes = episodes_of(np.ones((len(ends), 6)), np.array(ends, dtype=int))
+    numbers = episodes.flat(np.broadcast_to(np.arange(len(ends))[:, None], (len(ends), 6))).tolist()
+    assert episodes.begins.tolist() == [numbers.index(number) for number in range(len(ends))]
+
+
 def random_episodes(seed: int, n: int) -> Episodes:
     rng = np.random.default_rng(seed)
     observations, actions = rng.normal(size=(n, 5, 2)), rng.normal(size=(n, 5, 1))
@@ -109,3 +116,10 @@ def test_episodes_seen_through_inputs_differ_in_their_observations_only() -> Non
     assert seen.observations.shape == (3, 5, inputs.dimension(2, 1))
     assert all(np.array_equal(getattr(seen, name), getattr(episodes, name)) for name in NAMES[1:])
     assert np.array_equal(episodes.seen_through(Inputs()).observations, episodes.observations)
+
+
+@pytest.mark.parametrize("inputs", [Inputs(), Inputs(degree=2), Inputs(history=3, degree=2)], ids=str)
+def test_what_is_seen_lies_row_by_row_in_memory(inputs: Inputs) -> None:
+    seen = random_episodes(0, 6).seen_through(inputs)
+    assert seen.observations.flags.c_contiguous
+    assert seen.take(np.array([4, 1])).observations.flags.c_contiguous

@@ -38,7 +38,7 @@ def test_a_run_leaves_what_happened_in_it(
 ) -> None:
     folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
     assert sorted(p.name for p in folder.iterdir()) == [
-        *("config.yaml", "curve.csv", "curve.png", "policy.npz", "policy.png")
+        *("checkpoints", "config.yaml", "curve.csv", "curve.png", "policy.npz", "policy.png")
     ]
     assert all((folder / name).read_bytes().startswith(b"\x89PNG") for name in ("curve.png", "policy.png"))
     assert load_config(folder / "config.yaml") == CONFIG

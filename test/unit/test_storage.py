@@ -119,6 +119,14 @@ def test_a_file_with_a_changed_byte_is_refused_or_still_a_policy(
     assert refused > 200
 
 
+def test_arrays_that_say_they_are_smaller_are_refused(tmp_path: Path, random_policy: Make) -> None:
+    path = tmp_path / "policy.npz"
+    save_policy(path, random_policy(m=5), TASK)
+    path.write_bytes(path.read_bytes().replace(b"(5, 2)", b"(4, 2)"))  # of centres and weights alike
+    with pytest.raises(ValueError, match="Bad CRC-32"):
+        load_policy(path)
+
+
 @pytest.mark.parametrize(
     "change",
     [
@@ -182,11 +190,18 @@ def test_a_save_without_room_leaves_the_file_as_it_was(tmp_path: Path, random_po
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
     try:
-        with pytest.raises(OSError, match="File too large"):
+        with pytest.raises(OSError, match=r"File too large: '.*policy\.npz'"):
             save_policy(path, random_policy(m=50), TASK)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_that_is_none_is_named(tmp_path: Path, random_policy: Make) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(NotADirectoryError, match=r"file/policy\.npz'$"):
+        save_policy(tmp_path / "file" / "policy.npz", random_policy(), TASK)
 
 
 def test_a_task_that_cannot_be_written_leaves_the_file_as_it_was(tmp_path: Path, random_policy: Make) -> None:

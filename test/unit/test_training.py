@@ -8,7 +8,7 @@ import pytest
 
 from rkhs_ros.experiments.config import Training, load_config
 from rkhs_ros.experiments.rollout import InlineRunner
-from rkhs_ros.experiments.training import Collector, first_policy, train
+from rkhs_ros.experiments.training import Collector, first_policy, first_state, train
 from rkhs_ros.learning.algorithm import Experience, Update
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.kernel_choice import KernelChoice
@@ -77,6 +77,22 @@ def test_a_run_that_goes_on_longer_begins_the_same(arrays_of: Callable[[Any], di
         assert all(a[name].tobytes() == b[name].tobytes() for name in b)
 
 
+@pytest.mark.parametrize("done", range(4))
+def test_a_run_goes_on_from_any_state_as_if_it_had_not_stopped(
+    done: int, arrays_of: Callable[[Any], dict[str, np.ndarray]]
+) -> None:
+    runner = Watching()
+    whole = list(train(SHORT, runner))
+    asked = len(runner.batches)
+    rest = list(train(SHORT, runner, whole[done - 1].state if done else None))
+    assert [i.number for i in rest] == list(range(done + 1, 4))
+    assert runner.batches[asked:] == runner.batches[2 * done : asked]
+    for one, other in zip(whole[done:], rest, strict=True):
+        a, b = arrays_of(one), arrays_of(other)
+        assert a.keys() == b.keys()
+        assert all(a[name].tobytes() == b[name].tobytes() for name in a)
+
+
 @pytest.mark.filterwarnings("error")
 def test_one_episode_of_one_step_is_enough() -> None:
     tiny = Training(iterations=2, episodes_per_iteration=1, evaluation_episodes=1, horizon=1)
@@ -121,7 +137,7 @@ def test_an_update_is_told_how_many_came_before_it_and_what_the_last_one_kept() 
 def test_no_episode_is_used_twice_and_exploring_ones_are_counted() -> None:
     inputs = Inputs(history=2)
     training = replace(SHORT, inputs=inputs, evaluation_episodes=3, horizon=4)
-    collector = Collector(training, Numbered())
+    collector = Collector(training, Numbered(), first_state(training, Numbered()))
     policy = first_policy(training, 2, 1)
     numbers: dict[bool, list[float]] = {True: [], False: []}
     for episodes in (2, 0, 5, 1):
@@ -130,7 +146,7 @@ def test_no_episode_is_used_twice_and_exploring_ones_are_counted() -> None:
         assert (got.rewards == float(episodes > 0)).all()
         numbers[episodes > 0] += got.observations[:, 0, 0].tolist()
     assert numbers == {True: list(range(8)), False: [0, 1, 2]}
-    assert collector.episodes_used == 8
+    assert (collector.explored, collector.evaluated) == (8, 3)
 
 
 @pytest.mark.slow

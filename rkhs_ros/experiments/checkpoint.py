@@ -1,0 +1,144 @@
+"""Checkpoints: what a run goes on from after it was stopped, killed or lost its power."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rkhs_ros import __version__
+from rkhs_ros.experiments.config import Config
+from rkhs_ros.experiments.training import State
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.policies.files import sync_to_disk, write_whole
+from rkhs_ros.policies.storage import packed, policy_arrays, policy_of, unpacked
+
+SCHEMA = 1
+SYNC_EVERY = 1.0  # seconds; waiting for the disk takes longer than many an iteration
+KEPT = 2
+FREE = ("iterations", "simulators", "timeout")  # settings that no iteration's result depends on
+COUNTS = ("iterations", "explored", "evaluated")  # of a state
+MEMORY = [f.name for f in fields(Episodes)]
+
+
+class OtherRunError(ValueError):
+    """A checkpoint that is sound, but not of this run."""
+
+
+class Checkpoints:
+    """The checkpoints of a run, DIR/checkpoints/ITERATION.npz.
+
+    Owns those files. Kept are the last two, so that there is one if the other is damaged, and the newest of which
+    the disk has told that it has it, for a power cut may take the others.
+
+    Args:
+        folder: the run's folder DIR.
+        config: the run.
+        clock: tells the seconds since some moment.
+    """
+
+    def __init__(self, folder: Path, config: Config, clock: Callable[[], float] = time.monotonic) -> None:
+        self._folder = folder / "checkpoints"
+        self._curve = folder / "curve.csv"
+        self._config = config
+        self._clock = clock
+        self._synced_at = clock()
+        self._synced: Path | None = None
+        self._last: list[Path] = []
+
+    def write(self, state: State) -> None:
+        """Write the state after an iteration, whose line is in curve.csv by then.
+
+        Raises:
+            OSError: it cannot be written; those before it are as they were.
+        """
+        now = self._clock()
+        due = now - self._synced_at >= SYNC_EVERY
+        if due:
+            sync_to_disk(self._curve)  # first, for without its line a checkpoint is of no use
+        path = self._folder / f"{state.iterations:07}.npz"
+        write_whole(path, _content(state, self._config), sync=due)
+        if due:
+            self._synced, self._synced_at = path, now
+        self._last = [*self._last, path][-KEPT:]
+        for old in self._folder.glob("*.npz*"):  # what is left of a write cut short, *.npz.part, too
+            if old not in (*self._last, self._synced):
+                old.unlink()
+
+    def newest(self, lines: int) -> State | None:
+        """Return the state to go on from, of the newest checkpoint that is sound; those that are not go to stderr.
+
+        It is from before the last iteration. The pictures show that one's episodes, which are not kept: it is made
+        again, to the same bits. Its checkpoint stays until there are newer ones.
+
+        Args:
+            lines: number of good lines of curve.csv; a checkpoint after more iterations is of no use.
+
+        Returns:
+            None where there is no such checkpoint.
+
+        Raises:
+            ValueError: a checkpoint of another schema, or with other settings.
+            OSError: the disk failed.
+        """
+        for path in sorted(self._folder.glob("*.npz"), reverse=True):
+            state = _read(path, self._config)
+            if state and state.iterations > lines:
+                _pass_over(path, f"curve.csv has {lines} good lines, not {state.iterations}")
+            elif state and state.iterations < self._config.training.iterations:
+                self._settle(path)
+                return state
+        return None
+
+    def _settle(self, path: Path) -> None:
+        """Have a checkpoint on the disk, to be kept until there are newer ones."""
+        sync_to_disk(path)
+        sync_to_disk(self._folder)
+        self._synced, self._last = path, [path]
+
+
+def _content(state: State, config: Config) -> bytes:
+    about = {"schema": SCHEMA, "version": __version__, "settings": config.settings}
+    counts = {name: getattr(state, name) for name in COUNTS}
+    memory = {f"memory_{name}": getattr(state.memory, name) for name in MEMORY}
+    return packed({"about": np.array(json.dumps(about | counts).encode()), **policy_arrays(state.policy), **memory})
+
+
+def _read(path: Path, config: Config) -> State | None:
+    """Return the state in a checkpoint, None where it is damaged."""
+    try:
+        arrays = unpacked(path.read_bytes())
+        about = json.loads(arrays["about"].item())
+        _check_same_run(path, about, config)
+        memory = Episodes(*(arrays[f"memory_{name}"] for name in MEMORY))
+        return State(policy=policy_of(arrays), memory=memory, **{name: about[name] for name in COUNTS})
+    except OtherRunError:
+        raise
+    except Exception as error:  # a damaged archive raises almost anything
+        _pass_over(path, f"damaged, {type(error).__name__}: {error}")
+        return None
+
+
+def _check_same_run(path: Path, about: dict[str, Any], config: Config) -> None:
+    schema, version = about["schema"], about["version"]
+    if schema != SCHEMA:
+        raise OtherRunError(
+            f"{path}: expected a checkpoint of schema {SCHEMA}, got schema {schema}; go on with rkhs_ros {version}"
+        )
+    began, given = about["settings"], json.loads(json.dumps(config.settings))
+    for name in [*given, *began]:
+        expected, got = (settings.get(name, "no such setting") for settings in (began, given))
+        if expected != got and name not in FREE:
+            raise OtherRunError(
+                f"{path}: {name}: expected {expected}, with which the run began, got {got}; begin another run for that"
+            )
+
+
+def _pass_over(path: Path, reason: str) -> None:
+    print(f"warning: {path}: passed over ({' '.join(reason.split())})", file=sys.stderr)

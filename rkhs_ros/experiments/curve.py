@@ -1,0 +1,95 @@
+"""The learning curve of a run in a file, one line per iteration."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple, get_type_hints
+
+from rkhs_ros.policies.files import named, write_whole
+
+END = "\r\n"
+
+
+class Row(NamedTuple):
+    """One line of curve.csv."""
+
+    iteration: int
+    episodes: int
+    train_return: float
+    train_return_sd: float
+    mean_policy_return: float
+    centres: int
+    step_size: float
+    kl: float
+    sparsification_error: float
+    seconds: float
+
+
+KINDS = tuple(get_type_hints(Row).values())
+
+
+class Curve:
+    """The lines of a run so far.
+
+    Owns its file.
+
+    Args:
+        path: the file; it need not be there yet.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def rows(self) -> list[Row]:
+        """Return the lines 1, 2, ... up to the first that is torn, altered or out of order.
+
+        Raises:
+            OSError: the file cannot be read.
+        """
+        text = self.path.read_bytes().decode("ascii", errors="replace") if self.path.exists() else ""
+        header, *lines = text.split(END)[:-1] or [""]  # what the last line's end is missing from is torn
+        rows: list[Row] = []
+        for line in lines if header == ",".join(Row._fields) else []:
+            row = _row(line)
+            if row is None or row.iteration != len(rows) + 1:
+                break
+            rows.append(row)
+        return rows
+
+    def begin(self, rows: Iterable[Row]) -> None:
+        """Put these lines in place of the file's.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        write_whole(self.path, "".join(map(_line, [Row._fields, *rows])).encode())
+
+    def append(self, row: Row) -> None:
+        """Write a line at the end.
+
+        Raises:
+            OSError: the file cannot be written; it is as it was.
+        """
+        with named(self.path):
+            size = self.path.stat().st_size
+            try:
+                with self.path.open("ab") as file:
+                    file.write(_line(row).encode())
+            except OSError:
+                os.truncate(self.path, size)  # a full disk may have taken a part
+                raise
+
+
+def _line(values: Iterable[object]) -> str:
+    return ",".join(map(str, values)) + END
+
+
+def _row(line: str) -> Row | None:
+    """Return the values of a line, None where it is not what they would be written as."""
+    try:
+        row = Row(*(kind(word) for kind, word in zip(KINDS, line.split(","), strict=True)))
+    except ValueError:
+        return None
+    return row if _line(row) == line + END else None
