@@ -2,7 +2,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help build demo test test-fast lint types bench clean
+.PHONY: help build demo test test-fast test-faults lint types bench clean
 
 # Where ROS 2 Jazzy is installed and sourced it is used; elsewhere it comes as wheels for Python 3.11.
 ifeq ($(ROS_DISTRO)$(if $(AMENT_PREFIX_PATH),+sourced),jazzy+sourced)
@@ -51,10 +51,14 @@ demo: build ## learn to swing up the pendulum
 	@$(ENTER) rkhs train config/pendulum_nac.yaml
 
 test: lint types ## lint, types and every test
-	@$(ENTER) python -m pytest -n auto
+	@$(ENTER) python -m pytest -n auto -m "not faults"
+
+KILLS ?= 40
+test-faults: build ## kill nodes, lose messages, run for long; KILLS=N: kills in all
+	@$(ENTER) python -m pytest -n auto -m faults --kills $(KILLS)
 
 test-fast: build ## the tests that start no nodes and take under a minute in all
-	@$(ENTER) python -m pytest -n auto -m "not ros and not slow"
+	@$(ENTER) python -m pytest -n auto -m "not ros and not slow and not faults"
 
 lint: build ## format and style
 	@$(ENTER) ruff format --check . && ruff check .

@@ -138,7 +138,7 @@ class LearnerNode(Node):
             if simulator.busy and simulator.batch is not None:
                 self._look_after(simulator, simulator.batch, policy_is_new)
         if self._busy() and time.monotonic() > self._progress_at + self.training.timeout:
-            raise self._silent("policy")
+            raise self._silent("policy", "acted in no step")
 
     def _look_after(self, simulator: SimulatorLink, batch: Batch, policy_is_new: bool) -> None:
         task = self._describe(simulator)
@@ -162,7 +162,7 @@ class LearnerNode(Node):
         deadline = time.monotonic() + self.training.timeout
         while not (response := ask()).connected:
             if time.monotonic() > deadline:
-                raise self._silent(name)
+                raise self._silent(name, "found no peers")
         return response
 
     def _accepted(self, client: Any, request: Any, name: str) -> Any:
@@ -190,8 +190,8 @@ class LearnerNode(Node):
         if not self._spin(condition, self.training.timeout):
             raise self._silent(name)
 
-    def _silent(self, name: str) -> PeerError:
-        return PeerError(f"the {name} node did not answer within {self.training.timeout:g} s")
+    def _silent(self, name: str, how: str = "did not answer") -> PeerError:
+        return PeerError(f"the {name} node {how} within {self.training.timeout:g} s")
 
     def _spin(self, condition: Callable[[], bool], seconds: float) -> bool:
         """Handle messages until the condition holds or the time is over; return whether it holds."""

@@ -30,6 +30,7 @@ MODULES = {
     "policy": "rkhs_ros.nodes.policy_node",
     "learner": "rkhs_ros.nodes.learner_node",
     "rkhs": "rkhs_ros.experiments.cli",
+    "relay": "test.faults.relay",
 }
 TYPES = {"observation": Observation, "action": Action, "episodes": Episodes}
 SERVICES = {"start_episodes": StartEpisodes, "describe_task": DescribeTask, "set_policy": SetPolicy}

@@ -1,0 +1,74 @@
+"""A bad network: passes observations and actions on, but loses some, doubles some and holds some back."""
+
+import argparse
+import heapq
+import random
+import signal
+import time
+from collections.abc import Callable
+from threading import Event
+from typing import Any
+
+import rclpy
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from rkhs_interfaces.msg import Action, Observation
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS
+
+LONGEST = 0.05  # seconds that a message is held back
+TOPICS = {"observation": Observation, "action": Action}
+
+
+class Relay(Node):
+    """Between topics ``NAME_sent`` and ``NAME``."""
+
+    def __init__(self, share: float, seed: int) -> None:
+        super().__init__("relay")
+        self.counts = dict.fromkeys(("passed", "dropped", "doubled", "delayed"), 0)
+        self._share = share
+        self._draws = random.Random(seed)
+        self._held: list[tuple[float, int, Callable[[], None]]] = []
+        for name, kind in TOPICS.items():
+            out = self.create_publisher(kind, name, LOCKSTEP_QOS)
+            self.create_subscription(kind, f"{name}_sent", lambda m, out=out: self._pass(m, out), LOCKSTEP_QOS)
+
+    def release(self) -> float:
+        """Send what was held back long enough; return the seconds until the next is due."""
+        while self._held and self._held[0][0] <= time.monotonic():
+            heapq.heappop(self._held)[2]()
+        return min(max(self._held[0][0] - time.monotonic(), 0.0), LONGEST) if self._held else LONGEST
+
+    def _pass(self, message: Any, out: Any) -> None:
+        draw = self._draws.random() / self._share if self._share else 3.0
+        fate = ("dropped", "doubled", "delayed", "passed")[min(int(draw), 3)]
+        self.counts[fate] += 1
+        if fate == "delayed":
+            due = time.monotonic() + self._draws.uniform(0.0, LONGEST)
+            heapq.heappush(self._held, (due, sum(self.counts.values()), lambda: out.publish(message)))
+        for _ in range({"dropped": 0, "doubled": 2, "delayed": 0, "passed": 1}[fate]):
+            out.publish(message)
+
+
+def main() -> None:
+    """Relay until told to end, and print how the messages fared."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--share", type=float, required=True, help="of messages dropped, as of those doubled, delayed")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node = Relay(options.share, options.seed)
+    executor = EventsExecutor()
+    executor.add_node(node)
+    told = Event()
+    signal.signal(signal.SIGTERM, lambda *_: told.set())
+    while not told.is_set():
+        executor.spin_once(timeout_sec=node.release())
+    print(", ".join(f"{count} {fate}" for fate, count in node.counts.items()))
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+"""Nodes killed at any moment: the learning curve and the policy do not change by a bit."""
+
+import os
+import random
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from test.faults.conftest import PENDULUM
+from test.faults.runs import assert_same_bits, curve
+from test.ros.conftest import Process
+
+Start = Callable[..., Process]
+RUNS = 4  # that share the kills
+NODES = ("simulator", "policy", "learner")
+
+
+def nodes_of(run: Process, name: str) -> list[int]:
+    """Return the process numbers of a run's nodes of that name."""
+    pid = run.popen.pid
+    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split() if run.popen.poll() is None else []
+    return [int(child) for child in children if f".{name}_node" in Path(f"/proc/{child}/cmdline").read_text()]
+
+
+def wait_for(condition: Callable[[], bool], run: Process) -> None:
+    deadline = time.monotonic() + 100
+    while run.popen.poll() is None and not condition():
+        assert time.monotonic() < deadline, "the run does not go on"
+        time.sleep(0.01)
+
+
+def kill_at_random(run: Process, folder: Path, draws: random.Random, kills: int) -> list[str]:
+    """Kill nodes of a run at random moments: while it learns, and while it gets over the kill before."""
+    done: list[str] = []
+    while len(done) < kills and run.popen.poll() is None:
+        if draws.random() < 0.7:
+            goal = len(curve(folder)) + draws.randint(1, 3)
+            wait_for(lambda: len(curve(folder)) >= goal, run)  # noqa: B023  # awaited here
+        time.sleep(draws.uniform(0, 0.3))
+        name = draws.choice(NODES)
+        victims = nodes_of(run, name)
+        if victims:
+            os.kill(draws.choice(victims), signal.SIGKILL)
+            done.append(f"{name} after iteration {max(len(curve(folder)) - 1, 0)}")
+    return done
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("simulators", [1, 2])
+@pytest.mark.parametrize("seed", range(RUNS // 2))
+def test_killed_nodes_change_no_bit(
+    start: Start, tmp_path: Path, undisturbed: Path, kills: int, seed: int, simulators: int
+) -> None:
+    share = -(-kills // RUNS)
+    folder = tmp_path / "killed"
+    run = start(
+        "rkhs", "train", PENDULUM, "--quiet", "--simulators", simulators, "--out", folder, "--set", "timeout=60"
+    )
+    done = kill_at_random(run, folder, random.Random(f"{seed}/{simulators}"), share)
+    code, _, err = run.finish()
+    print(f"seed {seed}, {simulators} simulators, {len(done)} kills: {'; '.join(done)}")
+    assert (code, len(done)) == (0, share), err
+    assert "Traceback" not in err
+    assert_same_bits(folder, undisturbed)
+
+
+@pytest.mark.timeout(300)
+def test_a_killed_launcher_takes_its_nodes_along_and_the_run_can_be_resumed(
+    start: Start, tmp_path: Path, undisturbed: Path
+) -> None:
+    folder = tmp_path / "run"
+    run = start("rkhs", "train", PENDULUM, "--quiet", "--out", folder)
+    wait_for(lambda: len(curve(folder)) > 5, run)
+    nodes = [pid for name in NODES for pid in nodes_of(run, name)]
+    run.popen.kill()
+    deadline = time.monotonic() + 30
+    while any(Path(f"/proc/{pid}").exists() for pid in nodes):
+        assert time.monotonic() < deadline, "nodes outlive their launcher"
+        time.sleep(0.05)
+    assert len(curve(folder)) < len(curve(undisturbed))
+    code, _, err = start("rkhs", "train", "--quiet", "--resume", folder).finish()
+    assert (code, err) == (0, "")
+    assert_same_bits(folder, undisturbed)
+
+
+@pytest.mark.timeout(300)
+def test_a_node_that_dies_too_often_ends_the_run(start: Start, tmp_path: Path) -> None:
+    run = start("rkhs", "train", PENDULUM, "--quiet", "--out", tmp_path / "run")
+    while run.popen.poll() is None:
+        for pid in nodes_of(run, "policy"):
+            os.kill(pid, signal.SIGKILL)
+        time.sleep(0.02)
+    code, _, err = run.finish()
+    assert code == 1
+    assert err.splitlines()[-1] == "error: the policy node was killed more than 10 times within 300 s"
