@@ -54,7 +54,7 @@ def draw_policy(path: Path, policy: GaussianPolicy, episodes: Episodes) -> None:
 def _save(path: Path, figure: Figure) -> None:
     content = BytesIO()
     figure.savefig(content, dpi=120)
-    write_whole(path, content.getvalue())
+    write_whole(path, content.getvalue(), sync=False)  # what it is drawn from is on the disk
 
 
 def _draw_line(axes: Axes, policy: GaussianPolicy, episode: Array) -> None:

@@ -1,5 +1,6 @@
 """Repeatable property tests, and small policies and episodes to test with."""
 
+import os
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -75,6 +76,12 @@ def learn() -> Callable[..., Update]:
         return algorithm.update(policy, Experience(episodes, discount, remembered, collect, iteration))
 
     return update
+
+
+@pytest.fixture
+def quick_disk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing waits for the disk: for tests of what it holds, not of when."""
+    monkeypatch.setattr(os, "fsync", lambda descriptor: None)
 
 
 @pytest.fixture

@@ -118,6 +118,7 @@ def newest(folder: Path, config: Config = CONFIG, lines: int = 99) -> int | None
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("quick_disk")
 def test_a_checkpoint_cut_short_anywhere_is_passed_over_by_name(
     folder: Path, states: list[State], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -134,6 +135,7 @@ def test_a_checkpoint_cut_short_anywhere_is_passed_over_by_name(
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.usefixtures("quick_disk")
 @settings(max_examples=400, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_a_flipped_bit_is_seen_or_changes_nothing(
@@ -149,6 +151,7 @@ def test_a_flipped_bit_is_seen_or_changes_nothing(
     assert (f"warning: {path}: passed over" in capsys.readouterr().err) is (state.iterations == 1)
 
 
+@pytest.mark.usefixtures("quick_disk")
 def test_a_flipped_bit_in_an_array_is_always_seen(folder: Path, states: list[State]) -> None:
     _, path = write(folder, *states[:2])
     whole = path.read_bytes()

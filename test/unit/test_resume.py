@@ -180,6 +180,7 @@ def test_a_refused_resume_touches_nothing(tmp_path: Path) -> None:
 ROWS = [Row(k, 3 * k, -1.5 / k, 0.1, 1e-17 * k, k, 1.0, float("nan"), 0.0, 0.25 * k) for k in (1, 2, 3)]
 
 
+@pytest.mark.usefixtures("quick_disk")
 def test_a_curve_torn_at_any_byte_has_its_whole_lines(tmp_path: Path) -> None:
     curve = Curve(tmp_path / "curve.csv")
     assert curve.rows() == []
