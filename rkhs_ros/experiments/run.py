@@ -16,6 +16,7 @@ from rkhs_ros.experiments.curve import Curve
 from rkhs_ros.experiments.lock import locked
 from rkhs_ros.experiments.report import Report, new_folder, old_folder
 from rkhs_ros.experiments.training import Iteration, Runner, train
+from rkhs_ros.rkhs.validation import require
 
 
 def run_training(
@@ -41,7 +42,9 @@ def run_training(
     folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
     with locked(folder):
         checkpoints = Checkpoints(folder, config)
-        state = checkpoints.newest(len(Curve(folder / "curve.csv").rows())) if resume else None
+        lines, iterations = len(Curve(folder / "curve.csv").rows()), config.training.iterations
+        require(lines <= iterations, "iterations", f"at least {lines}, which the run has made", iterations)
+        state = checkpoints.newest(lines) if resume else None
         done = state.iterations if state else 0
         report = Report(folder, config, done)
         with _finished(report), _progress(config, done, quiet) as show:

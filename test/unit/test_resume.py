@@ -132,12 +132,12 @@ def test_more_iterations_are_those_of_a_run_begun_with_them(tmp_path: Path) -> N
     assert load_config(folder / "config.yaml") == more
 
 
-def test_fewer_iterations_are_those_of_a_run_begun_with_them(tmp_path: Path) -> None:
+def test_fewer_iterations_than_were_made_are_refused(tmp_path: Path) -> None:
     folder = run_training(CONFIG, Stopping(), tmp_path / "run", quiet=True)
-    fewer = longer(2)
-    assert results(resumed(folder, fewer)) == results(run_training(fewer, Stopping(), tmp_path / "few", quiet=True))
-    names = sorted(path.name for path in (folder / "checkpoints").iterdir())
-    assert names == ["0000001.npz", "0000002.npz", "lock"]
+    before = contents(folder)
+    with pytest.raises(ValueError, match="iterations: expected at least 4, which the run has made, got 2"):
+        resumed(folder, longer(2))
+    assert contents(folder) == before
 
 
 def test_damaged_checkpoints_cost_time_only(
