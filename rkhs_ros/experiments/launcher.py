@@ -17,6 +17,8 @@ from types import FrameType
 
 import yaml
 
+from rkhs_ros.experiments.shared_memory import SETTLED, free_abandoned
+
 FAILED = 1  # exit code
 PATIENCE = 5.0  # seconds that a node has to end after a signal
 LOOK = 0.05  # seconds between looks at the nodes
@@ -59,6 +61,11 @@ class NodeProcess:
         self._due: float | None = None  # when it is to be started again
         self.told = False  # to end
         self.process = self._start()
+
+    @property
+    def died(self) -> bool:
+        """Whether it was killed at some time."""
+        return bool(self._deaths)
 
     def ended(self) -> int | None:
         """Return the exit code if the node ended; start it again when it is time to, if it died."""
@@ -155,13 +162,14 @@ def started(names: Iterable[str], parameters: Path, learner_parameters: Sequence
         yield nodes
     finally:
         _end([node.process for node in nodes.values()])
+        if any(node.process.returncode < 0 or node.died for node in nodes.values()):
+            time.sleep(SETTLED)
+            free_abandoned()
 
 
 def _environment() -> dict[str, str]:
     # The wheels of ROS 2 start Python once more to set the library path, unless this says that they did.
-    inherited = {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
-    # Shared memory is not faster for messages as small as ours, and a node that is killed would leave it behind.
-    return {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", **inherited}
+    return {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
 
 
 def _end_with_parent() -> None:

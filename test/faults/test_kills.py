@@ -32,9 +32,21 @@ def wait_for(condition: Callable[[], bool], run: Process) -> None:
         time.sleep(0.01)
 
 
-def kill_at_random(run: Process, folder: Path, draws: random.Random, kills: int) -> list[str]:
-    """Kill nodes of a run at random moments: while it learns, and while it gets over the kill before."""
+def shared_memory(pid: int) -> set[Path]:
+    """Return the shared memory that a process uses."""
+    return {
+        Path(line.split()[-1]) for line in Path(f"/proc/{pid}/maps").read_text().splitlines() if "/shm/fast" in line
+    }
+
+
+def kill_at_random(run: Process, folder: Path, draws: random.Random, kills: int) -> tuple[list[str], set[Path]]:
+    """Kill nodes of a run at random moments: while it learns, and while it gets over the kill before.
+
+    Returns:
+        What was killed when, and the shared memory that it used.
+    """
     done: list[str] = []
+    used: set[Path] = set()
     while len(done) < kills and run.popen.poll() is None:
         if draws.random() < 0.7:
             goal = len(curve(folder)) + draws.randint(1, 3)
@@ -43,9 +55,11 @@ def kill_at_random(run: Process, folder: Path, draws: random.Random, kills: int)
         name = draws.choice(NODES)
         victims = nodes_of(run, name)
         if victims:
-            os.kill(draws.choice(victims), signal.SIGKILL)
+            victim = draws.choice(victims)
+            used |= shared_memory(victim)
+            os.kill(victim, signal.SIGKILL)
             done.append(f"{name} after iteration {max(len(curve(folder)) - 1, 0)}")
-    return done
+    return done, used
 
 
 @pytest.mark.timeout(600)
@@ -59,11 +73,13 @@ def test_killed_nodes_change_no_bit(
     run = start(
         "rkhs", "train", PENDULUM, "--quiet", "--simulators", simulators, "--out", folder, "--set", "timeout=60"
     )
-    done = kill_at_random(run, folder, random.Random(f"{seed}/{simulators}"), share)
+    done, used = kill_at_random(run, folder, random.Random(f"{seed}/{simulators}"), share)
     code, _, err = run.finish()
     print(f"seed {seed}, {simulators} simulators, {len(done)} kills: {'; '.join(done)}")
     assert (code, len(done)) == (0, share), err
     assert "Traceback" not in err
+    assert used
+    assert not any(file.exists() for file in used)
     assert_same_bits(folder, undisturbed)
 
 
