@@ -14,7 +14,7 @@ from rich.table import Table
 from rkhs_ros.nodes.health import HEALTH_QOS, PERIOD
 from rkhs_ros.nodes.spin import LOOK_UP, PeerError, run
 
-LISTEN = 2 * PERIOD  # seconds: within them every node reports
+LISTEN = 3 * PERIOD  # seconds without word of another node after which all are taken to have reported
 KEYS = ("serving version", "batch", "step", "steps per second", "refusals", "passed over", "restarts", "last refusal")
 LEVELS = {DiagnosticStatus.OK: "green", DiagnosticStatus.WARN: "yellow"}
 
@@ -22,17 +22,20 @@ LEVELS = {DiagnosticStatus.OK: "green", DiagnosticStatus.WARN: "yellow"}
 class StatusNode(Node):
     """Listens to what the nodes report.
 
-    Owns the newest report of each.
+    Owns the newest report of each, and when a node was heard for the first time.
     """
 
     def __init__(self) -> None:
         """Open the topic."""
         super().__init__("status")
         self.heard: dict[str, DiagnosticStatus] = {}
+        self.heard_new_at = time.monotonic()
         self.create_subscription(DiagnosticArray, "/diagnostics", self._hear, HEALTH_QOS)
 
     def _hear(self, message: DiagnosticArray) -> None:
         ours = [status for status in message.status if KEYS[0] in {value.key for value in status.values}]
+        if {status.name for status in ours} - set(self.heard):
+            self.heard_new_at = time.monotonic()
         self.heard |= {status.name: status for status in ours}
 
 
@@ -47,15 +50,14 @@ def table(statuses: dict[str, DiagnosticStatus]) -> Table:
 
 
 def show(node: StatusNode, told: Event) -> None:
-    """Listen for as long as it takes every node to report, and print what was heard.
+    """Listen until no more nodes are heard of, and print what they reported.
 
     Raises:
         PeerError: nobody reported.
     """
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    deadline = time.monotonic() + LISTEN
-    while time.monotonic() < deadline and not told.is_set():
+    while time.monotonic() < node.heard_new_at + LISTEN and not told.is_set():
         executor.spin_once(timeout_sec=LOOK_UP)
     if not node.heard:
         raise PeerError(f"expected nodes at work, got none within {LISTEN:g} s; is ROS_DOMAIN_ID theirs?")

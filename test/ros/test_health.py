@@ -1,0 +1,112 @@
+"""What nodes say of themselves, and the time that the simulator tells."""
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rosgraph_msgs.msg import Clock
+
+from rkhs_interfaces.msg import Action
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS
+from test.ros.conftest import ROOT, Probe, Process
+
+Start = Callable[..., Process]
+PENDULUM = ROOT / "config" / "pendulum_nac.yaml"
+STEP = 0.1  # seconds of the pendulum
+KEYS = {"serving version", "batch", "step", "steps per second", "refusals", "passed over", "last refusal", "restarts"}
+
+
+class Hearing:
+    """The newest report of each node, and all times that were told."""
+
+    def __init__(self, probe: Probe, clock: str = "clock") -> None:
+        self.reports: dict[str, DiagnosticStatus] = {}
+        self.times: list[float] = []
+        self.listeners = [
+            probe.create_subscription(DiagnosticArray, "/diagnostics", self._report, LOCKSTEP_QOS),
+            probe.create_subscription(Clock, clock, self._tick, LOCKSTEP_QOS),
+        ]
+
+    def value(self, name: str, key: str) -> str:
+        return next((v.value for v in self.reports[name].values if v.key == key), "") if name in self.reports else ""
+
+    def _report(self, message: DiagnosticArray) -> None:
+        self.reports |= {status.name: status for status in message.status}
+
+    def _tick(self, message: Clock) -> None:
+        self.times.append(message.clock.sec + 1e-9 * message.clock.nanosec)
+
+
+@pytest.fixture
+def run(start: Start, tmp_path: Path) -> Process:
+    """A long run over topics."""
+    return start("rkhs", "train", PENDULUM, "--quiet", "--iterations", 10_000, "--out", tmp_path / "out")
+
+
+def kill(run: Process, name: str) -> None:
+    pid = run.popen.pid
+    for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+        if f".{name}_node" in Path(f"/proc/{child}/cmdline").read_text():
+            os.kill(int(child), signal.SIGKILL)
+
+
+def test_every_node_reports_and_says_how_often_it_was_started_again(run: Process, probe: Probe) -> None:
+    hearing = Hearing(probe)
+    nodes = ("/simulator", "/policy", "/learner")
+    probe.until(lambda: set(nodes) <= set(hearing.reports))
+    probe.until(lambda: all(float(hearing.value(name, "steps per second")) > 0 for name in nodes))
+    for name in nodes:
+        report = hearing.reports[name]
+        assert {value.key for value in report.values} == KEYS
+        assert (report.level, hearing.value(name, "restarts")) == (DiagnosticStatus.OK, "0")
+    before = {name: hearing.reports[name].hardware_id for name in nodes}
+    kill(run, "policy")
+    probe.until(lambda: hearing.value("/policy", "restarts") == "1")
+    assert int(hearing.reports["/policy"].hardware_id) > int(before["/policy"])
+    assert hearing.reports["/simulator"].hardware_id == before["/simulator"]
+
+
+def test_a_refusal_is_counted_and_told(run: Process, probe: Probe) -> None:
+    hearing = Hearing(probe)
+    probe.until(lambda: len(probe.heard["episodes"]) > 1)
+
+    def told() -> bool:
+        probe.say("action", Action(batch=3))  # again and again, since others may be refused after it
+        return "batch 3, step 0" in hearing.value("/simulator", "last refusal")
+
+    probe.until(told)
+    assert hearing.value("/simulator", "last refusal").startswith("an action: expected batch ")
+
+
+def test_status_shows_the_nodes_and_says_where_there_are_none(
+    run: Process, probe: Probe, start: Start, domain: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    probe.until(lambda: len(probe.heard["episodes"]) > 1)
+    monkeypatch.setenv("COLUMNS", "250")
+    code, out, err = start("rkhs", "status").finish()
+    assert (code, err) == (0, "")
+    rows = [line for line in out.splitlines() if line.startswith("│ /")]
+    assert [row.split()[1] for row in rows] == ["/learner", "/policy", "/simulator"]
+    assert all("well" in row for row in rows)
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain + 101))
+    code, out, err = start("rkhs", "status").finish()
+    assert (code, out) == (1, "")
+    assert err == "error: expected nodes at work, got none within 3 s; is ROS_DOMAIN_ID theirs?\n"
+
+
+@pytest.mark.parametrize("victim", ["simulator", "policy", "learner"])
+def test_the_clock_never_goes_back(run: Process, probe: Probe, victim: str) -> None:
+    hearing = Hearing(probe)
+    probe.until(lambda: len(hearing.times) > 300)
+    kill(run, victim)
+    time.sleep(0.5)
+    count = len(hearing.times)
+    probe.until(lambda: len(hearing.times) > count + 300)
+    steps = [round(t / STEP, 6) for t in hearing.times]
+    assert steps == sorted(set(steps))
+    assert sum(after == before + 1 for before, after in pairwise(steps)) > 0.9 * len(steps)
