@@ -18,7 +18,7 @@ POLYNOMIAL, RBF, FIXED = (
 )
 RKHS, GRID = "in the RKHS", "on a grid of features"
 POMDP = "window of 20 and 150 centres; eNAC of 3 and 4096 features"
-PR2 = "one pose in a run, another in each"
+PR2, PR2_METHODS = "one pose in a run, another in each", ("RKHS-PoWER", "RKHS-NAC", "RKHS-AC")
 OFFSETS, VARIANCES = ("c = 0.01", "c = 0.2", "c = 1"), ("var = 0.01", "var = 0.1", "var = 2")
 
 
@@ -155,18 +155,15 @@ def _pomdp_parametric(table: Table) -> Verdict:
 
 
 def _pr2_improves(table: Table) -> Verdict:
-    methods = ("RKHS-PoWER", "RKHS-NAC", "RKHS-AC")
-    begin = {method: float(table[PR2, method].train[:, 0].mean()) for method in methods}
-    end = {method: table[PR2, method].end() for method in methods}
-    seen = ", ".join(f"{method} {begin[method]:.2f} / {end[method]:.2f}" for method in methods)
-    improved = all(end[method] > begin[method] + 0.2 for method in methods)
+    begin = {method: float(table[PR2, method].train[:, 0].mean()) for method in PR2_METHODS}
+    end = {method: table[PR2, method].end() for method in PR2_METHODS}
+    seen = ", ".join(f"{method} {begin[method]:.2f} / {end[method]:.2f}" for method in PR2_METHODS)
+    improved = all(end[method] > begin[method] + 0.2 for method in PR2_METHODS)
     return Verdict(improved, f"reward of the first exploring episodes / of the noise-free policy at the end: {seen}")
 
 
 def _pr2_power_stable(table: Table) -> Verdict:
-    drops = {
-        method: _drop(table[PR2, method].mean_policy.mean(axis=0)) for method in ("RKHS-PoWER", "RKHS-NAC", "RKHS-AC")
-    }
+    drops = {method: _drop(table[PR2, method].mean_policy.mean(axis=0)) for method in PR2_METHODS}
     seen = ", ".join(f"{method} {drop:.2f}" for method, drop in drops.items())
     return Verdict(drops["RKHS-PoWER"] == min(drops.values()), f"largest fall of the mean curve: {seen}")
 

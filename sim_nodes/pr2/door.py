@@ -19,7 +19,9 @@ TRAVEL = math.radians(55.0)  # of the lever
 UNLATCHED = math.radians(30.0)  # angle of the lever
 SHUT = math.radians(0.5)  # angle of the door below which the latch catches
 OPENED = math.radians(5.0)  # angle of the door that counts as success
-HINGE_FRICTION, HINGE_DAMPING = 15.0, 1.0
+# Hinges, seal and closer: 22 N at the free edge, the most that ADA 404.2.9 allows indoors. A hand that holds the lever
+# pulls harder; one finger that presses it down and rubs along it does not.
+HINGE_FRICTION, HINGE_DAMPING = 20.0, 1.0
 LEVER_DAMPING = 0.05
 RETURN_SPEED = 5.0  # of the lever, when nothing holds it
 LATCH_TORQUE = 2000.0

@@ -36,7 +36,7 @@ SIMULATION_RATE = 120  # Hz
 SOLVER_ITERATIONS = 30
 CONTACT_CORRECTION = 0.5  # part of a penetration undone in a step: the fingers then sink less than 1 mm into the lever
 STIFFNESS = 20.0  # 1/s: speed asked of a motor for an error of its position
-GRIP_TORQUE = 5.0  # N m of a finger, about 55 N at its tip; the mechanism could bear far more
+GRIP_TORQUE = 7.0  # N m of a finger, about 77 N at its tip, so the lever does not slip; it could bear far more
 FINGER_FRICTION = 1.0
 # The gripper's motor as felt behind its gears, kg m2. Fingers of their bare mass are too light beside the door for
 # the solver, which would then not reach the torque of the grip.

@@ -206,7 +206,7 @@ def test_the_lever_returns_when_it_is_let_go(task: PR2Door) -> None:
     assert np.max(np.abs(done.lever[10:])) < np.deg2rad(0.5)
 
 
-@pytest.mark.parametrize(("lever", "torque", "opens"), [(0.0, 60.0, False), (40.0, 60.0, True), (40.0, 14.0, False)])
+@pytest.mark.parametrize(("lever", "torque", "opens"), [(0.0, 60.0, False), (40.0, 60.0, True), (40.0, 19.0, False)])
 def test_the_door_stays_shut_without_the_lever_and_against_its_friction(
     task: PR2Door, lever: float, torque: float, opens: bool
 ) -> None:
@@ -287,6 +287,15 @@ def test_the_actions_that_open_the_door_lie_together_away_from_the_ends(task: PR
     assert not any(opened[:1] + opened[-1:])
     first = opened.index(True)
     assert all(opened[first : first + sum(opened)])
+
+
+@pytest.mark.parametrize("sd", [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
+def test_a_gripper_that_stays_wide_open_does_not_drag_the_door_with_one_finger(task: PR2Door, sd: list[float]) -> None:
+    pose, widest = np.array(sd) * POSE_SD, task.single_action_space.high[1]
+    tried = [task.attempt(pose, np.array([shift, widest])) for shift in np.linspace(-0.2, 0.2, 15)]
+    turned = [outcome.trajectory is not None and outcome.trajectory.lever.max() > door.UNLATCHED for outcome in tried]
+    assert any(turned)  # so a finger does press the lever down, past the latch
+    assert not any(outcome.success for outcome in tried)
 
 
 @pytest.mark.parametrize("pose", [[0.0, 0.07, 0.0], [0.0, -0.05, -0.02], [-0.01, 0.0, 0.05]])
