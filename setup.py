@@ -20,7 +20,7 @@ setup(
     maintainer="The rkhs_ros authors",
     maintainer_email="rkhs-ros@example.org",
     packages=find_packages(include=[NAME, f"{NAME}.*", "sim_nodes", "sim_nodes.*"]),
-    package_data={"sim_nodes.pr2": ["*.npz"]},
+    package_data={"rkhs_ros.experiments": ["*.xml"], "sim_nodes.pr2": ["*.npz"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

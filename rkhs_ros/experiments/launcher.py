@@ -17,7 +17,7 @@ from types import FrameType
 
 import yaml
 
-from rkhs_ros.experiments.shared_memory import SETTLED, free_abandoned
+from rkhs_ros.experiments.transport import by_udp
 
 FAILED = 1  # exit code
 PATIENCE = 5.0  # seconds that a node has to end after a signal
@@ -61,11 +61,6 @@ class NodeProcess:
         self._due: float | None = None  # when it is to be started again
         self.told = False  # to end
         self.process = self._start()
-
-    @property
-    def died(self) -> bool:
-        """Whether it was killed at some time."""
-        return bool(self._deaths)
 
     def ended(self) -> int | None:
         """Return the exit code if the node ended; start it again when it is time to, if it died."""
@@ -162,14 +157,11 @@ def started(names: Iterable[str], parameters: Path, learner_parameters: Sequence
         yield nodes
     finally:
         _end([node.process for node in nodes.values()])
-        if any(node.process.returncode < 0 or node.died for node in nodes.values()):
-            time.sleep(SETTLED)
-            free_abandoned()
 
 
 def _environment() -> dict[str, str]:
     # The wheels of ROS 2 start Python once more to set the library path, unless this says that they did.
-    return {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
+    return by_udp({k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"})
 
 
 def _end_with_parent() -> None:

@@ -21,6 +21,7 @@ from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
 from rkhs_ros.experiments.config import load_config
 from rkhs_ros.experiments.report import resolved
+from rkhs_ros.experiments.transport import by_udp
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS
 
 ROOT = Path(__file__).parents[2]
@@ -47,8 +48,8 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A free domain; processes started in the test inherit it."""
     with domain_coordinator.domain_id() as number:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
-        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+        for name, value in by_udp({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}).items():
+            monkeypatch.setenv(name, value)
         monkeypatch.setenv("OMP_NUM_THREADS", "1")
         yield number
 

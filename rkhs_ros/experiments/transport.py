@@ -1,0 +1,30 @@
+"""How the nodes of a run reach each other: by UDP, since shared memory does not survive a node that is killed.
+
+A node killed while it holds a lock in shared memory can leave its peers deaf, and what it used is never freed.
+For messages as small as ours shared memory is not faster.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+FAST_DDS = "rmw_fastrtps_cpp"  # the middleware that ROS 2 comes with
+RANGE, PROFILES = "ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"
+LOOPBACK = Path(__file__).with_name("loopback.xml")
+
+
+def by_udp(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return the environment for nodes that are to use UDP only.
+
+    ROS confines nodes to this machine by settings of its own, shared memory among them. They are replaced by a profile
+    that confines them as well.
+
+    Args:
+        environment: that of this process; where it says how Fast DDS is to be set, that stays.
+    """
+    if environment.get("RMW_IMPLEMENTATION", FAST_DDS) != FAST_DDS or PROFILES in environment:
+        return dict(environment)
+    if environment.get(RANGE) == "LOCALHOST":
+        return {**environment, RANGE: "SUBNET", PROFILES: str(LOOPBACK)}
+    return {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", **environment}

@@ -1,0 +1,29 @@
+"""Nodes of a run talk by UDP, and only as far as they were allowed to."""
+
+import pytest
+
+from rkhs_ros.experiments.transport import LOOPBACK, PROFILES, RANGE, by_udp
+
+
+def test_nodes_confined_to_this_machine_stay_so() -> None:
+    environment = {RANGE: "LOCALHOST", "HOME": "/home"}
+    assert by_udp(environment) == {RANGE: "SUBNET", PROFILES: str(LOOPBACK), "HOME": "/home"}
+    assert environment == {RANGE: "LOCALHOST", "HOME": "/home"}
+    assert "<address>127.0.0.1</address>" in LOOPBACK.read_text()
+
+
+@pytest.mark.parametrize("given", [{}, {RANGE: "SUBNET"}])
+def test_nodes_of_several_machines_find_each_other(given: dict[str, str]) -> None:
+    assert by_udp(given) == {**given, "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {RANGE: "LOCALHOST", PROFILES: "mine.xml"},
+        {RANGE: "LOCALHOST", "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"},
+        {RANGE: "SUBNET", "FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT"},
+    ],
+)
+def test_what_was_chosen_otherwise_stays(given: dict[str, str]) -> None:
+    assert by_udp(given) == given
