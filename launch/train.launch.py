@@ -6,9 +6,14 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
+AGAIN = {"respawn": True, "respawn_delay": 1.0}
+
 
 def generate_launch_description() -> LaunchDescription:
-    """Start simulator, policy and learner with one parameter file; where one of them ends, all end."""
+    """Start simulator, policy and learner with one parameter file; all end with the learner.
+
+    Simulator and policy node are started again where they die: the learner brings them back.
+    """
     default = PathJoinSubstitution([FindPackageShare("rkhs_ros"), "config", "pendulum_nac.yaml"])
     config = LaunchConfiguration("config")
     nodes = [
@@ -17,7 +22,7 @@ def generate_launch_description() -> LaunchDescription:
             executable=name,
             output="screen",
             parameters=[config],
-            on_exit=Shutdown(reason=f"the {name} node ended"),
+            **({"on_exit": Shutdown(reason="the learner ended")} if name == "learner" else AGAIN),
         )
         for name in ("simulator", "policy", "learner")
     ]
