@@ -143,7 +143,7 @@ def test_a_policy_of_other_points_than_are_seen_is_silent_and_the_next_one_acts(
 
 def test_an_observation_of_another_size_is_ignored(node: Process, probe: Probe) -> None:
     answer(probe, observation(0))
-    beyond, rowless = observation(4), observation(1)
+    beyond, rowless, ahead = observation(4), observation(1), observation(2)
     beyond.horizon, rowless.rows = 9, 0
     wrong = [
         observation(1, seen=SEEN[:, :1]),
@@ -152,6 +152,8 @@ def test_an_observation_of_another_size_is_ignored(node: Process, probe: Probe) 
         observation(1, seen=np.full((2, 2), np.nan)),
         beyond,
         rowless,
+        ahead,
+        observation(0, batch=2, seen=SEEN[:, :1]),  # which does not unseat the batch under way
     ]
     for message in wrong:
         probe.say("observation", message)
