@@ -237,6 +237,12 @@ def test_a_refused_policy_leaves_the_old_one_serving(node: Process, probe: Probe
     np.testing.assert_array_equal(actions, expected(policy(0), 0))
 
 
+def test_a_version_is_the_name_of_one_policy(node: Process, probe: Probe) -> None:
+    assert probe.ask("set_policy", set_policy_request(policy(0), 1)).accepted
+    assert "version: expected another one" in probe.ask("set_policy", set_policy_request(policy(1), 1)).message
+    np.testing.assert_array_equal(answer(probe, observation(0))[1], expected(policy(0), 0))
+
+
 def test_a_saved_policy_is_served_alone_without_noise(start: Start, probe: Probe, tmp_path: Path) -> None:
     saved = policy(2, inputs=WINDOW)
     save_policy(tmp_path / "policy.npz", saved, Task("rkhs/Pendulum-v0", {}, 4, 0.99))
