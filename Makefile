@@ -54,7 +54,7 @@ test: lint types ## lint, types and every test
 	@$(ENTER) python -m pytest -n auto -m "not faults"
 
 KILLS ?= 40
-test-faults: build ## kill nodes, lose messages, run for long; KILLS=N: kills in all
+test-faults: build ## kill nodes, lose messages, send malformed ones, run for long; KILLS=N: kills in all
 	@$(ENTER) python -m pytest -n auto -m faults --kills $(KILLS)
 
 test-fast: build ## the tests that start no nodes and take under a minute in all

@@ -14,6 +14,7 @@ from rkhs_ros.experiments.config import environment_from
 from rkhs_ros.experiments.rollout import EpisodeRecorder
 from rkhs_ros.nodes.health import Health
 from rkhs_ros.nodes.messages import (
+    CLOCK_ENDS,
     LOCKSTEP_QOS,
     batch_of,
     clock_message,
@@ -108,7 +109,10 @@ class SimulatorNode(Server):
         try:
             self._check_task(request)
             batch = batch_of(request)
-            if (request.batch, request.policy_version, batch) == (self._identity, self._version, self._batch):
+            self._check_clock(request, batch)
+            if self._batch is not None and request.batch == self._identity:
+                ours, asked = (self._version, self._batch), (request.policy_version, batch)
+                require(asked == ours, f"batch {request.batch}", f"policy version and episodes {ours}", asked)
                 self._repeat()
             else:
                 self._begin(request, batch)
@@ -123,6 +127,10 @@ class SimulatorNode(Server):
         ours = (self._simulation.environment, json.dumps(self._simulation.options))
         asked = (request.environment, request.options)
         require(asked == ours, "task", " with options ".join(ours), " with options ".join(asked))
+
+    def _check_clock(self, request: StartEpisodes.Request, batch: Batch) -> None:
+        end = (max(self._clock_steps, request.clock) + batch.horizon) * self._simulation.step_seconds
+        require(end < CLOCK_ENDS, "clock", f"less than {CLOCK_ENDS} s at the end of the batch", f"{end:g} s")
 
     def _begin(self, request: StartEpisodes.Request, batch: Batch) -> None:
         frame = self._simulation.start(batch)

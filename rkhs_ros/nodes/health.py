@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Mapping
 
@@ -13,6 +14,7 @@ from rkhs_ros.nodes.spin import PeerError
 
 PERIOD = 1.0  # seconds from one report to the next
 QUIET = 1.0  # seconds between lines in the log
+INSTANCE = re.compile(r"\d{1,20}")
 # Latched, so that a node that starts hears at once who is there.
 HEALTH_QOS = QoSProfile(depth=16, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -83,7 +85,7 @@ class Health:
     def _hear(self, message: DiagnosticArray) -> None:
         for status in message.status:
             other = status.hardware_id
-            if status.name == self._name and other.isdecimal() and int(other) != self.instance:
+            if status.name == self._name and INSTANCE.fullmatch(other) and int(other) != self.instance:
                 self._twin = int(other)
 
     @property

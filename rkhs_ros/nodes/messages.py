@@ -32,6 +32,10 @@ if TYPE_CHECKING:
 # Reliable. Volatile, since keeping messages for late peers doubles the time of a round trip: the learner waits
 # until the peers say that they are connected.
 LOCKSTEP_QOS = QoSProfile(depth=16, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
+MOST_INPUTS, MOST_ACTIONS = 100_000, 1_000  # dimensions of a policy
+CLOCK_ENDS = 2**31  # seconds, which /clock cannot tell any more
+# What a variance of each name has no use for.
+UNUSED = {"constant": ("kernel", "centres", "mass", "minimum", "maximum"), "kernel": (), "function": ("mass",)}
 
 
 def doubles(values: Array) -> array[float]:
@@ -132,6 +136,8 @@ def episodes_of(message: msg.Episodes, batch: Batch, observation_dim: int, actio
     require((message.rows, message.horizon) == shape, "episodes", f"{shape}", f"{(message.rows, message.horizon)}")
     lengths = np.array(message.lengths, dtype=np.int64)
     require(len(lengths) == batch.rows, "episodes' lengths", f"{batch.rows} numbers", len(lengths))
+    good = bool(((lengths >= 1) & (lengths <= batch.horizon)).all())
+    require(good, "episodes' lengths", f"1 to {batch.horizon} steps", lengths)
     return Episodes(
         _numbers(message.observations, (*shape, observation_dim), "episodes' observations"),
         _numbers(message.actions, (*shape, action_dim), "episodes' actions"),
@@ -202,13 +208,13 @@ def policy_of(message: msg.Policy) -> GaussianPolicy:
         ValueError: it is not finite, misshapen or unknown; the message says what.
     """
     d, n = message.observation_dim, message.action_dim
-    require(1 <= d <= 100_000 and 1 <= n <= 1_000, "dimensions", "at least 1 each, of a sensible size", f"{d} and {n}")
+    good = 1 <= d <= MOST_INPUTS and 1 <= n <= MOST_ACTIONS
+    require(good, "dimensions", f"at least 1 each, at most {MOST_INPUTS} and {MOST_ACTIONS}", f"{d} and {n}")
     require(len(message.centres) % d == 0, "centres", f"rows of {d} numbers", f"{len(message.centres)} numbers")
     m = len(message.centres) // d
-    kernel = _kernel(message.kernel)
-    kernel(np.zeros((1, d)), np.zeros((1, d)))  # refuses bandwidths of another dimension
+    kernel = _kernel(message.kernel, d)
     mean = Function(kernel, matrix(message.centres, m, d, "centres"), matrix(message.weights, m, n, "weights"))
-    return GaussianPolicy(mean, _variance_of(message.variance, d, n), _inputs_of(message.inputs))
+    return GaussianPolicy(mean, _variance_of(message.variance, d, n), _inputs_of(message.inputs, d))
 
 
 def set_policy_request(policy: GaussianPolicy, version: int) -> SetPolicy.Request:
@@ -220,11 +226,20 @@ def _terms(kernel: Kernel) -> list[msg.KernelTerm]:
     return [msg.KernelTerm(name=t.name, parameters=doubles(np.array(t.parameters))) for t in kernel.terms()]
 
 
-def _kernel(terms: Iterable[msg.KernelTerm]) -> Kernel:
-    return kernel_from_terms((term.name, term.parameters) for term in terms)
+def _kernel(terms: Iterable[msg.KernelTerm], d: int) -> Kernel:
+    """Return a kernel that has been seen to be one of d-dimensional points."""
+    most = max((len(term.parameters) for term in terms), default=0)
+    require(most <= MOST_INPUTS, "kernel parameters", f"at most {MOST_INPUTS} a term", most)
+    kernel = kernel_from_terms((term.name, term.parameters) for term in terms)
+    origin = np.zeros((1, d))
+    with np.errstate(all="ignore"):
+        good = bool(np.isfinite(kernel(origin, origin)).all())
+    require(good, "kernel", "parameters that give finite values", "nan or infinity at the origin")
+    return kernel
 
 
-def _inputs_of(message: msg.Inputs) -> Inputs:
+def _inputs_of(message: msg.Inputs, d: int) -> Inputs:
+    require(len(message.angles) <= d, "inputs.angles", f"at most {d} columns, one for each input", len(message.angles))
     numbers = {"history": message.history, "degree": message.degree, "offset": message.offset}
     angles = {"angles": list(message.angles)} if len(message.angles) else {}
     return build(Inputs, {**numbers, **angles}, "inputs.")
@@ -247,13 +262,14 @@ def _variance_message(variance: Variance) -> msg.Variance:
 
 
 def _variance_of(message: msg.Variance, d: int, n: int) -> Variance:
-    names = ("constant", "kernel", "function")
-    require(message.name in names, "variance", f"one of {', '.join(names)}", f"'{message.name}'")
+    require(message.name in UNUSED, "variance", f"one of {', '.join(UNUSED)}", f"'{message.name}'")
+    for name in UNUSED[message.name]:
+        size = len(getattr(message, name))
+        require(size == 0, f"variance {name}", f"none where the variance is '{message.name}'", f"{size} entries")
     if message.name == "constant":
         return ConstantVariance(matrix(message.values, 1, n, "variance values")[0])
     m = len(message.centres) // d
-    kernel = _kernel(message.kernel)
-    kernel(np.zeros((1, d)), np.zeros((1, d)))  # refuses bandwidths of another dimension
+    kernel = _kernel(message.kernel, d)
     centres, values = matrix(message.centres, m, d, "variance centres"), matrix(message.values, m, n, "variance values")
     bounds = [matrix(getattr(message, name), 1, n, f"variance {name}")[0] for name in ("minimum", "maximum")]
     if message.name == "function":

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections import deque
 from pathlib import Path
 
+import numpy as np
+
 from rkhs_interfaces.msg import Action, Observation
+from rkhs_interfaces.msg import Policy as PolicyMessage
 from rkhs_interfaces.srv import SetPolicy
 from rkhs_ros.experiments.launcher import namespaces
 from rkhs_ros.nodes.health import Health
@@ -14,6 +17,8 @@ from rkhs_ros.nodes.parameters import declared, given, require_known, restarts
 from rkhs_ros.nodes.spin import Server, forever, run
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.storage import load_policy
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rkhs.validation import require
 
 MOST_SIMULATORS = 64
 MEMORY = 64  # batches
@@ -23,7 +28,7 @@ class Seat:
     """Where one simulator is served.
 
     Owns the batch under way, its policy and its last answer. A batch is served by one policy from its first step to
-    its last; one that was left is not begun again, as its messages may come late.
+    its last, no step left out; one that was left is not begun again, as its messages may come late.
 
     Args:
         node: the policy node.
@@ -35,53 +40,63 @@ class Seat:
         self._acting: Acting | None = None
         self._begun: deque[int] = deque(maxlen=MEMORY)
         self._version = 0
+        self._next = 0  # step, the first without an answer
         self.batch = 0
         self.answer: Action | None = None
         self.actions = node.create_publisher(Action, f"{namespace}action", LOCKSTEP_QOS)
         node.create_subscription(Observation, f"{namespace}observation", self._observe, LOCKSTEP_QOS)
 
     def _observe(self, message: Observation) -> None:
-        health = self._node.health
+        health, policy, version = self._node.health, self._node.policy, self._node.version
+        begins = message.step == 0 and message.batch not in self._begun
         try:
-            if message.step == 0 and message.batch not in self._begun:
-                self._begin(message)
-            if self._acting is not None and (message.batch, message.policy_version) == (self.batch, self._version):
-                self._act(self._acting, message)
+            if begins and policy is not None and message.policy_version == version:
+                self._begin(message, policy)
+            elif self._acting is not None and (message.batch, message.policy_version) == (self.batch, self._version):
+                self._go_on(message, self._acting)
             else:
                 got = f"batch {message.batch}, step {message.step}, policy version {message.policy_version}"
-                expected = f"batch {self.batch} or step 0 of a new one, policy version {self._node.version}"
+                expected = f"batch {self.batch} or step 0 of a new one, policy version {version}"
                 health.pass_over(f"an observation: expected {expected}, got {got}")
         except ValueError as error:
             health.refuse(f"an observation: {error}")
 
-    def _begin(self, message: Observation) -> None:
-        """Begin a batch, unless another policy is to act in it, or its first observation is refused."""
+    def _begin(self, message: Observation, policy: GaussianPolicy) -> None:
+        """Begin a batch; the one before is left only once the policy has an answer to what this one shows."""
         batch = batch_of(message)
-        observations_of(message, batch)
-        policy, version = self._node.policy, self._node.version
-        if policy is None or version != message.policy_version:
-            return
-        self._acting, self._version = Acting(policy, batch, explore=batch.explore and not self._node.fixed), version
+        acting = Acting(policy, batch, explore=batch.explore and not self._node.fixed)
+        answer = self._answer_to(message, acting, observations_of(message, batch))
+        self._acting, self._version = acting, message.policy_version
+        self.batch, self._next = message.batch, 0
         self._begun.append(message.batch)
-        self.batch, self.answer = message.batch, None
+        self._say(answer)
 
-    def _act(self, acting: Acting, message: Observation) -> None:
+    def _go_on(self, message: Observation, acting: Acting) -> None:
         observations = observations_of(message, acting.batch)
+        require(message.step <= self._next, "step", f"at most {self._next}, the next one", message.step)
         if message.step == acting.batch.horizon:
             return  # the last observation asks for no action
-        if self.answer is None or message.step != self.answer.step:
-            actions = acting(message.step, observations)
-            numbers = {"batch": message.batch, "step": message.step, "policy_version": self._version}
-            self.answer = Action(**numbers, actions=doubles(actions))
-            self._node.health.steps += 1
-        self.actions.publish(self.answer)
+        again = self.answer is not None and message.step == self.answer.step
+        self._say(self.answer if again else self._answer_to(message, acting, observations))
+
+    def _say(self, answer: Action) -> None:
+        self.answer = answer
+        self._next = max(self._next, answer.step + 1)
+        self.actions.publish(answer)
+
+    def _answer_to(self, message: Observation, acting: Acting, observations: Array) -> Action:
+        actions = acting(message.step, observations)
+        require(bool(np.isfinite(actions).all()), "actions", "finite numbers", "nan or infinity")
+        self._node.health.steps += 1
+        numbers = {"batch": message.batch, "step": message.step, "policy_version": message.policy_version}
+        return Action(**numbers, actions=doubles(actions))
 
 
 class PolicyNode(Server):
     """Serves a policy.
 
-    Owns the policy in service, its version, and whether it is fixed, being of a file. Does not own any random state:
-    the exploration of an episode follows from the batch's seed.
+    Owns the policy in service, its version, which no other policy may have, and whether it is fixed, being of a file.
+    Does not own any random state: the exploration of an episode follows from the batch's seed.
     """
 
     def __init__(self) -> None:
@@ -92,6 +107,7 @@ class PolicyNode(Server):
         """
         super().__init__("policy", automatically_declare_parameters_from_overrides=True)
         self.policy: GaussianPolicy | None = None
+        self._message = PolicyMessage()
         self.version = 0
         self.fixed = False
         tree = given(self)
@@ -129,7 +145,10 @@ class PolicyNode(Server):
         try:
             if self.fixed:
                 raise ValueError("policy: expected none from a learner, this node serves the policy of a file")
-            self.policy, self.version = policy_of(request.policy), request.policy.version
+            policy, version = policy_of(request.policy), request.policy.version
+            if self.policy is not None and version == self.version:
+                require(request.policy == self._message, "version", "another one for another policy", version)
+            self.policy, self.version, self._message = policy, version, request.policy
             response.accepted = True
         except (ValueError, TypeError) as error:
             response.message = str(error)

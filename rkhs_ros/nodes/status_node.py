@@ -9,6 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from rkhs_ros.nodes.health import HEALTH_QOS, PERIOD
@@ -45,7 +46,7 @@ def table(statuses: dict[str, DiagnosticStatus]) -> Table:
     for name, status in sorted(statuses.items()):
         values = {value.key: value.value for value in status.values}
         state = f"[{LEVELS.get(status.level, 'red')}]{status.message}"
-        result.add_row(name, state, *(values.get(key, "") for key in KEYS))
+        result.add_row(name, state, *(escape(values.get(key, "")) for key in KEYS))
     return result
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -84,8 +85,8 @@ class Acting:
         n = policy.mean.output_dim
         self.policy = policy
         self.batch = batch
-        self._require_room(n)
-        self._exploration = batch.exploration(n) if explore else None
+        self._explore = explore
+        self._require_room(max(batch.horizon * n, *policy.mean.centres.shape))
         self._seen = np.zeros((batch.rows, batch.horizon, 0))
         self._done = np.zeros((batch.rows, batch.horizon, n if policy.inputs.history > 1 else 0))
 
@@ -109,14 +110,17 @@ class Acting:
 
     def _remember(self, d: int) -> None:
         """Make room for observations, once it is known how many numbers they have."""
-        self._require_room(d)
+        self._require_room(self.batch.horizon * d)
         self._seen = np.zeros((self.batch.rows, self.batch.horizon, d))
 
-    def _require_room(self, columns: int) -> None:
-        numbers = self.batch.rows * self.batch.horizon * columns
-        require(numbers <= MOST_NUMBERS, "batch", f"at most {MOST_NUMBERS} numbers to remember", numbers)
+    def _require_room(self, row: int) -> None:
+        numbers = self.batch.rows * row
+        require(numbers <= MOST_NUMBERS, "batch", f"at most {MOST_NUMBERS} numbers at a time", numbers)
 
     def _act(self, step: int, points: Array) -> Array:
-        if self._exploration is None:
-            return self.policy.mean(points)
-        return self.policy.act(points, self._exploration[:, step])
+        return self.policy.act(points, self._exploration[:, step]) if self._explore else self.policy.mean(points)
+
+    @cached_property
+    def _exploration(self) -> Array:
+        """The draws of the whole batch, made once it is known that the policy fits what is observed."""
+        return self.batch.exploration(self.policy.mean.output_dim)

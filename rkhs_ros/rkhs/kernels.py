@@ -7,7 +7,7 @@ parameters, ``sum`` and ``product`` combine the two kernels before them.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,6 +18,7 @@ from scipy.spatial.distance import cdist, pdist
 from rkhs_ros.rkhs.validation import pick, require
 
 Array = NDArray[np.float64]
+MOST_TERMS = 100  # of a kernel, which is evaluated term within term
 
 
 class Term(NamedTuple):
@@ -183,19 +184,21 @@ LEAVES: dict[str, Callable[[tuple[float, ...]], Kernel]] = {"rbf": RBF, "polynom
 COMPOSITIONS: dict[str, Callable[[Kernel, Kernel], Kernel]] = {"sum": Sum, "product": Product}
 
 
-def kernel_from_terms(terms: Iterable[tuple[str, Iterable[float]]]) -> Kernel:
+def kernel_from_terms(terms: Iterable[tuple[str, Sequence[float]]]) -> Kernel:
     """Rebuild a kernel from its terms in postfix order.
 
     Raises:
         ValueError: an unknown name, parameters out of range, or terms that do not form one kernel.
     """
     stack: list[Kernel] = []
-    for name, parameters in terms:
+    for count, (name, parameters) in enumerate(terms, 1):
+        require(count <= MOST_TERMS, "kernel terms", f"at most {MOST_TERMS}", "more")
         pick(name, {**LEAVES, **COMPOSITIONS}, "kernel")
         if name in LEAVES:
             stack.append(LEAVES[name](tuple(map(float, parameters))))
         else:
             require(len(stack) >= 2, f"kernel '{name}'", "two kernels before it", len(stack))
+            require(len(parameters) == 0, f"kernel '{name}' parameters", "none", f"{len(parameters)} numbers")
             right, left = stack.pop(), stack.pop()
             stack.append(COMPOSITIONS[name](left, right))
     require(len(stack) == 1, "kernel terms", "one kernel in postfix order", f"{len(stack)} kernels")

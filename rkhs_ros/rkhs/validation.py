@@ -11,12 +11,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 T = TypeVar("T")
+MOST_SHOWN = 200  # characters of what was got
+
+
+def shown(value: object) -> str:
+    """Return a value as one line, cut where it is long: it may come from anybody."""
+    text = str(value)
+    line = " ".join(text[: 2 * MOST_SHOWN].split())
+    return "".join(c if c.isprintable() else "?" for c in line)[:MOST_SHOWN] + "..." * (len(line) > MOST_SHOWN)
 
 
 def require(condition: bool, what: str, expected: str, got: object) -> None:
     """Raise ValueError "what: expected ..., got ..." unless the condition holds."""
     if not condition:
-        raise ValueError(f"{what}: expected {expected}, got {got}")
+        raise ValueError(f"{what}: expected {expected}, got {shown(got)}")
 
 
 def pick(name: str, table: Mapping[str, T], kind: str) -> T:
@@ -26,13 +34,13 @@ def pick(name: str, table: Mapping[str, T], kind: str) -> T:
         ValueError: the name is unknown; the message offers the nearest one.
     """
     if name not in table:
-        raise ValueError(f"unknown {kind} '{name}', {hint(name, table)}")
+        raise ValueError(f"unknown {kind} '{shown(name)}', {hint(name, table)}")
     return table[name]
 
 
 def hint(name: str, known: Mapping[str, Any]) -> str:
     """Return "did you mean 'x'?" for a near name, else the list of names."""
-    near = get_close_matches(name, known, n=1)
+    near = get_close_matches(shown(name), known, n=1)
     return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
 
 

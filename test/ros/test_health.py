@@ -4,15 +4,18 @@ import os
 import signal
 import time
 from collections.abc import Callable
+from io import StringIO
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rich.console import Console
 from rosgraph_msgs.msg import Clock
 
 from rkhs_interfaces.msg import Action
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS
+from rkhs_ros.nodes.status_node import table
 from test.ros.conftest import ROOT, Probe, Process
 
 Start = Callable[..., Process]
@@ -97,6 +100,13 @@ def test_status_shows_the_nodes_and_says_where_there_are_none(
     code, out, err = start("rkhs", "status").finish()
     assert (code, out) == (1, "")
     assert err == "error: expected nodes at work, got none within 3 s; is ROS_DOMAIN_ID theirs?\n"
+
+
+def test_status_shows_a_refusal_to_the_letter() -> None:
+    refusal = KeyValue(key="last refusal", value="unknown kernel '[/red]'")
+    console = Console(width=250, record=True, file=StringIO())
+    console.print(table({"/policy": DiagnosticStatus(level=DiagnosticStatus.OK, values=[refusal])}))
+    assert refusal.value in console.export_text()
 
 
 @pytest.mark.parametrize("victim", ["simulator", "policy", "learner"])

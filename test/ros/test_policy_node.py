@@ -143,7 +143,7 @@ def test_a_policy_of_other_points_than_are_seen_is_silent_and_the_next_one_acts(
 
 def test_an_observation_of_another_size_is_ignored(node: Process, probe: Probe) -> None:
     answer(probe, observation(0))
-    beyond, rowless = observation(4), observation(1)
+    beyond, rowless, ahead = observation(4), observation(1), observation(2)
     beyond.horizon, rowless.rows = 9, 0
     wrong = [
         observation(1, seen=SEEN[:, :1]),
@@ -152,6 +152,8 @@ def test_an_observation_of_another_size_is_ignored(node: Process, probe: Probe) 
         observation(1, seen=np.full((2, 2), np.nan)),
         beyond,
         rowless,
+        ahead,
+        observation(0, batch=2, seen=SEEN[:, :1]),  # which does not unseat the batch under way
     ]
     for message in wrong:
         probe.say("observation", message)
@@ -233,6 +235,12 @@ def test_a_refused_policy_leaves_the_old_one_serving(node: Process, probe: Probe
     version, actions = answer(probe, observation(0))
     assert version == 1
     np.testing.assert_array_equal(actions, expected(policy(0), 0))
+
+
+def test_a_version_is_the_name_of_one_policy(node: Process, probe: Probe) -> None:
+    assert probe.ask("set_policy", set_policy_request(policy(0), 1)).accepted
+    assert "version: expected another one" in probe.ask("set_policy", set_policy_request(policy(1), 1)).message
+    np.testing.assert_array_equal(answer(probe, observation(0))[1], expected(policy(0), 0))
 
 
 def test_a_saved_policy_is_served_alone_without_noise(start: Start, probe: Probe, tmp_path: Path) -> None:
