@@ -142,7 +142,7 @@ def refuse_policies(intruder: Intruder) -> None:
 
 
 def refuse_observations(intruder: Intruder, served: GaussianPolicy) -> None:
-    """Before the first or the second step of many batches: what follows is answered as ever."""
+    """Before the first or the second step of many batches, of it or of the next batch: all else is answered as ever."""
     heard, identities = intruder.probe.heard["action"], count(1)
     simulation, acting = Simulation(TASK.environment), Acting(served, BATCH, explore=True)
     frames = [simulation.start(BATCH), simulation.step(np.ones((BATCH.rows, 1)))]
@@ -152,10 +152,12 @@ def refuse_observations(intruder: Intruder, served: GaussianPolicy) -> None:
     expected = [acting(step, frame.observations) for step, frame in enumerate(frames)]
 
     def check(data: st.DataObject) -> None:
-        at, identity, before = data.draw(st.integers(0, 1)), next(identities), len(heard)
-        spoilt = intruder.spoil(data, bad[at], (ALWAYS[Observation], both(Observation))[at], batch=identity)
+        identity, before = next(identities), len(heard)
+        at, step, following = ((0, 0, 0), (1, 1, 0), (1, 0, 1))[data.draw(st.integers(0, 2))]
+        spoilers = both(Observation) if step else ALWAYS[Observation]
+        spoilt = intruder.spoil(data, bad[step], spoilers, batch=identity + following)
         for message in good:
-            if message is good[at]:
+            if message.step == at:
                 intruder.say(spoilt)
             message.batch = identity
             intruder.say(message)
