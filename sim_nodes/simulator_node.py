@@ -62,6 +62,7 @@ class SimulatorNode(Server):
         self._step = 0
         self._version = 0
         self._clock_steps = 0
+        self._clock_is_heard = False
         self._last: Observation | None = None  # as long as it waits for its action
         self._patience = PATIENCE
         self._again_at = 0.0
@@ -134,6 +135,7 @@ class SimulatorNode(Server):
         self._batch, self._identity, self._version = batch, request.batch, request.policy_version
         self._step, self._ended = 0, None
         self._clock_steps = max(self._clock_steps, request.clock)
+        self._clock_is_heard = self._clock_ticks.get_subscription_count() > 0
         self._recorder = EpisodeRecorder(batch, self._simulation.observation_dim, self._simulation.action_dim)
         self._publish(batch, frame)
         self._record(batch, frame)
@@ -188,7 +190,7 @@ class SimulatorNode(Server):
 
     def _tick(self) -> None:
         seconds = self._clock_steps * self._simulation.step_seconds
-        if seconds < CLOCK_ENDS and self._clock_ticks.get_subscription_count() > 0:
+        if self._clock_is_heard and seconds < CLOCK_ENDS:
             self._clock_ticks.publish(clock_message(seconds))
 
 

@@ -141,14 +141,18 @@ class LearnerNode(Node):
             raise self._silent("policy", "acted in no step")
 
     def _look_after(self, simulator: SimulatorLink, batch: Batch, policy_is_new: bool) -> None:
-        task = self._describe(simulator)
+        task, now = self._describe(simulator), time.monotonic()
+        moved = simulator.moved(task)
         if policy_is_new or simulator.lost(task):
             self.get_logger().info(f"the batch of the {simulator.name} node begins anew")
             self._begin([(simulator, batch)])
-        elif not simulator.moved(task):
+            self._progress_at = now
+        elif moved:
+            self._progress_at = now
+        elif now > self._progress_at + self.training.timeout / 2:
+            self._begin([(simulator, batch)])  # for reasons that are not known
+        else:
             self._ask_for_episodes(simulator)
-            return
-        self._progress_at = time.monotonic()
 
     def _push(self, policy: GaussianPolicy) -> bool:
         """Have the policy node serve the policy; return whether it is another process than before."""

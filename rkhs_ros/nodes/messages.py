@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from array import array
 from collections.abc import Iterable
+from dataclasses import fields
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
 # until the peers say that they are connected.
 LOCKSTEP_QOS = QoSProfile(depth=16, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
 MOST_INPUTS, MOST_ACTIONS = 100_000, 1_000  # dimensions of a policy
+BATCH = attrgetter(*(field.name for field in fields(Batch)))  # what a message says of its batch
 CLOCK_ENDS = 2**31  # seconds, which /clock cannot tell any more
 # What a variance of each name has no use for.
 UNUSED = {"constant": ("kernel", "centres", "mass", "minimum", "maximum"), "kernel": (), "function": ("mass",)}
@@ -74,10 +77,11 @@ def observations_of(message: msg.Observation, batch: Batch) -> Array:
     Raises:
         ValueError: they are not of that batch, misshapen or not finite; nor may the rewards be.
     """
-    for name, value in vars(batch).items():
-        require(getattr(message, name) == value, f"batch {message.batch}, {name}", str(value), getattr(message, name))
-    require(message.step <= batch.horizon, "step", f"at most {batch.horizon}", message.step)
-    _numbers(message.rewards, (batch.rows if message.step else 0,), "rewards")
+    if BATCH(message) != BATCH(batch):  # no text is made unless it is needed: every step comes by here
+        raise ValueError(f"batch {message.batch}: expected {batch}, got {batch_of(message)}")
+    if message.step > batch.horizon:
+        raise ValueError(f"step: expected at most {batch.horizon}, got {message.step}")
+    matrix(message.rewards, batch.rows if message.step else 0, 1, "rewards")
     columns = max(len(message.observations) // batch.rows, 1)
     return matrix(message.observations, batch.rows, columns, "observations")
 

@@ -38,7 +38,7 @@ class SimulatorLink:
 
     def rest(self) -> None:
         """Have nothing to do."""
-        self.batch = None
+        self.batch, self.heard = None, None
 
     def begin(self, batch: Batch, identity: int, version: int, clock: int) -> None:
         """Wait for the episodes of a batch of this number, in which the policy of that version acts."""

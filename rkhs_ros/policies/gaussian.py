@@ -82,13 +82,12 @@ class Acting:
     """
 
     def __init__(self, policy: GaussianPolicy, batch: Batch, *, explore: bool) -> None:
-        n = policy.mean.output_dim
         self.policy = policy
         self.batch = batch
         self._explore = explore
-        self._require_room(max(batch.horizon * n, *policy.mean.centres.shape))
-        self._seen = np.zeros((batch.rows, batch.horizon, 0))
-        self._done = np.zeros((batch.rows, batch.horizon, n if policy.inputs.history > 1 else 0))
+        self._require_room(max(batch.horizon * policy.mean.output_dim, *policy.mean.centres.shape))
+        self._columns = 0  # of the observations, not known yet
+        self._seen = self._done = np.zeros((batch.rows, batch.horizon, 0))
 
     def __call__(self, step: int, observations: Array) -> Array:
         """Return the actions of a step, shape (rows, n), for observations of shape (rows, d).
@@ -96,22 +95,26 @@ class Acting:
         Raises:
             ValueError: the observations are not what the policy takes.
         """
-        inputs, mean = self.policy.inputs, self.policy.mean
-        size = inputs.dimension(observations.shape[1], mean.output_dim)
-        require(size == mean.input_dim, "points", f"{mean.input_dim} columns", size)
+        inputs = self.policy.inputs
+        if observations.shape[1] != self._columns:
+            self._make_ready(observations.shape[1])
         if inputs.history == 1:
             return self._act(step, inputs.features(observations))
-        if self._seen.shape[2] == 0:
-            self._remember(observations.shape[1])
         self._seen[:, step] = observations
         actions = self._act(step, inputs.at(np.array([step]), self._seen, self._done)[:, 0])
         self._done[:, step] = actions
         return actions
 
-    def _remember(self, d: int) -> None:
-        """Make room for observations, once it is known how many numbers they have."""
-        self._require_room(self.batch.horizon * d)
-        self._seen = np.zeros((self.batch.rows, self.batch.horizon, d))
+    def _make_ready(self, columns: int) -> None:
+        """Check that the policy takes observations of so many numbers, and make room for those of a window."""
+        mean, rows, horizon = self.policy.mean, self.batch.rows, self.batch.horizon
+        size = self.policy.inputs.dimension(columns, mean.output_dim)
+        require(size == mean.input_dim, "points", f"{mean.input_dim} columns", size)
+        if self.policy.inputs.history > 1:
+            self._require_room(horizon * max(columns, mean.output_dim))
+            self._seen = np.zeros((rows, horizon, columns))
+            self._done = np.zeros((rows, horizon, mean.output_dim))
+        self._columns = columns
 
     def _require_room(self, row: int) -> None:
         numbers = self.batch.rows * row

@@ -2,13 +2,13 @@
 
 import argparse
 import heapq
-import random
 import signal
 import time
 from collections.abc import Callable
 from threading import Event
 from typing import Any
 
+import numpy as np
 import rclpy
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
@@ -28,7 +28,7 @@ class Relay(Node):
         super().__init__("relay")
         self.counts = dict.fromkeys(("passed", "dropped", "doubled", "delayed"), 0)
         self._share = share
-        self._draws = random.Random(seed)
+        self._draws = np.random.default_rng(seed)
         self._held: list[tuple[float, int, Callable[[], None]]] = []
         for name, kind in TOPICS.items():
             out = self.create_publisher(kind, name, LOCKSTEP_QOS)

@@ -1,12 +1,12 @@
 """Nodes killed at any moment: the learning curve and the policy do not change by a bit."""
 
 import os
-import random
 import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from test.faults.conftest import PENDULUM
@@ -37,18 +37,18 @@ def shared_memory(pid: int) -> list[str]:
     return [line for line in Path(f"/proc/{pid}/maps").read_text().splitlines() if "/dev/shm/fastrtps_" in line]
 
 
-def kill_at_random(run: Process, folder: Path, draws: random.Random, kills: int) -> list[str]:
+def kill_at_random(run: Process, folder: Path, draws: np.random.Generator, kills: int) -> list[str]:
     """Kill nodes of a run at random moments: while it learns, and while it gets over the kill before."""
     done: list[str] = []
     while len(done) < kills and run.popen.poll() is None:
         if draws.random() < 0.7:
-            goal = len(curve(folder)) + draws.randint(1, 3)
+            goal = len(curve(folder)) + draws.integers(1, 4)
             wait_for(lambda: len(curve(folder)) >= goal, run)  # noqa: B023  # awaited here
         time.sleep(draws.uniform(0, 0.3))
-        name = draws.choice(NODES)
+        name = str(draws.choice(NODES))
         victims = nodes_of(run, name)
         if victims:
-            victim = draws.choice(victims)
+            victim = int(draws.choice(victims))
             assert not shared_memory(victim)  # nobody would free it
             os.kill(victim, signal.SIGKILL)
             done.append(f"{name} after iteration {max(len(curve(folder)) - 1, 0)}")
@@ -66,7 +66,7 @@ def test_killed_nodes_change_no_bit(
     run = start(
         "rkhs", "train", PENDULUM, "--quiet", "--simulators", simulators, "--out", folder, "--set", "timeout=60"
     )
-    done = kill_at_random(run, folder, random.Random(f"{seed}/{simulators}"), share)
+    done = kill_at_random(run, folder, np.random.default_rng([seed, simulators]), share)
     code, _, err = run.finish()
     print(f"seed {seed}, {simulators} simulators, {len(done)} kills: {'; '.join(done)}")
     assert (code, len(done)) == (0, share), err
