@@ -17,6 +17,7 @@ from rkhs_ros.experiments.launcher import for_all, node_names, started
 from rkhs_ros.experiments.report import resolved
 from rkhs_ros.experiments.rollout import InlineRunner
 from rkhs_ros.experiments.training import first_policy
+from rkhs_ros.experiments.transport import by_udp
 from rkhs_ros.nodes.learner_node import LearnerNode
 from rkhs_ros.policies.streams import Batch
 from sim_nodes.simulation import Simulation
@@ -50,6 +51,7 @@ def seconds_of(runner, policy, number: int) -> float:
 
 def main() -> None:
     """Print the table."""
+    os.environ.update(by_udp(os.environ))  # this process is the learner, and talks as the other nodes do
     config = load_config(CONFIG)
     inline = InlineRunner(Simulation(config.environment.id, config.environment.options))
     policy = first_policy(config.training, inline.observation_dim, inline.action_dim)

@@ -27,6 +27,7 @@ from rkhs_ros.experiments.launcher import started
 from rkhs_ros.experiments.report import resolved
 from rkhs_ros.experiments.rollout import InlineRunner
 from rkhs_ros.experiments.training import train
+from rkhs_ros.experiments.transport import by_udp
 from rkhs_ros.nodes.learner_node import LearnerNode
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS, observation_message
 from rkhs_ros.policies.streams import Batch
@@ -88,6 +89,7 @@ def seconds_per_call(call, times: int) -> float:
 
 def main() -> None:
     """Print the table."""
+    os.environ.update(by_udp(os.environ))  # this process is the learner, and talks as the other nodes do
     config = load_config(CONFIG)
     simulation = Simulation(config.environment.id, config.environment.options)
     batch = Batch(0, 0, config.training.episodes_per_iteration, config.training.horizon, explore=True)
