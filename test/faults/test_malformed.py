@@ -25,7 +25,7 @@ from rkhs_ros.policies.streams import Batch
 from sim_nodes.simulation import Frame, Simulation
 from test.faults.runs import assert_same_bits
 from test.faults.spoilers import ALWAYS, THEN, Spoiler, paths, spoil
-from test.ros.conftest import Probe, Process, probe
+from test.ros.conftest import PATIENCE, Probe, Process, probe
 from test.ros.test_policy_node import PLAIN, WINDOW, policy
 
 __all__ = ["probe"]
@@ -75,7 +75,7 @@ class Intruder:
 
     def refused(self, request: Any) -> None:
         """Ask for what must be refused, in one line that says why."""
-        response = self.probe.ask(SERVICES[type(request)], request)
+        response = self.probe.ask(SERVICES[type(request)], request, again=PATIENCE)  # refusals are counted
         assert not response.accepted
         assert_reason(response.message)
 

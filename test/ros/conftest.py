@@ -144,13 +144,14 @@ class Probe(Node):
     def add_service(self, name: str, kind: Any) -> None:
         self._services_asked[name] = self.create_client(kind, name)
 
-    def ask(self, service: str, request: Any) -> Any:
+    def ask(self, service: str, request: Any, again: float = 2.0) -> Any:
+        """Return the answer to a request, which is asked again after some seconds."""
         client = self._services_asked[service]
         self.until(client.service_is_ready)
         futures = []
 
         def answered() -> bool:
-            if not futures or time.monotonic() > futures[-1][1] + 2.0:  # an answer may be lost when nodes just met
+            if not futures or time.monotonic() > futures[-1][1] + again:  # an answer may be lost when nodes just met
                 futures.append((client.call_async(request), time.monotonic()))
             return any(future.done() for future, _ in futures)
 
