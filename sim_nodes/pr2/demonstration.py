@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 TORSO = 0.15  # m
 RATE = 20  # Hz
 APPROACH, CLOSE, TURN, PULL, HOLD = 1.2, 0.5, 1.3, 2.5, 0.3  # s
+SECONDS = APPROACH + CLOSE + TURN + PULL + HOLD
 APPROACH_LENGTH = 0.10  # m
 OPEN, CLOSED = 0.06, 0.016  # m between the finger tips
 GRASP, DEPTH = 0.075, 0.012  # m: of the tool from the lever's pivot and beyond its middle
@@ -63,7 +64,7 @@ def make() -> Demonstration:
     Raises:
         ValueError: the arm cannot do it.
     """
-    times = np.arange(round(RATE * (APPROACH + CLOSE + TURN + PULL + HOLD)) + 1) / RATE
+    times = np.arange(round(RATE * SECONDS) + 1) / RATE
     starts = np.cumsum([0.0, APPROACH, CLOSE, TURN])
     durations = (APPROACH, CLOSE, TURN, PULL)
     approach, close, turn, pull = (

@@ -67,6 +67,7 @@ class PR2Door(VectorTask):
     single_observation_space = Box(-np.inf, np.inf, (3,), np.float64)
     single_action_space = Box(np.array([-0.2, -0.08]), np.array([0.2, 0.08]), dtype=np.float64)
     noise_dim = 0
+    step_seconds = demonstration.SECONDS
 
     def __init__(
         self,
