@@ -1,7 +1,5 @@
 """Nodes killed at any moment: the learning curve and the policy do not change by a bit."""
 
-import os
-import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,18 +9,11 @@ import pytest
 
 from test.faults.conftest import PENDULUM
 from test.faults.runs import assert_same_bits, curve
-from test.ros.conftest import Process
+from test.ros.conftest import Process, kill, nodes_of, of_process
 
 Start = Callable[..., Process]
 RUNS = 4  # that share the kills
 NODES = ("simulator", "policy", "learner")
-
-
-def nodes_of(run: Process, name: str) -> list[int]:
-    """Return the process numbers of a run's nodes of that name."""
-    pid = run.popen.pid
-    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split() if run.popen.poll() is None else []
-    return [int(child) for child in children if f".{name}_node" in Path(f"/proc/{child}/cmdline").read_text()]
 
 
 def wait_for(condition: Callable[[], bool], run: Process) -> None:
@@ -34,7 +25,7 @@ def wait_for(condition: Callable[[], bool], run: Process) -> None:
 
 def shared_memory(pid: int) -> list[str]:
     """Return the shared memory of DDS that a process has opened."""
-    return [line for line in Path(f"/proc/{pid}/maps").read_text().splitlines() if "/dev/shm/fastrtps_" in line]
+    return [line for line in of_process(pid, "maps").splitlines() if "/dev/shm/fastrtps_" in line]
 
 
 def kill_at_random(run: Process, folder: Path, draws: np.random.Generator, kills: int) -> list[str]:
@@ -50,7 +41,7 @@ def kill_at_random(run: Process, folder: Path, draws: np.random.Generator, kills
         if victims:
             victim = int(draws.choice(victims))
             assert not shared_memory(victim)  # nobody would free it
-            os.kill(victim, signal.SIGKILL)
+            kill(victim)
             done.append(f"{name} after iteration {max(len(curve(folder)) - 1, 0)}")
     return done
 
@@ -98,7 +89,7 @@ def test_a_node_that_dies_too_often_ends_the_run(start: Start, tmp_path: Path) -
     run = start("rkhs", "train", PENDULUM, "--quiet", "--out", tmp_path / "run", "--set", "timeout=120")
     while run.popen.poll() is None:
         for pid in nodes_of(run, "policy"):
-            os.kill(pid, signal.SIGKILL)
+            kill(pid)
         time.sleep(0.02)
     code, _, err = run.finish()
     assert code == 1

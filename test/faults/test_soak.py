@@ -8,8 +8,8 @@ from typing import NamedTuple
 import pytest
 
 from test.faults.runs import curve
-from test.faults.test_kills import NODES, nodes_of
-from test.ros.conftest import ROOT, Process
+from test.faults.test_kills import NODES
+from test.ros.conftest import ROOT, Process, nodes_of
 
 ITERATIONS, SETTLED = 3000, 300
 GROWTH = 1.05

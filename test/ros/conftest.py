@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +76,27 @@ class Process:
 
     def interrupt(self) -> None:
         self.popen.send_signal(signal.SIGINT)
+
+
+def of_process(pid: int | str, file: str) -> str:
+    """Return what a file of /proc says of a process; nothing where it has ended."""
+    try:
+        return Path(f"/proc/{pid}/{file}").read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return ""
+
+
+def nodes_of(run: Process, name: str) -> list[int]:
+    """Return the process numbers of a run's nodes of that name."""
+    pid = run.popen.pid
+    children = of_process(pid, f"task/{pid}/children").split()
+    return [int(child) for child in children if f".{name}_node" in of_process(child, "cmdline")]
+
+
+def kill(pid: int) -> None:
+    """Kill a process, if it still lives."""
+    with suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGKILL)
 
 
 @pytest.fixture

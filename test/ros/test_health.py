@@ -1,7 +1,5 @@
 """What nodes say of themselves, and the time that the simulator tells."""
 
-import os
-import signal
 import time
 from collections.abc import Callable
 from io import StringIO
@@ -16,7 +14,7 @@ from rosgraph_msgs.msg import Clock
 from rkhs_interfaces.msg import Action
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS
 from rkhs_ros.nodes.status_node import table
-from test.ros.conftest import ROOT, Probe, Process
+from test.ros.conftest import ROOT, Probe, Process, kill, nodes_of
 
 Start = Callable[..., Process]
 PENDULUM = ROOT / "config" / "pendulum_nac.yaml"
@@ -51,13 +49,6 @@ def run(start: Start, tmp_path: Path) -> Process:
     return start("rkhs", "train", PENDULUM, "--quiet", "--iterations", 10_000, "--out", tmp_path / "out")
 
 
-def kill(run: Process, name: str) -> None:
-    pid = run.popen.pid
-    for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
-        if f".{name}_node" in Path(f"/proc/{child}/cmdline").read_text():
-            os.kill(int(child), signal.SIGKILL)
-
-
 def test_every_node_reports_and_says_how_often_it_was_started_again(run: Process, probe: Probe) -> None:
     hearing = Hearing(probe)
     nodes = ("/simulator", "/policy", "/learner")
@@ -68,7 +59,7 @@ def test_every_node_reports_and_says_how_often_it_was_started_again(run: Process
         assert {value.key for value in report.values} == KEYS
         assert (report.level, hearing.value(name, "restarts")) == (DiagnosticStatus.OK, "0")
     before = {name: hearing.reports[name].hardware_id for name in nodes}
-    kill(run, "policy")
+    kill(*nodes_of(run, "policy"))
     probe.until(lambda: hearing.value("/policy", "restarts") == "1")
     assert int(hearing.reports["/policy"].hardware_id) > int(before["/policy"])
     assert hearing.reports["/simulator"].hardware_id == before["/simulator"]
@@ -113,7 +104,7 @@ def test_status_shows_a_refusal_to_the_letter() -> None:
 def test_the_clock_never_goes_back(run: Process, probe: Probe, victim: str) -> None:
     hearing = Hearing(probe)
     probe.until(lambda: len(hearing.times) > 300)
-    kill(run, victim)
+    kill(*nodes_of(run, victim))
     time.sleep(0.5)
     count = len(hearing.times)
     probe.until(lambda: len(hearing.times) > count + 300)
