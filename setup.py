@@ -20,7 +20,7 @@ setup(
     maintainer="The rkhs_ros authors",
     maintainer_email="rkhs-ros@example.org",
     packages=find_packages(include=[NAME, f"{NAME}.*", "sim_nodes", "sim_nodes.*"]),
-    package_data={"rkhs_ros.experiments": ["*.xml"], "sim_nodes.pr2": ["*.npz"]},
+    package_data={"rkhs_ros.nodes": ["*.xml"], "sim_nodes.pr2": ["*.npz"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -35,7 +35,7 @@ setup(
             "simulator = sim_nodes.simulator_node:main",
             "policy = rkhs_ros.nodes.policy_node:main",
             "learner = rkhs_ros.nodes.learner_node:main",
-            "rkhs = rkhs_ros.experiments.cli:main",
+            "rkhs = rkhs_ros.app.cli:main",
         ],
     },
 )

@@ -20,16 +20,16 @@ import numpy as np
 from cmaes import CMA
 from joblib import Parallel, delayed
 
-from rkhs_ros.experiments.config import Config, load_config
-from rkhs_ros.experiments.rollout import InlineRunner
-from rkhs_ros.experiments.training import train
+from rkhs_ros.learning.training import train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.fixed import grid
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Array
-from sim_nodes.simulation import Simulation
+from rkhs_ros.runs.config import Config, load_config
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.simulation import Simulation
 
 CONFIGS = Path(__file__).parents[1] / "config"
 SEEDS = range(20)

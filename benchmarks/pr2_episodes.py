@@ -13,15 +13,16 @@ os.environ["OMP_NUM_THREADS"] = "1"
 
 import rclpy
 
-from rkhs_ros.experiments.config import load_config
-from rkhs_ros.experiments.launcher import for_all, node_names, started
-from rkhs_ros.experiments.report import resolved
-from rkhs_ros.experiments.rollout import InlineRunner
-from rkhs_ros.experiments.training import first_policy
-from rkhs_ros.experiments.transport import by_udp
+from rkhs_ros.app.launcher import for_all, started
+from rkhs_ros.learning.training import first_policy
 from rkhs_ros.nodes.learner_node import LearnerNode
+from rkhs_ros.nodes.names import node_names
+from rkhs_ros.nodes.transport import by_udp
 from rkhs_ros.policies.streams import Batch
-from sim_nodes.simulation import Simulation
+from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.report import resolved
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.simulation import Simulation
 
 CONFIG = Path(__file__).parents[1] / "config" / "pr2_door_power.yaml"
 EPISODES, ROUNDS = 20, 5

@@ -22,16 +22,16 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 
 from rkhs_interfaces.msg import Observation
-from rkhs_ros.experiments.config import load_config
-from rkhs_ros.experiments.launcher import started
-from rkhs_ros.experiments.report import resolved
-from rkhs_ros.experiments.rollout import InlineRunner
-from rkhs_ros.experiments.training import train
-from rkhs_ros.experiments.transport import by_udp
+from rkhs_ros.app.launcher import started
+from rkhs_ros.learning.training import train
 from rkhs_ros.nodes.learner_node import LearnerNode
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS, observation_message
+from rkhs_ros.nodes.transport import by_udp
 from rkhs_ros.policies.streams import Batch
-from sim_nodes.simulation import Simulation
+from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.report import resolved
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.simulation import Simulation
 
 CONFIG = Path(__file__).parents[1] / "config" / "pendulum_nac.yaml"
 ROUNDS, TRIPS = 5, 1000

@@ -18,16 +18,16 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import numpy as np
 from sklearn.linear_model import OrthogonalMatchingPursuit
 
-from rkhs_ros.experiments.config import load_config
-from rkhs_ros.experiments.rollout import InlineRunner
-from rkhs_ros.experiments.training import train
 from rkhs_ros.learning.algorithm import Experience
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.training import train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import RBF
 from rkhs_ros.rkhs.pursuit import Pursuit, pursue
-from sim_nodes.simulation import Simulation
+from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.simulation import Simulation
 
 CONFIGS = Path(__file__).parents[1] / "config"
 REPEATS = {1_000: 21, 10_000: 7, 100_000: 3}

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 from rosgraph_msgs.msg import Clock
 
+import sim_nodes.envs  # noqa: F401  # registers the tasks
 from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
-from rkhs_ros.experiments.config import environment_from
-from rkhs_ros.experiments.rollout import EpisodeRecorder
+from rkhs_ros.base.settings import Entry
+from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.health import Health
 from rkhs_ros.nodes.messages import (
     CLOCK_ENDS,
@@ -26,9 +27,9 @@ from rkhs_ros.nodes.messages import (
 from rkhs_ros.nodes.parameters import declare, declared, given, require_known, restarts
 from rkhs_ros.nodes.spin import Server, forever, run
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.rkhs.settings import Entry
-from rkhs_ros.rkhs.validation import require
-from sim_nodes.simulation import Frame, Simulation
+from rkhs_ros.runs.config import environment_from
+from rkhs_ros.runs.rollout import EpisodeRecorder
+from rkhs_ros.runs.simulation import Frame, Simulation
 
 if TYPE_CHECKING:
     from rkhs_ros.nodes.robot_state import RobotState

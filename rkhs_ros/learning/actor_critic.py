@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rkhs_ros.base.settings import setting, variant
 from rkhs_ros.learning.algorithm import Algorithm
 from rkhs_ros.learning.critics import CRITICS, PENALTIES, pursuit_critic, step_critic, trajectory_critic
 from rkhs_ros.learning.features import Samples
 from rkhs_ros.learning.steps import STEP_RULES, KLStep, StepRule
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rkhs.settings import setting, variant
 
 
 @dataclass(frozen=True)

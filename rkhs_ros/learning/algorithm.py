@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from rkhs_ros.base.settings import setting
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.features import Samples
 from rkhs_ros.learning.steps import StepRule
@@ -14,7 +15,6 @@ from rkhs_ros.policies.gaussian import GaussianPolicy, mean_kl
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rkhs.settings import setting
 
 
 @dataclass(frozen=True)

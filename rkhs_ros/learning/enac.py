@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rkhs_ros.base.settings import setting
 from rkhs_ros.learning.critics import CRITICS
 from rkhs_ros.learning.rkhs_nac import NaturalActorCritic
 from rkhs_ros.learning.spaces import OnGrid
-from rkhs_ros.rkhs.settings import setting
 
 
 @dataclass(frozen=True)

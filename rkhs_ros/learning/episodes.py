@@ -7,9 +7,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rkhs_ros.base.validation import require
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rkhs.validation import require
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import reduce
 from operator import add, mul
 
+from rkhs_ros.base.settings import setting
+from rkhs_ros.base.validation import pick
 from rkhs_ros.rkhs.kernels import RBF, Array, Kernel, Polynomial, median_bandwidth
-from rkhs_ros.rkhs.settings import setting
-from rkhs_ros.rkhs.validation import pick
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rkhs_ros.base.settings import setting
 from rkhs_ros.learning.features import Samples
 from rkhs_ros.learning.rkhs_power import WeightedExploration
 from rkhs_ros.learning.spaces import OnGrid
 from rkhs_ros.learning.weightings import WEIGHTINGS
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rkhs.settings import setting
 
 NOTHING = 1e-12  # squared length of the features of a state that no centre is near
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rkhs_ros.base.settings import setting, variant
 from rkhs_ros.learning.actor_critic import ActorCritic
 from rkhs_ros.learning.algorithm import Experience, Update
 from rkhs_ros.learning.features import Samples
@@ -13,7 +14,6 @@ from rkhs_ros.learning.spaces import Sparse
 from rkhs_ros.learning.steps import STEP_RULES, FixedStep, StepRule
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rkhs.settings import setting, variant
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rkhs_ros.base.settings import setting, variant
 from rkhs_ros.learning.algorithm import Experience, Update
 from rkhs_ros.learning.critics import dual_regression, trajectory_features, value
 from rkhs_ros.learning.features import Samples
@@ -11,7 +12,6 @@ from rkhs_ros.learning.spaces import Sparse
 from rkhs_ros.learning.steps import STEP_RULES, KLStep, StepRule
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rkhs.settings import setting, variant
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rkhs_ros.base.settings import setting
 from rkhs_ros.learning.algorithm import Algorithm, Experience, Update, measure
 from rkhs_ros.learning.critics import advantages
 from rkhs_ros.learning.episodes import Episodes
@@ -17,7 +18,6 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.variance import Variance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rkhs.settings import setting
 
 
 @dataclass(frozen=True)

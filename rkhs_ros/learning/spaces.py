@@ -7,6 +7,8 @@ from math import prod
 
 import numpy as np
 
+from rkhs_ros.base.settings import setting
+from rkhs_ros.base.validation import require
 from rkhs_ros.learning.algorithm import Algorithm
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.features import Samples
@@ -15,8 +17,6 @@ from rkhs_ros.rkhs.fixed import grid
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array, Polynomial
 from rkhs_ros.rkhs.pursuit import sparsify
-from rkhs_ros.rkhs.settings import setting
-from rkhs_ros.rkhs.validation import require
 
 LINEAR = Polynomial(0.0, 1)
 MOST = 100_000  # centres on a grid

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rkhs_ros.base.settings import setting
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rkhs.settings import setting
 
 TryOut = Callable[[float, int], float]
 

@@ -16,19 +16,20 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
 from rkhs_interfaces.srv import DescribeTask, SetPolicy
-from rkhs_ros.experiments.config import Config, Environment, training_from
-from rkhs_ros.experiments.launcher import namespaces
-from rkhs_ros.experiments.report import is_begun
-from rkhs_ros.experiments.run import run_training
+from rkhs_ros.base.settings import entries
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.training import training_from
 from rkhs_ros.nodes.health import Health
 from rkhs_ros.nodes.messages import set_policy_request
+from rkhs_ros.nodes.names import namespaces
 from rkhs_ros.nodes.parameters import declare, declared, given, restarts
 from rkhs_ros.nodes.simulator_link import SimulatorLink
 from rkhs_ros.nodes.spin import LOOK_UP, PeerError, StoppedError, run
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.rkhs.settings import entries
+from rkhs_ros.runs.config import Config, Environment
+from rkhs_ros.runs.report import is_begun
+from rkhs_ros.runs.run import run_training
 
 STANDS = 2.0  # seconds that a node must keep to its refusal
 LOOK_AGAIN = 0.5  # seconds without episodes after which the peers are looked after

@@ -16,6 +16,8 @@ from rosgraph_msgs.msg import Clock
 
 import rkhs_interfaces.msg as msg
 from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
+from rkhs_ros.base.settings import build
+from rkhs_ros.base.validation import finite_array, require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
@@ -23,13 +25,12 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance, Variance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array, Kernel, kernel_from_terms
-from rkhs_ros.rkhs.settings import build
-from rkhs_ros.rkhs.validation import finite_array, require
-from sim_nodes.envs.vector_task import JointStates
-from sim_nodes.simulation import Frame, Simulation
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # a policy node needs no simulation
     from sensor_msgs.msg import JointState
+
+    from rkhs_ros.runs.shown import JointStates
+    from rkhs_ros.runs.simulation import Frame, Simulation
 
 # Reliable. Volatile, since keeping messages for late peers doubles the time of a round trip: the learner waits
 # until the peers say that they are connected.

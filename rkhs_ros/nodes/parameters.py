@@ -8,8 +8,8 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
-from rkhs_ros.rkhs.settings import Entry
-from rkhs_ros.rkhs.validation import hint
+from rkhs_ros.base.settings import Entry
+from rkhs_ros.base.validation import hint
 
 STANDARD = ("use_sim_time", "start_type_description_service", "qos_overrides")
 INT64 = 2**63 - 1

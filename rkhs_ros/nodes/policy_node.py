@@ -10,15 +10,15 @@ import numpy as np
 from rkhs_interfaces.msg import Action, Observation
 from rkhs_interfaces.msg import Policy as PolicyMessage
 from rkhs_interfaces.srv import SetPolicy
-from rkhs_ros.experiments.launcher import namespaces
+from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.health import Health
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS, batch_of, doubles, observations_of, policy_of
+from rkhs_ros.nodes.names import namespaces
 from rkhs_ros.nodes.parameters import declared, given, require_known, restarts
 from rkhs_ros.nodes.spin import Server, forever, run
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rkhs.validation import require
 
 MOST_SIMULATORS = 64
 MEMORY = 64  # batches

@@ -7,12 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
+from rkhs_ros.base.validation import require
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance, Variance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rkhs.validation import require
 
 MOST_NUMBERS = 10**8  # that a batch is remembered by, so that no message can ask for more memory than there is
 

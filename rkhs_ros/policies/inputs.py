@@ -10,9 +10,9 @@ from math import comb, prod
 import numpy as np
 from numpy.typing import NDArray
 
+from rkhs_ros.base.settings import setting
+from rkhs_ros.base.validation import require
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rkhs.settings import setting
-from rkhs_ros.rkhs.validation import require
 
 
 @dataclass(frozen=True)

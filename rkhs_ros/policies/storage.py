@@ -13,14 +13,14 @@ from zipfile import ZipFile
 
 import numpy as np
 
-from rkhs_ros.policies.files import write_whole
+from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.settings import build
+from rkhs_ros.base.validation import require
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance, Variance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Kernel, Term, kernel_from_terms
-from rkhs_ros.rkhs.settings import build
-from rkhs_ros.rkhs.validation import require
 
 SCHEMA = 2
 Arrays = dict[str, np.ndarray]

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from rkhs_ros.rkhs.validation import require
+from rkhs_ros.base.validation import require
 
 
 def stream_seed(seed: int, name: str, episode: int) -> int:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rkhs_ros.base.validation import finite_array, require
 from rkhs_ros.rkhs.kernels import Array, Kernel, rowwise_matmul
-from rkhs_ros.rkhs.validation import finite_array, require
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.distance import cdist, pdist
 
-from rkhs_ros.rkhs.validation import pick, require
+from rkhs_ros.base.validation import pick, require
 
 Array = NDArray[np.float64]
 MOST_TERMS = 100  # of a kernel, which is evaluated term within term

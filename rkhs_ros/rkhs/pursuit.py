@@ -15,10 +15,10 @@ from typing import Literal, get_args
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from rkhs_ros.base.validation import require
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array, Kernel
 from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky
-from rkhs_ros.rkhs.validation import require
 
 Fitting = Literal["basic", "back_fitting", "pre_fitting"]
 DEPENDENT = 1e-10  # a candidate this close to the span of the chosen ones, relative to its length, adds nothing

@@ -8,16 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rkhs_ros.experiments.config import Training, training_from
-from rkhs_ros.experiments.rollout import InlineRunner
-from rkhs_ros.experiments.training import Iteration, train
 from rkhs_ros.learning.kernel_choice import KERNELS
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.spaces import OnGrid
+from rkhs_ros.learning.training import Iteration, Training, train, training_from
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.kernels import kernel_from_terms
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.simulation import Simulation
 from sim_nodes.envs import TASKS
-from sim_nodes.simulation import Simulation
 
 SIZES = {"rkhs/PendulumPOMDP-v0": 2}  # of the grid, along each of many dimensions
 WINDOWS = {"rkhs/PendulumPOMDP-v0": 3}
@@ -75,7 +74,8 @@ def bits(policy: GaussianPolicy, x: np.ndarray) -> bytes:
 
 def assert_sound(iteration: Iteration, task: str, training: Training) -> None:
     mean, metrics = iteration.policy.mean, iteration.metrics
-    points = iteration.evaluation.flat(iteration.evaluation.observations)
+    evaluation = iteration.evaluation.seen_through(iteration.policy.inputs)
+    points = evaluation.flat(evaluation.observations)
     on_grid = isinstance(training.algorithm, OnGrid)
     assert np.isfinite(mean.weights).all()
     assert len(mean.centres) == metrics.centres <= (SIZES.get(task, 3) ** mean.input_dim if on_grid else BUDGET)
@@ -114,7 +114,8 @@ def test_an_algorithm_works_with_any_kernel(task: str, algorithm: str, form: str
 @over_algorithms
 def test_the_seed_determines_every_bit(task: str, algorithm: str) -> None:
     (*_, one), (*_, again), (*_, other) = (run(task, settings(task, algorithm, seed=seed)) for seed in (5, 5, 6))
-    x = one.evaluation.flat(one.evaluation.observations)
+    evaluation = one.evaluation.seen_through(one.policy.inputs)
+    x = evaluation.flat(evaluation.observations)
     assert bits(one.policy, x) == bits(again.policy, x)
     assert np.array_equal(one.train_returns, again.train_returns)
     assert np.array_equal(one.mean_policy_returns, again.mean_policy_returns)

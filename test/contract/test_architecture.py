@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-LAYERS = ("rkhs", "policies", "learning", "experiments", "nodes")
+# Each floor imports from itself and from those before it only. sim_nodes stands beside the floors, see below.
+FLOORS = ("base", "rkhs", "policies", "learning", "runs", "robot", "nodes", "pictures", "paper", "app")
 ROS = ("rclpy", "rkhs_interfaces", "rcl_interfaces", "sensor_msgs", "std_msgs", "diagnostic_msgs", "rosgraph_msgs")
 SOURCES = sorted(path for package in ("rkhs_ros", "sim_nodes") for path in (ROOT / package).rglob("*.py"))
 EVERYTHING = sorted(
@@ -34,46 +35,90 @@ def within(name: str, package: str) -> bool:
     return name == package or name.startswith(package + ".")
 
 
-def layer(path: Path) -> int:
-    """Return the place of a module in the order of layers; -1 for the package itself."""
+def floor(path: Path) -> int:
+    """Return the place of a module of rkhs_ros in the order of floors; above all for the package itself."""
     parts = path.relative_to(ROOT / "rkhs_ros").parts
-    return LAYERS.index(parts[0]) if len(parts) > 1 else -1
+    return FLOORS.index(parts[0]) if len(parts) > 1 else len(FLOORS)
+
+
+def upward(names: set[str], place: int) -> list[str]:
+    """Return the imports of a module on a floor that it may not have."""
+    above = [f"rkhs_ros.{name}" for name in FLOORS[place + 1 :]]
+    tasks = ["sim_nodes"] if place < FLOORS.index("app") else []
+    return [name for name in names for package in [*above, *tasks] if within(name, package)]
 
 
 def is_node(path: Path) -> bool:
     return path.is_relative_to(ROOT / "rkhs_ros" / "nodes") or path == ROOT / "sim_nodes" / "simulator_node.py"
 
 
-def test_the_layers_are_all_there() -> None:
+def test_the_floors_are_all_there() -> None:
     packages = {path.parent.name for path in (ROOT / "rkhs_ros").glob("*/__init__.py")}
-    assert packages == set(LAYERS)
+    assert packages == set(FLOORS)
     assert len(SOURCES) > 30
 
 
 @pytest.mark.parametrize(
     "path", [p for p in SOURCES if p.is_relative_to(ROOT / "rkhs_ros")], ids=lambda path: str(path.relative_to(ROOT))
 )
-def test_layers_import_downwards_only(path: Path) -> None:
-    above = LAYERS[layer(path) + 1 :]
-    assert not [name for name in imports(path) for upper in above if within(name, f"rkhs_ros.{upper}")]
+def test_floors_import_downwards_only(path: Path) -> None:
+    assert not upward(imports(path), floor(path))
+
+
+def test_an_import_upwards_is_seen(tmp_path: Path) -> None:
+    for place, name in enumerate(FLOORS[:-1]):
+        module = tmp_path / f"{name}.py"
+        module.write_text(f"def later() -> None:\n    from rkhs_ros.{FLOORS[place + 1]} import something\n")
+        assert upward(imports(module), place)
+        module.write_text("import sim_nodes.envs\n")
+        assert upward(imports(module), place)
+
+
+def test_only_command_line_and_its_nodes_know_the_tasks() -> None:
+    allowed = {
+        "rkhs_ros.base",
+        "rkhs_ros.policies",
+        "rkhs_ros.learning",
+        "rkhs_ros.runs",
+        "rkhs_ros.nodes",
+        "rkhs_ros.rkhs",
+    }
+    for path in (ROOT / "sim_nodes").glob("*.py"):
+        ours = {".".join(name.split(".")[:2]) for name in imports(path) if within(name, "rkhs_ros")}
+        assert ours <= allowed
 
 
 @pytest.mark.parametrize(
     "path",
-    [p for p in SOURCES if p.is_relative_to(ROOT / "rkhs_ros") and layer(p) < LAYERS.index("experiments")],
+    [p for p in SOURCES if p.is_relative_to(ROOT / "rkhs_ros") and floor(p) < FLOORS.index("runs")],
     ids=lambda path: str(path.relative_to(ROOT)),
 )
-def test_learning_and_what_is_below_it_know_no_simulator(path: Path) -> None:
-    assert not [name for name in imports(path) if within(name, "sim_nodes") or within(name, "gymnasium")]
+def test_what_is_below_runs_knows_no_gymnasium(path: Path) -> None:
+    assert not [name for name in imports(path) if within(name, "gymnasium")]
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_matplotlib_is_imported_by_pictures_only(path: Path) -> None:
+    drawing = ("rkhs_ros/pictures", "rkhs_ros/paper")
+    if not path.relative_to(ROOT).as_posix().startswith(drawing):
+        tree = ast.parse(path.read_text())
+        loaded = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
+        names = {alias.name for node in loaded for alias in node.names} | {
+            node.module or "" for node in loaded if isinstance(node, ast.ImportFrom)
+        }
+        assert not [name for name in names if within(name, "matplotlib")]
 
 
 @pytest.mark.parametrize("path", [p for p in SOURCES if not is_node(p)], ids=lambda path: str(path.relative_to(ROOT)))
 def test_ros_is_imported_by_the_nodes_only(path: Path) -> None:
     assert not [name for name in imports(path) for package in ROS if within(name, package)]
-    assert not [name for name in imports(path) if within(name, "rkhs_ros.nodes")]
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "sim_nodes" / "envs").rglob("*.py")), ids=lambda path: path.name)
+@pytest.mark.parametrize(
+    "path",
+    sorted(p for folder in ("envs", "pr2") for p in (ROOT / "sim_nodes" / folder).rglob("*.py")),
+    ids=lambda path: path.name,
+)
 def test_the_tasks_know_nothing_of_learning(path: Path) -> None:
     assert not [name for name in imports(path) if within(name, "rkhs_ros")]
 

@@ -22,7 +22,7 @@ from rkhs_ros.nodes.health import HEALTH_QOS, PERIOD
 from rkhs_ros.nodes.messages import doubles, observation_message, set_policy_request, start_request
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.streams import Batch
-from sim_nodes.simulation import Frame, Simulation
+from rkhs_ros.runs.simulation import Frame, Simulation
 from test.faults.runs import assert_same_bits
 from test.faults.spoilers import ALWAYS, THEN, Spoiler, paths, spoil
 from test.ros.conftest import PATIENCE, Probe, Process, probe

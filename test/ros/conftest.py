@@ -20,10 +20,10 @@ from rclpy.node import Node
 
 from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
-from rkhs_ros.experiments.config import load_config
-from rkhs_ros.experiments.report import resolved
-from rkhs_ros.experiments.transport import by_udp
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS
+from rkhs_ros.nodes.transport import by_udp
+from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.report import resolved
 
 ROOT = Path(__file__).parents[2]
 PATIENCE = 30.0  # seconds; far above what anything here takes
@@ -31,7 +31,7 @@ MODULES = {
     "simulator": "sim_nodes.simulator_node",
     "policy": "rkhs_ros.nodes.policy_node",
     "learner": "rkhs_ros.nodes.learner_node",
-    "rkhs": "rkhs_ros.experiments.cli",
+    "rkhs": "rkhs_ros.app.cli",
     "relay": "test.faults.relay",
 }
 TYPES = {"observation": Observation, "action": Action, "episodes": Episodes}

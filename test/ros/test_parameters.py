@@ -8,8 +8,8 @@ from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.parameter import Parameter
 
-from rkhs_ros.experiments.config import Training
-from rkhs_ros.rkhs.settings import entries
+from rkhs_ros.base.settings import entries
+from rkhs_ros.learning.training import Training
 from test.ros.conftest import Probe, Process
 
 NAMES = [entry.name for entry in entries(Training())]

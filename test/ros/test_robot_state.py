@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rkhs_interfaces.msg import Action
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.policies.streams import Batch
-from sim_nodes.simulation import Simulation
+from rkhs_ros.runs.simulation import Simulation
 from test.ros.conftest import Probe, Process
 
 pytest.importorskip("pybullet", reason="PyBullet is not installed: pip install pybullet==3.2.7")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from rkhs_ros.experiments.cli import main
+from rkhs_ros.app.cli import main
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.spaces import OnGrid
 from sim_nodes.envs import TASKS

@@ -10,7 +10,7 @@ import pytest
 from rkhs_interfaces.msg import Action
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.policies.streams import Batch
-from sim_nodes.simulation import Simulation
+from rkhs_ros.runs.simulation import Simulation
 from test.ros.conftest import Probe, Process
 
 Start = Callable[..., Process]

@@ -10,15 +10,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from rkhs_ros import __version__
-from rkhs_ros.experiments.checkpoint import Checkpoints
-from rkhs_ros.experiments.config import Config, Environment, Training, training_from
-from rkhs_ros.experiments.rollout import InlineRunner
-from rkhs_ros.experiments.training import State, train
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.spaces import OnGrid
+from rkhs_ros.learning.training import State, Training, train, training_from
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import packed, unpacked
-from sim_nodes.simulation import Simulation
+from rkhs_ros.runs.checkpoint import Checkpoints
+from rkhs_ros.runs.config import Config, Environment
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.simulation import Simulation
 
 ROOT = Path(__file__).parents[2]
 TINY = Training(iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=3)

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from rkhs_ros.experiments.cli import main
-from rkhs_ros.experiments.rollout import InlineRunner
+from rkhs_ros.app.cli import main
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import Task, save_policy
 from rkhs_ros.policies.streams import Batch
-from sim_nodes.simulation import Simulation
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.simulation import Simulation
 
 CONFIG = Path(__file__).parents[2] / "config" / "toy_nac.yaml"
 SHORT = ("--runner", "inline", "--iterations", "2")
@@ -71,7 +71,7 @@ def test_list_names_tasks_algorithms_and_kernels(rkhs: Run) -> None:
 def test_train_writes_its_results_and_says_where(rkhs: Run, tmp_path: Path) -> None:
     result = rkhs("train", CONFIG, *SHORT, "--quiet", "--out", tmp_path / "run", "--seed", 3, "--set", "horizon=5")
     assert (result.code, result.err) == (0, "")
-    names = {"config.yaml", "curve.csv", "curve.png", "policy.npz", "policy.png"}
+    names = {"config.yaml", "curve.csv", "curve.png", "episodes.npz", "policy.npz", "policy.png"}
     assert {path.name for path in (tmp_path / "run").iterdir()} == {*names, "checkpoints"}
     assert result.out.startswith("Learnt rkhs/Toy-v0 in 20 episodes")
     assert str(tmp_path / "run" / "curve.png") in result.out
@@ -191,7 +191,7 @@ def test_an_evaluation_out_of_range_ends_with_one_line(rkhs: Run, policy_file: P
 
 
 def test_a_real_process_refuses_and_lists_alike(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "rkhs_ros.experiments.cli"]
+    command = [sys.executable, "-m", "rkhs_ros.app.cli"]
     refused = subprocess.run(
         [*command, "train", CONFIG, *SHORT, "--set", "environment.id=Taxi-v4"],
         cwd=tmp_path,

@@ -5,12 +5,13 @@ from typing import Any
 import pytest
 import yaml
 
-from rkhs_ros.experiments.config import Config, Environment, Training, load_config
-from rkhs_ros.experiments.report import resolved
+from rkhs_ros.base.settings import entries
 from rkhs_ros.learning.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.steps import KLStep
-from rkhs_ros.rkhs.settings import entries
-from sim_nodes.simulation import Simulation
+from rkhs_ros.learning.training import Training
+from rkhs_ros.runs.config import Config, Environment, load_config
+from rkhs_ros.runs.report import resolved
+from rkhs_ros.runs.simulation import Simulation
 
 CONFIGS = sorted((Path(__file__).parents[2] / "config").glob("*.yaml"))
 MINIMAL = "simulator: {ros__parameters: {environment: {id: rkhs/Toy-v0}}}\n"

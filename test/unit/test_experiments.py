@@ -5,16 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rkhs_ros.experiments.claims import CLAIMS
-from rkhs_ros.experiments.cli import main
-from rkhs_ros.experiments.experiment import Curve, Experiment, Panel, known, load_experiment
-from rkhs_ros.experiments.figures import draw_experiment
-from rkhs_ros.experiments.reproduce import reproduce
-from rkhs_ros.experiments.results import results
-from rkhs_ros.experiments.rollout import InlineRunner
-from rkhs_ros.experiments.table import load_table
-from rkhs_ros.experiments.training import train
-from sim_nodes.simulation import Simulation
+from rkhs_ros.app.cli import main
+from rkhs_ros.learning.training import train
+from rkhs_ros.paper.claims import CLAIMS
+from rkhs_ros.paper.experiment import Curve, Experiment, Panel, known, load_experiment
+from rkhs_ros.paper.figures import draw_experiment
+from rkhs_ros.paper.reproduce import reproduce
+from rkhs_ros.paper.results import results
+from rkhs_ros.paper.table import load_table
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.simulation import Simulation
 
 ROOT = Path(__file__).parents[2]
 SHORT = ("iterations=2", "horizon=5", "episodes_per_iteration=2", "evaluation_episodes=2")

@@ -9,20 +9,20 @@ from gymnasium.spaces import Box
 from matplotlib.figure import Figure
 from PIL import Image
 
-from rkhs_ros.experiments import film_files
-from rkhs_ros.experiments.cli import main
-from rkhs_ros.experiments.film import Film, shoot
-from rkhs_ros.experiments.film_files import animate, draw_strip
-from rkhs_ros.experiments.rollout import InlineRunner
+from rkhs_ros.app.cli import main
+from rkhs_ros.pictures import film_files
+from rkhs_ros.pictures.film import Film, shoot
+from rkhs_ros.pictures.film_files import animate, draw_strip
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import Task, save_policy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.simulation import Simulation
 from sim_nodes.envs.pendulum import Pendulum
 from sim_nodes.envs.toy import Toy
-from sim_nodes.simulation import Simulation
 
 TOY = Task("rkhs/Toy-v0", {}, 20, 0.99)
 Make = Callable[..., GaussianPolicy]

@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rkhs_ros.experiments.rollout import InlineRunner
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Polynomial
-from sim_nodes.simulation import Simulation
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.simulation import Simulation
 
 MakePolicy = Callable[..., GaussianPolicy]
 over_inputs = pytest.mark.parametrize(

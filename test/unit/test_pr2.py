@@ -16,11 +16,11 @@ from gymnasium.utils.env_checker import check_env
 from scipy.spatial.transform import Rotation
 
 from rkhs_ros.policies.streams import Batch
+from rkhs_ros.runs.simulation import Simulation
 from sim_nodes.pr2 import demonstration, door, robot
 from sim_nodes.pr2.demonstration import TORSO, minimum_jerk
 from sim_nodes.pr2.kinematics import arm_chain, rotation_about
 from sim_nodes.pr2.motion import Motion, adapted
-from sim_nodes.simulation import Simulation
 
 pytest.importorskip("pybullet", reason="PyBullet is not installed: pip install pybullet==3.2.7")
 
@@ -502,7 +502,7 @@ def test_without_pybullet_the_task_is_known_and_says_what_to_install() -> None:
     code = (
         f"import sys; sys.path[:] = {sys.path!r}; sys.modules['pybullet'] = None\n"
         "import gymnasium, sim_nodes.envs\n"
-        "from sim_nodes.simulation import Simulation\n"
+        "from rkhs_ros.runs.simulation import Simulation\n"
         f"gymnasium.spec('{TASK}')\n"
         f"try: gymnasium.make('{TASK}')\n"
         "except gymnasium.error.DependencyNotInstalled as error: print(error)\n"

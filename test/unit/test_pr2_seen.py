@@ -8,15 +8,15 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from rkhs_ros.experiments.film import shoot
-from rkhs_ros.experiments.rollout import InlineRunner
+from rkhs_ros.pictures.film import shoot
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF
-from sim_nodes.simulation import Simulation
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.simulation import Simulation
 
 pytest.importorskip("pybullet", reason="PyBullet is not installed: pip install pybullet==3.2.7")
 
@@ -121,7 +121,8 @@ def test_without_a_display_a_window_is_refused_with_one_line(name: str | None) -
     variables = {k: v for k, v in os.environ.items() if k != "DISPLAY"} | ({} if name is None else {"DISPLAY": name})
     code = (
         f"import sys; sys.path[:] = {sys.path!r}\n"
-        "from sim_nodes.simulation import Simulation\n"
+        "import sim_nodes.envs\n"
+        "from rkhs_ros.runs.simulation import Simulation\n"
         f"try: Simulation('{TASK}', {{'gui': True}})\n"
         "except ValueError as error: print(error)\n"
     )

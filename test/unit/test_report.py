@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rkhs_ros.experiments.config import Config, Environment, Training, load_config
-from rkhs_ros.experiments.report import Report, new_folder, summary
-from rkhs_ros.experiments.rollout import InlineRunner
-from rkhs_ros.experiments.run import run_training
-from rkhs_ros.experiments.training import train
+from rkhs_ros.learning.training import Training, train
+from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.policies.storage import load_policy
-from sim_nodes.simulation import Simulation
+from rkhs_ros.runs.config import Config, Environment, load_config
+from rkhs_ros.runs.report import Report, new_folder, summary
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.run import run_training
+from rkhs_ros.runs.simulation import Simulation
 
 TRAINING = Training(name="short", iterations=2, episodes_per_iteration=3, evaluation_episodes=2, horizon=8)
 CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
@@ -38,8 +39,9 @@ def test_a_run_leaves_what_happened_in_it(
 ) -> None:
     folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
     assert sorted(p.name for p in folder.iterdir()) == [
-        *("checkpoints", "config.yaml", "curve.csv", "curve.png", "policy.npz", "policy.png")
+        *("checkpoints", "config.yaml", "curve.csv", "episodes.npz", "policy.npz")
     ]
+    assert draw_run(folder) == [folder / "curve.png", folder / "policy.png"]
     assert all((folder / name).read_bytes().startswith(b"\x89PNG") for name in ("curve.png", "policy.png"))
     assert load_config(folder / "config.yaml") == CONFIG
 

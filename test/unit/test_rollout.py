@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box
 
-from rkhs_ros.experiments.rollout import InlineRunner
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.simulation import Simulation
 from sim_nodes.envs.pendulum import Pendulum
-from sim_nodes.simulation import Simulation
 
 MakePolicy = Callable[..., GaussianPolicy]
 ARRAYS = ("observations", "actions", "rewards", "mask")

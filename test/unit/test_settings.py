@@ -3,12 +3,12 @@ from typing import Any
 
 import pytest
 
-from rkhs_ros.experiments.config import Training, training_from
+from rkhs_ros.base.settings import build, entries, setting
 from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.rkhs_power import RKHSPoWER
 from rkhs_ros.learning.steps import FixedStep
-from rkhs_ros.rkhs.settings import build, entries, setting
+from rkhs_ros.learning.training import Training, training_from
 
 
 @dataclass(frozen=True)

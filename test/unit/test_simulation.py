@@ -7,7 +7,7 @@ import pytest
 from gymnasium.spaces import Box
 
 from rkhs_ros.policies.streams import Batch
-from sim_nodes.simulation import Simulation
+from rkhs_ros.runs.simulation import Simulation
 
 
 class Walk(gymnasium.Env[np.ndarray, np.ndarray]):

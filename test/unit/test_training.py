@@ -6,19 +6,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rkhs_ros.experiments.config import Training, load_config
-from rkhs_ros.experiments.rollout import InlineRunner
-from rkhs_ros.experiments.training import Collector, first_policy, first_state, train
 from rkhs_ros.learning.algorithm import Experience, Update
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.training import Collector, Training, first_policy, first_state, train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import RBF, median_bandwidth
-from sim_nodes.simulation import Simulation
+from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.simulation import Simulation
 
 SHORT = Training(iterations=3, episodes_per_iteration=4, evaluation_episodes=2, horizon=10, exploration_sd=(0.5,))
 CONFIG = Path(__file__).parents[2] / "config"
@@ -142,7 +142,7 @@ def test_no_episode_is_used_twice_and_exploring_ones_are_counted() -> None:
     numbers: dict[bool, list[float]] = {True: [], False: []}
     for episodes in (2, 0, 5, 1):
         got = collector.evaluate(policy) if episodes == 0 else collector.explore(policy, episodes)
-        assert got.observations.shape[2] == inputs.dimension(2, 1)
+        assert got.observations.shape[2] == (inputs.dimension(2, 1) if episodes else 2)
         assert (got.rewards == float(episodes > 0)).all()
         numbers[episodes > 0] += got.observations[:, 0, 0].tolist()
     assert numbers == {True: list(range(8)), False: [0, 1, 2]}

@@ -2,7 +2,7 @@
 
 import pytest
 
-from rkhs_ros.experiments.transport import LOOPBACK, PROFILES, RANGE, by_udp
+from rkhs_ros.nodes.transport import LOOPBACK, PROFILES, RANGE, by_udp
 
 
 def test_nodes_confined_to_this_machine_stay_so() -> None:

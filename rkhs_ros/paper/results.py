@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from rkhs_ros.experiments.claims import CLAIMS
-from rkhs_ros.experiments.experiment import Experiment, load_experiment
-from rkhs_ros.experiments.table import Table, load_table
+from rkhs_ros.paper.claims import CLAIMS
+from rkhs_ros.paper.experiment import Experiment, load_experiment
+from rkhs_ros.paper.table import Table, load_table
 
 HEAD = """# The paper's figures, made again
 

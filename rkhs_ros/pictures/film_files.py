@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image, ImageDraw
 
-from rkhs_ros.experiments.film import Film, Pictures, spread
+from rkhs_ros.pictures.film import Film, Pictures, spread
 
 MOMENTS = 8  # of the strip
 SECONDS = 6.0  # that the animation lasts

@@ -2,21 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from rkhs_ros.experiments.config import Training
-from rkhs_ros.learning.algorithm import Experience, Metrics
+from rkhs_ros.base.settings import build, setting, variant
+from rkhs_ros.base.validation import require
+from rkhs_ros.learning.algorithm import Algorithm, Experience, Metrics
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.kernel_choice import KernelChoice
+from rkhs_ros.learning.registry import ALGORITHMS
+from rkhs_ros.learning.rkhs_nac import RKHSNAC
 from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF
-from rkhs_ros.rkhs.validation import require
+
+
+@dataclass(frozen=True)
+class Training:
+    """The learner's settings."""
+
+    name: str = setting("run", "name of the run and of its folder of results")
+    seed: int = setting(0, "seed of all randomness", minimum=0, maximum=2**63 - 1)
+    iterations: int = setting(40, "number of policy updates", minimum=1, maximum=10**6)
+    episodes_per_iteration: int = setting(10, "exploring episodes before each update", minimum=1, maximum=10_000)
+    evaluation_episodes: int = setting(10, "noise-free episodes after each update", minimum=1, maximum=10_000)
+    horizon: int = setting(100, "steps of an episode", minimum=1, maximum=10**6)
+    discount: float = setting(0.99, "discount factor of the return, per step", minimum=0.0, maximum=1.0)
+    exploration_sd: tuple[float, ...] = setting(
+        (1.0,), "first standard deviation of the actions, one or one per dimension", minimum=1e-6, maximum=1e6
+    )
+    simulators: int = setting(
+        1, "simulator nodes that share the episodes of a batch; no result depends on it", minimum=1, maximum=64
+    )
+    timeout: float = setting(20.0, "seconds after which a silent node ends the run", minimum=0.1, maximum=3600.0)
+    inputs: Inputs = Inputs()
+    kernel: KernelChoice = KernelChoice()
+    algorithm: Algorithm = variant(RKHSNAC(), ALGORITHMS, "name")
+
+
+def training_from(tree: Mapping[str, Any]) -> Training:
+    """Return the learner's settings from a tree of values.
+
+    Raises:
+        ValueError: an unknown key or a value that does not fit.
+    """
+    return build(Training, tree)
 
 
 class Runner(Protocol):
@@ -59,7 +95,7 @@ class Iteration:
         state: where the run is after it.
         train_returns: returns of this iteration's exploring episodes, before the update, shape (N,).
         mean_policy_returns: returns of noise-free episodes after the update.
-        evaluation: those noise-free episodes, with the policy's inputs as observations.
+        evaluation: those noise-free episodes.
         metrics: what the update did.
     """
 
@@ -130,17 +166,17 @@ class Collector:
     def explore(self, policy: GaussianPolicy, episodes: int) -> Episodes:
         """Return a number of exploring episodes, with the policy's inputs as observations."""
         first, self.explored = self.explored, self.explored + episodes
-        return self._collect(policy, first, episodes, explore=True)
+        return self._collect(policy, first, episodes, explore=True).seen_through(policy.inputs)
 
     def evaluate(self, policy: GaussianPolicy) -> Episodes:
-        """Return noise-free episodes, with the policy's inputs as observations."""
+        """Return noise-free episodes."""
         episodes = self._training.evaluation_episodes
         first, self.evaluated = self.evaluated, self.evaluated + episodes
         return self._collect(policy, first, episodes, explore=False)
 
     def _collect(self, policy: GaussianPolicy, first: int, episodes: int, *, explore: bool) -> Episodes:
         batch = Batch(self._training.seed, first, episodes, self._training.horizon, explore=explore)
-        return self._runner.collect(policy, batch).seen_through(policy.inputs)
+        return self._runner.collect(policy, batch)
 
 
 def train(training: Training, runner: Runner, state: State | None = None) -> Iterator[Iteration]:

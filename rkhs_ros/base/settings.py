@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import Field, field, fields, is_dataclass
 from typing import Any, NamedTuple, TypeVar, get_type_hints
 
-from rkhs_ros.rkhs.validation import hint, pick, require
+from rkhs_ros.base.validation import hint, pick, require
 
 SCIENTIFIC = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")  # 1e6 is a number to ROS, but text to YAML 1.1
 T = TypeVar("T")

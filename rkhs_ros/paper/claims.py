@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rkhs_ros.experiments.table import Table
+from rkhs_ros.paper.table import Table
 from rkhs_ros.rkhs.kernels import Array
 
 POLYNOMIAL, RBF, FIXED = (

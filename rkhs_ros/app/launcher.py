@@ -17,7 +17,8 @@ from types import FrameType
 
 import yaml
 
-from rkhs_ros.experiments.transport import by_udp
+from rkhs_ros.nodes.names import node_names
+from rkhs_ros.nodes.transport import by_udp
 
 FAILED = 1  # exit code
 PATIENCE = 5.0  # seconds that a node has to end after a signal
@@ -32,16 +33,6 @@ MODULES = {
 }
 _libc = ctypes.CDLL(None)
 _END_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
-
-
-def namespaces(simulators: int) -> list[str]:
-    """Return the namespaces of that many simulator nodes, relative ones with their slash; none for a single one."""
-    return [""] if simulators == 1 else [f"simulator_{k + 1}/" for k in range(simulators)]
-
-
-def node_names(simulators: int) -> list[str]:
-    """Return the names of all nodes of a run, the learner's last."""
-    return [*(f"{namespace}simulator" for namespace in namespaces(simulators)), "policy", "learner"]
 
 
 class NodeProcess:

@@ -8,7 +8,7 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
-from sim_nodes.simulation import Frame, Simulation
+from rkhs_ros.runs.simulation import Frame, Simulation
 
 
 class EpisodeRecorder:

@@ -1,4 +1,4 @@
-"""What a run leaves in its folder: configuration, learning curve, policy and pictures."""
+"""What a run leaves in its folder: configuration, learning curve, policy and episodes."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
 
-import numpy as np
 import yaml
 
-from rkhs_ros.experiments.config import Config
-from rkhs_ros.experiments.curve import Curve, Row
-from rkhs_ros.experiments.pictures import draw_curve, draw_policy
-from rkhs_ros.experiments.training import Iteration
-from rkhs_ros.policies.files import write_whole
+from rkhs_ros.base.files import write_whole
+from rkhs_ros.learning.training import Iteration
 from rkhs_ros.policies.storage import save_policy
+from rkhs_ros.runs.config import Config
+from rkhs_ros.runs.curve import Curve, Row
+from rkhs_ros.runs.episode_files import save_episodes
 
 BEFORE_A_RUN = {"checkpoints", "config.yaml.part"}  # what a run killed before it began may leave
 
@@ -56,7 +55,7 @@ class Report:
     """The results of a run, written as it goes.
 
     Owns the files of its folder, less the checkpoints: config.yaml is there from the beginning, curve.csv grows with
-    the run, policy.npz and the pictures come with `finish`.
+    the run, policy.npz and episodes.npz come with `finish`.
 
     Args:
         folder: an empty folder, or that of the run that goes on.
@@ -100,7 +99,7 @@ class Report:
         self._last = iteration
 
     def finish(self) -> None:
-        """Write the policy and the pictures of what was learnt so far.
+        """Write the policy learnt so far, and its last noise-free episodes.
 
         Raises:
             OSError: one cannot be written.
@@ -108,13 +107,7 @@ class Report:
         if self._last is None:
             return
         save_policy(self.folder / "policy.npz", self._last.policy, self._config.task)
-        rows = self._curve.rows()
-        numbers, train, mean = (
-            np.array([getattr(row, name) for row in rows])
-            for name in ("iteration", "train_return", "mean_policy_return")
-        )
-        draw_curve(self.folder / "curve.png", numbers, train, mean, self._config.task)
-        draw_policy(self.folder / "policy.png", self._last.policy, self._last.evaluation)
+        save_episodes(self.folder / "episodes.npz", self._last.evaluation, self._config.task)
 
 
 def resolved(config: Config) -> str:

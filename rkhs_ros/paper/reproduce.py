@@ -14,17 +14,16 @@ from joblib import Parallel, delayed
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from rkhs_ros.experiments.config import Config
-from rkhs_ros.experiments.experiment import Experiment
-from rkhs_ros.experiments.rollout import InlineRunner
-from rkhs_ros.experiments.training import Iteration, train
-from rkhs_ros.policies.files import write_whole
-from sim_nodes.simulation import Simulation
+from rkhs_ros.base.files import write_whole
+from rkhs_ros.learning.training import Iteration
+from rkhs_ros.paper.experiment import Experiment
+from rkhs_ros.runs.config import Config
 
+Make = Callable[[Config], Iterable[Iteration]]
 COLUMNS = ("panel", "curve", "run", "iteration", "episodes", "train_return", "mean_policy_return")
 
 
-def reproduce(experiment: Experiment, out: Path, *, runs: int, jobs: int, quiet: bool = False) -> Path:
+def reproduce(experiment: Experiment, out: Path, make: Make, *, runs: int, jobs: int, quiet: bool = False) -> Path:
     """Make all runs of an experiment and return its table, a csv file.
 
     A run is filed under its settings in ``out/runs``, and not made again where it is there already.
@@ -32,6 +31,7 @@ def reproduce(experiment: Experiment, out: Path, *, runs: int, jobs: int, quiet:
     Args:
         experiment: what to compare.
         out: folder for the table and the runs.
+        make: makes a run; a function of a module, for it is called in other processes.
         runs: number of runs of each curve.
         jobs: number of processes.
         quiet: without progress bar.
@@ -45,23 +45,22 @@ def reproduce(experiment: Experiment, out: Path, *, runs: int, jobs: int, quiet:
         for config in [curve.run(run)]
     }
     missing = {file: config for config, file in places.values() if not file.exists()}
-    _make(missing, jobs, experiment.name, quiet)
+    _make(missing, make, jobs, experiment.name, quiet)
     lines = ((*key, *line) for key, (_, file) in places.items() for line in _lines(file))
     return _write(out / f"{experiment.name}.csv", COLUMNS, (map(_short, line) for line in lines))
 
 
-def _make(missing: dict[Path, Config], jobs: int, name: str, quiet: bool) -> None:
+def _make(missing: dict[Path, Config], make: Make, jobs: int, name: str, quiet: bool) -> None:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, TimeRemainingColumn(), console=Console(file=sys.stderr), disable=quiet) as progress:
         bar = progress.add_task(name, total=len(missing))
-        work = (delayed(_run)(config, file) for file, config in missing.items())
+        work = (delayed(_run)(config, file, make) for file, config in missing.items())
         for _ in Parallel(n_jobs=jobs, return_as="generator_unordered")(work):
             progress.advance(bar)
 
 
-def _run(config: Config, file: Path) -> None:
-    runner = InlineRunner(Simulation(config.environment.id, config.environment.options))
-    lines = [_line(iteration) for iteration in train(config.training, runner)]
+def _run(config: Config, file: Path, make: Make) -> None:
+    lines = [_line(iteration) for iteration in make(config)]
     _write(file, COLUMNS[3:], lines)
 
 

@@ -10,13 +10,13 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from rkhs_ros.experiments.checkpoint import Checkpoints
-from rkhs_ros.experiments.config import Config
-from rkhs_ros.experiments.curve import Curve
-from rkhs_ros.experiments.lock import locked
-from rkhs_ros.experiments.report import Report, new_folder, old_folder
-from rkhs_ros.experiments.training import Iteration, Runner, train
-from rkhs_ros.rkhs.validation import require
+from rkhs_ros.base.lock import locked
+from rkhs_ros.base.validation import require
+from rkhs_ros.learning.training import Iteration, Runner, train
+from rkhs_ros.runs.checkpoint import Checkpoints
+from rkhs_ros.runs.config import Config
+from rkhs_ros.runs.curve import Curve
+from rkhs_ros.runs.report import Report, new_folder, old_folder
 
 
 def run_training(

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rkhs_ros.experiments.experiment import Experiment, Panel
-from rkhs_ros.experiments.pictures import references
-from rkhs_ros.experiments.table import Returns, Table
+from rkhs_ros.paper.experiment import Experiment, Panel
+from rkhs_ros.paper.table import Returns, Table
+from rkhs_ros.pictures.run_pictures import references
 from rkhs_ros.rkhs.kernels import Array
 
 CONFIDENCE = 1.96  # standard errors on both sides of 95 %

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from rkhs_ros import __version__
-from rkhs_ros.experiments.config import Config
-from rkhs_ros.experiments.training import State
+from rkhs_ros.base.files import sync_to_disk, write_whole
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.policies.files import sync_to_disk, write_whole
+from rkhs_ros.learning.training import State
 from rkhs_ros.policies.storage import packed, policy_arrays, policy_of, unpacked
+from rkhs_ros.runs.config import Config
 
 SCHEMA = 1
 SYNC_EVERY = 1.0  # seconds; waiting for the disk takes longer than many an iteration

@@ -9,37 +9,10 @@ from typing import Any
 
 import yaml
 
-from rkhs_ros.learning.algorithm import Algorithm
-from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.learning.registry import ALGORITHMS
-from rkhs_ros.learning.rkhs_nac import RKHSNAC
-from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.base.settings import entries
+from rkhs_ros.base.validation import hint, require
+from rkhs_ros.learning.training import Training, training_from
 from rkhs_ros.policies.storage import Task
-from rkhs_ros.rkhs.settings import build, entries, setting, variant
-from rkhs_ros.rkhs.validation import hint, require
-
-
-@dataclass(frozen=True)
-class Training:
-    """The learner's settings."""
-
-    name: str = setting("run", "name of the run and of its folder of results")
-    seed: int = setting(0, "seed of all randomness", minimum=0, maximum=2**63 - 1)
-    iterations: int = setting(40, "number of policy updates", minimum=1, maximum=10**6)
-    episodes_per_iteration: int = setting(10, "exploring episodes before each update", minimum=1, maximum=10_000)
-    evaluation_episodes: int = setting(10, "noise-free episodes after each update", minimum=1, maximum=10_000)
-    horizon: int = setting(100, "steps of an episode", minimum=1, maximum=10**6)
-    discount: float = setting(0.99, "discount factor of the return, per step", minimum=0.0, maximum=1.0)
-    exploration_sd: tuple[float, ...] = setting(
-        (1.0,), "first standard deviation of the actions, one or one per dimension", minimum=1e-6, maximum=1e6
-    )
-    simulators: int = setting(
-        1, "simulator nodes that share the episodes of a batch; no result depends on it", minimum=1, maximum=64
-    )
-    timeout: float = setting(20.0, "seconds after which a silent node ends the run", minimum=0.1, maximum=3600.0)
-    inputs: Inputs = Inputs()
-    kernel: KernelChoice = KernelChoice()
-    algorithm: Algorithm = variant(RKHSNAC(), ALGORITHMS, "name")
 
 
 @dataclass(frozen=True)
@@ -92,15 +65,6 @@ class Config:
             "simulator": {"ros__parameters": {"environment": environment}},
             "learner": {"ros__parameters": learner},
         }
-
-
-def training_from(tree: Mapping[str, Any]) -> Training:
-    """Return the learner's settings from a tree of values.
-
-    Raises:
-        ValueError: an unknown key or a value that does not fit.
-    """
-    return build(Training, tree)
 
 
 def environment_from(tree: Mapping[str, Any]) -> Environment:

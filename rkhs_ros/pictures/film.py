@@ -12,14 +12,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rkhs_ros.experiments.rollout import InlineRunner
+from rkhs_ros.base.validation import require
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rkhs.validation import require
-from sim_nodes.envs.vector_task import VectorTask
-from sim_nodes.simulation import Simulation
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.shown import DrawsItself
+from rkhs_ros.runs.simulation import Simulation
 
 Pictures = NDArray[np.uint8]  # RGB, shape (height, width, 3), or several of them
 FEWEST, MOST, USUAL = 2, 200, 60  # pictures of a film
@@ -57,7 +57,7 @@ def shoot(policy: GaussianPolicy, task: Task, runner: InlineRunner, *, seed: int
     simulation.start(batch)
     if hasattr(simulation.vector, "render_frames"):
         return _watched(policy, batch, simulation, frames)
-    own = isinstance(simulation.vector, VectorTask)
+    own = isinstance(simulation.vector, DrawsItself)
     shown, look = (simulation, _drawn) if own else (_with_pictures(task, simulation), _rendered)
     steps = spread(int(runner.collect(policy, batch).mask[0].sum()), frames)
     pictures = np.array(list(_moments(policy, batch, shown, steps, look)))

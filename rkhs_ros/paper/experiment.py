@@ -9,8 +9,8 @@ from typing import Any
 
 import yaml
 
-from rkhs_ros.experiments.config import Config, load_config
-from rkhs_ros.rkhs.validation import pick, require
+from rkhs_ros.base.validation import pick, require
+from rkhs_ros.runs.config import Config, load_config
 
 BANDS = ("confidence", "sd")
 

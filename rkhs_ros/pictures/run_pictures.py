@@ -1,4 +1,4 @@
-"""Pictures of a run: the learning curve, and the policy over the state space."""
+"""Pictures of a run, made from its folder: the learning curve, and the policy over the state space."""
 
 from __future__ import annotations
 
@@ -12,14 +12,34 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from rkhs_ros.base.files import write_whole
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.policies.files import write_whole
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.storage import Task
+from rkhs_ros.policies.storage import Task, load_policy
 from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.runs.curve import Curve
+from rkhs_ros.runs.episode_files import load_episodes
 
 mpl.rcParams["axes.spines.top"] = mpl.rcParams["axes.spines.right"] = False
 REFERENCE_DISCOUNT = 0.99
+
+
+def draw_run(folder: Path) -> list[Path]:
+    """Draw curve.png and policy.png of a run from what it left in its folder; return them.
+
+    Raises:
+        ValueError: a file of the run is damaged.
+        OSError: one is missing, or a picture cannot be written.
+    """
+    policy, task = load_policy(folder / "policy.npz")
+    rows = Curve(folder / "curve.csv").rows()
+    numbers, train, mean = (
+        np.array([getattr(row, name) for row in rows]) for name in ("iteration", "train_return", "mean_policy_return")
+    )
+    pictures = [folder / "curve.png", folder / "policy.png"]
+    draw_curve(pictures[0], numbers, train, mean, task)
+    draw_policy(pictures[1], policy, load_episodes(folder / "episodes.npz")[0].seen_through(policy.inputs))
+    return pictures
 
 
 def draw_curve(path: Path, iterations: Array, train: Array, mean: Array, task: Task) -> None:

@@ -11,9 +11,9 @@ from gymnasium.spaces import Box
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
+from rkhs_ros.base.validation import hint
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.rkhs.validation import hint
-from sim_nodes.envs.vector_task import JointStates, VectorTask, clip  # its package registers the tasks
+from rkhs_ros.runs.shown import HasRobot, JointStates
 
 Array = NDArray[np.float64]
 
@@ -71,7 +71,7 @@ class Simulation:
     def step(self, actions: Array) -> Frame:
         """Make a step in all rows with actions of shape (rows, n), not clipped."""
         space = self._current.single_action_space
-        clipped = clip(actions, self.action_low, self.action_high)
+        clipped = np.minimum(np.maximum(actions, self.action_low), self.action_high)  # faster than np.clip on few
         shaped = clipped.reshape(len(actions), *(space.shape or ())).astype(space.dtype, copy=False)
         observations, rewards, terminated, truncated, _ = self._current.step(shaped)
         rewards = np.where(self._active, rewards, 0.0)
@@ -80,12 +80,12 @@ class Simulation:
 
     def joint_states(self) -> JointStates | None:
         """Return what the robot of the first row did in the step just made; None for nothing, or no robot."""
-        return self.vector.joint_states() if isinstance(self.vector, VectorTask) else None
+        return self.vector.joint_states() if isinstance(self.vector, HasRobot) else None
 
     def robot_description(self) -> str | None:
         """Return the robot's URDF; None for a task without a robot."""
         task = self._vector(1, 1)
-        return task.robot_description() if isinstance(task, VectorTask) else None
+        return task.robot_description() if isinstance(task, HasRobot) else None
 
     @property
     def vector(self) -> VectorEnv[Any, Any, Any]:
@@ -126,9 +126,7 @@ def _make(environment: str, options: dict[str, Any], rows: int, horizon: int) ->
 
 def _step_seconds(vector: VectorEnv[Any, Any, Any]) -> float:
     """Return the seconds of the task's own time that a step stands for; 1 where it does not say."""
-    if isinstance(vector, VectorTask):
-        return vector.step_seconds
-    return float(1.0 / vector.metadata.get("render_fps", 1.0))
+    return float(getattr(vector, "step_seconds", 1.0 / vector.metadata.get("render_fps", 1.0)))
 
 
 def _continuous(space: gymnasium.Space[Any], what: str) -> Box:

@@ -11,25 +11,27 @@ from pathlib import Path
 
 import gymnasium
 
-from rkhs_ros.experiments.config import load_config
-from rkhs_ros.experiments.experiment import known, load_experiment
-from rkhs_ros.experiments.figures import draw_experiment
-from rkhs_ros.experiments.film import USUAL, shoot
-from rkhs_ros.experiments.film_files import animate, draw_strip
-from rkhs_ros.experiments.launcher import NodeProcess, launch
-from rkhs_ros.experiments.report import new_folder, old_folder, resolved, summary
-from rkhs_ros.experiments.reproduce import reproduce
-from rkhs_ros.experiments.results import results
-from rkhs_ros.experiments.rollout import InlineRunner
-from rkhs_ros.experiments.run import run_training
-from rkhs_ros.experiments.table import load_table
+from rkhs_ros.app.inline import iterations
+from rkhs_ros.app.launcher import NodeProcess, launch
+from rkhs_ros.base.validation import require
 from rkhs_ros.learning.kernel_choice import KERNELS
 from rkhs_ros.learning.registry import ALGORITHMS
+from rkhs_ros.paper.experiment import known, load_experiment
+from rkhs_ros.paper.figures import draw_experiment
+from rkhs_ros.paper.reproduce import reproduce
+from rkhs_ros.paper.results import results
+from rkhs_ros.paper.table import load_table
+from rkhs_ros.pictures.film import USUAL, shoot
+from rkhs_ros.pictures.film_files import animate, draw_strip
+from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import Task, load_policy
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.rkhs.validation import require
-from sim_nodes.simulation import Simulation  # its package registers the tasks
+from rkhs_ros.runs.config import Config, load_config
+from rkhs_ros.runs.report import new_folder, old_folder, resolved, summary
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.run import run_training
+from rkhs_ros.runs.simulation import Simulation
 
 OURS = "rkhs/"  # what the names of the tasks begin with
 BAD_INPUT = 2
@@ -67,16 +69,24 @@ def _train(options: argparse.Namespace) -> int:
             "none",
         )
     folder = options.resume or new_folder(options.out, config.training.name)
-    if options.runner == "inline":
-        run_training(config, InlineRunner(simulation), folder, quiet=options.quiet, resume=bool(options.resume))
-        code = 0
-    else:
-        more = [f"output:={folder.resolve()}", f"quiet:={options.quiet}".lower()]
-        more += ["resume:=true"] if options.resume else []
-        code = launch(resolved(config), more, simulators=config.training.simulators)
+    try:
+        code = _run(options, config, simulation, folder)
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    if code != BAD_INPUT and (folder / "policy.npz").is_file():
+        draw_run(folder)
     if code == 0:
         print(summary(folder, config))
     return code
+
+
+def _run(options: argparse.Namespace, config: Config, simulation: Simulation, folder: Path) -> int:
+    if options.runner == "inline":
+        run_training(config, InlineRunner(simulation), folder, quiet=options.quiet, resume=bool(options.resume))
+        return 0
+    more = [f"output:={folder.resolve()}", f"quiet:={options.quiet}".lower()]
+    more += ["resume:=true"] if options.resume else []
+    return launch(resolved(config), more, simulators=config.training.simulators)
 
 
 def _check_train(options: argparse.Namespace) -> None:
@@ -134,7 +144,7 @@ def _reproduce(options: argparse.Namespace) -> int:
     names = list(known()) if options.figure == "all" else [options.figure]
     for experiment in [load_experiment(name) for name in names]:
         runs = options.runs or experiment.runs
-        table = reproduce(experiment, options.out, runs=runs, jobs=options.jobs, quiet=options.quiet)
+        table = reproduce(experiment, options.out, iterations, runs=runs, jobs=options.jobs, quiet=options.quiet)
         picture = table.with_suffix(".png")
         draw_experiment(picture, experiment, load_table(table))
         print(f"{experiment.name}: {table} and {picture}")

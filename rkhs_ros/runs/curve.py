@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple, get_type_hints
 
-from rkhs_ros.policies.files import named, write_whole
+from rkhs_ros.base.files import named, write_whole
 
 END = "\r\n"
 

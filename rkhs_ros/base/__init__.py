@@ -1,0 +1,1 @@
+"""Settings, validation, files and locks: what every floor stands on."""

@@ -1,0 +1,1 @@
+"""The paper's figures made again, and its claims judged by them."""

@@ -1,0 +1,1 @@
+"""Stills and films of runs and policies."""

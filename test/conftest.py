@@ -1,0 +1,3 @@
+"""The project's own tasks are registered for every test."""
+
+import sim_nodes.envs  # noqa: F401
