@@ -2,7 +2,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help build demo test test-fast test-faults lint types bench clean
+.PHONY: help build demo test test-fast test-faults lint types bench docs pictures pictures-pr2 clean
 
 # Where ROS 2 Jazzy is installed and sourced it is used; elsewhere it comes as wheels for Python 3.11.
 ifeq ($(ROS_DISTRO)$(if $(AMENT_PREFIX_PATH),+sourced),jazzy+sourced)
@@ -23,7 +23,7 @@ BUILT := install/.built
 ENTER := . ./setup.bash &&
 
 help: ## print this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 build: $(BUILT) ## install the dependencies into .venv, build the workspace
 
@@ -69,5 +69,19 @@ types: build ## static types
 bench: build ## measure speed
 	@$(ENTER) for script in benchmarks/*.py; do python "$$script"; done
 
+docs: build .venv/.docs ## build the documentation site in docs/_build/html
+	@$(ENTER) python -m sphinx -q -W --keep-going -b html docs docs/_build/html
+	@echo docs/_build/html/index.html
+
+.venv/.docs: requirements/docs.txt | $(VENV)
+	@.venv/bin/python -m pip install -qq --disable-pip-version-check -r $<
+	@touch $@
+
+pictures: build ## make the pictures of the README: the pendulum as it learns
+	@$(ENTER) python docs/make_pictures.py
+
+pictures-pr2: build ## make the pictures of the PR2's door: minutes
+	@$(ENTER) python docs/make_pr2_pictures.py
+
 clean: ## remove everything that was built or installed
-	@rm -rf .venv build install log .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	@rm -rf .venv build install log docs/_build .hypothesis .mypy_cache .pytest_cache .ruff_cache

@@ -1,0 +1,98 @@
+"""What the documentation says can be done, and where it leads to is there."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import unquote
+
+import domain_coordinator
+import pytest
+
+from test.docs.pages import NOT_RUN, PAGES, ROOT, RUN, Block, anchors, blocks, follow, links
+
+MOST_LINES = 150  # of the README
+over_pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+TO_DO = [page for page in PAGES if any(block.is_run for block in blocks(page))]
+
+
+@pytest.fixture
+def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A free ROS domain for the nodes that a page starts."""
+    with domain_coordinator.domain_id() as number:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
+        yield number
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("page", TO_DO, ids=lambda page: str(page.relative_to(ROOT)))
+def test_what_a_page_says_can_be_done(page: Path, tmp_path: Path, domain: int) -> None:
+    done = follow(page, tmp_path)
+    assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
+
+
+def test_code_that_fails_is_seen(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    for number, (language, code) in enumerate(
+        [("python", "assert 1 == 2"), ("bash", "false\ntrue"), ("bash", "a | b")]
+    ):
+        page.write_text(f"# A page\n\n```{language}\n{code}\n```\n")
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        assert follow(page, folder).returncode != 0
+
+
+def test_blocks_of_a_page_follow_one_another(tmp_path: Path) -> None:
+    page, folder = tmp_path / "page.md", tmp_path / "folder"
+    folder.mkdir()
+    page.write_text(
+        "<!-- file: a.py -->\n```python\nx = 2\n```\n\n```python\nfrom a import x\n```\n\n"
+        "<!-- not run: it would fail -->\n```bash\nfalse\n```\n\n- in a list\n\n  ```python\n  y = x + 1\n  ```\n\n"
+        "```bash\necho 3 > b\n```\n\n```python\nassert y == int(open('b').read())\n```\n"
+    )
+    done = follow(page, folder)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("page.md") == 5
+
+
+def test_code_is_put_into_a_copy(tmp_path: Path) -> None:
+    page, folder = tmp_path / "page.md", tmp_path / "folder"
+    folder.mkdir()
+    page.write_text(
+        '<!-- in rkhs_ros/__init__.py for: __version__ -->\n```python\n__version__ = "ours"\n```\n\n'
+        '```python\nimport rkhs_ros\nassert rkhs_ros.__version__ == "ours"\n```\n'
+    )
+    before = (ROOT / "rkhs_ros" / "__init__.py").read_text()
+    done = follow(page, folder)
+    assert done.returncode == 0, done.stderr
+    assert (ROOT / "rkhs_ros" / "__init__.py").read_text() == before
+
+
+@over_pages
+def test_code_that_is_not_run_says_why(page: Path) -> None:
+    def bad(block: Block) -> bool:
+        return block.language in RUN and block.comment.startswith("<!-- not") and not NOT_RUN.fullmatch(block.comment)
+
+    assert [block.line for block in blocks(page) if bad(block) or not block.language] == []
+
+
+@over_pages
+def test_links_lead_somewhere(page: Path) -> None:
+    lost = []
+    for link in links(page):
+        if link.startswith(("http:", "https:", "mailto:")):
+            continue
+        name, _, anchor = unquote(link).partition("#")
+        target = (page.parent / name).resolve() if name else page
+        good = target.exists() and (not anchor or (target.suffix == ".md" and anchor in anchors(target)))
+        lost += [] if good else [link]
+    assert lost == []
+
+
+def test_a_lost_link_is_seen(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("# A `b`: c\n\n[x](page.md#a-b-c) ![y](no.png)\n\n| |\n|---|\n| [z](#d) |\n")
+    assert list(links(page)) == ["page.md#a-b-c", "no.png", "#d"]
+    assert anchors(page) == {"a-b-c"}
+
+
+def test_the_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text().splitlines()) <= MOST_LINES
