@@ -58,6 +58,12 @@ def check_settings(app: Sphinx) -> None:
         raise ConfigError("docs/settings.md: expected the settings as they are; run python docs/make_settings.py")
 
 
+def is_skipped(app: Sphinx, what: str, name: str, member: object, skip: bool, options: object) -> bool | None:
+    """Skip the fields of named tuples, which the docstring of their class describes."""
+    return True if (getattr(member, "__doc__", None) or "").startswith("Alias for field number") else None
+
+
 def setup(app: Sphinx) -> None:
     """Have the page of the settings checked by every build."""
     app.connect("builder-inited", check_settings)
+    app.connect("autodoc-skip-member", is_skipped)
