@@ -23,6 +23,7 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 
 
 @pytest.mark.ros
+@pytest.mark.slow
 @pytest.mark.parametrize("page", TO_DO, ids=lambda page: str(page.relative_to(ROOT)))
 def test_what_a_page_says_can_be_done(page: Path, tmp_path: Path, domain: int) -> None:
     done = follow(page, tmp_path)

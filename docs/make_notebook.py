@@ -1,0 +1,21 @@
+"""Executes docs/first_steps.ipynb and stores its outputs, for pages that are built without executing it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import nbformat
+from nbclient import NotebookClient
+
+NOTEBOOK = Path(__file__).with_name("first_steps.ipynb")
+
+
+def main() -> None:
+    """Write the notebook with its outputs."""
+    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    NotebookClient(notebook, record_timing=False, resources={"metadata": {"path": str(NOTEBOOK.parent)}}).execute()
+    nbformat.write(notebook, NOTEBOOK)
+
+
+if __name__ == "__main__":
+    main()
