@@ -1,5 +1,6 @@
 """What the documentation says can be done, and where it leads to is there."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import unquote
@@ -88,11 +89,19 @@ def test_links_lead_somewhere(page: Path) -> None:
     assert lost == []
 
 
-def test_a_lost_link_is_seen(tmp_path: Path) -> None:
+def test_targets_and_anchors_are_found(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("# A `b`: c\n\n[x](page.md#a-b-c) ![y](no.png)\n\n| |\n|---|\n| [z](#d) |\n")
     assert list(links(page)) == ["page.md#a-b-c", "no.png", "#d"]
     assert anchors(page) == {"a-b-c"}
+
+
+def test_every_module_of_the_core_is_on_a_page_of_the_api() -> None:
+    packages = ("rkhs_ros/rkhs", "rkhs_ros/policies", "rkhs_ros/learning", "rkhs_ros/runs", "sim_nodes/envs")
+    files = (path for package in packages for path in (ROOT / package).glob("*.py") if path.name != "__init__.py")
+    modules = {".".join(path.relative_to(ROOT).with_suffix("").parts) for path in files}
+    pages = "".join(path.read_text() for path in (ROOT / "docs" / "api").glob("*.md"))
+    assert modules == set(re.findall(r"^\.\. automodule:: (.+)$", pages, re.MULTILINE))
 
 
 def test_the_readme_is_short() -> None:
