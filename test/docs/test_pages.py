@@ -1,6 +1,7 @@
 """What the documentation says can be done, and where it leads to is there."""
 
 import re
+import runpy
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import unquote
@@ -94,6 +95,13 @@ def test_targets_and_anchors_are_found(tmp_path: Path) -> None:
     page.write_text("# A `b`: c\n\n[x](page.md#a-b-c) ![y](no.png)\n\n| |\n|---|\n| [z](#d) |\n")
     assert list(links(page)) == ["page.md#a-b-c", "no.png", "#d"]
     assert anchors(page) == {"a-b-c"}
+
+
+def test_the_page_of_the_settings_is_what_the_code_says() -> None:
+    script = ROOT / "docs" / "make_settings.py"
+    page = runpy.run_path(str(script))["page"]()
+    assert (ROOT / "docs" / "settings.md").read_text() == page, "run python docs/make_settings.py"
+    assert "| `algorithm.centres` | `40` |" in page
 
 
 def test_every_module_of_the_core_is_on_a_page_of_the_api() -> None:
