@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from sphinx.application import Sphinx
 from sphinx.errors import ConfigError
 
 HERE = Path(__file__).parent
+MODULES = re.compile(r"<!-- modules of (\S+) -->")
 sys.path[:0] = [str(HERE.parent), str(HERE)]
 
 import make_settings  # noqa: E402  # beside this file
@@ -42,7 +44,6 @@ nb_execution_mode = "off"  # the outputs are stored in the notebook, which a tes
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_type_aliases = {"Array": "Array", "Variance": "Variance"}
-autodoc_mock_imports = ["rclpy", "rkhs_interfaces", "rcl_interfaces", "diagnostic_msgs", "rosgraph_msgs"]
 napoleon_use_rtype = False
 napoleon_use_ivar = True  # attributes are fields of their class, not entries beside those of a named tuple
 default_role = "any"  # `Name` in a docstring is a link, which must lead somewhere
@@ -63,7 +64,25 @@ def is_skipped(app: Sphinx, what: str, name: str, member: object, skip: bool, op
     return True if (getattr(member, "__doc__", None) or "").startswith("Alias for field number") else None
 
 
+def add_modules(app: Sphinx, page: str, source: list[str]) -> None:
+    """Put an entry for each module of a package in place of the comment that asks for them."""
+    source[0] = MODULES.sub(lambda match: "\n".join(map(entry, modules_of(match[1]))), source[0])
+
+
+def modules_of(package: str) -> list[str]:
+    """Return the dotted names of a package's modules."""
+    files = sorted((HERE.parent / package.replace(".", "/")).glob("*.py"))
+    return [f"{package}.{file.stem}" for file in files if file.stem != "__init__"]
+
+
+def entry(module: str) -> str:
+    """Return the heading and the docstrings of a module, in Markdown."""
+    name = module.rpartition(".")[2]
+    return f"## {name}\n\n```{{eval-rst}}\n.. automodule:: {module}\n   :members:\n   :show-inheritance:\n```\n"
+
+
 def setup(app: Sphinx) -> None:
-    """Have the page of the settings checked by every build."""
+    """Check the page of the settings, and complete those of the API, in every build."""
+    app.connect("source-read", add_modules)
     app.connect("builder-inited", check_settings)
     app.connect("autodoc-skip-member", is_skipped)
