@@ -48,9 +48,10 @@ napoleon_use_rtype = False
 napoleon_use_ivar = True  # attributes are fields of their class, not entries beside those of a named tuple
 default_role = "any"  # `Name` in a docstring is a link, which must lead somewhere
 
-# Every name of ours must have its entry, but for constants; those of other libraries would take a network.
+# Every name of ours must have its entry, but for constants and type variables; those of other libraries would take a
+# network.
 nitpicky = True
-nitpick_ignore_regex = [(r"py:.*", r"(?!rkhs_ros|sim_nodes).*"), ("any", r"numpy\..*|[A-Z_]+")]
+nitpick_ignore_regex = [(r"py:.*", r"(?!rkhs_ros|sim_nodes).*|.*\.[A-Z]"), ("any", r"numpy\..*|[A-Z_]+")]
 
 
 def check_settings(app: Sphinx) -> None:
