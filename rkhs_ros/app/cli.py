@@ -101,11 +101,12 @@ def _loaded(path: Path) -> tuple[GaussianPolicy, Task, InlineRunner]:
     """Return a policy, its task and where it can act."""
     policy, task = load_policy(path)
     runner = InlineRunner(Simulation(task.environment, task.options))
-    input_dim = policy.inputs.dimension(runner.observation_dim, runner.action_dim)
+    spaces = runner.spaces
+    input_dim = policy.inputs.dimension(spaces.observation_dim, spaces.action_dim)
     require(
-        (input_dim, runner.action_dim) == (policy.mean.input_dim, policy.mean.output_dim),
+        (input_dim, spaces.action_dim) == (policy.mean.input_dim, policy.mean.output_dim),
         f"{path}",
-        f"a policy from {input_dim} to {runner.action_dim} dimensions, as {task.environment} has",
+        f"a policy from {input_dim} to {spaces.action_dim} dimensions, as {task.environment} has",
         f"{policy.mean.input_dim} to {policy.mean.output_dim}",
     )
     return policy, task, runner

@@ -6,11 +6,16 @@ from collections.abc import Iterator
 
 import sim_nodes.envs  # noqa: F401  # registers the tasks
 from rkhs_ros.learning.training import Iteration, train
-from rkhs_ros.runs.config import Config
+from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.simulation import Simulation
 
 
+def simulation_of(environment: Environment) -> Simulation:
+    """Return the simulation of a configured environment."""
+    return Simulation(environment.id, environment.options, environment.rows_at_once)
+
+
 def iterations(config: Config) -> Iterator[Iteration]:
     """Make the run of a configuration, yielding each iteration as it is done."""
-    return train(config.training, InlineRunner(Simulation(config.environment.id, config.environment.options)))
+    return train(config.training, InlineRunner(simulation_of(config.environment)))

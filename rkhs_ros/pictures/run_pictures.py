@@ -5,7 +5,6 @@ from __future__ import annotations
 from io import BytesIO
 from pathlib import Path
 
-import gymnasium
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,6 +17,7 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import Task, load_policy
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.curve import Curve
+from rkhs_ros.runs.environments import spec_of
 from rkhs_ros.runs.episode_files import load_episodes
 
 mpl.rcParams["axes.spines.top"] = mpl.rcParams["axes.spines.right"] = False
@@ -126,6 +126,9 @@ def _span(points: Array, steps: int) -> tuple[Array, ...]:
 
 def references(task: Task) -> dict[str, float]:
     """Return the returns known for a task at its registered horizon and discount, by name."""
-    spec = gymnasium.spec(task.environment)
+    try:
+        spec = spec_of(task.environment)
+    except ValueError:  # learnt on an environment without an id
+        return {}
     comparable = task.discount == REFERENCE_DISCOUNT and task.horizon == spec.max_episode_steps
     return getattr(spec.vector_entry_point, "reference_returns", {}) if comparable else {}

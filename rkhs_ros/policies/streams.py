@@ -68,6 +68,10 @@ class Batch:
         shares = ((a, b - a) for a, b in pairwise(ends) if b > a)
         return [replace(self, first_episode=self.first_episode + a, rows=rows) for a, rows in shares]
 
+    def parts(self, rows: int) -> list[Batch]:
+        """Return the same episodes as batches of at most that many rows, in order."""
+        return self.split(-(-self.rows // rows))
+
     def environment_seeds(self) -> list[int]:
         """Return a seed for the environment of each row."""
         return [stream_seed(self.seed, self._name("environment"), episode) for episode in self.episodes]

@@ -14,6 +14,8 @@ from rkhs_ros.base.validation import hint, require
 from rkhs_ros.learning.training import Training, training_from
 from rkhs_ros.policies.storage import Task
 
+MOST_ROWS = 10_000
+
 
 @dataclass(frozen=True)
 class Environment:
@@ -22,13 +24,17 @@ class Environment:
     Attributes:
         id: Gymnasium id of an environment with continuous actions.
         options: keyword options of the environment.
+        rows_at_once: rows side by side at most, as 1 of a robot; 0 for as many as the environment allows.
     """
 
     id: str
     options: Mapping[str, Any]
+    rows_at_once: int = 0
 
     def __post_init__(self) -> None:
-        """Raise ValueError where the options are not a section."""
+        """Raise ValueError where the options are not a section, or the rows no number."""
+        good = type(self.rows_at_once) is int and 0 <= self.rows_at_once <= MOST_ROWS
+        require(good, "environment.rows_at_once", f"a whole number in [0, {MOST_ROWS}]", repr(self.rows_at_once))
         require(isinstance(self.id, str), "environment.id", "text", repr(self.id))
         require(isinstance(self.options, Mapping), "environment.options", "a section of keys", repr(self.options))
 
@@ -56,6 +62,8 @@ class Config:
     def parameters(self) -> dict[str, Any]:
         """Return all settings as the tree of a ROS parameter file."""
         environment: dict[str, Any] = {"id": self.environment.id}
+        if self.environment.rows_at_once:
+            environment["rows_at_once"] = self.environment.rows_at_once
         if self.environment.options:
             environment["options"] = dict(self.environment.options)
         learner: dict[str, Any] = {}
@@ -78,7 +86,7 @@ def environment_from(tree: Mapping[str, Any]) -> Environment:
         if key not in known:
             raise ValueError(f"unknown key 'environment.{key}', {hint(str(key), known)}")
     require("id" in tree, "environment", "a key 'id' with a Gymnasium id", dict(tree))
-    return Environment(tree["id"], tree.get("options", {}))
+    return Environment(tree["id"], tree.get("options", {}), tree.get("rows_at_once", 0))
 
 
 def load_config(path: Path, changes: Iterable[str] = ()) -> Config:

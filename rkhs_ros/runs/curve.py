@@ -17,6 +17,7 @@ class Row(NamedTuple):
 
     iteration: int
     episodes: int
+    evaluation_episodes: int
     train_return: float
     train_return_sd: float
     mean_policy_return: float

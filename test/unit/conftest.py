@@ -50,7 +50,7 @@ def random_episodes(rng: np.random.Generator) -> Callable[..., Episodes]:
         actions = policy.act(flat, rng.standard_normal((len(flat), policy.mean.output_dim))).reshape(n, horizon, -1)
         ends = rng.integers(1, horizon + 1, n) if masked else np.full(n, horizon)
         mask = np.arange(horizon) < ends[:, None]
-        return Episodes(observations, actions, np.where(mask, rng.uniform(size=(n, horizon)), 0.0), mask)
+        return Episodes.without_ends(observations, actions, np.where(mask, rng.uniform(size=(n, horizon)), 0.0), mask)
 
     return make
 

@@ -32,7 +32,7 @@ def bandit(seed: int, best: float) -> tuple[GaussianPolicy, Episodes]:
     policy = GaussianPolicy(Function.zero(RBF((1.0,)), 1, 1), ConstantVariance(np.ones(1)))
     actions = np.random.default_rng(seed).standard_normal((200, 1, 1))
     rewards = np.exp(-0.5 * (actions[:, :, 0] - best) ** 2)
-    return policy, Episodes(np.zeros((200, 1, 1)), actions, rewards, np.ones((200, 1), dtype=bool))
+    return policy, Episodes.without_ends(np.zeros((200, 1, 1)), actions, rewards, np.ones((200, 1), dtype=bool))
 
 
 @over_algorithms

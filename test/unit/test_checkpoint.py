@@ -250,9 +250,9 @@ def test_what_no_result_depends_on_may_differ(folder: Path, states: list[State])
 def test_a_checkpoint_of_another_schema_is_refused(folder: Path, states: list[State]) -> None:
     path, *_ = write(folder, states[0])
     arrays = unpacked(path.read_bytes())
-    about = arrays["about"].item().replace(b'"schema": 1', b'"schema": 2').replace(__version__.encode(), b"9.8.7")
+    about = arrays["about"].item().replace(b'"schema": 2', b'"schema": 3').replace(__version__.encode(), b"9.8.7")
     path.write_bytes(packed({"about": np.array(about)}))
-    with pytest.raises(ValueError, match=r"a checkpoint of schema 1, got schema 2; go on with rkhs_ros 9\.8\.7"):
+    with pytest.raises(ValueError, match=r"a checkpoint of schema 2, got schema 3; go on with rkhs_ros 9\.8\.7"):
         newest(folder)
 
 

@@ -71,7 +71,7 @@ def test_list_names_tasks_algorithms_and_kernels(rkhs: Run) -> None:
 def test_train_writes_its_results_and_says_where(rkhs: Run, tmp_path: Path) -> None:
     result = rkhs("train", CONFIG, *SHORT, "--quiet", "--out", tmp_path / "run", "--seed", 3, "--set", "horizon=5")
     assert (result.code, result.err) == (0, "")
-    names = {"config.yaml", "curve.csv", "curve.png", "episodes.npz", "policy.npz", "policy.png"}
+    names = {"best_policy.npz", "config.yaml", "curve.csv", "curve.png", "episodes.npz", "policy.npz", "policy.png"}
     assert {path.name for path in (tmp_path / "run").iterdir()} == {*names, "checkpoints"}
     assert result.out.startswith("Learnt rkhs/Toy-v0 in 20 episodes")
     assert str(tmp_path / "run" / "curve.png") in result.out
@@ -80,7 +80,7 @@ def test_train_writes_its_results_and_says_where(rkhs: Run, tmp_path: Path) -> N
     assert "horizon: 5" in config
     header, *rows = (tmp_path / "run" / "curve.csv").read_text().splitlines()
     assert header.split(",") == [
-        *("iteration", "episodes", "train_return", "train_return_sd", "mean_policy_return"),
+        *("iteration", "episodes", "evaluation_episodes", "train_return", "train_return_sd", "mean_policy_return"),
         *("centres", "step_size", "kl", "sparsification_error", "seconds"),
     ]
     assert len(rows) == 2

@@ -33,7 +33,7 @@ def walks(n: int = 12, horizon: int = 15) -> Episodes:
     actions = rng.normal(scale=0.7, size=(n, horizon, 1))
     places = np.clip(np.cumsum(np.concatenate([np.zeros((n, 1, 1)), actions[:, :-1]], axis=1), axis=1), -1.5, 3.5)
     rewards = np.exp(-np.abs(places[:, :, 0] - 3.0))
-    return Episodes(places, actions, rewards, np.ones((n, horizon), dtype=bool))
+    return Episodes.without_ends(places, actions, rewards, np.ones((n, horizon), dtype=bool))
 
 
 def moves(learn: Learn, algorithm: ActorCritic, mean: np.ndarray) -> list[np.ndarray]:

@@ -224,7 +224,7 @@ def test_a_learnt_variance_is_within_its_bounds_whatever_the_weights(
     policy = GaussianPolicy(Function.zero(kernel, 2, 2), ConstantVariance(np.ones(2)))
     shape = (4, 6)
     seen, done = rng.normal(size=(*shape, 2)), rng.normal(scale=3, size=(*shape, 2))
-    episodes = Episodes(seen, done, np.ones(shape), np.ones(shape, dtype=bool))
+    episodes = Episodes.without_ends(seen, done, np.ones(shape), np.ones(shape, dtype=bool))
     samples = Samples.of(policy, episodes, 8) if form == "newton" else Samples.on(policy, episodes, np.eye(2))
     q = scale * rng.uniform(size=24) * (rng.uniform(size=24) > zeros)
     q[0] = scale
@@ -251,7 +251,7 @@ def test_each_sample_adds_to_the_variance_at_its_nearest_centre() -> None:
     policy = GaussianPolicy(Function.zero(RBF((1.0,)), 1, 1), ConstantVariance(np.ones(1)))
     seen = np.array([[[0.1], [0.2], [3.8], [4.1]]])
     done = np.array([[[1.0], [2.0], [3.0], [5.0]]])
-    episodes = Episodes(seen, done, np.ones((1, 4)), np.ones((1, 4), dtype=bool))
+    episodes = Episodes.without_ends(seen, done, np.ones((1, 4)), np.ones((1, 4), dtype=bool))
     samples = Samples.on(policy, episodes, np.array([[0.0], [4.0], [8.0]]))
     variance = learnt(samples, np.array([1.0, 3.0, 2.0, 2.0]), 1e-3, 1e3)
     assert variance.centres.tolist() == [[0.0], [4.0]]  # none was near the third
@@ -264,7 +264,7 @@ def bandit(best: float) -> tuple[GaussianPolicy, Episodes]:
     policy = GaussianPolicy(Function.zero(RBF((1.0,)), 1, 1), ConstantVariance(np.ones(1)))
     actions = np.random.default_rng(1).standard_normal((200, 1, 1))
     rewards = np.exp(-0.5 * (actions[:, :, 0] - best) ** 2)
-    return policy, Episodes(np.zeros((200, 1, 1)), actions, rewards, np.ones((200, 1), dtype=bool))
+    return policy, Episodes.without_ends(np.zeros((200, 1, 1)), actions, rewards, np.ones((200, 1), dtype=bool))
 
 
 def test_power_in_one_state_learns_the_weighted_mean_of_squared_exploration(learn: Learn) -> None:

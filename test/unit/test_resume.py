@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[2]
 CONFIG_FILE = ROOT / "config" / "toy_nac.yaml"
 TRAINING = Training(name="short", iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
 CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
-RESULTS = ("config.yaml", "curve.csv", "episodes.npz", "policy.npz")
+RESULTS = ("best_policy.npz", "config.yaml", "curve.csv", "episodes.npz", "policy.npz")
 DRAWN = {"curve.png", "policy.png"}  # by the command
 INLINE = ("--runner", "inline", "--quiet")
 COMMAND = (sys.executable, "-m", "rkhs_ros.app.cli", "train")
@@ -38,7 +38,7 @@ class Stopping:
 
     def __init__(self, batches: float = float("inf"), error: BaseException | None = None) -> None:
         self._runner = InlineRunner(Simulation("rkhs/Toy-v0"))
-        self.observation_dim, self.action_dim = self._runner.observation_dim, self._runner.action_dim
+        self.spaces = self._runner.spaces
         self._batches = batches
         self._error = error or KeyboardInterrupt()
 
@@ -179,7 +179,7 @@ def test_a_refused_resume_touches_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [folder]
 
 
-ROWS = [Row(k, 3 * k, -1.5 / k, 0.1, 1e-17 * k, k, 1.0, float("nan"), 0.0, 0.25 * k) for k in (1, 2, 3)]
+ROWS = [Row(k, 3 * k, 2 * k, -1.5 / k, 0.1, 1e-17 * k, k, 1.0, float("nan"), 0.0, 0.25 * k) for k in (1, 2, 3)]
 
 
 @pytest.mark.usefixtures("quick_disk")
@@ -239,7 +239,12 @@ def test_a_second_error_does_not_hide_the_first(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match="first"):
         run_training(CONFIG, Blocking(tmp_path / "run" / "policy.npz"), tmp_path / "run", quiet=True)
     (tmp_path / "run" / "policy.npz").rmdir()
-    assert {path.name for path in (tmp_path / "run").iterdir()} == {"checkpoints", "config.yaml", "curve.csv"}
+    assert {path.name for path in (tmp_path / "run").iterdir()} == {
+        "best_policy.npz",
+        "checkpoints",
+        "config.yaml",
+        "curve.csv",
+    }
 
 
 class Blocking(Stopping):
@@ -326,7 +331,7 @@ def test_the_last_good_checkpoint_is_there_when_there_is_room_again(
     runner = Filling(lambda: disk((folder / "curve.csv").stat().st_size + beyond))
     with pytest.raises(OSError, match="File too large") as error:
         run_training(CONFIG, runner, folder, quiet=True)
-    assert Path(error.value.filename).name == ("curve.csv" if beyond < 100 else "0000003.npz")
+    assert Path(error.value.filename).name in (("curve.csv",) if beyond < 100 else ("best_policy.npz", "0000003.npz"))
     disk(-1)
     assert_whole(folder)
     assert len(Curve(folder / "curve.csv").rows()) == (2 if beyond < 100 else 3)
