@@ -29,7 +29,7 @@ class Settings:
         """Raise ValueError where a value is of another type or out of its range."""
         types = _types(type(self))  # type: ignore[arg-type]  # a class can be hashed
         for f in fields(self):  # type: ignore[arg-type]  # a subclass is a dataclass
-            if f.init:
+            if f.metadata or is_dataclass(types[f.name]):
                 object.__setattr__(self, f.name, _checked(f, types[f.name], getattr(self, f.name), f.name))
 
 

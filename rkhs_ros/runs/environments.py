@@ -14,7 +14,7 @@ from gymnasium import Env
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import VectorEnv
 
-from rkhs_ros.base.validation import hint, shown
+from rkhs_ros.base.validation import hint, require, shown
 from rkhs_ros.runs.rows import AnyEnv, AnyVectorEnv, Rows, SeparateRows, VectorRows
 
 Source = str | AnyEnv | AnyVectorEnv | Callable[[], AnyEnv | AnyVectorEnv]
@@ -54,7 +54,9 @@ def rows_of(source: Source, options: Mapping[str, Any] | None = None, rows_at_on
         return VectorRows(lambda rows, horizon: source, source.num_envs)
     if isinstance(source, Env):
         return SeparateRows(lambda: source, name_of(source), most=1)
+    require(callable(source), "environment", "an id, an environment, or a function that makes one", source)
     made = source()
+    require(isinstance(made, Env | VectorEnv), f"{name_of(source)}", "a function that makes an environment", made)
     if isinstance(made, VectorEnv):
         return rows_of(made)
     return SeparateRows(partial(next, _copies(made, source)), name_of(made), rows_at_once)

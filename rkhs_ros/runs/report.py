@@ -90,21 +90,7 @@ class Report:
         Raises:
             OSError: it cannot be written.
         """
-        metrics = iteration.metrics
-        row = Row(
-            iteration=iteration.number,
-            episodes=iteration.episodes_used,
-            evaluation_episodes=iteration.state.evaluated,
-            train_return=iteration.train_return,
-            train_return_sd=float(iteration.train_returns.std()),
-            mean_policy_return=iteration.mean_policy_return,
-            centres=metrics.centres,
-            step_size=float(metrics.step_size),
-            kl=float(metrics.kl),
-            sparsification_error=float(metrics.sparsification_error),
-            seconds=time.monotonic() - self._began,
-        )
-        self._curve.append(row)
+        self._curve.append(Row.of(iteration, time.monotonic() - self._began))
         self._keep_best(iteration)
         self._last = iteration
 

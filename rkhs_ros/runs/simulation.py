@@ -14,7 +14,7 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.runs.environments import Source, name_of, rows_of
+from rkhs_ros.runs.environments import Source, name_of, own_horizon, rows_of
 from rkhs_ros.runs.rows import AnyEnv, AnyVectorEnv, Flags
 from rkhs_ros.runs.shown import HasRobot, JointStates
 
@@ -55,6 +55,7 @@ class Simulation:
         self.environment = name_of(environment)
         self.options = dict(options or {})
         self.rows_at_once = rows_at_once
+        self._registered = isinstance(environment, str)
         self._rows = rows_of(environment, options, rows_at_once)
         actions = _continuous(self._rows.action_space, f"{self.environment} actions")
         observations = _continuous(self._rows.observation_space, f"{self.environment} observations")
@@ -70,6 +71,11 @@ class Simulation:
     def action_dim(self) -> int:
         """Number of numbers in an action."""
         return self.spaces.action_dim
+
+    @property
+    def own_horizon(self) -> int | None:
+        """Steps after which the environment cuts its episodes off itself; None where it does not say."""
+        return own_horizon(self.environment if self._registered else self._rows.shown)
 
     @property
     def shown(self) -> AnyEnv | AnyVectorEnv:
