@@ -1,4 +1,4 @@
-"""What every algorithm is: hyper-parameters, and an update from policy and episodes to the next policy."""
+"""The base of all algorithms: an update makes the next policy from a policy and its episodes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rkhs_ros.rkhs.kernels import Array
 
 @dataclass(frozen=True)
 class Metrics:
-    """What an update did.
+    """Measurements of one update.
 
     Attributes:
         step_size: how far the mean went along the direction.
@@ -54,7 +54,7 @@ class Experience:
 
 
 class Update(NamedTuple):
-    """What comes out of an update.
+    """The result of an update.
 
     Attributes:
         policy: the next policy.

@@ -70,8 +70,8 @@ class ValueBaseline:
 
     def values(self, samples: Samples, discount: float) -> Array:
         """Return the values, trend included, at each sample, shape (samples,)."""
-        columns, penalty = self.regressors(samples)
-        solution = ridge_regression(columns, samples.rewards_to_go(discount)[:, None], penalty)
+        columns = np.concatenate([samples.features, samples.time_features], axis=1)
+        solution = ridge_regression(columns, samples.rewards_to_go(discount)[:, None], self.penalty(samples))
         return np.asarray(columns @ solution[:, 0])
 
     def returns(self, samples: Samples, discount: float) -> Array:
@@ -87,12 +87,10 @@ class ValueBaseline:
             return np.asarray(samples.rewards_to_go(discount) - values)
         return np.asarray(samples.lambda_returns(values, discount, self.trace) - values)
 
-    def regressors(self, samples: Samples) -> tuple[Array, Array]:
-        """Return the columns of V and of the trend, shape (samples, m + 3), and the penalty on each, shape (m + 3,)."""
-        trend = samples.time_features
-        penalty = self.ridge * ridge_scales(samples.features, self.ridge_norm)
-        columns = np.concatenate([samples.features, trend], axis=1)
-        return columns, np.concatenate([penalty, np.full(trend.shape[1], TREND_RIDGE)])
+    def penalty(self, samples: Samples) -> Array:
+        """Return the penalties on the coefficients of V and then of the trend, shape (m + 3,)."""
+        state = self.ridge * ridge_scales(samples.features, self.ridge_norm)
+        return np.concatenate([state, np.full(samples.time_features.shape[1], TREND_RIDGE)])
 
 
 @dataclass(frozen=True)
@@ -117,9 +115,8 @@ class StepCritic:
     def fit(self, samples: Samples, discount: float) -> Array:
         """Return the coefficients of w, shape (m, n)."""
         scores = samples.deviation * samples.score_features
-        value_columns, value_penalty = self.baseline.regressors(samples)
-        columns = np.concatenate([scores, value_columns], axis=1)
-        penalty = np.concatenate([self.ridge * ridge_scales(scores, self.ridge_norm), value_penalty])
+        columns = np.concatenate([scores, samples.features, samples.time_features], axis=1)
+        penalty = np.concatenate([self.ridge * ridge_scales(scores, self.ridge_norm), self.baseline.penalty(samples)])
         returns = self.baseline.returns(samples, discount)
         solution = ridge_regression(columns, returns[:, None], penalty)
         return samples.deviation * samples.as_coefficients(solution[: scores.shape[1]])

@@ -40,19 +40,19 @@ class PoWER(GridSettings, WeightedExploration):
         samples = self.space.samples(policy, experience.episodes + experience.memory)  # phi, Eq 3
         q = self.weights(samples, experience.discount)
         if self.solution == "full":
-            change = weighted_regression(samples, q, self.ridge)  # W phi-wise, the same as Eq 23 on the grid
+            change = weighted_regression(samples, q, self.ridge)  # with the matrix W: Eq 23 in the grid's features
         else:
             change = mean_exploration(samples, q)  # Eq 6
         return self.advance(policy, change, samples, q, experience)  # theta + change; the variance by Eq 24
 
 
 def mean_exploration(samples: Samples, weights: Array) -> Function:
-    r"""Return the weighted mean of each parameter's own exploration (Eq 6).
+    r"""Return the change by the diagonal of W: the weighted mean of each parameter's own exploration (Eq 6).
 
     .. math:: \theta' - \theta = \sum_t q_t\, \varepsilon_t \Big/ \sum_t q_t, \qquad
         \varepsilon_t = \phi(s_t)\, \epsilon_t / |\phi(s_t)|^2
 
-    the least exploration of the parameters that explains the action's.
+    Of all explorations of the parameters that explain the action's, that one is the least.
 
     Args:
         samples: samples of the iteration, and of the episodes remembered.

@@ -10,7 +10,7 @@ import numpy as np
 from rkhs_ros.base.settings import setting
 from rkhs_ros.rkhs.kernels import Array
 
-TryOut = Callable[[float, int], float]
+MeanReturn = Callable[[float, int], float]  # of a step size, in a number of fresh episodes
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class FixedStep:
 
     size: float = setting(0.1, "step size along the direction", minimum=0.0, maximum=1e6)
 
-    def step_size(self, direction: Array, variance: Array, try_out: TryOut, iteration: int = 0) -> float:
+    def step_size(self, direction: Array, variance: Array, mean_return: MeanReturn, iteration: int = 0) -> float:
         """Return the step size."""
         return self.size
 
@@ -40,7 +40,7 @@ class KLStep:
         0.0, "c of the divergence's decrease with the iterations, by 1 / (1 + c k)", minimum=0.0, maximum=1e6
     )
 
-    def step_size(self, direction: Array, variance: Array, try_out: TryOut, iteration: int = 0) -> float:
+    def step_size(self, direction: Array, variance: Array, mean_return: MeanReturn, iteration: int = 0) -> float:
         """Return the step size for a direction, shape (samples, n), under a variance of that shape."""
         length = _length(direction, variance)
         divergence = self.divergence / (1.0 + self.annealing * iteration)
@@ -60,23 +60,24 @@ class LineSearch:
     shortest: float = setting(0.01, "shortest step, in standard deviations of the action", minimum=1e-9, maximum=1e6)
     longest: float = setting(3.0, "longest step, in standard deviations of the action", minimum=1e-9, maximum=1e6)
 
-    def step_size(self, direction: Array, variance: Array, try_out: TryOut, iteration: int = 0) -> float:
+    def step_size(self, direction: Array, variance: Array, mean_return: MeanReturn, iteration: int = 0) -> float:
         """Return the step size with the greatest mean return.
 
         Args:
             direction: at the samples, shape (samples, n).
             variance: of the policy there, shape (samples, n).
-            try_out: gives the mean return of a number of fresh episodes at a step size.
+            mean_return: lets a step size act in a number of fresh episodes and gives their mean return.
             iteration: number of updates before this one.
         """
         length = _length(direction, variance)
         if length == 0:
             return 0.0
         sizes = np.geomspace(self.shortest, self.longest, self.choices) / length
-        return float(max(sizes, key=lambda size: try_out(float(size), self.episodes)))
+        return float(max(sizes, key=lambda size: mean_return(float(size), self.episodes)))
 
 
 def _length(direction: Array, variance: Array) -> float:
+    """Return the root mean square length of a direction, in standard deviations of the action."""
     return float(np.sqrt(np.mean(np.sum(direction**2 / variance, axis=1))))
 
 

@@ -1,4 +1,4 @@
-"""What PoWER and RKHS-PoWER share: exploration weighted with the returns (Eq 23 and 24)."""
+"""The settings of PoWER and RKHS-PoWER, the regression of weighted exploration (Eq 23) and the variance (Eq 24)."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ class Kernel(ABC):
         """Return the kernel of each point of ``x``, shape (n, d), with itself, shape (n,)."""
 
     def row_by_row(self, x: Array) -> Callable[[int], Array]:
-        """Return what gives one row of the matrix of all pairs of ``x`` after the other, shape (n,) each."""
+        """Return a function from i to row i of the matrix of all pairs of ``x``, shape (n,)."""
         return lambda i: self(x[i : i + 1], x)[0]
 
     @abstractmethod

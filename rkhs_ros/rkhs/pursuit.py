@@ -28,7 +28,7 @@ BLOCK_ROWS = 1000  # points whose basis functions are held at once, few enough f
 
 @dataclass(frozen=True)
 class Pursuit:
-    """What a pursuit chose.
+    """The result of a pursuit.
 
     Attributes:
         chosen: indices of candidates in the order of choice, shape (m,).
