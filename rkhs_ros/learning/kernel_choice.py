@@ -1,4 +1,4 @@
-"""The choice of a kernel, made concrete by the first data seen."""
+"""The settings of the kernel, whose bandwidths may be taken from the first iteration's points."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rkhs_ros.rkhs.kernels import RBF, Array, Kernel, Polynomial, median_bandwid
 
 @dataclass(frozen=True)
 class KernelChoice(Settings):
-    """Which kernel the policy's space has."""
+    """The settings of the policy's kernel."""
 
     form: str = setting("rbf", "names of kernels joined by + and *, as in 'rbf + polynomial'")
     bandwidth: str | tuple[float, ...] = setting(

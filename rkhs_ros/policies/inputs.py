@@ -1,4 +1,4 @@
-"""What a policy's function is given of what was observed and done: windows of history, and features of them."""
+"""The inputs of a policy's functions: windows of past observations and actions, and features of them."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from rkhs_ros import __version__
 from rkhs_ros.learning.registry import ALGORITHMS
-from rkhs_ros.learning.spaces import OnGrid
+from rkhs_ros.learning.spaces import GridSettings
 from rkhs_ros.learning.training import State, Training, train, training_from
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import packed, unpacked
@@ -38,7 +38,7 @@ ArraysOf = Callable[[Any], dict[str, np.ndarray]]
 
 def config_of(way: Any) -> Config:
     way = {"name": way} if isinstance(way, str) else way
-    on_grid = issubclass(ALGORITHMS[way["name"]], OnGrid)
+    on_grid = issubclass(ALGORITHMS[way["name"]], GridSettings)
     size = {"grid_counts": 3, "grid_low": [-4.0], "grid_high": [4.0]} if on_grid else {"centres": 6}
     tree = {"iterations": 4, "episodes_per_iteration": 3, "evaluation_episodes": 2, "horizon": 6}
     kernel = {"bandwidth": 4.0} if on_grid else {}
@@ -83,7 +83,7 @@ def test_every_algorithm_goes_on_from_each_checkpoint_to_the_same_bits(
     folder: Path, way: Any, inputs: Inputs, arrays_of: ArraysOf
 ) -> None:
     config = config_of(way)
-    if isinstance(config.training.algorithm, OnGrid) and inputs != Inputs():
+    if isinstance(config.training.algorithm, GridSettings) and inputs != Inputs():
         inputs = Inputs(angles=(0.0,))
     config = replace(config, training=replace(config.training, inputs=inputs))
     whole = list(train(config.training, TOY))
