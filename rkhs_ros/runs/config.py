@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -105,6 +106,27 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
     tree = {"name": path.stem, **sections["learner"], "environment": sections["simulator"].get("environment", {})}
     unknown = [key for key in sections["simulator"] if key != "environment"]
     require(not unknown, f"{path}: simulator", "the key 'environment'", ", ".join(map(str, unknown)))
+    return _changed(tree, changes)
+
+
+def config_for(environment: str, horizon: int | None, changes: Iterable[str] = ()) -> Config:
+    """Return the configuration of a run on an environment, all settings but the horizon being the defaults.
+
+    Args:
+        environment: Gymnasium id.
+        horizon: steps of an episode; the default where None.
+        changes: settings that replace these, as ``algorithm.ridge=0.1``.
+
+    Raises:
+        ValueError: settings that are unknown or do not fit.
+    """
+    name = re.sub(r"\W+", "_", environment.rpartition(":")[2]).strip("_").lower()
+    tree: dict[str, Any] = {"name": name or "run", "environment": {"id": environment}}
+    return _changed(tree | ({"horizon": horizon} if horizon else {}), changes)
+
+
+def _changed(tree: dict[str, Any], changes: Iterable[str]) -> Config:
+    """Return the configuration of a tree of settings with some of them replaced."""
     for change in changes:
         name, equals, text = change.partition("=")
         require(bool(name and equals), "--set", "KEY=VALUE", f"'{change}'")
