@@ -126,6 +126,6 @@ def _span(points: Array, steps: int) -> tuple[Array, ...]:
 
 def references(task: Task) -> dict[str, float]:
     """Return the returns known for a task at its registered horizon and discount, by name."""
-    spec = gymnasium.spec(task.environment)
-    comparable = task.discount == REFERENCE_DISCOUNT and task.horizon == spec.max_episode_steps
+    spec = gymnasium.registry.get(task.environment)
+    comparable = spec and task.discount == REFERENCE_DISCOUNT and task.horizon == spec.max_episode_steps
     return getattr(spec.vector_entry_point, "reference_returns", {}) if comparable else {}
