@@ -127,5 +127,6 @@ def _span(points: Array, steps: int) -> tuple[Array, ...]:
 def references(task: Task) -> dict[str, float]:
     """Return the returns known for a task at its registered horizon and discount, by name."""
     spec = gymnasium.registry.get(task.environment)
-    comparable = spec and task.discount == REFERENCE_DISCOUNT and task.horizon == spec.max_episode_steps
-    return getattr(spec.vector_entry_point, "reference_returns", {}) if comparable else {}
+    if spec is None or (task.horizon, task.discount) != (spec.max_episode_steps, REFERENCE_DISCOUNT):
+        return {}
+    return getattr(spec.vector_entry_point, "reference_returns", {})

@@ -3,42 +3,22 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from rkhs_ros.app.cli import main
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import Task, save_policy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.simulation import Simulation
+from test.unit.conftest import Result, assert_refused
 
 CONFIG = Path(__file__).parents[2] / "config" / "toy_nac.yaml"
 SHORT = ("--runner", "inline", "--iterations", "2")
 
 
-class Result(NamedTuple):
-    code: object
-    out: str
-    err: str
-
-
 Run = Callable[..., Result]
-
-
-@pytest.fixture
-def rkhs(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Run the command line in this process, in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: object) -> Result:
-        with pytest.raises(SystemExit) as end:
-            main([str(argument) for argument in arguments])
-        return Result(end.value.code, *capsys.readouterr())
-
-    return run
 
 
 @pytest.fixture
@@ -50,15 +30,6 @@ def policy_file(random_policy: Callable[..., GaussianPolicy], tmp_path: Path) ->
 
 def contents(folder: Path) -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
-def assert_refused(result: Result, message: str) -> None:
-    assert result.code == 2
-    assert result.out == ""
-    assert result.err.startswith("error: ")
-    assert result.err.count("\n") == 1
-    assert result.err.endswith("\n")
-    assert message in result.err
 
 
 def test_list_names_tasks_algorithms_and_kernels(rkhs: Run) -> None:
