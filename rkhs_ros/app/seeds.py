@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from joblib.externals.loky.process_executor import BrokenProcessPool
+
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.validation import require
@@ -21,6 +23,7 @@ SEEDS = re.compile(r"(\d{1,18})(?:-(\d{1,18}))?", re.ASCII)
 MOST_SEEDS = 10_000
 PREFIX = "seed_"  # of the runs' folders
 LAST_PICTURE = "policy.png"
+KILLED = "its process was killed, or one beside it"
 
 
 def parse_seeds(text: str) -> tuple[int, ...]:
@@ -42,18 +45,19 @@ def parse_seeds(text: str) -> tuple[int, ...]:
 
 
 def seed_folders(folder: Path) -> list[Path]:
-    """Return the folders of the runs that were begun from several seeds, by their seeds; none where there are none."""
-    found = {path.name.removeprefix(PREFIX): path for path in folder.glob(f"{PREFIX}*") if is_begun(path)}
-    return [found[seed] for seed in sorted(found, key=lambda seed: (len(seed), seed))]
+    """Return the folders of the runs that were begun from several seeds, in the order of these, as absolute paths."""
+    found = [path for path in folder.resolve().glob(f"{PREFIX}*") if is_begun(path)]
+    return sorted(found, key=lambda path: (len(path.name), path.name))
 
 
 def begin_seeds(folder: Path, config: Config, seeds: Iterable[int]) -> dict[Path, Config]:
-    """Begin a run for each seed, so that all can be gone on with, and return them by their folders.
+    """Begin a run for each seed, so that all can be gone on with, and return them by their absolute folders.
 
     Raises:
         OSError: a folder cannot be written.
     """
-    runs = {folder / f"{PREFIX}{s}": replace(config, training=replace(config.training, seed=s)) for s in seeds}
+    trainings = {seed: replace(config.training, seed=seed) for seed in seeds}
+    runs = {folder.resolve() / f"{PREFIX}{seed}": replace(config, training=t) for seed, t in trainings.items()}
     for path, each in runs.items():
         path.mkdir()
         write_whole(path / "config.yaml", resolved(each).encode())
@@ -62,9 +66,13 @@ def begin_seeds(folder: Path, config: Config, seeds: Iterable[int]) -> dict[Path
 
 def go_on(runs: Mapping[Path, Config], *, jobs: int, title: str, quiet: bool) -> dict[Path, str]:
     """Make what is missing of some runs and return, by the folders of those that failed, why they did."""
-    missing = [(folder, config) for folder, config in runs.items() if not _is_done(folder, config)]
-    ends = side_by_side(_make, missing, jobs=jobs, title=title, quiet=quiet)
-    return {folder: why for folder, why in ends if why is not None}
+    missing = {folder: config for folder, config in runs.items() if not _is_done(folder, config)}
+    ends: dict[Path, str | None] = {}
+    try:
+        ends.update(side_by_side(_make, list(missing.items()), jobs=jobs, title=title, quiet=quiet))
+    except BrokenProcessPool:  # all that had not ended share the fate of the one that was killed
+        ends |= {folder: KILLED for folder in missing if folder not in ends}
+    return {folder: why for folder, why in ends.items() if why is not None}
 
 
 def _is_done(folder: Path, config: Config) -> bool:

@@ -47,11 +47,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Train, draw the pictures and print what was learnt."""
     _check_source(options)
-    several = options.seeds is not None or (options.resume and not is_begun(options.resume))
-    if several and (options.seeds or seed_folders(options.resume)):
+    if _has_several_seeds(options):
         return _train_several(options)
     require(options.jobs is None, "--jobs", "it together with --seeds, or with --resume of such runs", options.jobs)
     return _train_one(options)
+
+
+def _has_several_seeds(options: argparse.Namespace) -> bool:
+    if options.resume:
+        return not is_begun(options.resume) and len(seed_folders(options.resume)) > 0
+    return options.seeds is not None
 
 
 def _check_source(options: argparse.Namespace) -> None:

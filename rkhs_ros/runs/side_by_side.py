@@ -35,7 +35,8 @@ def side_by_side(
     """
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     parallel = Parallel(jobs, "loky", return_as="generator_unordered", inner_max_num_threads=1)
-    with Progress(*columns, TimeRemainingColumn(), console=Console(file=sys.stderr), disable=quiet) as progress:
+    console, hidden = Console(file=sys.stderr), quiet or not arguments
+    with Progress(*columns, TimeRemainingColumn(), console=console, disable=hidden) as progress:
         bar = progress.add_task(title, total=len(arguments))
         for result in parallel(delayed(call)(*each) for each in arguments):
             progress.advance(bar)
