@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rkhs_ros.base.settings import entries
 from rkhs_ros.base.validation import require
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.rkhs.kernels import Array
@@ -53,11 +52,8 @@ class LearningCurve:
         """Return in one line what the runs come to at their end."""
         final = mean_over_runs(self.returns[:, -1])
         kind = "noise-free" if self.is_noise_free else "exploring"
-        runs = f"{len(self.returns)} run{'s' * (len(self.returns) > 1)}"
-        return (
-            f"{self.label}: {kind} return {final} after {self.episodes[-1]:g} episodes"
-            f" (mean of {runs}, 95 % interval over the seeds)"
-        )
+        over = f" (mean of {len(self.returns)} runs, 95 % interval over the seeds)" if len(self.returns) > 1 else ""
+        return f"{self.label}: {kind} return {final} after {self.episodes[-1]:g} episodes{over}"
 
 
 @dataclass(frozen=True)
@@ -157,17 +153,13 @@ def _common_task(runs: list[Run]) -> Task:
 def _labels(groups: list[list[Run]]) -> list[str]:
     """Return for each group the first of these names that tells all apart."""
     names: tuple[Callable[[Run], str], ...] = (
-        _algorithm,
+        lambda run: str(run.config.settings["algorithm.name"]),
         lambda run: run.place.resolve().name,
         lambda run: run.folder.resolve().name,
         lambda run: str(run.folder.resolve()),
     )
     labels = ([name(group[0]) for group in groups] for name in names)
     return next(each for each in labels if len(set(each)) == len(groups))
-
-
-def _algorithm(run: Run) -> str:
-    return str(next(entry.value for entry in entries(run.config.training) if entry.name == "algorithm.name"))
 
 
 def _curve(label: str, runs: list[Run], limit: int) -> LearningCurve:
