@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 import subprocess
@@ -19,6 +18,7 @@ from types import FrameType
 import yaml
 
 from rkhs_ros.app.exit_codes import FAILED
+from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.nodes.names import node_names
 from rkhs_ros.nodes.transport import by_udp
 
@@ -32,8 +32,6 @@ MODULES = {
     "learner": "rkhs_ros.nodes.learner_node",
     "status": "rkhs_ros.nodes.status_node",
 }
-_libc = ctypes.CDLL(None)
-PR_SET_PDEATHSIG = 1  # of prctl(2)
 
 
 class NodeProcess:
@@ -97,7 +95,7 @@ class NodeProcess:
             stdin=subprocess.DEVNULL,
             process_group=0,
             env=_environment(),
-            preexec_fn=_terminate_with_parent,
+            preexec_fn=terminate_with_parent,
         )
 
 
@@ -160,11 +158,6 @@ def _assigned(parameters: Iterable[str]) -> list[str]:
 def _environment() -> dict[str, str]:
     # The wheels of ROS 2 start Python once more to set the library path, unless this says that they did.
     return by_udp({k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"})
-
-
-def _terminate_with_parent() -> None:
-    """Have the kernel end this process when the launcher dies, however it does."""
-    _libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def _supervise(nodes: Nodes) -> int:

@@ -10,6 +10,7 @@ from joblib import Parallel, delayed
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.base.validation import require
 
 ALL_CORES = -1
@@ -34,7 +35,8 @@ def side_by_side(
         quiet: without progress bar.
     """
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    parallel = Parallel(jobs, "loky", return_as="generator_unordered", inner_max_num_threads=1)
+    workers = {"inner_max_num_threads": 1, "initializer": terminate_with_parent}
+    parallel = Parallel(jobs, "loky", return_as="generator_unordered", **workers)
     console, hidden = Console(file=sys.stderr), quiet or not arguments
     with Progress(*columns, TimeRemainingColumn(), console=console, disable=hidden) as progress:
         bar = progress.add_task(title, total=len(arguments))

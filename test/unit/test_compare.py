@@ -194,8 +194,7 @@ def pixels(image: np.ndarray, colour: str) -> int:
     return int((np.abs(image - rgb).max(axis=2) < 0.01).sum())
 
 
-@pytest.mark.parametrize("count", [1, 3, 8, 20])
-@pytest.mark.parametrize("length", [3, 60])
+@pytest.mark.parametrize(("count", "length"), [(1, 3), (3, 60), (8, 3), (20, 60)])
 def test_nothing_is_clipped_and_every_curve_is_seen(tmp_path: Path, count: int, length: int) -> None:
     curves = [curve(5, label=f"{k}".ljust(length, "x"), seed=k) for k in range(count)]
     image = picture(tmp_path / "c.png", *curves)

@@ -175,6 +175,13 @@ def workers(process: subprocess.Popen[str]) -> list[int]:
     return [int(pid) for pid in pids if "popen_loky" in Path(f"/proc/{pid}/cmdline").read_text()]
 
 
+def is_running(pid: int) -> bool:
+    try:
+        return "(zombie)" not in Path(f"/proc/{pid}/status").read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
 @pytest.mark.slow
 def test_an_interrupted_training_can_be_gone_on_with(rkhs: Run, tmp_path: Path) -> None:
     many, whole = tmp_path / "many", tmp_path / "whole"
@@ -197,6 +204,20 @@ def test_a_worker_that_is_killed_ends_with_lines_not_a_traceback(tmp_path: Path)
     _, err = process.communicate(timeout=30)
     assert process.returncode == 1
     assert err.splitlines() == [f"error: seed_{k}: its process was killed, or one beside it" for k in (0, 1)]
+
+
+@pytest.mark.slow
+def test_workers_end_with_a_training_that_is_killed(tmp_path: Path) -> None:
+    many = tmp_path / "many"
+    process = started(many, CONFIG, *SHORT, "iterations=3000", "--seeds", "0-1", "--quiet", "--out", many)
+    at_work = workers(process)
+    process.kill()
+    process.communicate(timeout=30)
+    deadline = time.monotonic() + 30
+    while any(is_running(pid) for pid in at_work):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    assert len(at_work) == 2
 
 
 # Refusals
