@@ -7,6 +7,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,7 +21,6 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import Task, load_policy
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.curve import Curve, columns
-from rkhs_ros.runs.environments import spec_of
 from rkhs_ros.runs.episode_files import load_episodes
 
 mpl.rcParams["axes.spines.top"] = mpl.rcParams["axes.spines.right"] = False
@@ -134,9 +134,7 @@ def _span(points: Array, steps: int) -> tuple[Array, ...]:
 
 def references(task: Task) -> dict[str, float]:
     """Return the returns known for a task at its registered horizon and discount, by name."""
-    try:
-        spec = spec_of(task.environment)
-    except ValueError:  # learnt on an environment without an id
+    spec = gymnasium.registry.get(task.environment.rpartition(":")[2])
+    if spec is None or (task.horizon, task.discount) != (spec.max_episode_steps, REFERENCE_DISCOUNT):
         return {}
-    comparable = task.discount == REFERENCE_DISCOUNT and task.horizon == spec.max_episode_steps
-    return getattr(spec.vector_entry_point, "reference_returns", {}) if comparable else {}
+    return getattr(spec.vector_entry_point, "reference_returns", {})

@@ -127,16 +127,31 @@ def config_for(environment: str, horizon: int | None, changes: Iterable[str] = (
 
 def _changed(tree: dict[str, Any], changes: Iterable[str]) -> Config:
     """Return the configuration of a tree of settings with some of them replaced."""
+    tree = tree_of(changes, tree)
+    environment = tree.pop("environment")
+    require(isinstance(environment, Mapping), "environment", "a section of keys", repr(environment))
+    return Config(environment_from(environment), training_from(tree))
+
+
+def tree_of(changes: Iterable[str], tree: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return a tree of settings with some of them replaced.
+
+    Args:
+        changes: settings, as ``algorithm.ridge=0.1``.
+        tree: the settings before; none where None.
+
+    Raises:
+        ValueError: a change is of another form.
+    """
+    changed = dict(tree or {})
     for change in changes:
         name, equals, text = change.partition("=")
         require(bool(name and equals), "--set", "KEY=VALUE", f"'{change}'")
         try:
-            _insert(tree, name.strip(), yaml.safe_load(text))
+            _insert(changed, name.strip(), yaml.safe_load(text))
         except yaml.YAMLError as error:
             raise ValueError(f"--set: expected a value in YAML, got {change!r}") from error
-    environment = tree.pop("environment")
-    require(isinstance(environment, Mapping), "environment", "a section of keys", repr(environment))
-    return Config(environment_from(environment), training_from(tree))
+    return changed
 
 
 def _sections(path: Path) -> dict[str, dict[str, Any]]:

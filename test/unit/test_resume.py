@@ -5,13 +5,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from rkhs_ros.app import cli
+from rkhs_ros.app import train
 from rkhs_ros.base.lock import locked
 from rkhs_ros.learning.training import Training
 from rkhs_ros.policies.storage import unpacked
@@ -20,6 +21,7 @@ from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.run import run_training
 from rkhs_ros.runs.simulation import Simulation
+from test.unit.conftest import Result, assert_refused
 
 ROOT = Path(__file__).parents[2]
 CONFIG_FILE = ROOT / "config" / "toy_nac.yaml"
@@ -30,7 +32,7 @@ DRAWN = {"curve.png", "policy.png"}  # by the command
 INLINE = ("--runner", "inline", "--quiet")
 COMMAND = (sys.executable, "-m", "rkhs_ros.app.cli", "train")
 
-Cli = Callable[..., tuple[object, str, str]]
+Cli = Callable[..., Result]
 
 
 class Stopping:
@@ -79,26 +81,6 @@ def contents(folder: Path) -> dict[Path, bytes]:
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
     return results(run_training(CONFIG, Stopping(), tmp_path_factory.mktemp("whole") / "run", quiet=True))
-
-
-@pytest.fixture
-def rkhs(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cli:
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: object) -> tuple[object, str, str]:
-        with pytest.raises(SystemExit) as end:
-            cli.main([str(argument) for argument in arguments])
-        return (end.value.code, *capsys.readouterr())
-
-    return run
-
-
-def assert_refused(result: tuple[object, str, str], message: str) -> None:
-    code, out, err = result
-    assert (code, out) == (2, "")
-    assert err.startswith("error: ")
-    assert err.count("\n") == 1
-    assert message in err
 
 
 @pytest.mark.parametrize("batches", range(8))
@@ -401,9 +383,8 @@ def test_over_topics_the_learner_is_told_to_go_on(rkhs: Cli, tmp_path: Path, mon
         told.extend([*arguments, keywords])
         return 0
 
-    monkeypatch.setattr(cli, "launch", launched)
-    monkeypatch.setattr(cli.importlib.util, "find_spec", lambda name: cli)  # as if the interfaces were built
-    monkeypatch.setattr(cli, "origin", "here", raising=False)
+    monkeypatch.setattr(train, "launch", launched)
+    monkeypatch.setattr(train, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))  # as if it were built
     assert rkhs("train", "--resume", "run", "--runner", "ros", "--quiet", "--simulators", 2)[0] == 0
     parameters, more, keywords = told
     (tmp_path / "given.yaml").write_text(parameters)
