@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import numpy as np
+
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
@@ -47,8 +49,9 @@ def run(options: argparse.Namespace) -> int:
     policy = Policy(imitation.fit(episodes), task, spaces)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     policy.save(options.out)
-    off = " ".join(f"{sd:.3g}" for sd in policy.gaussian.variance(policy.gaussian.mean.centres[:1])[0] ** 0.5)
-    steps, centres = int(episodes.mask.sum()), len(policy.gaussian.mean.centres)
+    mean = policy.gaussian.mean
+    off = " ".join(f"{sd:.3g}" for sd in np.sqrt(policy.gaussian.variance(np.zeros((1, mean.input_dim)))[0]))
+    steps, centres = int(episodes.mask.sum()), len(mean.centres)
     print(f"Imitated {steps} steps of {len(episodes)} episodes by {centres} centres, to within {off} (rms action).")
     print(f"Policy: {options.out}")
     return 0

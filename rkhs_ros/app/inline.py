@@ -41,6 +41,7 @@ def load_acting(path: Path) -> tuple[GaussianPolicy, Task, InlineRunner]:
     """
     path = path / "policy.npz" if path.is_dir() else path
     policy, task = load_policy(path)
+    require(task.environment != "", f"{path}", "a policy that names its environment", "one of none (see imitate --env)")
     runner = runner_of(Environment(task.environment, task.options))
     spaces = runner.spaces
     input_dim = policy.inputs.dimension(spaces.observation_dim, spaces.action_dim)

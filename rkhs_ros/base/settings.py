@@ -113,8 +113,8 @@ def _checked(f: Field[Any], kind: Any, value: Any, name: str) -> Any:
     if "table" in f.metadata or is_dataclass(kind):
         require(isinstance(value, kind), name, f"{_named(kind)}", f"{value!r}")
         return value
-    if kind is float and isinstance(value, str) and SCIENTIFIC.fullmatch(value):
-        value = float(value)
+    if kind is not str:
+        value = [_number_of_text(v) for v in value] if isinstance(value, list) else _number_of_text(value)
     try:
         converted = _of_type(kind, value, name)
     except OverflowError as error:
@@ -136,6 +136,11 @@ def _of_type(kind: Any, value: Any, name: str) -> Any:
         return value
     require(numbers or number, name, "a list of numbers", repr(value))
     return tuple(map(float, value)) if numbers else (float(value),)
+
+
+def _number_of_text(value: Any) -> Any:
+    """Return a number where YAML took one in scientific notation for text."""
+    return float(value) if isinstance(value, str) and SCIENTIFIC.fullmatch(value) else value
 
 
 def _is_number(value: Any, kind: type) -> bool:

@@ -349,8 +349,8 @@ def test_the_command_goes_on_with_a_run(rkhs: Cli, tmp_path: Path, whole: dict[s
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "train: expected CONFIG or --resume DIR, one of them, got none"),
-        ((CONFIG_FILE, "--resume", "run"), "one of them, got CONFIG and --resume"),
+        ((), "train: expected one of CONFIG, --env ID and --resume DIR, got none"),
+        ((CONFIG_FILE, "--resume", "run"), "--resume DIR, got CONFIG and --resume"),
         (("--resume", "run", "--seed", "0"), "--resume: expected the settings and the folder that"),
         (("--resume", "run", "--set", "horizon=5"), "that the run began with, got --set"),
         (("--resume", "run", "--out", "other", "--seed", "1"), "got --seed, --out"),
