@@ -12,6 +12,12 @@ def files(pattern: str) -> list[str]:
     return [str(path) for path in sorted(Path().glob(pattern)) if path.exists()]
 
 
+def requirements(name: str) -> list[str]:
+    """List the packages of a requirements file."""
+    lines = Path(f"requirements/{name}.txt").read_text().splitlines()
+    return [line for line in lines if line and not line.startswith("#")]
+
+
 setup(
     name=NAME,
     version="0.1.0",
@@ -28,7 +34,18 @@ setup(
         (f"share/{NAME}/config/experiments", files("config/experiments/*.yaml")),
         (f"share/{NAME}/launch", files("launch/*.launch.py")),
     ],
-    install_requires=["setuptools"],
+    python_requires=">=3.11",
+    install_requires=[
+        "gymnasium>=1.1",
+        "joblib>=1.3",
+        "matplotlib>=3.6",
+        "numpy>=1.26",
+        "pillow>=9",
+        "PyYAML>=6",
+        "rich>=13",
+        "scipy>=1.11",
+    ],
+    extras_require={"pr2": ["pybullet>=3.2.5"], "dev": requirements("dev")},
     zip_safe=True,
     entry_points={
         "console_scripts": [

@@ -38,7 +38,7 @@ def episodes_per_second(simulators: int) -> float:
         with started(node_names(simulators)[:-1], parameters):
             learner = LearnerNode()
             learner.connect()
-            policy = first_policy(config.training, learner.observation_dim, learner.action_dim)
+            policy = first_policy(config.training, learner.spaces)
             rounds = [seconds_of(learner, policy, k) for k in range(ROUNDS + 1)]
         rclpy.shutdown()
     return EPISODES / median(rounds[1:])
@@ -56,7 +56,7 @@ def main() -> None:
     os.environ.update(by_udp(os.environ))  # this process is the learner, and talks as the other nodes do
     config = load_config(CONFIG)
     inline = InlineRunner(Simulation(config.environment.id, config.environment.options))
-    policy = first_policy(config.training, inline.observation_dim, inline.action_dim)
+    policy = first_policy(config.training, inline.spaces)
     single = [seconds_of(inline, policy, k) / EPISODES for k in range(ROUNDS + 1)][1:]
     print(f"an episode in process           {1e3 * median(single):6.1f} ms   (at most 150 ms)")
     with get_context("spawn").Pool(1, maxtasksperchild=1) as pool:  # a learner that finds another one there ends

@@ -1,9 +1,68 @@
-"""Policy search in reproducing kernel Hilbert spaces as a ROS 2 learning system."""
+"""Policy search in reproducing kernel Hilbert spaces, as a library and as a ROS 2 learning system.
+
+The public names are imported when they are first used: `train` and `learn` on any Gymnasium environment, `load` of a
+learnt `Policy`, the algorithms, their step rules, the kernels, and what a policy sees (`Inputs`).
+"""
+
+from __future__ import annotations
 
 import os
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 
 # One BLAS thread, before numpy is imported: at our sizes more are slower, and sums over another number of threads
 # end in other last bits.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+if TYPE_CHECKING:
+    from rkhs_ros.app.library import Result as Result
+    from rkhs_ros.app.library import learn as learn
+    from rkhs_ros.app.library import train as train
+    from rkhs_ros.learning.ac import AC as AC
+    from rkhs_ros.learning.enac import ENAC as ENAC
+    from rkhs_ros.learning.kernel_choice import KernelChoice as KernelChoice
+    from rkhs_ros.learning.power import PoWER as PoWER
+    from rkhs_ros.learning.rkhs_ac import RKHSAC as RKHSAC
+    from rkhs_ros.learning.rkhs_nac import RKHSNAC as RKHSNAC
+    from rkhs_ros.learning.rkhs_npg import RKHSNPG as RKHSNPG
+    from rkhs_ros.learning.rkhs_power import RKHSPoWER as RKHSPoWER
+    from rkhs_ros.learning.steps import FixedStep as FixedStep
+    from rkhs_ros.learning.steps import KLStep as KLStep
+    from rkhs_ros.learning.steps import LineSearch as LineSearch
+    from rkhs_ros.policies.inputs import Inputs as Inputs
+    from rkhs_ros.policies.policy import Policy as Policy
+    from rkhs_ros.policies.policy import load as load
+    from rkhs_ros.rkhs.kernels import RBF as RBF
+    from rkhs_ros.rkhs.kernels import Polynomial as Polynomial
+
+_HOMES = {
+    "app.library": ("Result", "learn", "train"),
+    "learning.ac": ("AC",),
+    "learning.enac": ("ENAC",),
+    "learning.kernel_choice": ("KernelChoice",),
+    "learning.power": ("PoWER",),
+    "learning.rkhs_ac": ("RKHSAC",),
+    "learning.rkhs_nac": ("RKHSNAC",),
+    "learning.rkhs_npg": ("RKHSNPG",),
+    "learning.rkhs_power": ("RKHSPoWER",),
+    "learning.steps": ("FixedStep", "KLStep", "LineSearch"),
+    "policies.inputs": ("Inputs",),
+    "policies.policy": ("Policy", "load"),
+    "rkhs.kernels": ("RBF", "Polynomial"),
+}
+_MODULES = {name: f"rkhs_ros.{module}" for module, names in _HOMES.items() for name in names}
+__all__ = sorted(_MODULES)
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name."""
+    if name not in _MODULES:
+        raise AttributeError(f"module 'rkhs_ros' has no attribute {name!r}, known: {', '.join(__all__)}")
+    return getattr(import_module(_MODULES[name]), name)
+
+
+def __dir__() -> list[str]:
+    """Return the public names."""
+    return [*__all__, "__version__"]

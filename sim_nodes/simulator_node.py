@@ -28,7 +28,7 @@ from rkhs_ros.nodes.parameters import declare, declared, given, require_known, r
 from rkhs_ros.nodes.spin import Server, forever, run
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import environment_from
-from rkhs_ros.runs.rollout import EpisodeRecorder
+from rkhs_ros.runs.recording import EpisodeRecorder
 from rkhs_ros.runs.simulation import Frame, Simulation
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ class SimulatorNode(Server):
         require_known(tree, "environment")
         environment = environment_from(tree.get("environment", {}))
         declare(self, [Entry("environment.id", environment.id, {"description": "Gymnasium id of the environment"})])
-        return Simulation(environment.id, environment.options)
+        return Simulation(environment.id, environment.options, environment.rows_at_once)
 
     def _make_robot_state(self) -> RobotState:
         try:
@@ -106,7 +106,8 @@ class SimulatorNode(Server):
 
     def _describe(self, request: DescribeTask.Request, response: DescribeTask.Response) -> DescribeTask.Response:
         heard = self._observations.get_subscription_count() > 0 and self._episodes.get_subscription_count() > 0
-        return describe(self._simulation, self._identity, self._step, self._clock_steps, connected=heard)
+        place = (self._identity, self._step, self._clock_steps)
+        return describe(self._simulation, request.rows, *place, connected=heard)
 
     def _start(self, request: StartEpisodes.Request, response: StartEpisodes.Response) -> StartEpisodes.Response:
         try:
@@ -173,19 +174,19 @@ class SimulatorNode(Server):
 
     def _awaits(self, batch: Batch, message: Action) -> bool:
         expected = (self._identity, self._step, self._version)
-        return (message.batch, message.step, message.policy_version) == expected and self._step < batch.horizon
+        return (message.batch, message.step, message.policy_version) == expected and self._last is not None
 
     def _publish(self, batch: Batch, frame: Frame) -> None:
         message = observation_message(self._identity, self._version, batch, self._step, frame)
         self._observations.publish(message)
-        self._last = message if self._step < batch.horizon else None
+        self._last = None if message.over else message
         self._patience = PATIENCE
         self._again_at = time.monotonic() + PATIENCE
 
     def _record(self, batch: Batch, frame: Frame) -> None:
         """Record after publishing: the policy node is at work meanwhile."""
         self._recorder.observed(self._step, frame)
-        if self._step == batch.horizon:
+        if not frame.active.any():
             self._ended = episodes_message(self._identity, self._version, self._recorder.episodes())
             self._episodes.publish(self._ended)
 

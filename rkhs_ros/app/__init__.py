@@ -1,1 +1,1 @@
-"""The command line, and the launcher of a run's nodes."""
+"""The command line, a module for each command, and the launcher of a run's nodes."""

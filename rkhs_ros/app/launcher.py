@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 import subprocess
 import sys
 import tempfile
 import time
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import deepcopy
@@ -17,28 +17,27 @@ from types import FrameType
 
 import yaml
 
+from rkhs_ros.app.exit_codes import FAILED
+from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.nodes.names import node_names
 from rkhs_ros.nodes.transport import by_udp
 
-FAILED = 1  # exit code
-PATIENCE = 5.0  # seconds that a node has to end after a signal
-LOOK = 0.05  # seconds between looks at the nodes
-MOST_DEATHS, WITHIN = 10, 300.0  # of a node, in seconds, after which the run is given up
-LEAST_DELAY, MOST_DELAY = 0.05, 5.0  # seconds before a node is started again, twice as many each time
+TERMINATION_TIMEOUT_S = 5.0  # for a node to end after SIGTERM, before it is killed
+POLL_INTERVAL_S = 0.05
+MOST_DEATHS, DEATHS_WINDOW_S = 10, 300.0  # of a node in that time; with one more the run is given up
+SHORTEST_BACKOFF_S, LONGEST_BACKOFF_S = 0.05, 5.0  # before a node is started again; doubled with each death
 MODULES = {
     "simulator": "sim_nodes.simulator_node",
     "policy": "rkhs_ros.nodes.policy_node",
     "learner": "rkhs_ros.nodes.learner_node",
     "status": "rkhs_ros.nodes.status_node",
 }
-_libc = ctypes.CDLL(None)
-_END_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 
 
 class NodeProcess:
     """A node in a process of its own, which can be started again.
 
-    Owns the process and the times of its deaths.
+    Owns the process and the times of its latest deaths.
 
     Args:
         name: a key of `MODULES`, after a namespace and a slash if need be.
@@ -48,54 +47,55 @@ class NodeProcess:
     def __init__(self, name: str, arguments: Sequence[str] = ()) -> None:
         self.name = name
         self._arguments = list(arguments)
-        self._deaths: list[float] = []
-        self._due: float | None = None  # when it is to be started again
-        self.told = False  # to end
+        self._restarts = 0
+        self._deaths: deque[float] = deque(maxlen=MOST_DEATHS + 1)
+        self._restart_at: float | None = None
+        self.is_interrupted = False
         self.process = self._start()
 
-    def ended(self) -> int | None:
-        """Return the exit code if the node ended; start it again when it is time to, if it died."""
-        if self._due is None:
+    def poll(self) -> int | None:
+        """Return the exit code if the node ended; start it again when that is due."""
+        if self._restart_at is None:
             return self.process.poll()
-        if time.monotonic() >= self._due:
-            self._due = None
+        if time.monotonic() >= self._restart_at:
+            self._restart_at = None
+            self._restarts += 1
             self.process = self._start()
         return None
 
     def interrupt(self) -> None:
         """Have the node end."""
-        self.told = True
+        self.is_interrupted = True
         self.process.send_signal(signal.SIGINT)
 
-    def revive(self) -> bool:
-        """Have a node that was killed started again; return False where it died too often."""
+    def restart_later(self) -> bool:
+        """Have a node that was killed started again after a back-off; return False where it died too often."""
         now = time.monotonic()
         self._deaths.append(now)
-        recent = sum(now - death < WITHIN for death in self._deaths)
+        recent = sum(now - death < DEATHS_WINDOW_S for death in self._deaths)
         if recent > MOST_DEATHS:
             return False
-        delay = min(LEAST_DELAY * 2 ** (recent - 1), MOST_DELAY)
+        backoff = min(SHORTEST_BACKOFF_S * 2 ** (recent - 1), LONGEST_BACKOFF_S)
         print(
             f"warning: the {self.name} node was killed by signal {-self.process.returncode}; "
-            f"starting it again in {delay:g} s ({recent} of {MOST_DEATHS} times within {WITHIN:g} s)",
+            f"starting it again in {backoff:g} s ({recent} of {MOST_DEATHS} times within {DEATHS_WINDOW_S:g} s)",
             file=sys.stderr,
         )
-        self._due = now + delay
+        self._restart_at = now + backoff
         return True
 
     def _start(self) -> subprocess.Popen[bytes]:
         """Start the node outside our foreground group, so that a Ctrl-C reaches it once, through us."""
         namespace, _, kind = self.name.rpartition("/")
-        again = [f"restarts:={len(self._deaths)}"] if self._deaths else []
-        if again and kind == "learner":
-            again.append("resume:=true")
-        words = [word for assignment in again for word in ("-p", assignment)]
+        more = [f"restarts:={self._restarts}"] if self._restarts else []
+        more += ["resume:=true"] if self._restarts and kind == "learner" else []
+        ros = ["--ros-args", "-r", f"__ns:=/{namespace}", *self._arguments, *_assigned(more)]
         return subprocess.Popen(
-            [sys.executable, "-m", MODULES[kind], "--ros-args", "-r", f"__ns:=/{namespace}", *self._arguments, *words],
+            [sys.executable, "-m", MODULES[kind], *ros],
             stdin=subprocess.DEVNULL,
             process_group=0,
             env=_environment(),
-            preexec_fn=_end_with_parent,
+            preexec_fn=terminate_with_parent,
         )
 
 
@@ -118,7 +118,7 @@ def launch(parameters: str, learner_parameters: Sequence[str] = (), *, simulator
         file = Path(folder) / "parameters.yaml"
         file.write_text(for_all(parameters, simulators))
         with started(names, file, learner_parameters) as nodes, _signals_passed_to(nodes["learner"]):
-            return _watch(nodes)
+            return _supervise(nodes)
 
 
 def for_all(parameters: str, simulators: int) -> str:
@@ -140,14 +140,19 @@ def started(names: Iterable[str], parameters: Path, learner_parameters: Sequence
         parameters: a ROS parameter file.
         learner_parameters: further ``name:=value`` for the learner.
     """
-    extra = [word for assignment in learner_parameters for word in ("-p", assignment)]
     nodes: Nodes = {}
     try:
         for name in names:
-            nodes[name] = NodeProcess(name, ["--params-file", str(parameters), *(extra if name == "learner" else [])])
+            more = _assigned(learner_parameters) if name == "learner" else []
+            nodes[name] = NodeProcess(name, ["--params-file", str(parameters), *more])
         yield nodes
     finally:
-        _end([node.process for node in nodes.values()])
+        _terminate([node.process for node in nodes.values()])
+
+
+def _assigned(parameters: Iterable[str]) -> list[str]:
+    """Return the words that give a node its parameters, from ``name:=value`` each."""
+    return [word for assignment in parameters for word in ("-p", assignment)]
 
 
 def _environment() -> dict[str, str]:
@@ -155,29 +160,28 @@ def _environment() -> dict[str, str]:
     return by_udp({k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"})
 
 
-def _end_with_parent() -> None:
-    """Have the kernel end this process when the launcher dies, however it does."""
-    _libc.prctl(_END_WITH_PARENT, signal.SIGTERM)
-
-
-def _watch(nodes: Nodes) -> int:
+def _supervise(nodes: Nodes) -> int:
+    """Restart the nodes that are killed until one ends, and return the run's exit code."""
     while True:
         for node in nodes.values():
-            code = node.ended()
-            if code is None:
+            code = node.poll()
+            if code is None or (code < 0 and not node.is_interrupted and node.restart_later()):
                 continue
-            if code < 0 and not node.told:
-                if not node.revive():
-                    return _report_loss(node.name, f"was killed more than {MOST_DEATHS} times within {WITHIN:g} s")
-            elif code != 0 or node.name == "learner":
-                return abs(code)
-            else:
-                return _report_loss(node.name, "ended before the learner")
-        time.sleep(LOOK)
+            return _code_at_end(node, code)
+        time.sleep(POLL_INTERVAL_S)
 
 
-def _report_loss(name: str, how: str) -> int:
-    print(f"error: the {name} node {how}", file=sys.stderr)
+def _code_at_end(node: NodeProcess, code: int) -> int:
+    """Return the run's exit code where a node ended with this one and is not started again."""
+    if code < 0 and not node.is_interrupted:
+        return _failed(f"the {node.name} node was killed more than {MOST_DEATHS} times within {DEATHS_WINDOW_S:g} s")
+    if code == 0 and node.name != "learner":
+        return _failed(f"the {node.name} node ended before the learner")
+    return abs(code)
+
+
+def _failed(reason: str) -> int:
+    print(f"error: {reason}", file=sys.stderr)
     return FAILED
 
 
@@ -200,11 +204,11 @@ def _signals_passed_to(learner: NodeProcess) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _end(processes: Iterable[subprocess.Popen[bytes]]) -> None:
+def _terminate(processes: Iterable[subprocess.Popen[bytes]]) -> None:
     processes = list(processes)
     for process in processes:
         process.terminate()
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + TERMINATION_TIMEOUT_S
     for process in processes:
         try:
             process.wait(max(deadline - time.monotonic(), 0.1))

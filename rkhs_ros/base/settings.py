@@ -1,6 +1,7 @@
 """Settings: the fields of frozen dataclasses, each with a description and a range.
 
-From them the YAML files are validated, the ROS parameters declared and the resolved configuration written.
+From them the YAML files are validated, the ROS parameters declared and the resolved configuration written. Made in
+Python they are checked as well.
 """
 
 from __future__ import annotations
@@ -8,13 +9,28 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import Field, field, fields, is_dataclass
+from functools import cache
+from numbers import Integral, Real
 from typing import Any, NamedTuple, TypeVar, get_type_hints
+
+import numpy as np
 
 from rkhs_ros.base.validation import hint, pick, require
 
 SCIENTIFIC = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")  # 1e6 is a number to ROS, but text to YAML 1.1
 T = TypeVar("T")
 Tree = Mapping[str, Any]
+
+
+class Settings:
+    """Base of a frozen dataclass whose fields are settings: their values are checked however it is made."""
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where a value is of another type or out of its range."""
+        types = _types(type(self))  # type: ignore[arg-type]  # a class can be hashed
+        for f in fields(self):  # type: ignore[arg-type]  # a subclass is a dataclass
+            if f.metadata or is_dataclass(types[f.name]):
+                object.__setattr__(self, f.name, _checked(f, types[f.name], getattr(self, f.name), f.name))
 
 
 class Entry(NamedTuple):
@@ -67,8 +83,13 @@ def build(cls: type[T], values: Tree, path: str = "") -> T:
     for key in values:
         if key not in known:
             raise ValueError(f"unknown key '{path}{key}', {hint(str(key), known)}")
-    types = get_type_hints(cls)
+    types = _types(cls)  # type: ignore[arg-type]  # a class can be hashed
     return cls(**{k: _convert(f, types[k], values[k], path + k) for k, f in known.items() if k in values})
+
+
+@cache
+def _types(cls: type) -> dict[str, Any]:
+    return get_type_hints(cls)
 
 
 def _build_variant(f: Field[Any], values: Tree, path: str) -> Any:
@@ -84,8 +105,16 @@ def _convert(f: Field[Any], kind: Any, value: Any, name: str) -> Any:
         return _build_variant(f, value, name + ".")
     if is_dataclass(kind):
         return build(kind, value, name + ".")  # type: ignore[arg-type]  # a dataclass type
-    if kind is float and isinstance(value, str) and SCIENTIFIC.fullmatch(value):
-        value = float(value)
+    return _checked(f, kind, value, name)
+
+
+def _checked(f: Field[Any], kind: Any, value: Any, name: str) -> Any:
+    """Return a setting's value as its type, within its range."""
+    if "table" in f.metadata or is_dataclass(kind):
+        require(isinstance(value, kind), name, f"{_named(kind)}", f"{value!r}")
+        return value
+    if kind is not str:
+        value = [_number_of_text(v) for v in value] if isinstance(value, list) else _number_of_text(value)
     try:
         converted = _of_type(kind, value, name)
     except OverflowError as error:
@@ -95,20 +124,32 @@ def _convert(f: Field[Any], kind: Any, value: Any, name: str) -> Any:
 
 
 def _of_type(kind: Any, value: Any, name: str) -> Any:
-    text, whole = isinstance(value, str), isinstance(value, int) and not isinstance(value, bool)
-    number = whole or isinstance(value, float)
-    numbers = isinstance(value, list | tuple) and len(value) > 0 and all(type(v) in (int, float) for v in value)
+    text, whole, number = isinstance(value, str), _is_number(value, Integral), _is_number(value, Real)
+    row = isinstance(value, list | tuple | np.ndarray) and len(value) > 0
+    numbers = row and all(_is_number(v, Real) for v in value)
     require(kind is not int or whole, name, "a whole number", repr(value))
     require(kind is not float or number, name, "a number", repr(value))
     require(kind is not str or text, name, "text", repr(value))
-    if kind in (int, str):
-        return value
-    if kind is float:
-        return float(value)
+    if kind in (int, float, str):
+        return kind(value)
     if text and kind != tuple[float, ...]:
         return value
     require(numbers or number, name, "a list of numbers", repr(value))
     return tuple(map(float, value)) if numbers else (float(value),)
+
+
+def _number_of_text(value: Any) -> Any:
+    """Return a number where YAML took one in scientific notation for text."""
+    return float(value) if isinstance(value, str) and SCIENTIFIC.fullmatch(value) else value
+
+
+def _is_number(value: Any, kind: type) -> bool:
+    return isinstance(value, kind) and not isinstance(value, bool)
+
+
+def _named(kind: Any) -> str:
+    """Return the name of a class, or of the classes of a union."""
+    return " or ".join(cls.__name__ for cls in getattr(kind, "__args__", (kind,)))
 
 
 def check_range(value: Any, about: Mapping[str, Any], name: str) -> None:

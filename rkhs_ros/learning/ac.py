@@ -4,10 +4,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rkhs_ros.learning.rkhs_ac import PlainActorCritic
-from rkhs_ros.learning.spaces import OnGrid
+from rkhs_ros.base.settings import variant
+from rkhs_ros.learning.actor_critic import ActorCritic
+from rkhs_ros.learning.algorithm import Experience, Update
+from rkhs_ros.learning.spaces import GridSettings
+from rkhs_ros.learning.steps import STEP_RULES, FixedStep, StepRule
+from rkhs_ros.policies.gaussian import GaussianPolicy
 
 
 @dataclass(frozen=True)
-class AC(OnGrid, PlainActorCritic):
-    r"""The plain actor-critic on a grid: :math:`\theta + \frac{\alpha}{N} \sum A(s, a)\, \phi(s)\, u` (Eq 5)."""
+class AC(GridSettings, ActorCritic):
+    r"""The actor-critic on a grid: up the plain gradient (Eq 5).
+
+    .. math:: \theta \leftarrow \theta + \frac{\alpha}{N} \sum_{i,t} A(s_{it}, a_{it})\, \phi(s_{it})\, u_{it}
+    """
+
+    step: StepRule = variant(FixedStep(0.005), STEP_RULES, "rule")
+
+    def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
+        """Return the policy one plain step on."""
+        samples = self.space.samples(policy, experience.episodes)  # phi, Eq 3
+        w = self.chosen_critic.fit(samples, experience.discount)
+        advantages = samples.compatible_advantages(w)  # <w, phi u>
+        gradient = samples.policy_gradient(advantages)  # Eq 5
+        return self.climb(policy, gradient, samples, experience, self.step)

@@ -1,4 +1,4 @@
-"""What actor-critics share: a critic that estimates the advantage by its compatible function (Eq 12)."""
+"""The settings of an actor-critic, and the critic and step rule that they choose."""
 
 from __future__ import annotations
 
@@ -6,17 +6,25 @@ from dataclasses import dataclass
 
 from rkhs_ros.base.settings import setting, variant
 from rkhs_ros.learning.algorithm import Algorithm
-from rkhs_ros.learning.critics import CRITICS, PENALTIES, pursuit_critic, step_critic, trajectory_critic
-from rkhs_ros.learning.features import Samples
+from rkhs_ros.learning.critics import (
+    RIDGE_NORMS,
+    Critic,
+    StepCritic,
+    StepPursuitCritic,
+    TrajectoryCritic,
+    TrajectoryPursuitCritic,
+    ValueBaseline,
+)
 from rkhs_ros.learning.steps import STEP_RULES, KLStep, StepRule
-from rkhs_ros.rkhs.kernels import Array
+
+EQUATIONS = ("step", "trajectory")
 
 
 @dataclass(frozen=True)
 class ActorCritic(Algorithm):
-    r"""An algorithm with a critic: the w of :math:`A(s, a) = \langle w, K(s, \cdot) \Sigma^{-1} (a - h(s)) \rangle`."""
+    """An algorithm whose direction is made from the estimate of a critic."""
 
-    critic: str = setting("step", "equations of the critic: of each step or of each episode", choices=tuple(CRITICS))
+    critic: str = setting("step", "equations of the critic: of each step or of each episode", choices=EQUATIONS)
     regression: str = setting(
         "ridge",
         "how the critic solves them: ridge regression, or kernel matching pursuit after the value",
@@ -31,15 +39,18 @@ class ActorCritic(Algorithm):
         "norm",
         "what the ridge penalises: the norms of functions; or scale_free: each coefficient by the mean square of its "
         "column, which does not change with the coordinates",
-        choices=PENALTIES,
+        choices=RIDGE_NORMS,
     )
     step: StepRule = variant(KLStep(), STEP_RULES, "rule")
 
-    def natural_gradient(self, samples: Samples, discount: float) -> Array:
-        """Return the coefficients of w in the samples' coordinates, shape (m, n)."""
-        step = {"value_ridge": self.value_ridge, "trace": self.trace}
-        if self.regression == "pursuit":
-            return pursuit_critic(samples, discount, self.ridge, self.ridge_norm, equations=self.critic, **step)
-        if self.critic == "step":
-            return step_critic(samples, discount, self.ridge, self.ridge_norm, **step)
-        return trajectory_critic(samples, discount, self.ridge, self.ridge_norm)
+    @property
+    def chosen_critic(self) -> Critic:
+        """The critic that the settings choose."""
+        baseline = ValueBaseline(self.value_ridge, self.ridge_norm, self.trace)
+        critics: dict[tuple[str, str], Critic] = {
+            ("step", "ridge"): StepCritic(self.ridge, baseline, self.ridge_norm),
+            ("step", "pursuit"): StepPursuitCritic(self.ridge, baseline),
+            ("trajectory", "ridge"): TrajectoryCritic(self.ridge, self.ridge_norm),
+            ("trajectory", "pursuit"): TrajectoryPursuitCritic(self.ridge),
+        }
+        return critics[self.critic, self.regression]

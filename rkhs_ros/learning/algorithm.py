@@ -1,4 +1,4 @@
-"""What every algorithm is: hyper-parameters, and an update from policy and episodes to the next policy."""
+"""The base of all algorithms: an update makes the next policy from a policy and its episodes."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from rkhs_ros.base.settings import setting
+from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.features import Samples
+from rkhs_ros.learning.samples import Samples
+from rkhs_ros.learning.spaces import Space
 from rkhs_ros.learning.steps import StepRule
 from rkhs_ros.policies.gaussian import GaussianPolicy, mean_kl
 from rkhs_ros.policies.variance import ConstantVariance
-from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array
 
 
 @dataclass(frozen=True)
 class Metrics:
-    """What an update did.
+    """Measurements of one update.
 
     Attributes:
         step_size: how far the mean went along the direction.
@@ -54,7 +54,7 @@ class Experience:
 
 
 class Update(NamedTuple):
-    """What comes out of an update.
+    """The result of an update.
 
     Attributes:
         policy: the next policy.
@@ -68,16 +68,18 @@ class Update(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Algorithm(ABC):
-    """Policy search by functions; a subclass is one algorithm and its fields are the hyper-parameters.
-
-    An algorithm is completed by the space it searches: `Sparse` or `OnGrid`.
-    """
+class Algorithm(Settings, ABC):
+    """Policy search by functions; a subclass is one algorithm and its fields are the hyper-parameters."""
 
     exploration_decay: float = setting(
         1.0, "factor on a constant standard deviation each iteration", minimum=0.0, maximum=1.0
     )
     exploration_minimum: float = setting(0.05, "standard deviation not decayed below", minimum=1e-6, maximum=1e6)
+
+    @property
+    @abstractmethod
+    def space(self) -> Space:
+        """The space searched, made from the settings: see `SparseSettings` and `GridSettings`."""
 
     @abstractmethod
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
@@ -88,14 +90,6 @@ class Algorithm(ABC):
             experience: what it saw, did and earned.
         """
 
-    @abstractmethod
-    def samples(self, policy: GaussianPolicy, episodes: Episodes) -> Samples:
-        """Return the samples in coordinates of the space searched."""
-
-    @abstractmethod
-    def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
-        """Return the policy with the direction added to its mean, and the relative error of keeping it small."""
-
     def climb(
         self, policy: GaussianPolicy, coefficients: Array, samples: Samples, experience: Experience, step: StepRule
     ) -> Update:
@@ -103,22 +97,21 @@ class Algorithm(ABC):
 
         Args:
             policy: the policy.
-            coefficients: of the direction w in the samples' coordinates, shape (m, n).
-            samples: the policy's samples.
+            coefficients: of the direction w, shape (m, n).
+            samples: the policy's samples, in whose basis the coefficients are.
             experience: for the step rules that try steps out.
             step: how far to go.
         """
-        direction = samples.basis.function(coefficients)
+        w = samples.basis.function(coefficients)
 
-        def try_out(size: float, episodes: int) -> float:
-            tried = policy.with_mean(policy.mean + direction.scale(size))  # thinned out only once it is chosen
+        def mean_return(size: float, episodes: int) -> float:
+            tried = policy.with_mean(policy.mean + w.scale(size))  # thinned out only once it is chosen
             return float(experience.collect(tried, episodes).returns(experience.discount).mean())
 
-        along = samples.features @ coefficients
-        size = step.step_size(along, samples.variance, try_out, experience.iteration)
-        new, error = self.move(policy, direction.scale(size), samples.observations)
-        new = replace(new, variance=self.decayed(policy))
-        return Update(new, measure(policy, new, samples.observations, size, error), experience.memory)
+        alpha = step.step_size(samples.features @ coefficients, samples.variance, mean_return, experience.iteration)
+        moved, error = self.space.move(policy, w.scale(alpha), samples.observations)
+        new = replace(moved, variance=self.decayed(policy))
+        return Update(new, measure(policy, new, samples.observations, alpha, error), experience.memory)
 
     def decayed(self, policy: GaussianPolicy) -> ConstantVariance:
         """Return the variance of the next policy.

@@ -5,22 +5,27 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rkhs_ros.base.settings import setting
-from rkhs_ros.learning.critics import CRITICS
-from rkhs_ros.learning.rkhs_nac import NaturalActorCritic
-from rkhs_ros.learning.spaces import OnGrid
+from rkhs_ros.learning.actor_critic import EQUATIONS, ActorCritic
+from rkhs_ros.learning.algorithm import Experience, Update
+from rkhs_ros.learning.spaces import GridSettings
+from rkhs_ros.policies.gaussian import GaussianPolicy
 
 
 @dataclass(frozen=True)
-class ENAC(OnGrid, NaturalActorCritic):
-    r"""The natural actor-critic on a grid: :math:`\theta \leftarrow \theta + \alpha w`.
+class ENAC(GridSettings, ActorCritic):
+    r"""The natural actor-critic on a grid, with one equation for each episode.
 
-    One equation for each episode:
-    :math:`R(\xi) = \langle w, \sum_t \gamma^t \phi(s_t) u_t \rangle + V(s_0)`.
+    .. math:: \theta \leftarrow \theta + \alpha w, \qquad
+        R(\xi) = \langle w, \sum_t \gamma^t \phi(s_t)\, u_t \rangle + V(s_0)
     """
 
-    critic: str = setting(
-        "trajectory", "equations of the critic: of each step or of each episode", choices=tuple(CRITICS)
-    )
+    critic: str = setting("trajectory", "equations of the critic: of each step or of each episode", choices=EQUATIONS)
     ridge: float = setting(
         0.1, "penalty on the critic's weights, of an episode's relative to the Gram", minimum=1e-12, maximum=1e6
     )
+
+    def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
+        """Return the policy one natural step on."""
+        samples = self.space.samples(policy, experience.episodes)  # phi, Eq 3
+        w = self.chosen_critic.fit(samples, experience.discount)  # of R(xi), see above
+        return self.climb(policy, w, samples, experience, self.step)  # theta + alpha w, Eq 15

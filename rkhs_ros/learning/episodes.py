@@ -21,12 +21,16 @@ class Episodes:
         actions: as drawn, before any clipping, shape (N, H, n).
         rewards: of each action, shape (N, H); 0 where an episode was over.
         mask: True where the episode was still going on, shape (N, H).
+        final_observations: after the last step of each episode, shape (N, d), never the policy's inputs.
+        terminated: True where the task ended the episode, False where it was cut off, shape (N,).
     """
 
     observations: Array
     actions: Array
     rewards: Array
     mask: NDArray[np.bool_]
+    final_observations: Array
+    terminated: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
         """Raise ValueError where the shapes do not fit."""
@@ -34,6 +38,29 @@ class Episodes:
         for name in ("observations", "actions", "mask"):
             got = getattr(self, name).shape[:2]
             require(got == shape, f"episodes' {name}", f"{shape} episodes and steps", got)
+        for name in ("final_observations", "terminated"):
+            got = len(getattr(self, name))
+            require(got == shape[0], f"episodes' {name}", f"{shape[0]} episodes", got)
+
+    @classmethod
+    def without_ends(cls, observations: Array, actions: Array, rewards: Array, mask: NDArray[np.bool_]) -> Episodes:
+        """Return episodes of which nothing is known after the last step: cut off, the last observation repeated."""
+        last = np.maximum(mask.sum(axis=1) - 1, 0)
+        final = observations[np.arange(len(mask)), last]
+        return cls(observations, actions, rewards, mask, final, np.zeros(len(mask), dtype=bool))
+
+    @classmethod
+    def none(cls, horizon: int, observation_dim: int, action_dim: int) -> Episodes:
+        """Return no episodes, to which others can be added."""
+        shape = (0, horizon)
+        return cls(
+            observations=np.zeros((*shape, observation_dim)),
+            actions=np.zeros((*shape, action_dim)),
+            rewards=np.zeros(shape),
+            mask=np.zeros(shape, dtype=bool),
+            final_observations=np.zeros((0, observation_dim)),
+            terminated=np.zeros(0, dtype=bool),
+        )
 
     def __len__(self) -> int:
         """Return the number of episodes N."""

@@ -1,4 +1,4 @@
-"""The choice of a kernel, made concrete by the first data seen."""
+"""The settings of the kernel, whose bandwidths may be taken from the first iteration's points."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from functools import reduce
 from operator import add, mul
 
-from rkhs_ros.base.settings import setting
+from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.base.validation import pick
 from rkhs_ros.rkhs.kernels import RBF, Array, Kernel, Polynomial, median_bandwidth
 
 
 @dataclass(frozen=True)
-class KernelChoice:
-    """Which kernel the policy's space has."""
+class KernelChoice(Settings):
+    """The settings of the policy's kernel."""
 
     form: str = setting("rbf", "names of kernels joined by + and *, as in 'rbf + polynomial'")
     bandwidth: str | tuple[float, ...] = setting(
@@ -31,7 +31,8 @@ class KernelChoice:
     degree: int = setting(3, "degree of the polynomial kernel", minimum=1, maximum=20)
 
     def __post_init__(self) -> None:
-        """Raise ValueError where the form names an unknown kernel."""
+        """Raise ValueError where a value does not fit, or the form names an unknown kernel."""
+        super().__post_init__()
         for name in self.form.replace("*", "+").split("+"):
             pick(name.strip(), KERNELS, "kernel")
 

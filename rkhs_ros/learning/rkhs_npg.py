@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from rkhs_ros.base.settings import setting, variant
-from rkhs_ros.learning.algorithm import Experience, Update
-from rkhs_ros.learning.critics import dual_regression, trajectory_features, value
-from rkhs_ros.learning.features import Samples
-from rkhs_ros.learning.spaces import Sparse
+from rkhs_ros.learning.algorithm import Algorithm, Experience, Update
+from rkhs_ros.learning.critics import ValueBaseline
+from rkhs_ros.learning.samples import Samples
+from rkhs_ros.learning.spaces import SparseSettings
 from rkhs_ros.learning.steps import STEP_RULES, KLStep, StepRule
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rkhs.regression import dual_regression
 
 
 @dataclass(frozen=True)
-class RKHSNPG(Sparse):
+class RKHSNPG(SparseSettings, Algorithm):
     r"""Up the natural gradient, through the N x N Gram of the trajectories (Eq 18 to 20).
 
     .. math:: h \leftarrow h + \alpha \sum_i \hat R_i \sum_t K(s_{it}, \cdot)\, u_{it}, \qquad
@@ -36,14 +39,17 @@ class RKHSNPG(Sparse):
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
         """Return the policy one natural step on."""
-        samples = self.samples(policy, experience.episodes)
-        trajectories = trajectory_features(samples, discount=1.0)  # grad log P(xi), Eq 19
-        weights = self._weights(samples, trajectories, experience.discount)  # R hat, after Eq 18
-        gradient = (trajectories.T @ weights).reshape(-1, policy.mean.output_dim)
+        samples = self.space.samples(policy, experience.episodes)
+        scores = samples.trajectory_features(discount=1.0)  # grad log P(xi), Eq 19; Lambda is their Gram
+        returns = self._returns(samples, experience.discount)  # R
+        weights = dual_regression(scores, returns, self.ridge, intercept=self.baseline != "printed")  # R hat, Eq 18
+        gradient = samples.as_coefficients(scores.T @ weights)
         return self.climb(policy, gradient, samples, experience, self.step)  # Eq 20
 
-    def _weights(self, samples: Samples, trajectories: Array, discount: float) -> Array:
+    def _returns(self, samples: Samples, discount: float) -> Array:
+        """Return R, less the value of the first state where that is the baseline, shape (N,)."""
         returns = samples.episodes.returns(discount)
-        if self.baseline == "value":
-            returns = returns - value(samples, discount, self.value_ridge)[samples.episodes.begins]
-        return dual_regression(trajectories, returns, self.ridge, intercept=self.baseline != "printed")
+        if self.baseline != "value":
+            return returns
+        values = ValueBaseline(self.value_ridge).values(samples, discount)
+        return np.asarray(returns - values[samples.episodes.begins])

@@ -1,17 +1,17 @@
-"""The spaces searched: all of the RKHS with few centres at a time, or the span of fixed centres on a grid."""
+"""The spaces searched: the RKHS with few centres at a time, or the span of kernel functions on a grid."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import prod
+from typing import Protocol
 
 import numpy as np
 
 from rkhs_ros.base.settings import setting
 from rkhs_ros.base.validation import require
-from rkhs_ros.learning.algorithm import Algorithm
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.features import Samples
+from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.fixed import grid
 from rkhs_ros.rkhs.function import Function
@@ -19,17 +19,36 @@ from rkhs_ros.rkhs.kernels import Array, Polynomial
 from rkhs_ros.rkhs.pursuit import sparsify
 
 LINEAR = Polynomial(0.0, 1)
-MOST = 100_000  # centres on a grid
+MAX_GRID_CENTRES = 100_000
+
+
+class Space(Protocol):
+    """The functions among which the policy's mean is searched for."""
+
+    def samples(self, policy: GaussianPolicy, episodes: Episodes) -> Samples:
+        """Return the episodes' steps in coordinates of the space."""
+
+    def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
+        """Return the policy with the direction added to its mean, and the relative error of keeping that small.
+
+        Args:
+            policy: the policy.
+            direction: of the space.
+            points: where the mean's values matter, shape (samples, d).
+        """
 
 
 @dataclass(frozen=True)
-class Sparse(Algorithm):
-    """The RKHS: centres are chosen among what was seen, and thinned out after every update (Algorithm 1)."""
+class Sparse:
+    """The RKHS: centres are chosen among what was seen, and thinned out after every update (Algorithm 1).
 
-    centres: int = setting(40, "number of centres of the policy at most", minimum=1, maximum=2000)
-    sparsification_tolerance: float = setting(
-        0.0, "relative error at which fewer centres are enough", minimum=0.0, maximum=1.0
-    )
+    Attributes:
+        centres: number of centres of the policy at most.
+        tolerance: relative error at which fewer are enough.
+    """
+
+    centres: int
+    tolerance: float = 0.0
 
     def samples(self, policy: GaussianPolicy, episodes: Episodes) -> Samples:
         """Return the samples in the Newton basis of some of them.
@@ -38,21 +57,76 @@ class Sparse(Algorithm):
         different sizes, a basis of samples would lose the small ones.
         """
         if policy.mean.kernel == LINEAR and policy.mean.input_dim <= self.centres:
-            return Samples.on(policy, episodes, np.eye(policy.mean.input_dim))
-        return Samples.of(policy, episodes, self.centres)
+            return Samples.on_centres(policy, episodes, np.eye(policy.mean.input_dim))
+        return Samples.in_newton_basis(policy, episodes, self.centres)
 
     def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
         """Return the policy with the direction added to its mean, sparsified, and the relative error of that."""
         mean = policy.mean + direction
-        if len(mean.centres) <= self.centres and self.sparsification_tolerance == 0.0:
+        if len(mean.centres) <= self.centres and self.tolerance == 0.0:
             return policy.with_mean(mean), 0.0
-        fit = sparsify(mean, points, budget=self.centres, tolerance=self.sparsification_tolerance)
+        fit = sparsify(mean, points, budget=self.centres, tolerance=self.tolerance)
         return policy.with_mean(fit.function), fit.error
 
 
 @dataclass(frozen=True)
-class OnGrid(Algorithm):
-    """A parametric policy: weights of kernel functions on a fixed grid, measured by their Euclidean norm (Eq 3)."""
+class Grid:
+    """The weights of kernel functions on a fixed grid, measured by their Euclidean norm (Eq 3).
+
+    Attributes:
+        low: lower corner, one number or one per input.
+        high: upper corner, one number or one per input.
+        counts: centres along each dimension, one whole number or one per input.
+    """
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    counts: tuple[float, ...]
+
+    def samples(self, policy: GaussianPolicy, episodes: Episodes) -> Samples:
+        """Return the samples in the kernel functions of the grid."""
+        return Samples.on_centres(policy, episodes, self.centres(policy.mean.input_dim))
+
+    def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
+        """Return the policy with the direction's weights added, which leaves no error."""
+        return policy.with_mean(policy.mean + direction), 0.0
+
+    def centres(self, d: int) -> Array:
+        """Return the points of the grid over d inputs, shape (m, d).
+
+        Raises:
+            ValueError: the numbers are not one or d, the counts not whole, or the centres too many; named as the
+                settings are.
+        """
+        corners = {"grid_low": self.low, "grid_high": self.high, "grid_counts": self.counts}
+        for name, numbers in corners.items():
+            require(len(numbers) in (1, d), f"algorithm.{name}", f"1 or {d} numbers", len(numbers))
+        low, high, counts = (np.broadcast_to(numbers, (d,)) for numbers in corners.values())
+        require(all(count == int(count) for count in counts), "algorithm.grid_counts", "whole numbers", counts.tolist())
+        sizes = tuple(int(count) for count in counts)
+        most = f"at most {MAX_GRID_CENTRES} centres in all"
+        require(prod(sizes) <= MAX_GRID_CENTRES, "algorithm.grid_counts", most, prod(sizes))
+        return grid(low, high, sizes)
+
+
+@dataclass(frozen=True)
+class SparseSettings:
+    """The settings of an algorithm that searches the RKHS."""
+
+    centres: int = setting(40, "number of centres of the policy at most", minimum=1, maximum=2000)
+    sparsification_tolerance: float = setting(
+        0.0, "relative error at which fewer centres are enough", minimum=0.0, maximum=1.0
+    )
+
+    @property
+    def space(self) -> Sparse:
+        """The space searched."""
+        return Sparse(self.centres, self.sparsification_tolerance)
+
+
+@dataclass(frozen=True)
+class GridSettings:
+    """The settings of an algorithm that searches the weights on a grid."""
 
     grid_low: tuple[float, ...] = setting(
         (-1.0,), "lower corner of the grid of centres, one or one per input", minimum=-1e9, maximum=1e9
@@ -64,20 +138,7 @@ class OnGrid(Algorithm):
         (5.0,), "centres along each dimension, one or one per input", minimum=1, maximum=10_000
     )
 
-    def samples(self, policy: GaussianPolicy, episodes: Episodes) -> Samples:
-        """Return the samples in the kernel functions of the grid."""
-        return Samples.on(policy, episodes, self._centres(policy.mean.input_dim))
-
-    def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
-        """Return the policy with the direction's weights added."""
-        return policy.with_mean(policy.mean + direction), 0.0
-
-    def _centres(self, d: int) -> Array:
-        for name in ("grid_low", "grid_high", "grid_counts"):
-            size = len(getattr(self, name))
-            require(size in (1, d), f"algorithm.{name}", f"1 or {d} numbers", size)
-        low, high, counts = (np.broadcast_to(v, (d,)) for v in (self.grid_low, self.grid_high, self.grid_counts))
-        require(all(count == int(count) for count in counts), "algorithm.grid_counts", "whole numbers", counts.tolist())
-        sizes = tuple(int(count) for count in counts)
-        require(prod(sizes) <= MOST, "algorithm.grid_counts", f"at most {MOST} centres in all", prod(sizes))
-        return grid(low, high, sizes)
+    @property
+    def space(self) -> Grid:
+        """The space searched."""
+        return Grid(self.grid_low, self.grid_high, self.grid_counts)

@@ -7,25 +7,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rkhs_ros.base.settings import setting
+from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.rkhs.kernels import Array
 
-TryOut = Callable[[float, int], float]
+MeanReturn = Callable[[float, int], float]  # of a step size, in a number of fresh episodes
 
 
 @dataclass(frozen=True)
-class FixedStep:
+class FixedStep(Settings):
     """The same step size at every iteration."""
 
     size: float = setting(0.1, "step size along the direction", minimum=0.0, maximum=1e6)
 
-    def step_size(self, direction: Array, variance: Array, try_out: TryOut, iteration: int = 0) -> float:
+    def step_size(self, direction: Array, variance: Array, mean_return: MeanReturn, iteration: int = 0) -> float:
         """Return the step size."""
         return self.size
 
 
 @dataclass(frozen=True)
-class KLStep:
+class KLStep(Settings):
     r"""The step at which the policies before and after differ by a given Kullback-Leibler divergence (Eq 15).
 
     .. math:: \alpha = \min\Big(cap, \sqrt{2 \delta \Big/ \tfrac1n \textstyle\sum_t |w(s_t) / \sigma(s_t)|^2}\Big),
@@ -40,7 +40,7 @@ class KLStep:
         0.0, "c of the divergence's decrease with the iterations, by 1 / (1 + c k)", minimum=0.0, maximum=1e6
     )
 
-    def step_size(self, direction: Array, variance: Array, try_out: TryOut, iteration: int = 0) -> float:
+    def step_size(self, direction: Array, variance: Array, mean_return: MeanReturn, iteration: int = 0) -> float:
         """Return the step size for a direction, shape (samples, n), under a variance of that shape."""
         length = _length(direction, variance)
         divergence = self.divergence / (1.0 + self.annealing * iteration)
@@ -48,7 +48,7 @@ class KLStep:
 
 
 @dataclass(frozen=True)
-class LineSearch:
+class LineSearch(Settings):
     """The best of a grid of steps (section 4.1 of the paper), each tried out in fresh episodes.
 
     The steps are spaced evenly in logarithm. Their lengths are in standard deviations of the action, root mean
@@ -60,23 +60,24 @@ class LineSearch:
     shortest: float = setting(0.01, "shortest step, in standard deviations of the action", minimum=1e-9, maximum=1e6)
     longest: float = setting(3.0, "longest step, in standard deviations of the action", minimum=1e-9, maximum=1e6)
 
-    def step_size(self, direction: Array, variance: Array, try_out: TryOut, iteration: int = 0) -> float:
+    def step_size(self, direction: Array, variance: Array, mean_return: MeanReturn, iteration: int = 0) -> float:
         """Return the step size with the greatest mean return.
 
         Args:
             direction: at the samples, shape (samples, n).
             variance: of the policy there, shape (samples, n).
-            try_out: gives the mean return of a number of fresh episodes at a step size.
+            mean_return: lets a step size act in a number of fresh episodes and gives their mean return.
             iteration: number of updates before this one.
         """
         length = _length(direction, variance)
         if length == 0:
             return 0.0
         sizes = np.geomspace(self.shortest, self.longest, self.choices) / length
-        return float(max(sizes, key=lambda size: try_out(float(size), self.episodes)))
+        return float(max(sizes, key=lambda size: mean_return(float(size), self.episodes)))
 
 
 def _length(direction: Array, variance: Array) -> float:
+    """Return the root mean square length of a direction, in standard deviations of the action."""
     return float(np.sqrt(np.mean(np.sum(direction**2 / variance, axis=1))))
 
 

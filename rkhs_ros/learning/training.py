@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rkhs_ros.base.settings import build, setting, variant
+from rkhs_ros.base.settings import Settings, build, setting, variant
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.algorithm import Algorithm, Experience, Metrics
 from rkhs_ros.learning.episodes import Episodes
@@ -17,21 +17,25 @@ from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.rkhs_nac import RKHSNAC
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
-from rkhs_ros.rkhs.kernels import RBF
+from rkhs_ros.rkhs.kernels import RBF, Array
 
 
 @dataclass(frozen=True)
-class Training:
+class Training(Settings):
     """The learner's settings."""
 
     name: str = setting("run", "name of the run and of its folder of results")
     seed: int = setting(0, "seed of all randomness", minimum=0, maximum=2**63 - 1)
     iterations: int = setting(40, "number of policy updates", minimum=1, maximum=10**6)
     episodes_per_iteration: int = setting(10, "exploring episodes before each update", minimum=1, maximum=10_000)
-    evaluation_episodes: int = setting(10, "noise-free episodes after each update", minimum=1, maximum=10_000)
+    evaluation_episodes: int = setting(10, "noise-free episodes of an evaluation", minimum=1, maximum=10_000)
+    evaluate_every: int = setting(
+        1, "iterations from one evaluation by noise-free episodes to the next; 0: none", minimum=0, maximum=10**6
+    )
     horizon: int = setting(100, "steps of an episode", minimum=1, maximum=10**6)
     discount: float = setting(0.99, "discount factor of the return, per step", minimum=0.0, maximum=1.0)
     exploration_sd: tuple[float, ...] = setting(
@@ -58,8 +62,9 @@ def training_from(tree: Mapping[str, Any]) -> Training:
 class Runner(Protocol):
     """Who lets a policy act: an in-process simulation, or nodes behind topics."""
 
-    observation_dim: int
-    action_dim: int
+    @property
+    def spaces(self) -> Spaces:
+        """Shape of an observation, and bounds of the actions."""
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Return the episodes of a batch under the policy."""
@@ -93,16 +98,18 @@ class Iteration:
 
     Attributes:
         state: where the run is after it.
-        train_returns: returns of this iteration's exploring episodes, before the update, shape (N,).
-        mean_policy_returns: returns of noise-free episodes after the update.
-        evaluation: those noise-free episodes.
+        exploration: this iteration's exploring episodes, before the update.
+        train_returns: their returns, shape (N,).
+        evaluation: noise-free episodes after the update; none, of number 0, in an iteration without evaluation.
+        mean_policy_returns: their returns.
         metrics: what the update did.
     """
 
     state: State
-    train_returns: np.ndarray
-    mean_policy_returns: np.ndarray
+    exploration: Episodes
+    train_returns: Array
     evaluation: Episodes
+    mean_policy_returns: Array
     metrics: Metrics
 
     @property
@@ -120,30 +127,53 @@ class Iteration:
         """The policy after the update."""
         return self.state.policy
 
+    @property
+    def train_return(self) -> float:
+        """Mean return of the exploring episodes."""
+        return float(self.train_returns.mean())
 
-def first_policy(training: Training, observation_dim: int, action_dim: int) -> GaussianPolicy:
+    @property
+    def mean_policy_return(self) -> float:
+        """Mean return of the noise-free episodes; nan in an iteration without evaluation."""
+        return float(self.mean_policy_returns.mean()) if len(self.evaluation) else float("nan")
+
+
+def first_policy(training: Training, spaces: Spaces) -> GaussianPolicy:
     """Return the policy with mean 0 that explores first; its kernel is settled by what it sees.
 
     Raises:
         ValueError: the standard deviations are not one, or one per action dimension; or the inputs do not fit.
     """
-    sd = training.exploration_sd
+    sd, action_dim = training.exploration_sd, spaces.action_dim
     require(len(sd) in (1, action_dim), "exploration_sd", f"1 or {action_dim} numbers", len(sd))
     variance = ConstantVariance(np.broadcast_to(np.square(sd), (action_dim,)))
-    input_dim = training.inputs.dimension(observation_dim, action_dim)
+    input_dim = training.inputs.dimension(spaces.observation_dim, action_dim)
     return GaussianPolicy(Function.zero(RBF((1.0,)), input_dim, action_dim), variance, training.inputs)
 
 
-def first_state(training: Training, runner: Runner) -> State:
+def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy | None = None) -> State:
     """Return the state that a run begins in.
 
+    Args:
+        training: the learner's settings.
+        spaces: of the task.
+        warm_start: a policy whose mean is the first one; it explores as the settings say.
+
     Raises:
-        ValueError: the settings do not fit the task.
+        ValueError: the settings, or the policy, do not fit the task.
     """
-    policy = first_policy(training, runner.observation_dim, runner.action_dim)
-    shape = (0, training.horizon)
-    observations, actions = (np.zeros((*shape, d)) for d in (policy.mean.input_dim, policy.mean.output_dim))
-    return State(0, policy, Episodes(observations, actions, np.zeros(shape), np.zeros(shape, dtype=bool)), 0, 0)
+    policy = first_policy(training, spaces)
+    if warm_start is not None:
+        policy = policy.with_mean(_fitting_mean(warm_start, policy))
+    memory = Episodes.none(training.horizon, spaces.observation_dim, spaces.action_dim)
+    return State(0, policy, memory.seen_through(policy.inputs), 0, 0)
+
+
+def _fitting_mean(given: GaussianPolicy, first: GaussianPolicy) -> Function:
+    require(given.inputs == first.inputs, "inputs", f"{given.inputs}, which the first policy has", first.inputs)
+    sizes = [(policy.mean.input_dim, policy.mean.output_dim) for policy in (first, given)]
+    require(sizes[0] == sizes[1], "first policy", f"one from {sizes[0][0]} to {sizes[0][1]} dimensions", sizes[1])
+    return given.mean
 
 
 class Collector:
@@ -164,9 +194,13 @@ class Collector:
         self.evaluated = state.evaluated
 
     def explore(self, policy: GaussianPolicy, episodes: int) -> Episodes:
-        """Return a number of exploring episodes, with the policy's inputs as observations."""
+        """Return a number of exploring episodes."""
         first, self.explored = self.explored, self.explored + episodes
-        return self._collect(policy, first, episodes, explore=True).seen_through(policy.inputs)
+        return self._collect(policy, first, episodes, explore=True)
+
+    def explore_inputs(self, policy: GaussianPolicy, episodes: int) -> Episodes:
+        """Return a number of exploring episodes, with the policy's inputs as observations."""
+        return self.explore(policy, episodes).seen_through(policy.inputs)
 
     def evaluate(self, policy: GaussianPolicy) -> Episodes:
         """Return noise-free episodes."""
@@ -190,7 +224,7 @@ def train(training: Training, runner: Runner, state: State | None = None) -> Ite
     Raises:
         ValueError: the settings do not fit the task.
     """
-    state = state or first_state(training, runner)
+    state = state or first_state(training, runner.spaces)
     while state.iterations < training.iterations:
         iteration = _iteration_after(state, training, runner)
         yield iteration
@@ -199,17 +233,21 @@ def train(training: Training, runner: Runner, state: State | None = None) -> Ite
 
 def _iteration_after(state: State, training: Training, runner: Runner) -> Iteration:
     policy, collector = state.policy, Collector(training, runner, state)
-    episodes = collector.explore(policy, training.episodes_per_iteration)
-    if state.iterations == 0:
+    exploration = collector.explore(policy, training.episodes_per_iteration)
+    episodes = exploration.seen_through(policy.inputs)
+    if state.iterations == 0 and len(policy.mean.centres) == 0:  # a policy given has its kernel
         kernel = training.kernel.fit(episodes.flat(episodes.observations))
         policy = policy.with_mean(replace(policy.mean, kernel=kernel))
-    experience = Experience(episodes, training.discount, state.memory, collector.explore, state.iterations)
+    experience = Experience(episodes, training.discount, state.memory, collector.explore_inputs, state.iterations)
     policy, metrics, memory = training.algorithm.update(policy, experience)
-    evaluation = collector.evaluate(policy)
+    every = training.evaluate_every
+    due = every > 0 and (state.iterations + 1) % every == 0
+    evaluation = collector.evaluate(policy) if due else exploration.take(slice(0))
     return Iteration(
         state=State(state.iterations + 1, policy, memory, collector.explored, collector.evaluated),
-        train_returns=episodes.returns(training.discount),
-        mean_policy_returns=evaluation.returns(training.discount),
+        exploration=exploration,
+        train_returns=exploration.returns(training.discount),
         evaluation=evaluation,
+        mean_policy_returns=evaluation.returns(training.discount),
         metrics=metrics,
     )

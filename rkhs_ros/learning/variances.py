@@ -6,11 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rkhs_ros.learning.features import Samples
+from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.variance import FunctionVariance, KernelVariance, Variance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.pursuit import sparsify
+
+LEAST_MASS = 1e-9  # of a centre that is kept, relative to the greatest
 
 
 def learnt(samples: Samples, weights: Array, sd_minimum: float, sd_maximum: float) -> KernelVariance:
@@ -30,7 +32,7 @@ def learnt(samples: Samples, weights: Array, sd_minimum: float, sd_maximum: floa
     mass = np.bincount(nearest, weights, len(centres))
     squares = (weights[:, None] * samples.exploration**2).T
     sums = np.stack([np.bincount(nearest, column, len(centres)) for column in squares], axis=1)
-    used = mass > 1e-9 * mass.max()
+    used = mass > LEAST_MASS * mass.max()
     low, high = _bounds(samples, sd_minimum, sd_maximum)
     return KernelVariance(kernel, centres[used], mass[used], sums[used] / mass[used, None], low, high)
 

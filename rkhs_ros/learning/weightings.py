@@ -6,36 +6,36 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rkhs_ros.learning.critics import advantages
-from rkhs_ros.learning.features import Samples
+from rkhs_ros.learning.critics import ValueBaseline
+from rkhs_ros.learning.samples import Samples
 from rkhs_ros.rkhs.kernels import Array
 
-Weighting = Callable[[Samples, float, float], Array]
+Weighting = Callable[[Samples, float, ValueBaseline], Array]
 
 
-def positive(samples: Samples, discount: float, ridge: float) -> Array:
+def positive(samples: Samples, discount: float, baseline: ValueBaseline) -> Array:
     r"""Return :math:`q = \max(A, 0)`: what went worse than expected does not count."""
-    return np.maximum(advantages(samples, discount, ridge), 0.0)
+    return np.maximum(baseline.advantages(samples, discount), 0.0)
 
 
-def shifted(samples: Samples, discount: float, ridge: float) -> Array:
+def shifted(samples: Samples, discount: float, baseline: ValueBaseline) -> Array:
     """Return the advantage less the least one at the same step of all episodes."""
-    advantage = advantages(samples, discount, ridge)
+    advantage = baseline.advantages(samples, discount)
     least = np.full(samples.episodes.horizon, np.inf)
     np.minimum.at(least, samples.episodes.steps, advantage)
     return np.asarray(advantage - least[samples.episodes.steps])
 
 
-def exponential(samples: Samples, discount: float, ridge: float) -> Array:
+def exponential(samples: Samples, discount: float, baseline: ValueBaseline) -> Array:
     r"""Return :math:`\exp(A / \mathrm{sd}(A))`."""
-    advantage = advantages(samples, discount, ridge)
+    advantage = baseline.advantages(samples, discount)
     deviation = advantage.std()
     return np.exp((advantage - advantage.max()) / deviation) if deviation > 0 else np.ones_like(advantage)
 
 
-def returns(samples: Samples, discount: float, ridge: float) -> Array:
+def returns(samples: Samples, discount: float, baseline: ValueBaseline) -> Array:
     """Return the reward to go, as Kober and Peters (2011) do; rewards are taken to be positive."""
-    return np.maximum(samples.episodes.flat(samples.episodes.rewards_to_go(discount)), 0.0)
+    return np.maximum(samples.rewards_to_go(discount), 0.0)
 
 
 WEIGHTINGS: dict[str, Weighting] = {

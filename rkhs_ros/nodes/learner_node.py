@@ -86,14 +86,14 @@ class LearnerNode(Node):
             self._until(simulator.describe.service_is_ready, simulator.name)
         self._until(self._set_policy.service_is_ready, "policy")
         for simulator in self._simulators:
-            simulator.task = self._connected(partial(self._describe, simulator), simulator.name)
+            simulator.know(self._connected(partial(self._describe, simulator), simulator.name))
         task, *others = [simulator.task for simulator in self._simulators]
         for simulator, other in zip(self._simulators[1:], others, strict=True):
             if (other.environment, other.options) != (task.environment, task.options):
                 raise PeerError(f"expected all simulators of one task, got {other.environment} from {simulator.name}")
         self._clock_steps = max(simulator.task.clock for simulator in self._simulators)
-        self.observation_dim, self.action_dim = task.observation_dim, task.action_dim
-        return Config(Environment(task.environment, json.loads(task.options)), self.training)
+        self.spaces = self._simulators[0].spaces
+        return Config(Environment(task.environment, json.loads(task.options), task.rows_at_once), self.training)
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Return the episodes of a batch under the policy.
@@ -105,6 +105,11 @@ class LearnerNode(Node):
         if policy is not self._served:
             self._version, self._served = next(self._numbers), policy
             self._push(policy)
+        room = sum(simulator.task.room for simulator in self._simulators)
+        return reduce(add, (self._together(policy, part) for part in batch.parts(room)))
+
+    def _together(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
+        """Return the episodes of a batch that the simulators have room for."""
         for simulator in self._simulators:
             simulator.rest()
         parts = batch.split(len(self._simulators))
@@ -130,7 +135,8 @@ class LearnerNode(Node):
         self._accepted(simulator.start, simulator.request, simulator.name)
 
     def _describe(self, simulator: SimulatorLink) -> DescribeTask.Response:
-        return self._call(simulator.describe, DescribeTask.Request(), simulator.name)
+        rows = max(self.training.episodes_per_iteration, self.training.evaluation_episodes)
+        return self._call(simulator.describe, DescribeTask.Request(rows=rows), simulator.name)
 
     def _repair(self, policy: GaussianPolicy) -> None:
         """Ask again for what may have been lost, and begin anew what a node that died no longer knows."""

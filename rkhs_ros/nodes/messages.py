@@ -6,10 +6,12 @@ import json
 from array import array
 from collections.abc import Iterable
 from dataclasses import fields
+from math import prod
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
@@ -21,6 +23,7 @@ from rkhs_ros.base.validation import finite_array, require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance, Variance
 from rkhs_ros.rkhs.function import Function
@@ -37,12 +40,13 @@ if TYPE_CHECKING:  # a policy node needs no simulation
 LOCKSTEP_QOS = QoSProfile(depth=16, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
 MOST_INPUTS, MOST_ACTIONS = 100_000, 1_000  # dimensions of a policy
 BATCH = attrgetter(*(field.name for field in fields(Batch)))  # what a message says of its batch
+FLOATS = ("float32", "float64")  # types of actions
 CLOCK_ENDS = 2**31  # seconds, which /clock cannot tell any more
 # What a variance of each name has no use for.
 UNUSED = {"constant": ("kernel", "centres", "mass", "minimum", "maximum"), "kernel": (), "function": ("mass",)}
 
 
-def doubles(values: Array) -> array[float]:
+def doubles(values: NDArray[Any]) -> array[float]:
     """Return the values as what a float64[] field takes fastest."""
     return array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())
 
@@ -66,6 +70,7 @@ def observation_message(identity: int, version: int, batch: Batch, step: int, fr
         batch=identity,
         policy_version=version,
         step=step,
+        over=not frame.active.any(),
         **vars(batch),
         observations=doubles(frame.observations),
         rewards=doubles(frame.rewards),
@@ -80,8 +85,9 @@ def observations_of(message: msg.Observation, batch: Batch) -> Array:
     """
     if BATCH(message) != BATCH(batch):  # no text is made unless it is needed: every step comes by here
         raise ValueError(f"batch {message.batch}: expected {batch}, got {batch_of(message)}")
-    if message.step > batch.horizon:
-        raise ValueError(f"step: expected at most {batch.horizon}, got {message.step}")
+    if message.step + (not message.over) > batch.horizon:
+        expected = f"at most {batch.horizon}, and less unless all is over"
+        raise ValueError(f"step: expected {expected}, got {message.step}")
     matrix(message.rewards, batch.rows if message.step else 0, 1, "rewards")
     columns = max(len(message.observations) // batch.rows, 1)
     return matrix(message.observations, batch.rows, columns, "observations")
@@ -125,13 +131,15 @@ def episodes_message(identity: int, version: int, episodes: Episodes) -> msg.Epi
         rows=rows,
         horizon=horizon,
         lengths=array("I", episodes.mask.sum(axis=1).astype(np.uint32).tobytes()),
+        terminated=episodes.terminated.tolist(),
         observations=doubles(episodes.observations),
+        final_observations=doubles(episodes.final_observations),
         actions=doubles(episodes.actions),
         rewards=doubles(episodes.rewards),
     )
 
 
-def episodes_of(message: msg.Episodes, batch: Batch, observation_dim: int, action_dim: int) -> Episodes:
+def episodes_of(message: msg.Episodes, batch: Batch, spaces: Spaces) -> Episodes:
     """Return the episodes that a message carries.
 
     Raises:
@@ -140,31 +148,60 @@ def episodes_of(message: msg.Episodes, batch: Batch, observation_dim: int, actio
     shape = (batch.rows, batch.horizon)
     require((message.rows, message.horizon) == shape, "episodes", f"{shape}", f"{(message.rows, message.horizon)}")
     lengths = np.array(message.lengths, dtype=np.int64)
-    require(len(lengths) == batch.rows, "episodes' lengths", f"{batch.rows} numbers", len(lengths))
+    for name in ("lengths", "terminated"):
+        size = len(getattr(message, name))
+        require(size == batch.rows, f"episodes' {name}", f"{batch.rows} entries", size)
     good = bool(((lengths >= 1) & (lengths <= batch.horizon)).all())
     require(good, "episodes' lengths", f"1 to {batch.horizon} steps", lengths)
     return Episodes(
-        _numbers(message.observations, (*shape, observation_dim), "episodes' observations"),
-        _numbers(message.actions, (*shape, action_dim), "episodes' actions"),
-        _numbers(message.rewards, shape, "episodes' rewards"),
-        np.arange(batch.horizon) < lengths[:, None],
+        observations=_numbers(message.observations, (*shape, spaces.observation_dim), "episodes' observations"),
+        actions=_numbers(message.actions, (*shape, spaces.action_dim), "episodes' actions"),
+        rewards=_numbers(message.rewards, shape, "episodes' rewards"),
+        mask=np.arange(batch.horizon) < lengths[:, None],
+        final_observations=_numbers(
+            message.final_observations, (batch.rows, spaces.observation_dim), "episodes' final observations"
+        ),
+        terminated=np.array(message.terminated, dtype=bool),
     )
 
 
-def describe(simulation: Simulation, identity: int, step: int, clock: int, *, connected: bool) -> DescribeTask.Response:
-    """Return what a simulation's task is, and how far it is."""
+def describe(
+    simulation: Simulation, rows: int, identity: int, step: int, clock: int, *, connected: bool
+) -> DescribeTask.Response:
+    """Return what a simulation's task is, how many of so many rows it has room for, and how far it is."""
+    spaces = simulation.spaces
     return DescribeTask.Response(
         environment=simulation.environment,
         options=json.dumps(simulation.options),
-        observation_dim=simulation.observation_dim,
-        action_dim=simulation.action_dim,
-        action_low=doubles(simulation.action_low),
-        action_high=doubles(simulation.action_high),
+        observation_shape=spaces.observation_shape,
+        action_shape=spaces.action_low.shape,
+        action_type=spaces.action_low.dtype.name,
+        action_low=doubles(spaces.action_low),
+        action_high=doubles(spaces.action_high),
+        room=simulation.room(rows),
+        rows_at_once=simulation.rows_at_once,
         batch=identity,
         step=step,
         clock=clock,
         connected=connected,
     )
+
+
+def spaces_of(message: DescribeTask.Response) -> Spaces:
+    """Return the spaces of the task that a message describes.
+
+    Raises:
+        ValueError: the shapes, the type or the bounds do not fit.
+    """
+    require(message.action_type in FLOATS, "action_type", f"one of {', '.join(FLOATS)}", message.action_type)
+    shape = tuple(int(size) for size in message.action_shape)
+    sizes = (prod(message.observation_shape), prod(shape))
+    good = 1 <= sizes[0] <= MOST_INPUTS and 1 <= sizes[1] <= MOST_ACTIONS
+    require(good, "task", f"1 to {MOST_INPUTS} observed numbers and 1 to {MOST_ACTIONS} actions", sizes)
+    bounds = (np.array(bound, dtype=message.action_type) for bound in (message.action_low, message.action_high))
+    low, high = (bound.reshape(shape) if bound.size == sizes[1] else bound for bound in bounds)
+    require(low.shape == shape, "action_low", f"{shape} values", low.shape)
+    return Spaces(tuple(int(size) for size in message.observation_shape), low, high)
 
 
 def clock_message(seconds: float) -> Clock:

@@ -74,8 +74,8 @@ class Seat:
     def _go_on(self, message: Observation, acting: Acting) -> None:
         observations = observations_of(message, acting.batch)
         require(message.step <= self._next, "step", f"at most {self._next}, the next one", message.step)
-        if message.step == acting.batch.horizon:
-            return  # the last observation asks for no action
+        if message.over:
+            return  # it asks for no action
         again = self.answer is not None and message.step == self.answer.step
         self._say(self.answer if again else self._answer_to(message, acting, observations))
 

@@ -9,7 +9,8 @@ from rclpy.node import Node
 from rkhs_interfaces.msg import Episodes as EpisodesMessage
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS, episodes_of, start_request
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS, episodes_of, spaces_of, start_request
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 
 
@@ -27,6 +28,7 @@ class SimulatorLink:
     def __init__(self, node: Node, namespace: str, refuse: Callable[[str], None]) -> None:
         self.name = f"{namespace}simulator"
         self.task: DescribeTask.Response = DescribeTask.Response()
+        self.spaces = Spaces.unbounded(1, 1)
         self.batch: Batch | None = None
         self.heard: Episodes | None = None
         self.request = StartEpisodes.Request()
@@ -35,6 +37,14 @@ class SimulatorLink:
         self.start = node.create_client(StartEpisodes, f"{namespace}start_episodes")
         self.describe = node.create_client(DescribeTask, f"{namespace}describe_task")
         node.create_subscription(EpisodesMessage, f"{namespace}episodes", self._hear, LOCKSTEP_QOS)
+
+    def know(self, task: DescribeTask.Response) -> None:
+        """File what the simulator simulates.
+
+        Raises:
+            ValueError: it is no task.
+        """
+        self.task, self.spaces = task, spaces_of(task)
 
     def rest(self) -> None:
         """Have nothing to do."""
@@ -64,6 +74,6 @@ class SimulatorLink:
         if self.batch is None or (message.batch, message.policy_version) != expected:
             return  # late, or of another learner
         try:
-            self.heard = episodes_of(message, self.batch, self.task.observation_dim, self.task.action_dim)
+            self.heard = episodes_of(message, self.batch, self.spaces)
         except ValueError as error:
             self._refuse(f"episodes: {error}")

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import csv
-import sys
 from collections.abc import Callable, Iterable
 from hashlib import blake2b
 from io import StringIO
 from pathlib import Path
 
 import yaml
-from joblib import Parallel, delayed
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.paper.experiment import Experiment
 from rkhs_ros.runs.config import Config
+from rkhs_ros.runs.side_by_side import side_by_side
 
 Make = Callable[[Config], Iterable[Iteration]]
 COLUMNS = ("panel", "curve", "run", "iteration", "episodes", "train_return", "mean_policy_return")
@@ -45,18 +42,11 @@ def reproduce(experiment: Experiment, out: Path, make: Make, *, runs: int, jobs:
         for config in [curve.run(run)]
     }
     missing = {file: config for config, file in places.values() if not file.exists()}
-    _make(missing, make, jobs, experiment.name, quiet)
+    work = [(config, file, make) for file, config in missing.items()]
+    for _ in side_by_side(_run, work, jobs=jobs, title=experiment.name, quiet=quiet):
+        pass  # each has left its file
     lines = ((*key, *line) for key, (_, file) in places.items() for line in _lines(file))
     return _write(out / f"{experiment.name}.csv", COLUMNS, (map(_short, line) for line in lines))
-
-
-def _make(missing: dict[Path, Config], make: Make, jobs: int, name: str, quiet: bool) -> None:
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=Console(file=sys.stderr), disable=quiet) as progress:
-        bar = progress.add_task(name, total=len(missing))
-        work = (delayed(_run)(config, file, make) for file, config in missing.items())
-        for _ in Parallel(n_jobs=jobs, return_as="generator_unordered")(work):
-            progress.advance(bar)
 
 
 def _run(config: Config, file: Path, make: Make) -> None:

@@ -55,9 +55,9 @@ def shoot(policy: GaussianPolicy, task: Task, runner: InlineRunner, *, seed: int
     require(FEWEST <= frames <= MOST, "frames", f"{FEWEST} to {MOST}", frames)
     batch, simulation = Batch(seed, 0, 1, task.horizon, explore=False), runner.simulation
     simulation.start(batch)
-    if hasattr(simulation.vector, "render_frames"):
+    if hasattr(simulation.shown, "render_frames"):
         return _watched(policy, batch, simulation, frames)
-    own = isinstance(simulation.vector, DrawsItself)
+    own = isinstance(simulation.shown, DrawsItself)
     shown, look = (simulation, _drawn) if own else (_with_pictures(task, simulation), _rendered)
     steps = spread(int(runner.collect(policy, batch).mask[0].sum()), frames)
     pictures = np.array(list(_moments(policy, batch, shown, steps, look)))
@@ -71,7 +71,7 @@ def spread(length: int, count: int) -> list[int]:
 
 def _watched(policy: GaussianPolicy, batch: Batch, simulation: Simulation, frames: int) -> Film:
     """Return what the cameras of a task see, of which one action makes a whole motion."""
-    task: Any = simulation.vector
+    task: Any = simulation.shown
     actions = Acting(policy, batch, explore=False)(0, simulation.start(batch).observations)
     simulation.step(actions)
     motion = simulation.joint_states()
@@ -95,12 +95,12 @@ def _moments(
     for step in range(steps[-1] + 1):
         actions = acting(step, frame.observations)
         if step in steps:
-            yield look(simulation, np.clip(actions[0], simulation.action_low, simulation.action_high))
+            yield look(simulation, simulation.spaces.clip(actions)[0])
         frame = simulation.step(actions)
 
 
 def _drawn(simulation: Simulation, action: Array) -> Pictures:
-    task: Any = simulation.vector
+    task: Any = simulation.shown
     figure = Figure(figsize=SIZE, dpi=DPI)
     canvas: Any = FigureCanvasAgg(figure)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
@@ -112,7 +112,7 @@ def _drawn(simulation: Simulation, action: Array) -> Pictures:
 
 def _with_pictures(task: Task, simulation: Simulation) -> Simulation:
     """Return the simulation of an environment that is told to draw itself."""
-    modes = simulation.vector.metadata.get("render_modes") or []
+    modes = simulation.shown.metadata.get("render_modes") or []
     what = "an environment that draws itself (render mode rgb_array)"
     require("rgb_array" in modes, task.environment, what, f"one with {', '.join(modes) or 'no render mode'}")
     return Simulation(task.environment, {**task.options, "render_mode": "rgb_array"})
@@ -120,7 +120,7 @@ def _with_pictures(task: Task, simulation: Simulation) -> Simulation:
 
 def _rendered(simulation: Simulation, action: Array) -> Pictures:
     try:
-        pictures: Any = simulation.vector.render()
+        seen: Any = simulation.shown.render()
     except gymnasium.error.DependencyNotInstalled as error:
         raise ValueError(f"{simulation.environment}: expected what draws it to be installed, got: {error}") from error
-    return np.asarray(pictures[0], dtype=np.uint8)
+    return np.asarray(seen[0] if isinstance(seen, tuple | list) else seen, dtype=np.uint8)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import matplotlib as mpl
@@ -11,13 +13,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import Task, load_policy
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.runs.curve import Curve
+from rkhs_ros.runs.curve import Curve, columns
 from rkhs_ros.runs.episode_files import load_episodes
 
 mpl.rcParams["axes.spines.top"] = mpl.rcParams["axes.spines.right"] = False
@@ -33,21 +36,26 @@ def draw_run(folder: Path) -> list[Path]:
     """
     policy, task = load_policy(folder / "policy.npz")
     rows = Curve(folder / "curve.csv").rows()
-    numbers, train, mean = (
-        np.array([getattr(row, name) for row in rows]) for name in ("iteration", "train_return", "mean_policy_return")
-    )
     pictures = [folder / "curve.png", folder / "policy.png"]
-    draw_curve(pictures[0], numbers, train, mean, task)
+    _save(pictures[0], curve_figure(columns(rows), task))
     draw_policy(pictures[1], policy, load_episodes(folder / "episodes.npz")[0].seen_through(policy.inputs))
     return pictures
 
 
-def draw_curve(path: Path, iterations: Array, train: Array, mean: Array, task: Task) -> None:
-    """Draw the returns per iteration, with the returns known for the task."""
+def curve_figure(curve: Mapping[str, NDArray[Any]], task: Task) -> Figure:
+    """Return a figure of the returns per iteration, with the returns known for the task.
+
+    Args:
+        curve: columns of curve.csv by name.
+        task: what was learnt.
+    """
     figure = Figure(figsize=(7, 4.2), layout="constrained")
     axes = figure.subplots()
-    axes.plot(iterations, train, color="tab:orange", label="with exploration")
-    axes.plot(iterations, mean, color="tab:blue", linewidth=2, label="noise-free policy")
+    iterations, mean = curve["iteration"], curve["mean_policy_return"]
+    evaluated = np.isfinite(mean)
+    axes.plot(iterations, curve["train_return"], color="tab:orange", label="with exploration")
+    if evaluated.any():
+        axes.plot(iterations[evaluated], mean[evaluated], color="tab:blue", linewidth=2, label="noise-free policy")
     for name, value in references(task).items():
         axes.axhline(value, color="grey", linestyle="--", linewidth=1)
         axes.annotate(
@@ -55,7 +63,7 @@ def draw_curve(path: Path, iterations: Array, train: Array, mean: Array, task: T
         )
     axes.set(xlabel="iteration", ylabel="discounted return", title=task.environment)
     axes.legend(loc="lower right", frameon=False)
-    _save(path, figure)
+    return figure
 
 
 def draw_policy(path: Path, policy: GaussianPolicy, episodes: Episodes) -> None:
@@ -126,6 +134,7 @@ def _span(points: Array, steps: int) -> tuple[Array, ...]:
 
 def references(task: Task) -> dict[str, float]:
     """Return the returns known for a task at its registered horizon and discount, by name."""
-    spec = gymnasium.spec(task.environment)
-    comparable = task.discount == REFERENCE_DISCOUNT and task.horizon == spec.max_episode_steps
-    return getattr(spec.vector_entry_point, "reference_returns", {}) if comparable else {}
+    spec = gymnasium.registry.get(task.environment.rpartition(":")[2])
+    if spec is None or (task.horizon, task.discount) != (spec.max_episode_steps, REFERENCE_DISCOUNT):
+        return {}
+    return getattr(spec.vector_entry_point, "reference_returns", {})

@@ -1,4 +1,4 @@
-"""What a policy's function is given of what was observed and done: windows of history, and features of them."""
+"""The inputs of a policy's functions: windows of past observations and actions, and features of them."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from math import comb, prod
 import numpy as np
 from numpy.typing import NDArray
 
-from rkhs_ros.base.settings import setting
+from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.base.validation import require
 from rkhs_ros.rkhs.kernels import Array
 
 
 @dataclass(frozen=True)
-class Inputs:
+class Inputs(Settings):
     r"""The map from a history :math:`(o_0, a_0, \dots, o_t)` to the point at which the policy's mean is evaluated.
 
     The same code serves the policy that acts, step by step, and the learner, all steps at once.
@@ -41,7 +41,8 @@ class Inputs:
     offset: float = setting(1.0, "offset c of the polynomial kernel that the monomials span", minimum=1e-9, maximum=1e6)
 
     def __post_init__(self) -> None:
-        """Raise ValueError where a column is not a whole number."""
+        """Raise ValueError where a value does not fit, or a column is not a whole number."""
+        super().__post_init__()
         whole = isinstance(self.angles, str) or all(column == int(column) for column in self.angles)
         require(whole, "inputs.angles", "whole numbers", self.angles)
         require(len(set(self.columns)) == len(self.columns), "inputs.angles", "each column once", self.angles)
@@ -83,7 +84,8 @@ class Inputs:
         seen = self._angles(observations[:, np.maximum(places, 0)])
         done = np.where(places[:, :, None] > 0, actions[:, np.maximum(places - 1, 0)], 0.0)
         windows = np.concatenate([seen, done], axis=-1)
-        return self._monomials(windows.reshape(*windows.shape[:2], -1))
+        rows, length, ages, columns = windows.shape
+        return self._monomials(windows.reshape(rows, length, ages * columns))
 
     def features(self, observations: Array) -> Array:
         """Return the points of a window of length 1, shape (..., input_dim)."""

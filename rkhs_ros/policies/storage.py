@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from zipfile import ZipFile
 
 import numpy as np
@@ -18,6 +18,7 @@ from rkhs_ros.base.settings import build
 from rkhs_ros.base.validation import require
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance, Variance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Kernel, Term, kernel_from_terms
@@ -43,8 +44,22 @@ class Task:
     discount: float
 
 
-def save_policy(path: Path, policy: GaussianPolicy, task: Task) -> None:
-    """Write a policy and its task; an existing file is replaced whole or not at all.
+class SavedPolicy(NamedTuple):
+    """What a policy's file holds.
+
+    Attributes:
+        policy: the policy.
+        task: what it was learnt on.
+        spaces: shape of an observation, and bounds of the actions; None where the file does not say.
+    """
+
+    policy: GaussianPolicy
+    task: Task
+    spaces: Spaces | None
+
+
+def save_policy(path: Path, policy: GaussianPolicy, task: Task, spaces: Spaces | None = None) -> None:
+    """Write a policy, its task and the task's spaces, if known; an existing file is replaced whole or not at all.
 
     Raises:
         OSError: it cannot be written.
@@ -53,12 +68,18 @@ def save_policy(path: Path, policy: GaussianPolicy, task: Task) -> None:
         "schema": np.array(SCHEMA),
         "task": np.array(json.dumps(asdict(task), sort_keys=True)),
         **policy_arrays(policy),
+        **(_spaces_arrays(spaces) if spaces else {}),
     }
     write_whole(path, packed(arrays))
 
 
 def load_policy(path: Path) -> tuple[GaussianPolicy, Task]:
-    """Read a policy and its task.
+    """Read a policy and its task; raises as `read_policy` does."""
+    return read_policy(path)[:2]
+
+
+def read_policy(path: Path) -> SavedPolicy:
+    """Read a policy, its task and the task's spaces.
 
     Raises:
         ValueError: the file is cut short, of another kind or schema, or holds what is no policy.
@@ -68,7 +89,7 @@ def load_policy(path: Path) -> tuple[GaussianPolicy, Task]:
         arrays = unpacked(path.read_bytes())
         schema = int(arrays["schema"])
         require(schema == SCHEMA, f"{path}", f"a policy of schema {SCHEMA}", f"schema {schema}")
-        return policy_of(arrays), Task(**json.loads(str(arrays["task"])))
+        return SavedPolicy(policy_of(arrays), Task(**json.loads(str(arrays["task"]))), _spaces(arrays))
     except FileNotFoundError:
         raise
     except KeyError as error:
@@ -76,6 +97,18 @@ def load_policy(path: Path) -> tuple[GaussianPolicy, Task]:
     except Exception as error:  # a damaged archive raises almost anything
         reason = " ".join(str(error).split())
         raise ValueError(f"{path}: expected a whole policy file (npz), got an unreadable one ({reason})") from error
+
+
+def _spaces_arrays(spaces: Spaces) -> Arrays:
+    shape = np.array(spaces.observation_shape, dtype=np.int64)
+    return {"observation_shape": shape, "action_low": spaces.action_low, "action_high": spaces.action_high}
+
+
+def _spaces(arrays: Arrays) -> Spaces | None:
+    if "observation_shape" not in arrays:
+        return None
+    shape = tuple(int(size) for size in arrays["observation_shape"])
+    return Spaces(shape, arrays["action_low"], arrays["action_high"])
 
 
 def packed(arrays: Arrays) -> bytes:

@@ -26,7 +26,7 @@ def stream(seed: int, name: str, episode: int) -> np.random.Generator:
     return np.random.Generator(np.random.Philox(key=stream_seed(seed, name, episode)))
 
 
-MOST_SAMPLES = 10**7  # of a batch, so that no message can ask for more memory than there is
+MAX_BATCH_SAMPLES = 10**7  # so that no message can ask for more memory than there is
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,9 @@ class Batch:
         require(1 <= self.rows <= 10_000, "rows", "1 to 10000 episodes", self.rows)
         require(1 <= self.horizon <= 1_000_000, "horizon", "1 to 1000000 steps", self.horizon)
         samples = self.rows * self.horizon
-        require(samples <= MOST_SAMPLES, "rows and horizon", f"at most {MOST_SAMPLES} samples in all", samples)
+        require(
+            samples <= MAX_BATCH_SAMPLES, "rows and horizon", f"at most {MAX_BATCH_SAMPLES} samples in all", samples
+        )
 
     @property
     def episodes(self) -> range:
@@ -67,6 +69,10 @@ class Batch:
         ends = [self.rows * part // parts for part in range(parts + 1)]
         shares = ((a, b - a) for a, b in pairwise(ends) if b > a)
         return [replace(self, first_episode=self.first_episode + a, rows=rows) for a, rows in shares]
+
+    def parts(self, rows: int) -> list[Batch]:
+        """Return the same episodes as batches of at most that many rows, in order."""
+        return self.split(-(-self.rows // rows))
 
     def environment_seeds(self) -> list[int]:
         """Return a seed for the environment of each row."""

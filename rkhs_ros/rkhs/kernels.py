@@ -18,7 +18,7 @@ from scipy.spatial.distance import cdist, pdist
 from rkhs_ros.base.validation import pick, require
 
 Array = NDArray[np.float64]
-MOST_TERMS = 100  # of a kernel, which is evaluated term within term
+MAX_KERNEL_TERMS = 100  # a kernel is evaluated term within term
 
 
 class Term(NamedTuple):
@@ -50,7 +50,7 @@ class Kernel(ABC):
         """Return the kernel of each point of ``x``, shape (n, d), with itself, shape (n,)."""
 
     def row_by_row(self, x: Array) -> Callable[[int], Array]:
-        """Return what gives one row of the matrix of all pairs of ``x`` after the other, shape (n,) each."""
+        """Return a function from i to row i of the matrix of all pairs of ``x``, shape (n,)."""
         return lambda i: self(x[i : i + 1], x)[0]
 
     @abstractmethod
@@ -192,7 +192,7 @@ def kernel_from_terms(terms: Iterable[tuple[str, Sequence[float]]]) -> Kernel:
     """
     stack: list[Kernel] = []
     for count, (name, parameters) in enumerate(terms, 1):
-        require(count <= MOST_TERMS, "kernel terms", f"at most {MOST_TERMS}", "more")
+        require(count <= MAX_KERNEL_TERMS, "kernel terms", f"at most {MAX_KERNEL_TERMS}", "more")
         pick(name, {**LEAVES, **COMPOSITIONS}, "kernel")
         if name in LEAVES:
             stack.append(LEAVES[name](tuple(map(float, parameters))))

@@ -21,14 +21,14 @@ from rkhs_ros.rkhs.kernels import Array, Kernel
 from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky
 
 Fitting = Literal["basic", "back_fitting", "pre_fitting"]
-DEPENDENT = 1e-10  # a candidate this close to the span of the chosen ones, relative to its length, adds nothing
+DEPENDENCE_TOLERANCE = 1e-10  # squared distance from the span of those chosen, relative to the squared length
 SPARSIFICATION_RIDGE = 1e-8
-BLOCK = 1000  # points whose basis functions are held at once, few enough for the cache
+BLOCK_ROWS = 1000  # points whose basis functions are held at once, few enough for the cache
 
 
 @dataclass(frozen=True)
 class Pursuit:
-    """What a pursuit chose.
+    """The result of a pursuit.
 
     Attributes:
         chosen: indices of candidates in the order of choice, shape (m,).
@@ -108,15 +108,18 @@ def pursue_atoms(
     Returns:
         The indices of the atoms chosen, shape (c,), and their weights, shape (c, k).
     """
-    blocks = (np.concatenate([rows[i : i + BLOCK], targets[i : i + BLOCK]], 1) for i in range(0, len(rows), BLOCK))
+    blocks = (
+        np.concatenate([rows[i : i + BLOCK_ROWS], targets[i : i + BLOCK_ROWS]], 1)
+        for i in range(0, len(rows), BLOCK_ROWS)
+    )
     triangle, reduced, unreachable = _reduce(blocks, rows.shape[1], targets.shape[1], ridge * len(rows))
     chosen, weights, _ = _orthogonal(triangle @ atoms.T, reduced, budget, -unreachable, fitting)
     return chosen, weights
 
 
 def _blocks(basis: NewtonBasis, points: Array, targets: Array) -> Iterator[Array]:
-    for start in range(0, len(points), BLOCK):
-        block = slice(start, start + BLOCK)
+    for start in range(0, len(points), BLOCK_ROWS):
+        block = slice(start, start + BLOCK_ROWS)
         yield np.concatenate([basis(points[block]), targets[block]], axis=1)
 
 
@@ -154,7 +157,7 @@ def _orthogonal(
     squares = [float(np.sum(residual**2))]
     while len(chosen) < budget and squares[-1] > floor:
         scale = remaining if fitting == "pre_fitting" else lengths
-        independent = remaining > DEPENDENT * lengths
+        independent = remaining > DEPENDENCE_TOLERANCE * lengths
         gains = np.sum(products**2, axis=0) / np.where(independent, scale, np.inf)
         best = int(gains.argmax())
         if gains[best] <= 0.0:

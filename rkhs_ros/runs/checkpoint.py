@@ -19,7 +19,7 @@ from rkhs_ros.learning.training import State
 from rkhs_ros.policies.storage import packed, policy_arrays, policy_of, unpacked
 from rkhs_ros.runs.config import Config
 
-SCHEMA = 1
+SCHEMA = 2
 SYNC_EVERY = 1.0  # seconds; waiting for the disk takes longer than many an iteration
 KEPT = 2
 FREE = ("iterations", "simulators", "timeout")  # settings that no iteration's result depends on

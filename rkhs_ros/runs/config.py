@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -14,6 +15,8 @@ from rkhs_ros.base.validation import hint, require
 from rkhs_ros.learning.training import Training, training_from
 from rkhs_ros.policies.storage import Task
 
+MOST_ROWS = 10_000
+
 
 @dataclass(frozen=True)
 class Environment:
@@ -22,13 +25,17 @@ class Environment:
     Attributes:
         id: Gymnasium id of an environment with continuous actions.
         options: keyword options of the environment.
+        rows_at_once: rows side by side at most, as 1 of a robot; 0 for as many as the environment allows.
     """
 
     id: str
     options: Mapping[str, Any]
+    rows_at_once: int = 0
 
     def __post_init__(self) -> None:
-        """Raise ValueError where the options are not a section."""
+        """Raise ValueError where the options are not a section, or the rows no number."""
+        good = type(self.rows_at_once) is int and 0 <= self.rows_at_once <= MOST_ROWS
+        require(good, "environment.rows_at_once", f"a whole number in [0, {MOST_ROWS}]", repr(self.rows_at_once))
         require(isinstance(self.id, str), "environment.id", "text", repr(self.id))
         require(isinstance(self.options, Mapping), "environment.options", "a section of keys", repr(self.options))
 
@@ -56,6 +63,8 @@ class Config:
     def parameters(self) -> dict[str, Any]:
         """Return all settings as the tree of a ROS parameter file."""
         environment: dict[str, Any] = {"id": self.environment.id}
+        if self.environment.rows_at_once:
+            environment["rows_at_once"] = self.environment.rows_at_once
         if self.environment.options:
             environment["options"] = dict(self.environment.options)
         learner: dict[str, Any] = {}
@@ -78,7 +87,7 @@ def environment_from(tree: Mapping[str, Any]) -> Environment:
         if key not in known:
             raise ValueError(f"unknown key 'environment.{key}', {hint(str(key), known)}")
     require("id" in tree, "environment", "a key 'id' with a Gymnasium id", dict(tree))
-    return Environment(tree["id"], tree.get("options", {}))
+    return Environment(tree["id"], tree.get("options", {}), tree.get("rows_at_once", 0))
 
 
 def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
@@ -97,16 +106,52 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
     tree = {"name": path.stem, **sections["learner"], "environment": sections["simulator"].get("environment", {})}
     unknown = [key for key in sections["simulator"] if key != "environment"]
     require(not unknown, f"{path}: simulator", "the key 'environment'", ", ".join(map(str, unknown)))
+    return _changed(tree, changes)
+
+
+def config_for(environment: str, horizon: int | None, changes: Iterable[str] = ()) -> Config:
+    """Return the configuration of a run on an environment, all settings but the horizon being the defaults.
+
+    Args:
+        environment: Gymnasium id.
+        horizon: steps of an episode; the default where None.
+        changes: settings that replace these, as ``algorithm.ridge=0.1``.
+
+    Raises:
+        ValueError: settings that are unknown or do not fit.
+    """
+    name = re.sub(r"\W+", "_", environment.rpartition(":")[2]).strip("_").lower()
+    tree: dict[str, Any] = {"name": name or "run", "environment": {"id": environment}}
+    return _changed(tree | ({"horizon": horizon} if horizon else {}), changes)
+
+
+def _changed(tree: dict[str, Any], changes: Iterable[str]) -> Config:
+    """Return the configuration of a tree of settings with some of them replaced."""
+    tree = tree_of(changes, tree)
+    environment = tree.pop("environment")
+    require(isinstance(environment, Mapping), "environment", "a section of keys", repr(environment))
+    return Config(environment_from(environment), training_from(tree))
+
+
+def tree_of(changes: Iterable[str], tree: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return a tree of settings with some of them replaced.
+
+    Args:
+        changes: settings, as ``algorithm.ridge=0.1``.
+        tree: the settings before; none where None.
+
+    Raises:
+        ValueError: a change is of another form.
+    """
+    changed = dict(tree or {})
     for change in changes:
         name, equals, text = change.partition("=")
         require(bool(name and equals), "--set", "KEY=VALUE", f"'{change}'")
         try:
-            _insert(tree, name.strip(), yaml.safe_load(text))
+            _insert(changed, name.strip(), yaml.safe_load(text))
         except yaml.YAMLError as error:
             raise ValueError(f"--set: expected a value in YAML, got {change!r}") from error
-    environment = tree.pop("environment")
-    require(isinstance(environment, Mapping), "environment", "a section of keys", repr(environment))
-    return Config(environment_from(environment), training_from(tree))
+    return changed
 
 
 def _sections(path: Path) -> dict[str, dict[str, Any]]:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import NamedTuple, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rkhs_ros.base.files import named, write_whole
+from rkhs_ros.learning.training import Iteration
 
 END = "\r\n"
 
@@ -17,6 +21,7 @@ class Row(NamedTuple):
 
     iteration: int
     episodes: int
+    evaluation_episodes: int
     train_return: float
     train_return_sd: float
     mean_policy_return: float
@@ -25,6 +30,29 @@ class Row(NamedTuple):
     kl: float
     sparsification_error: float
     seconds: float
+
+    @classmethod
+    def of(cls, iteration: Iteration, seconds: float) -> Row:
+        """Return the line of an iteration that was done some seconds after the beginning."""
+        metrics = iteration.metrics
+        return cls(
+            iteration=iteration.number,
+            episodes=iteration.episodes_used,
+            evaluation_episodes=iteration.state.evaluated,
+            train_return=iteration.train_return,
+            train_return_sd=float(iteration.train_returns.std()),
+            mean_policy_return=iteration.mean_policy_return,
+            centres=metrics.centres,
+            step_size=float(metrics.step_size),
+            kl=float(metrics.kl),
+            sparsification_error=float(metrics.sparsification_error),
+            seconds=seconds,
+        )
+
+
+def columns(rows: Sequence[Row]) -> dict[str, NDArray[Any]]:
+    """Return the lines as arrays by the names of the columns."""
+    return {name: np.array([getattr(row, name) for row in rows]) for name in Row._fields}
 
 
 KINDS = tuple(get_type_hints(Row).values())

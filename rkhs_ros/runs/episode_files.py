@@ -3,16 +3,30 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.validation import finite_array, require, shown
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.policies.storage import Task, packed, unpacked
+from rkhs_ros.policies.storage import Arrays, Task, packed, unpacked
 
-SCHEMA = 1
+NAMES = tuple(f.name for f in fields(Episodes))
+
+
+class SavedEpisodes(NamedTuple):
+    """What a file of episodes holds.
+
+    Attributes:
+        episodes: what was observed, done and earned.
+        task: what they are of; None where the file does not say.
+    """
+
+    episodes: Episodes
+    task: Task | None
 
 
 def save_episodes(path: Path, episodes: Episodes, task: Task) -> None:
@@ -21,12 +35,17 @@ def save_episodes(path: Path, episodes: Episodes, task: Task) -> None:
     Raises:
         OSError: it cannot be written.
     """
-    about = {"schema": np.array(SCHEMA), "task": np.array(json.dumps(asdict(task), sort_keys=True))}
-    write_whole(path, packed({**about, **{f.name: getattr(episodes, f.name) for f in fields(episodes)}}))
+    about = {"task": np.array(json.dumps(asdict(task), sort_keys=True))}
+    write_whole(path, packed({**about, **{name: getattr(episodes, name) for name in NAMES}}))
 
 
-def load_episodes(path: Path) -> tuple[Episodes, Task]:
-    """Read episodes and the task they are of.
+def load_episodes(path: Path) -> SavedEpisodes:
+    """Read episodes, which others may have recorded: ``observations`` and ``actions`` are enough.
+
+    Args:
+        path: an npz file with ``observations`` of shape (N, H, d) and ``actions`` (N, H, n). Left out may be ``mask``
+            (N, H), all True then, ``rewards`` (N, H), 0 then, ``final_observations`` (N, d), ``terminated`` (N,), and
+            ``task``.
 
     Raises:
         ValueError: the file is cut short, of another kind, or holds what are no episodes.
@@ -34,11 +53,25 @@ def load_episodes(path: Path) -> tuple[Episodes, Task]:
     """
     try:
         arrays = unpacked(path.read_bytes())
-        return Episodes(*(arrays[f.name] for f in fields(Episodes))), Task(**json.loads(str(arrays["task"])))
+        task = Task(**json.loads(str(arrays["task"]))) if "task" in arrays else None
+        return SavedEpisodes(_episodes(arrays), task)
     except FileNotFoundError:
         raise
     except Exception as error:  # a damaged archive raises almost anything
-        reason = " ".join(str(error).split())
-        raise ValueError(
-            f"{path}: expected a file of episodes (npz), got one that cannot be read ({reason})"
-        ) from error
+        got = f"one that cannot be read ({shown(error)})"
+        raise ValueError(f"{path}: expected a file of episodes (npz), got {got}") from error
+
+
+def _episodes(arrays: Arrays) -> Episodes:
+    for name in ("observations", "actions"):
+        shape = arrays[name].shape
+        require(len(shape) == 3, name, "three dimensions: episodes, steps, numbers", shape)
+    shape = arrays["observations"].shape[:2]
+    whole = Episodes.without_ends(
+        observations=finite_array(arrays["observations"], arrays["observations"].shape, "observations"),
+        actions=finite_array(arrays["actions"], arrays["actions"].shape, "actions"),
+        rewards=finite_array(arrays.get("rewards", np.zeros(shape)), shape, "rewards"),
+        mask=np.asarray(arrays.get("mask", np.ones(shape, dtype=bool)), dtype=bool),
+    )
+    ends: Arrays = {name: arrays[name] for name in ("final_observations", "terminated") if name in arrays}
+    return replace(whole, **ends)

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import platform
 import time
+from collections.abc import Iterable
 from datetime import datetime
 from importlib.metadata import version
+from math import inf, isnan
 from pathlib import Path
 
 import yaml
 
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.learning.training import Iteration
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import save_policy
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.episode_files import save_episodes
 
-BEFORE_A_RUN = {"checkpoints", "config.yaml.part"}  # what a run killed before it began may leave
+FIRST_POLICY = "first_policy.npz"  # of a run that began from a given policy
+BEFORE_A_RUN = {"checkpoints", "config.yaml.part", FIRST_POLICY}  # what a run killed before it began may leave
 
 
 def new_folder(folder: Path | None, name: str) -> Path:
@@ -55,23 +59,27 @@ class Report:
     """The results of a run, written as it goes.
 
     Owns the files of its folder, less the checkpoints: config.yaml is there from the beginning, curve.csv grows with
-    the run, policy.npz and episodes.npz come with `finish`.
+    the run, best_policy.npz is the policy of its greatest noise-free return, policy.npz and episodes.npz come with
+    `finish`.
 
     Args:
         folder: an empty folder, or that of the run that goes on.
         config: the run.
+        spaces: of its task.
         done: number of iterations whose lines are kept.
 
     Raises:
         OSError: the folder cannot be written.
     """
 
-    def __init__(self, folder: Path, config: Config, done: int = 0) -> None:
+    def __init__(self, folder: Path, config: Config, spaces: Spaces, done: int = 0) -> None:
         self.folder = folder
         self._config = config
         self._curve = Curve(folder / "curve.csv")
         self._last: Iteration | None = None
+        self._spaces = spaces
         rows = self._curve.rows()[:done]
+        self._best = best_return(rows)
         self._began = time.monotonic() - (rows[-1].seconds if rows else 0.0)
         write_whole(folder / "config.yaml", resolved(config).encode())
         self._curve.begin(rows)
@@ -82,32 +90,27 @@ class Report:
         Raises:
             OSError: it cannot be written.
         """
-        metrics = iteration.metrics
-        row = Row(
-            iteration=iteration.number,
-            episodes=iteration.episodes_used,
-            train_return=float(iteration.train_returns.mean()),
-            train_return_sd=float(iteration.train_returns.std()),
-            mean_policy_return=float(iteration.mean_policy_returns.mean()),
-            centres=metrics.centres,
-            step_size=float(metrics.step_size),
-            kl=float(metrics.kl),
-            sparsification_error=float(metrics.sparsification_error),
-            seconds=time.monotonic() - self._began,
-        )
-        self._curve.append(row)
+        self._curve.append(Row.of(iteration, time.monotonic() - self._began))
+        self._keep_best(iteration)
         self._last = iteration
 
+    def _keep_best(self, iteration: Iteration) -> None:
+        """Write the policy beside the last one if it earned more than all before it."""
+        if iteration.mean_policy_return > self._best:
+            self._best = iteration.mean_policy_return
+            save_policy(self.folder / "best_policy.npz", iteration.policy, self._config.task, self._spaces)
+
     def finish(self) -> None:
-        """Write the policy learnt so far, and its last noise-free episodes.
+        """Write the policy learnt so far, and its last noise-free episodes, or exploring ones where there are none.
 
         Raises:
             OSError: one cannot be written.
         """
         if self._last is None:
             return
-        save_policy(self.folder / "policy.npz", self._last.policy, self._config.task)
-        save_episodes(self.folder / "episodes.npz", self._last.evaluation, self._config.task)
+        save_policy(self.folder / "policy.npz", self._last.policy, self._config.task, self._spaces)
+        shown = self._last.evaluation if len(self._last.evaluation) else self._last.exploration
+        save_episodes(self.folder / "episodes.npz", shown, self._config.task)
 
 
 def resolved(config: Config) -> str:
@@ -117,13 +120,28 @@ def resolved(config: Config) -> str:
     return header + yaml.safe_dump(config.parameters(), sort_keys=False, default_flow_style=None)
 
 
+def best_return(rows: Iterable[Row]) -> float:
+    """Return the greatest noise-free return; minus infinity where there was no evaluation."""
+    return max((row.mean_policy_return for row in rows if not isnan(row.mean_policy_return)), default=-inf)
+
+
 def summary(folder: Path, config: Config) -> str:
-    """Return in three lines what was learnt and where the pictures are."""
+    """Return in a few lines what was learnt, what it took, and where it is."""
     rows = Curve(folder / "curve.csv").rows()
     first, last = rows[0], rows[-1]
-    return (
-        f"Learnt {config.environment.id} in {last.episodes} episodes, {last.seconds:.1f} s.\n"
-        f"Return: {first.train_return:.1f} before, {last.mean_policy_return:.1f} after, noise-free"
-        f" ({last.centres} centres).\n"
-        f"Pictures: {folder / 'curve.png'} and {folder / 'policy.png'}"
-    )
+    evaluations = f", and {last.evaluation_episodes} noise-free ones to measure it" if last.evaluation_episodes else ""
+    lines = [
+        f"Learnt {config.environment.id} in {last.episodes} episodes{evaluations}, {last.seconds:.1f} s.",
+        f"Return: {first.train_return:.1f} of the first exploring episodes, {_end(rows)} ({last.centres} centres).",
+        f"Pictures: {folder / 'curve.png'} and {folder / 'policy.png'}",
+    ]
+    return "\n".join(lines)
+
+
+def _end(rows: list[Row]) -> str:
+    best = best_return(rows)
+    if best == -inf:
+        return f"{rows[-1].train_return:.1f} of the last"
+    at = next(row for row in rows if row.mean_policy_return == best)
+    last = next(row for row in reversed(rows) if not isnan(row.mean_policy_return))
+    return f"{last.mean_policy_return:.1f} noise-free at the end, {best:.1f} at best (after {at.episodes} episodes)"

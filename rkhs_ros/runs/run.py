@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
 from rkhs_ros.base.lock import locked
 from rkhs_ros.base.validation import require
-from rkhs_ros.learning.training import Iteration, Runner, train
+from rkhs_ros.learning.training import Runner, first_state, train
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.runs.checkpoint import Checkpoints
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve
-from rkhs_ros.runs.report import Report, new_folder, old_folder
+from rkhs_ros.runs.progress import progress_bar
+from rkhs_ros.runs.report import FIRST_POLICY, Report, new_folder, old_folder
 
 
 def run_training(
@@ -46,13 +45,20 @@ def run_training(
         require(lines <= iterations, "iterations", f"at least {lines}, which the run has made", iterations)
         state = checkpoints.newest(lines) if resume else None
         done = state.iterations if state else 0
-        report = Report(folder, config, done)
-        with _finished(report), _progress(config, done, quiet) as show:
+        report = Report(folder, config, runner.spaces, done)
+        with _finished(report), progress_bar(config.training, done, quiet=quiet) as show:
+            state = state or first_state(config.training, runner.spaces, _given(folder))
             for iteration in train(config.training, runner, state):
                 report.add(iteration)  # before the checkpoint, which is of no use without its line
                 checkpoints.write(iteration.state)
                 show(iteration)
     return folder
+
+
+def _given(folder: Path) -> GaussianPolicy | None:
+    """Return the policy that the run is to begin from, if one was put into its folder."""
+    file = folder / FIRST_POLICY
+    return load_policy(file)[0] if file.exists() else None
 
 
 @contextmanager
@@ -65,18 +71,3 @@ def _finished(report: Report) -> Iterator[None]:
             report.finish()
         raise
     report.finish()
-
-
-@contextmanager
-def _progress(config: Config, done: int, quiet: bool) -> Iterator[Callable[[Iteration], None]]:
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    text = TextColumn("return {task.fields[train]}, noise-free {task.fields[mean]}")
-    with Progress(*columns, text, console=Console(file=sys.stderr), disable=quiet) as progress:
-        total = config.training.iterations
-        task = progress.add_task(config.training.name, total=total, completed=done, train="-", mean="-")
-
-        def show(iteration: Iteration) -> None:
-            train_return, mean_return = iteration.train_returns.mean(), iteration.mean_policy_returns.mean()
-            progress.update(task, advance=1, train=f"{train_return:.2f}", mean=f"{mean_return:.2f}")
-
-        yield show

@@ -10,7 +10,7 @@ import pytest
 
 from rkhs_ros.learning.kernel_choice import KERNELS
 from rkhs_ros.learning.registry import ALGORITHMS
-from rkhs_ros.learning.spaces import OnGrid
+from rkhs_ros.learning.spaces import GridSettings
 from rkhs_ros.learning.training import Iteration, Training, train, training_from
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.kernels import kernel_from_terms
@@ -44,7 +44,7 @@ def choices() -> Iterator[Any]:
 
 
 def settings(task: str, algorithm: str, form: str = "rbf", seed: int = 0, **changes: Any) -> Training:
-    on_grid = issubclass(ALGORITHMS[algorithm], OnGrid)
+    on_grid = issubclass(ALGORITHMS[algorithm], GridSettings)
     size = {"grid_counts": SIZES.get(task, 3), **WIDE} if on_grid else {"centres": BUDGET}
     # A window holds the policy's own actions, not clipped: a polynomial of them may grow without bound.
     history = WINDOWS.get(task, 1) if "polynomial" not in form else 1
@@ -76,7 +76,7 @@ def assert_sound(iteration: Iteration, task: str, training: Training) -> None:
     mean, metrics = iteration.policy.mean, iteration.metrics
     evaluation = iteration.evaluation.seen_through(iteration.policy.inputs)
     points = evaluation.flat(evaluation.observations)
-    on_grid = isinstance(training.algorithm, OnGrid)
+    on_grid = isinstance(training.algorithm, GridSettings)
     assert np.isfinite(mean.weights).all()
     assert len(mean.centres) == metrics.centres <= (SIZES.get(task, 3) ** mean.input_dim if on_grid else BUDGET)
     assert np.isfinite(mean(points)).all()

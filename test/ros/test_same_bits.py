@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from rkhs_ros.app.cli import main
 from rkhs_ros.learning.registry import ALGORITHMS
-from rkhs_ros.learning.spaces import OnGrid
+from rkhs_ros.learning.spaces import GridSettings
 from sim_nodes.envs import TASKS
 from test.ros.conftest import ROOT, Process
 
@@ -26,7 +26,7 @@ def curve(folder: Path) -> list[dict[str, str]]:
 
 def settings(task: str, algorithm: str) -> Iterator[str]:
     """Yield settings of short runs that differ in all that goes over topics: inputs, kernels, variances, tries."""
-    grid = issubclass(ALGORITHMS[algorithm], OnGrid)
+    grid = issubclass(ALGORITHMS[algorithm], GridSettings)
     yield from ("episodes_per_iteration=3", "evaluation_episodes=1", "horizon=12", "timeout=60")
     yield from {
         "rkhs/Toy-v0": ["inputs.degree=2" if grid else "inputs.degree=5", "inputs.offset=0.2"],

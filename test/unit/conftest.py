@@ -1,14 +1,16 @@
-"""Repeatable property tests, and small policies and episodes to test with."""
+"""Repeatable property tests, small policies and episodes to test with, and the command line in this process."""
 
 import os
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from hypothesis import settings
 
+from rkhs_ros.app.cli import main
 from rkhs_ros.learning.algorithm import Algorithm, Experience, Update
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -50,7 +52,7 @@ def random_episodes(rng: np.random.Generator) -> Callable[..., Episodes]:
         actions = policy.act(flat, rng.standard_normal((len(flat), policy.mean.output_dim))).reshape(n, horizon, -1)
         ends = rng.integers(1, horizon + 1, n) if masked else np.full(n, horizon)
         mask = np.arange(horizon) < ends[:, None]
-        return Episodes(observations, actions, np.where(mask, rng.uniform(size=(n, horizon)), 0.0), mask)
+        return Episodes.without_ends(observations, actions, np.where(mask, rng.uniform(size=(n, horizon)), 0.0), mask)
 
     return make
 
@@ -96,3 +98,38 @@ def arrays_of() -> Callable[[Any], dict[str, np.ndarray]]:
         return {k: v for f in fields(value) for k, v in walk(getattr(value, f.name), f"{path}.{f.name}").items()}
 
     return walk
+
+
+class Result(NamedTuple):
+    """What a command ended with."""
+
+    code: object
+    out: str
+    err: str
+
+
+def command_line(captured: pytest.CaptureFixture[str]) -> Callable[..., Result]:
+    """Return what runs the command line in this process."""
+
+    def run(*arguments: object) -> Result:
+        with pytest.raises(SystemExit) as end:
+            main([str(argument) for argument in arguments])
+        return Result(end.value.code, *captured.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def rkhs(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
+    """Run the command line in this process, in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    return command_line(capsys)
+
+
+def assert_refused(result: Result, message: str) -> None:
+    """One line says what is wrong, and nothing else is said."""
+    assert (result.code, result.out) == (2, "")
+    assert result.err.startswith("error: ")
+    assert result.err.count("\n") == 1
+    assert result.err.endswith("\n")
+    assert message in result.err

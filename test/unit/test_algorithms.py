@@ -5,17 +5,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rkhs_ros.learning.actor_critic import ActorCritic
+from rkhs_ros.learning.actor_critic import EQUATIONS, ActorCritic
 from rkhs_ros.learning.algorithm import Algorithm, Update
-from rkhs_ros.learning.critics import CRITICS
+from rkhs_ros.learning.critics import (
+    Critic,
+    StepCritic,
+    StepPursuitCritic,
+    TrajectoryCritic,
+    TrajectoryPursuitCritic,
+    ValueBaseline,
+)
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.features import Samples
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.rkhs_npg import RKHSNPG
-from rkhs_ros.learning.rkhs_power import RKHSPoWER, WeightedExploration
-from rkhs_ros.learning.spaces import OnGrid
+from rkhs_ros.learning.rkhs_power import RKHSPoWER
+from rkhs_ros.learning.samples import Samples
+from rkhs_ros.learning.spaces import GridSettings
 from rkhs_ros.learning.steps import FixedStep, KLStep
+from rkhs_ros.learning.weighted_exploration import WeightedExploration
 from rkhs_ros.policies.gaussian import GaussianPolicy, mean_kl
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
@@ -32,7 +40,7 @@ def bandit(seed: int, best: float) -> tuple[GaussianPolicy, Episodes]:
     policy = GaussianPolicy(Function.zero(RBF((1.0,)), 1, 1), ConstantVariance(np.ones(1)))
     actions = np.random.default_rng(seed).standard_normal((200, 1, 1))
     rewards = np.exp(-0.5 * (actions[:, :, 0] - best) ** 2)
-    return policy, Episodes(np.zeros((200, 1, 1)), actions, rewards, np.ones((200, 1), dtype=bool))
+    return policy, Episodes.without_ends(np.zeros((200, 1, 1)), actions, rewards, np.ones((200, 1), dtype=bool))
 
 
 @over_algorithms
@@ -95,15 +103,15 @@ def test_steps_after_the_end_of_an_episode_do_not_matter(
 def test_the_metrics_are_what_happened(
     learn: Learn, algorithm: Algorithm, random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:
-    policy = random_policy(m=0 if isinstance(algorithm, OnGrid) else 5)
+    policy = random_policy(m=0 if isinstance(algorithm, GridSettings) else 5)
     episodes = random_episodes(policy)
-    small = {"grid_counts": (7.0, 1.0)} if isinstance(algorithm, OnGrid) else {"centres": 7}
+    small = {"grid_counts": (7.0, 1.0)} if isinstance(algorithm, GridSettings) else {"centres": 7}
     new, metrics, _ = learn(replace(algorithm, **small), policy, episodes)
     assert metrics.centres == len(new.mean.centres) <= 7
     assert metrics.kl == pytest.approx(mean_kl(policy, new, episodes.flat(episodes.observations)))
 
 
-@pytest.mark.parametrize("critic", list(CRITICS))
+@pytest.mark.parametrize("critic", EQUATIONS)
 def test_nac_goes_just_as_far_as_its_divergence(
     learn: Learn, critic: str, random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:
@@ -123,22 +131,37 @@ def test_a_later_update_goes_less_far_where_its_step_is_annealed(
     np.testing.assert_allclose(divergences, [0.08, 0.04, 0.02], rtol=1e-3)
 
 
-@pytest.mark.parametrize("critic", list(CRITICS))
+BASELINE = ValueBaseline(0.3, "scale_free", trace=0.6)
+CRITICS: list[tuple[str, str, Critic]] = [
+    ("step", "ridge", StepCritic(0.1, BASELINE, "scale_free")),
+    ("step", "pursuit", StepPursuitCritic(0.1, BASELINE)),
+    ("trajectory", "ridge", TrajectoryCritic(0.1, "scale_free")),
+    ("trajectory", "pursuit", TrajectoryPursuitCritic(0.1)),
+]
+
+
+@pytest.mark.parametrize(("equations", "regression", "critic"), CRITICS, ids=[f"{c}-{r}" for c, r, _ in CRITICS])
 def test_nac_adds_the_critics_weight_times_the_step(
-    learn: Learn, critic: str, random_policy: MakePolicy, random_episodes: MakeEpisodes
+    learn: Learn,
+    equations: str,
+    regression: str,
+    critic: Critic,
+    random_policy: MakePolicy,
+    random_episodes: MakeEpisodes,
 ) -> None:
     policy = random_policy(m=3)
     episodes = random_episodes(policy)
-    moved, *_ = learn(
-        RKHSNAC(centres=60, critic=critic, ridge=0.1, value_ridge=0.1, step=FixedStep(0.3)), policy, episodes, 0.9
-    )
-    samples = Samples.of(policy, episodes, 60)
-    w = samples.features @ CRITICS[critic](samples, 0.9, 0.1)
+    how = {"critic": equations, "regression": regression, "ridge": 0.1, "value_ridge": 0.3, "trace": 0.6}
+    algorithm = RKHSNAC(centres=60, ridge_norm="scale_free", step=FixedStep(0.3), **how)
+    moved, *_ = learn(algorithm, policy, episodes, 0.9)
+    samples = Samples.in_newton_basis(policy, episodes, 60)
+    w = samples.features @ critic.fit(samples, 0.9)
     x = samples.observations
+    assert np.abs(w).max() > 1e-2
     np.testing.assert_allclose(moved.mean(x), policy.mean(x) + 0.3 * w, atol=1e-4)
 
 
-@pytest.mark.parametrize("critic", list(CRITICS))
+@pytest.mark.parametrize("critic", EQUATIONS)
 @pytest.mark.parametrize("step", [KLStep(), FixedStep(0.5)], ids=["kl", "fixed"])
 def test_nac_without_rewards_stays_where_it_is(
     learn: Learn, critic: str, step: KLStep, random_policy: MakePolicy, random_episodes: MakeEpisodes
@@ -184,10 +207,11 @@ def test_the_sparsification_error_is_how_far_the_smaller_mean_is_from_the_whole(
     algorithm = replace(ALGORITHMS[name](), centres=7)
     small, metrics, _ = learn(algorithm, policy, episodes)
     x = episodes.flat(episodes.observations)
-    samples = Samples.of(policy, episodes, 7)
+    samples = Samples.in_newton_basis(policy, episodes, 7)
     assert metrics.sparsification_error > 1e-4
     if name == "rkhs_nac":
-        whole = policy.mean(x) + metrics.step_size * samples.features @ CRITICS["step"](samples, 0.99, algorithm.ridge)
+        critic = StepCritic(algorithm.ridge, ValueBaseline(algorithm.ridge))
+        whole = policy.mean(x) + metrics.step_size * samples.features @ critic.fit(samples, 0.99)
         error = np.linalg.norm(whole - small.mean(x)) / np.linalg.norm(whole)
         assert metrics.sparsification_error == pytest.approx(error, rel=1e-4)
     with_room = replace(algorithm, centres=200)

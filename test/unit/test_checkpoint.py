@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from rkhs_ros import __version__
 from rkhs_ros.learning.registry import ALGORITHMS
-from rkhs_ros.learning.spaces import OnGrid
+from rkhs_ros.learning.spaces import GridSettings
 from rkhs_ros.learning.training import State, Training, train, training_from
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import packed, unpacked
@@ -38,7 +38,7 @@ ArraysOf = Callable[[Any], dict[str, np.ndarray]]
 
 def config_of(way: Any) -> Config:
     way = {"name": way} if isinstance(way, str) else way
-    on_grid = issubclass(ALGORITHMS[way["name"]], OnGrid)
+    on_grid = issubclass(ALGORITHMS[way["name"]], GridSettings)
     size = {"grid_counts": 3, "grid_low": [-4.0], "grid_high": [4.0]} if on_grid else {"centres": 6}
     tree = {"iterations": 4, "episodes_per_iteration": 3, "evaluation_episodes": 2, "horizon": 6}
     kernel = {"bandwidth": 4.0} if on_grid else {}
@@ -83,7 +83,7 @@ def test_every_algorithm_goes_on_from_each_checkpoint_to_the_same_bits(
     folder: Path, way: Any, inputs: Inputs, arrays_of: ArraysOf
 ) -> None:
     config = config_of(way)
-    if isinstance(config.training.algorithm, OnGrid) and inputs != Inputs():
+    if isinstance(config.training.algorithm, GridSettings) and inputs != Inputs():
         inputs = Inputs(angles=(0.0,))
     config = replace(config, training=replace(config.training, inputs=inputs))
     whole = list(train(config.training, TOY))
@@ -250,9 +250,9 @@ def test_what_no_result_depends_on_may_differ(folder: Path, states: list[State])
 def test_a_checkpoint_of_another_schema_is_refused(folder: Path, states: list[State]) -> None:
     path, *_ = write(folder, states[0])
     arrays = unpacked(path.read_bytes())
-    about = arrays["about"].item().replace(b'"schema": 1', b'"schema": 2').replace(__version__.encode(), b"9.8.7")
+    about = arrays["about"].item().replace(b'"schema": 2', b'"schema": 3').replace(__version__.encode(), b"9.8.7")
     path.write_bytes(packed({"about": np.array(about)}))
-    with pytest.raises(ValueError, match=r"a checkpoint of schema 1, got schema 2; go on with rkhs_ros 9\.8\.7"):
+    with pytest.raises(ValueError, match=r"a checkpoint of schema 2, got schema 3; go on with rkhs_ros 9\.8\.7"):
         newest(folder)
 
 

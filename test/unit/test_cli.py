@@ -2,43 +2,27 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib.machinery import ModuleSpec
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from rkhs_ros.app.cli import main
+from rkhs_ros import __version__
+from rkhs_ros.app import train
+from rkhs_ros.app.cli import COMMANDS
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.storage import Task, save_policy
+from rkhs_ros.policies.storage import Task, load_policy, save_policy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.simulation import Simulation
+from test.unit.conftest import Result, assert_refused
 
 CONFIG = Path(__file__).parents[2] / "config" / "toy_nac.yaml"
 SHORT = ("--runner", "inline", "--iterations", "2")
 
 
-class Result(NamedTuple):
-    code: object
-    out: str
-    err: str
-
-
 Run = Callable[..., Result]
-
-
-@pytest.fixture
-def rkhs(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Run the command line in this process, in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: object) -> Result:
-        with pytest.raises(SystemExit) as end:
-            main([str(argument) for argument in arguments])
-        return Result(end.value.code, *capsys.readouterr())
-
-    return run
 
 
 @pytest.fixture
@@ -52,15 +36,6 @@ def contents(folder: Path) -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def assert_refused(result: Result, message: str) -> None:
-    assert result.code == 2
-    assert result.out == ""
-    assert result.err.startswith("error: ")
-    assert result.err.count("\n") == 1
-    assert result.err.endswith("\n")
-    assert message in result.err
-
-
 def test_list_names_tasks_algorithms_and_kernels(rkhs: Run) -> None:
     result = rkhs("list")
     assert (result.code, result.err) == (0, "")
@@ -71,7 +46,7 @@ def test_list_names_tasks_algorithms_and_kernels(rkhs: Run) -> None:
 def test_train_writes_its_results_and_says_where(rkhs: Run, tmp_path: Path) -> None:
     result = rkhs("train", CONFIG, *SHORT, "--quiet", "--out", tmp_path / "run", "--seed", 3, "--set", "horizon=5")
     assert (result.code, result.err) == (0, "")
-    names = {"config.yaml", "curve.csv", "curve.png", "episodes.npz", "policy.npz", "policy.png"}
+    names = {"best_policy.npz", "config.yaml", "curve.csv", "curve.png", "episodes.npz", "policy.npz", "policy.png"}
     assert {path.name for path in (tmp_path / "run").iterdir()} == {*names, "checkpoints"}
     assert result.out.startswith("Learnt rkhs/Toy-v0 in 20 episodes")
     assert str(tmp_path / "run" / "curve.png") in result.out
@@ -80,7 +55,7 @@ def test_train_writes_its_results_and_says_where(rkhs: Run, tmp_path: Path) -> N
     assert "horizon: 5" in config
     header, *rows = (tmp_path / "run" / "curve.csv").read_text().splitlines()
     assert header.split(",") == [
-        *("iteration", "episodes", "train_return", "train_return_sd", "mean_policy_return"),
+        *("iteration", "episodes", "evaluation_episodes", "train_return", "train_return_sd", "mean_policy_return"),
         *("centres", "step_size", "kl", "sparsification_error", "seconds"),
     ]
     assert len(rows) == 2
@@ -185,7 +160,10 @@ def test_a_policy_of_other_dimensions_than_its_task_ends_with_one_line(
     assert_refused(rkhs("evaluate", "p.npz"), "expected a policy from 1 to 1 dimensions, as rkhs/Toy-v0 has")
 
 
-@pytest.mark.parametrize("arguments", [("--episodes", "0"), ("--episodes", "99999"), ("--seed", "-1")])
+@pytest.mark.parametrize(
+    "arguments",
+    [("--episodes", "0"), ("--episodes", "99999"), ("--seed", "-1"), ("--discount", "1.5"), ("--discount", "nan")],
+)
 def test_an_evaluation_out_of_range_ends_with_one_line(rkhs: Run, policy_file: Path, arguments: tuple[str]) -> None:
     assert_refused(rkhs("evaluate", policy_file, *arguments), "expected")
 
@@ -203,3 +181,152 @@ def test_a_real_process_refuses_and_lists_alike(tmp_path: Path) -> None:
     listed = subprocess.run([*command, "list"], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert "rkhs/Pendulum-v0" in listed.stdout
     assert list(tmp_path.iterdir()) == []
+
+
+# The table of commands
+
+
+def imported_by(*arguments: str) -> set[str]:
+    """Return the modules that a command imports beyond those that Python has at its start."""
+    code = (
+        "import sys; before = set(sys.modules)\n"
+        "from rkhs_ros.app.cli import main\n"
+        "try: main(sys.argv[1:])\n"
+        "except SystemExit: print('modules:', *set(sys.modules) - before)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True)
+    return set(done.stdout.rpartition("modules:")[2].split())
+
+
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_help_and_version_import_the_standard_library_only(option: str) -> None:
+    modules = imported_by(option)
+    assert {name for name in modules if name.split(".")[0] not in sys.stdlib_module_names} == {
+        *("rkhs_ros", "rkhs_ros.app", "rkhs_ros.app.cli", "rkhs_ros.app.exit_codes")
+    }
+
+
+@pytest.mark.parametrize(
+    ("command", "spared"), [("evaluate", {"matplotlib", "joblib", "rich"}), ("results", {"joblib"})]
+)
+def test_a_command_imports_no_other(command: str, spared: set[str]) -> None:
+    modules = imported_by(command, "--help")
+    assert f"rkhs_ros.app.{command}" in modules
+    assert not {f"rkhs_ros.app.{name}" for name in COMMANDS if name != command} & modules
+    assert not {name.split(".")[0] for name in modules} & spared
+
+
+def test_help_names_every_command(rkhs: Run) -> None:
+    code, out, err = rkhs("--help")
+    assert (code, err) == (0, "")
+    assert all(f"    {name}" in out for name in COMMANDS)
+    assert rkhs("--version").out == f"rkhs_ros {__version__}\n"
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(rkhs: Run, command: str) -> None:
+    code, out, err = rkhs(command, "--help")
+    assert (code, err) == (0, "")
+    assert out.startswith(f"usage: rkhs {command} ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "the following arguments are required: COMMAND (see 'rkhs --help')"),
+        (("trian",), "unknown command 'trian', did you mean 'train'?"),
+        (("xyz", "--help"), "unknown command 'xyz', known: compare, evaluate"),
+        (("tr\nain",), "unknown command 'tr ain'"),
+        (("--verbose", "list"), "unrecognized arguments: --verbose (see 'rkhs --help')"),
+        (("train", "a.yaml", "--seed", "x"), "argument --seed: invalid int value: 'x' (see 'rkhs train --help')"),
+        (("train", "a.yaml", "--seed", "x\ny"), "argument --seed: invalid int value"),
+        (("train", "a.yaml", "b\nc.yaml"), "unrecognized arguments: b c.yaml"),
+        (("train", "--runner", "on\nfoot"), "argument --runner: invalid choice"),
+        (("evaluate",), "the following arguments are required: DIR|FILE (see 'rkhs evaluate --help')"),
+        (("plot", "none"), "none: expected the folder of a run, got none with a config.yaml"),
+    ],
+)
+def test_what_cannot_be_parsed_ends_with_one_line(rkhs: Run, arguments: tuple[str, ...], message: str) -> None:
+    assert_refused(rkhs(*arguments), message)
+
+
+def test_an_interrupt_ends_with_its_code_and_without_words(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(options: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("rkhs_ros.app.list.run", interrupted)
+    assert rkhs("list") == (130, "", "")
+
+
+# Where a run is made
+
+
+@pytest.fixture
+def unbuilt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is known of the interfaces but their source folder."""
+    monkeypatch.setattr(train, "find_spec", lambda name: ModuleSpec(name, None))
+
+
+@pytest.mark.usefixtures("unbuilt")
+def test_without_interfaces_a_run_is_made_in_process_and_that_is_said(rkhs: Run, tmp_path: Path) -> None:
+    code, _, err = rkhs("train", CONFIG, "--iterations", 1, "--quiet", "--out", "run")
+    assert code == 0
+    assert err.startswith("note: training in this process, since rkhs_interfaces is not built (run 'make build'")
+    assert err.count("\n") == 1
+    assert (tmp_path / "run" / "policy.npz").is_file()
+    assert rkhs("train", CONFIG, *SHORT, "--quiet", "--out", "other").err == ""
+
+
+@pytest.mark.usefixtures("unbuilt")
+def test_topics_without_interfaces_are_refused_with_the_remedy(rkhs: Run, tmp_path: Path) -> None:
+    expected = "rkhs_interfaces: expected the built interfaces (run 'make build', then 'source setup.bash'), got none"
+    assert_refused(rkhs("train", CONFIG, "--runner", "ros"), expected)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_with_interfaces_a_run_goes_over_topics(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    launched: list[str] = []
+    monkeypatch.setattr(train, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
+    monkeypatch.setattr(train, "launch", lambda parameters, more, simulators: launched.extend(more) or 1)
+    assert rkhs("train", CONFIG, "--quiet", "--out", "run") == (1, "", "")
+    assert "quiet:=true" in launched
+
+
+# Pictures and measures of what was learnt
+
+
+def test_plot_draws_the_pictures_of_a_run_again(rkhs: Run, tmp_path: Path) -> None:
+    assert rkhs("train", CONFIG, *SHORT, "--quiet", "--out", "run").code == 0
+    drawn = {path: path.read_bytes() for path in (tmp_path / "run").glob("*.png")}
+    assert len(drawn) == 2
+    for path in drawn:
+        path.unlink()
+    assert rkhs("plot", "run") == (0, "run/curve.png\nrun/policy.png\n", "")
+    assert {path: path.read_bytes() for path in drawn} == drawn
+
+
+def test_evaluate_takes_the_policy_of_a_run(rkhs: Run, policy_file: Path, tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    assert_refused(rkhs("evaluate", "run"), "run/policy.npz")
+    policy_file.rename(tmp_path / "run" / "policy.npz")
+    assert rkhs("evaluate", "run", "--episodes", 3) == rkhs("evaluate", "run/policy.npz", "--episodes", 3)
+
+
+def test_evaluate_measures_with_and_without_discount(
+    rkhs: Run, policy_file: Path, random_policy: Callable[..., GaussianPolicy]
+) -> None:
+    told = json.loads(rkhs("evaluate", policy_file, "--episodes", 5, "--discount", 0.5).out)
+    policy, task = load_policy(policy_file)
+    rewards = InlineRunner(Simulation("rkhs/Toy-v0")).collect(policy, Batch(0, 0, 5, 20, explore=False)).rewards
+    assert (told["discount"], task.discount) == (0.5, 0.9)
+    for measured, discount in ((told, 0.5), (told["undiscounted"], 1.0)):
+        returns = (rewards * discount ** np.arange(20)).sum(axis=1)
+        half = 2.7764451 * np.sqrt(((returns - returns.mean()) ** 2).sum() / 4 / 5)  # 0.975 of Student's t, 4 degrees
+        assert measured["mean"] == pytest.approx(returns.mean(), rel=1e-12)
+        assert measured["sd"] == pytest.approx(returns.std(), rel=1e-9)
+        assert measured["interval_95"] == pytest.approx([returns.mean() - half, returns.mean() + half], rel=1e-7)
+
+
+def test_one_episode_has_no_interval(rkhs: Run, policy_file: Path) -> None:
+    told = json.loads(rkhs("evaluate", policy_file, "--episodes", 1).out)
+    assert (told["sd"], told["interval_95"], told["undiscounted"]["interval_95"]) == (0.0, None, None)

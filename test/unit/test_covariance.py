@@ -5,13 +5,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from rkhs_ros.learning.actor_critic import ActorCritic
+from rkhs_ros.learning.actor_critic import EQUATIONS, ActorCritic
 from rkhs_ros.learning.algorithm import Update
-from rkhs_ros.learning.critics import CRITICS
+from rkhs_ros.learning.critics import Critic, StepCritic, TrajectoryCritic, ValueBaseline
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.features import Samples
 from rkhs_ros.learning.rkhs_ac import RKHSAC
 from rkhs_ros.learning.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.samples import Samples
 from rkhs_ros.learning.steps import FixedStep, KLStep
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
@@ -24,7 +24,14 @@ OFFSETS = (0.01, 0.2, 1.0)
 DEGREE = 5
 TEST_POINTS = np.linspace(-1.0, 1.0, 21)[:, None]  # farther out the highest power hides the others
 Learn = Callable[..., Update]
-over_critics = pytest.mark.parametrize("critic", list(CRITICS))
+over_critics = pytest.mark.parametrize("critic", EQUATIONS)
+
+
+def critic_of(equations: str, ridge: float, ridge_norm: str) -> Critic:
+    """Return a critic whose ridges on w and on the value are the same."""
+    if equations == "trajectory":
+        return TrajectoryCritic(ridge, ridge_norm)
+    return StepCritic(ridge, ValueBaseline(ridge, ridge_norm), ridge_norm)
 
 
 def walks(n: int = 12, horizon: int = 15) -> Episodes:
@@ -33,7 +40,7 @@ def walks(n: int = 12, horizon: int = 15) -> Episodes:
     actions = rng.normal(scale=0.7, size=(n, horizon, 1))
     places = np.clip(np.cumsum(np.concatenate([np.zeros((n, 1, 1)), actions[:, :-1]], axis=1), axis=1), -1.5, 3.5)
     rewards = np.exp(-np.abs(places[:, :, 0] - 3.0))
-    return Episodes(places, actions, rewards, np.ones((n, horizon), dtype=bool))
+    return Episodes.without_ends(places, actions, rewards, np.ones((n, horizon), dtype=bool))
 
 
 def moves(learn: Learn, algorithm: ActorCritic, mean: np.ndarray) -> list[np.ndarray]:
@@ -104,12 +111,12 @@ def test_a_critic_in_scaled_coordinates_is_the_same_function(
     masked: bool,
 ) -> None:
     policy = random_policy()
-    samples = Samples.of(policy, random_episodes(policy, 8, 10, masked=masked), 6)
+    samples = Samples.in_newton_basis(policy, random_episodes(policy, 8, 10, masked=masked), 6)
     units = 10 ** rng.uniform(-3, 3, samples.features.shape[1])
     scaled = Samples(**{**vars(samples), "features": samples.features * units})
-    w, v = (CRITICS[critic](s, 0.9, 0.1, "scale_free") for s in (samples, scaled))
+    w, v = (critic_of(critic, 0.1, "scale_free").fit(s, 0.9) for s in (samples, scaled))
     np.testing.assert_allclose(scaled.features @ v, samples.features @ w, rtol=1e-6, atol=1e-9)
-    w, v = (CRITICS[critic](s, 0.9, 0.1, "norm") for s in (samples, scaled))
+    w, v = (critic_of(critic, 0.1, "norm").fit(s, 0.9) for s in (samples, scaled))
     assert difference(scaled.features @ v, samples.features @ w) > 0.1
 
 
@@ -121,7 +128,7 @@ def test_without_a_ridge_any_invertible_change_of_coordinates_leaves_the_critic(
     critic: str,
 ) -> None:
     policy = random_policy()
-    samples = Samples.of(policy, random_episodes(policy, 40, 10), 5)
+    samples = Samples.in_newton_basis(policy, random_episodes(policy, 40, 10), 5)
     turned = Samples(**{**vars(samples), "features": samples.features @ rng.normal(size=(5, 5))})
-    w, v = (CRITICS[critic](s, 0.9, 1e-10, "norm") for s in (samples, turned))
+    w, v = (critic_of(critic, 1e-10, "norm").fit(s, 0.9) for s in (samples, turned))
     np.testing.assert_allclose(turned.features @ v, samples.features @ w, rtol=1e-4, atol=1e-4)

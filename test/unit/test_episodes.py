@@ -11,7 +11,7 @@ def episodes_of(rewards: np.ndarray, ends: np.ndarray) -> Episodes:
     n, horizon = rewards.shape
     mask = np.arange(horizon) < ends[:, None]
     steps = np.arange(n * horizon, dtype=float).reshape(n, horizon, 1)
-    return Episodes(steps, -steps, np.where(mask, rewards, 0.0), mask)
+    return Episodes.without_ends(steps, -steps, np.where(mask, rewards, 0.0), mask)
 
 
 @given(n=st.integers(1, 5), horizon=st.integers(1, 12), discount=st.floats(0, 1), seed=st.integers(0, 999))
@@ -63,16 +63,19 @@ def test_samples_are_the_steps_before_an_episodes_end() -> None:
     assert episodes.returns(1.0).tolist() == [4, 1, 2]
 
 
-@pytest.mark.parametrize("wrong", ["observations", "actions", "mask"])
+@pytest.mark.parametrize("wrong", ["observations", "actions", "mask", "final_observations", "terminated"])
 def test_arrays_of_different_lengths_are_refused(wrong: str) -> None:
     good = {
         "observations": np.zeros((2, 3, 1)),
         "actions": np.zeros((2, 3, 1)),
         "rewards": np.zeros((2, 3)),
         "mask": np.ones((2, 3), dtype=bool),
+        "final_observations": np.zeros((2, 1)),
+        "terminated": np.zeros(2, dtype=bool),
     }
+    short = good[wrong][:, :2] if wrong in ("observations", "actions", "mask") else good[wrong][:1]
     with pytest.raises(ValueError, match=f"episodes' {wrong}: expected"):
-        Episodes(**{**good, wrong: good[wrong][:, :2]})
+        Episodes(**{**good, wrong: short})
 
 
 @given(ends=st.lists(st.integers(1, 6), min_size=0, max_size=5))
@@ -85,7 +88,7 @@ def test_an_episode_begins_after_the_samples_of_those_before_it(ends: list[int])
 def random_episodes(seed: int, n: int) -> Episodes:
     rng = np.random.default_rng(seed)
     observations, actions = rng.normal(size=(n, 5, 2)), rng.normal(size=(n, 5, 1))
-    return Episodes(observations, actions, rng.normal(size=(n, 5)), rng.uniform(size=(n, 5)) > 0.5)
+    return Episodes.without_ends(observations, actions, rng.normal(size=(n, 5)), rng.uniform(size=(n, 5)) > 0.5)
 
 
 NAMES = ("observations", "actions", "rewards", "mask")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rkhs_ros.app.cli import main
+from rkhs_ros.app.inline import iterations
 from rkhs_ros.learning.training import train
 from rkhs_ros.paper.claims import CLAIMS
 from rkhs_ros.paper.experiment import Curve, Experiment, Panel, known, load_experiment
@@ -46,7 +47,7 @@ def test_every_claim_is_of_a_figure() -> None:
 
 @pytest.mark.slow
 def test_a_table_holds_every_iteration_of_every_run(experiment: Experiment, tmp_path: Path) -> None:
-    table = reproduce(experiment, tmp_path, runs=2, jobs=1, quiet=True)
+    table = reproduce(experiment, tmp_path, iterations, runs=2, jobs=1, quiet=True)
     lines = list(csv.DictReader(table.open()))
     assert len(lines) == 2 * (2 + 2 + 3)
     config = experiment.panels[0].curves[1].run(1)
@@ -60,29 +61,29 @@ def test_a_table_holds_every_iteration_of_every_run(experiment: Experiment, tmp_
 
 @pytest.mark.slow
 def test_an_interrupted_experiment_makes_only_what_is_missing(experiment: Experiment, tmp_path: Path) -> None:
-    table = reproduce(experiment, tmp_path, runs=1, jobs=1, quiet=True)
+    table = reproduce(experiment, tmp_path, iterations, runs=1, jobs=1, quiet=True)
     whole = table.read_bytes()
     runs = sorted((tmp_path / "runs").iterdir())
     lost, *kept = runs
     lost.rename(lost.with_name(lost.name + ".part"))  # as a run leaves it that was cut short
     times = {run: run.stat().st_mtime_ns for run in kept}
-    assert reproduce(experiment, tmp_path, runs=1, jobs=1, quiet=True).read_bytes() == whole
+    assert reproduce(experiment, tmp_path, iterations, runs=1, jobs=1, quiet=True).read_bytes() == whole
     assert lost.exists()
     assert {run: run.stat().st_mtime_ns for run in kept} == times
-    reproduce(experiment, tmp_path, runs=2, jobs=2, quiet=True)
+    reproduce(experiment, tmp_path, iterations, runs=2, jobs=2, quiet=True)
     assert load_table(table)["right", "longer"].runs == 2
     assert {run: run.stat().st_mtime_ns for run in kept} == times
 
 
 @pytest.mark.slow
 def test_the_number_of_processes_changes_nothing(experiment: Experiment, tmp_path: Path) -> None:
-    one, two = (reproduce(experiment, tmp_path / str(j), runs=2, jobs=j, quiet=True) for j in (1, 2))
+    one, two = (reproduce(experiment, tmp_path / str(j), iterations, runs=2, jobs=j, quiet=True) for j in (1, 2))
     assert one.read_bytes() == two.read_bytes()
 
 
 @pytest.mark.slow
 def test_a_figure_shows_its_curves(experiment: Experiment, tmp_path: Path) -> None:
-    table = load_table(reproduce(experiment, tmp_path, runs=2, jobs=1, quiet=True))
+    table = load_table(reproduce(experiment, tmp_path, iterations, runs=2, jobs=1, quiet=True))
     pictures = [tmp_path / "one.png", tmp_path / "other.png"]
     draw_experiment(pictures[0], experiment, table)
     key = ("right", "longer")

@@ -9,7 +9,6 @@ from gymnasium.spaces import Box
 from matplotlib.figure import Figure
 from PIL import Image
 
-from rkhs_ros.app.cli import main
 from rkhs_ros.pictures import film_files
 from rkhs_ros.pictures.film import Film, shoot
 from rkhs_ros.pictures.film_files import animate, draw_strip
@@ -23,10 +22,11 @@ from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.simulation import Simulation
 from sim_nodes.envs.pendulum import Pendulum
 from sim_nodes.envs.toy import Toy
+from test.unit.conftest import Result, assert_refused, command_line
 
 TOY = Task("rkhs/Toy-v0", {}, 20, 0.99)
 Make = Callable[..., GaussianPolicy]
-Run = Callable[..., tuple[object, str, str]]
+Run = Callable[..., Result]
 
 
 class Grey(gymnasium.Env[Any, Any]):
@@ -69,14 +69,9 @@ def foreign() -> Iterator[None]:
 
 @pytest.fixture
 def rkhs(capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Run the command line; what libraries print past Python is captured too."""
     monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: object) -> tuple[object, str, str]:
-        with pytest.raises(SystemExit) as end:
-            main([str(argument) for argument in arguments])
-        return (end.value.code, *capfd.readouterr())
-
-    return run
+    return command_line(capfd)
 
 
 def constant(*action: float, d: int = 1) -> GaussianPolicy:
@@ -92,14 +87,6 @@ def film(policy: GaussianPolicy, task: Task = TOY, **options: int) -> Film:
 def striped(frames: int, cameras: tuple[str, ...] = ("",)) -> Film:
     noise = np.random.default_rng(0).integers(0, 256, (frames, 40, 60, 3)).astype(np.uint8)
     return Film(dict.fromkeys(cameras, noise), [f"step {k}" for k in range(frames)])
-
-
-def assert_refused(result: tuple[object, str, str], message: str) -> None:
-    code, out, err = result
-    assert (code, out) == (2, "")
-    assert err.startswith("error: ")
-    assert err.count("\n") == 1
-    assert message in err
 
 
 # What is seen

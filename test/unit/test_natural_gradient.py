@@ -138,7 +138,7 @@ def on_a_lattice(rng: np.random.Generator) -> tuple[GaussianPolicy, Episodes]:
     policy = GaussianPolicy(mean, ConstantVariance(np.array([0.5, 2.0])))
     visited = np.stack([rng.permutation(points) for _ in range(6)])
     actions = policy.act(visited.reshape(-1, 2), rng.standard_normal((54, 2))).reshape(6, 9, 2)
-    return policy, Episodes(visited, actions, rng.uniform(size=(6, 9)), np.ones((6, 9), dtype=bool))
+    return policy, Episodes.without_ends(visited, actions, rng.uniform(size=(6, 9)), np.ones((6, 9), dtype=bool))
 
 
 CRITICS = [(c, r, n) for c in ("step", "trajectory") for r in ("ridge", "pursuit") for n in ("norm", "scale_free")]

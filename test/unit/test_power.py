@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 
 from rkhs_ros.learning.algorithm import Update
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.features import Samples
 from rkhs_ros.learning.power import PoWER
-from rkhs_ros.learning.rkhs_power import RKHSPoWER, WeightedExploration
+from rkhs_ros.learning.rkhs_power import RKHSPoWER
+from rkhs_ros.learning.samples import Samples
 from rkhs_ros.learning.variances import learnt, printed
+from rkhs_ros.learning.weighted_exploration import WeightedExploration
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance
 from rkhs_ros.rkhs.function import Function
@@ -182,7 +183,7 @@ def test_the_printed_variance_is_the_papers_formula(
 ) -> None:
     # All but orthogonal kernel functions, at which the sparsification's ridge takes 1e-7.
     policy = random_policy(kernel=kernel)
-    samples = Samples.of(policy, random_episodes(policy, 3, 5, masked=True), 60)
+    samples = Samples.in_newton_basis(policy, random_episodes(policy, 3, 5, masked=True), 60)
     signed = rng.normal(size=len(samples.observations))
     variance = printed(samples, signed, 0.1, 2.0)
     values = np.zeros((len(signed), 2))
@@ -200,7 +201,7 @@ def test_the_printed_variance_has_nothing_to_do_with_the_size_of_the_exploration
     random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:
     policy = random_policy()
-    samples = Samples.of(policy, random_episodes(policy), 20)
+    samples = Samples.in_newton_basis(policy, random_episodes(policy), 20)
     wide = replace(samples, exploration=10 * samples.exploration)
     q, x = np.ones(len(samples.observations)), samples.observations
     one, ten = (printed(s, q, 1e-3, 1e3).function(x) for s in (samples, wide))
@@ -224,8 +225,12 @@ def test_a_learnt_variance_is_within_its_bounds_whatever_the_weights(
     policy = GaussianPolicy(Function.zero(kernel, 2, 2), ConstantVariance(np.ones(2)))
     shape = (4, 6)
     seen, done = rng.normal(size=(*shape, 2)), rng.normal(scale=3, size=(*shape, 2))
-    episodes = Episodes(seen, done, np.ones(shape), np.ones(shape, dtype=bool))
-    samples = Samples.of(policy, episodes, 8) if form == "newton" else Samples.on(policy, episodes, np.eye(2))
+    episodes = Episodes.without_ends(seen, done, np.ones(shape), np.ones(shape, dtype=bool))
+    samples = (
+        Samples.in_newton_basis(policy, episodes, 8)
+        if form == "newton"
+        else Samples.on_centres(policy, episodes, np.eye(2))
+    )
     q = scale * rng.uniform(size=24) * (rng.uniform(size=24) > zeros)
     q[0] = scale
     variance = rule(samples, q, 0.6, 0.9)(10 * rng.normal(size=(50, 2)))
@@ -237,7 +242,7 @@ def test_the_learnt_variance_is_the_weighted_mean_of_squared_exploration_nearby(
     random_policy: MakePolicy, random_episodes: MakeEpisodes, rng: np.random.Generator
 ) -> None:
     policy = random_policy(kernel=RBF((0.4,)))
-    samples = Samples.of(policy, random_episodes(policy, 4, 5, masked=True), 60)  # each sample is a centre
+    samples = Samples.in_newton_basis(policy, random_episodes(policy, 4, 5, masked=True), 60)  # each sample is a centre
     q = rng.uniform(size=len(samples.observations))
     x = rng.normal(size=(9, 2))
     expected = np.zeros((9, 2))
@@ -251,8 +256,8 @@ def test_each_sample_adds_to_the_variance_at_its_nearest_centre() -> None:
     policy = GaussianPolicy(Function.zero(RBF((1.0,)), 1, 1), ConstantVariance(np.ones(1)))
     seen = np.array([[[0.1], [0.2], [3.8], [4.1]]])
     done = np.array([[[1.0], [2.0], [3.0], [5.0]]])
-    episodes = Episodes(seen, done, np.ones((1, 4)), np.ones((1, 4), dtype=bool))
-    samples = Samples.on(policy, episodes, np.array([[0.0], [4.0], [8.0]]))
+    episodes = Episodes.without_ends(seen, done, np.ones((1, 4)), np.ones((1, 4), dtype=bool))
+    samples = Samples.on_centres(policy, episodes, np.array([[0.0], [4.0], [8.0]]))
     variance = learnt(samples, np.array([1.0, 3.0, 2.0, 2.0]), 1e-3, 1e3)
     assert variance.centres.tolist() == [[0.0], [4.0]]  # none was near the third
     np.testing.assert_allclose(variance.mass, [4.0, 4.0])
@@ -264,7 +269,7 @@ def bandit(best: float) -> tuple[GaussianPolicy, Episodes]:
     policy = GaussianPolicy(Function.zero(RBF((1.0,)), 1, 1), ConstantVariance(np.ones(1)))
     actions = np.random.default_rng(1).standard_normal((200, 1, 1))
     rewards = np.exp(-0.5 * (actions[:, :, 0] - best) ** 2)
-    return policy, Episodes(np.zeros((200, 1, 1)), actions, rewards, np.ones((200, 1), dtype=bool))
+    return policy, Episodes.without_ends(np.zeros((200, 1, 1)), actions, rewards, np.ones((200, 1), dtype=bool))
 
 
 def test_power_in_one_state_learns_the_weighted_mean_of_squared_exploration(learn: Learn) -> None:

@@ -76,7 +76,7 @@ def test_the_joints_of_the_first_row_are_told_after_the_step() -> None:
     play(simulation, [[-0.03, -0.02], [0.01, 0.0]])
     told = simulation.joint_states()
     assert told is not None
-    outcomes = simulation.vector.outcomes  # type: ignore[attr-defined]
+    outcomes = simulation.shown.outcomes  # type: ignore[attr-defined]
     names, first = outcomes[0].trajectory.joint_states()
     assert (told.names, told.period) == (names, 0.05)
     np.testing.assert_array_equal(told.positions, first)
@@ -102,7 +102,7 @@ def test_all_tasks_of_a_process_share_a_window_that_outlives_them(display: list[
     simulation = Simulation(TASK, {"gui": True})
     play(simulation, [[-0.03, -0.02]])
     shown = simulation.joint_states()
-    simulation.vector.close()
+    simulation.shown.close()
     play(simulation, [[-0.03, -0.02], [0.0, 0.0]])
     assert display == [True]
     again, plain = simulation.joint_states(), Simulation(TASK)

@@ -19,7 +19,7 @@ from rkhs_ros.runs.simulation import Simulation
 TRAINING = Training(name="short", iterations=2, episodes_per_iteration=3, evaluation_episodes=2, horizon=8)
 CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
 COLUMNS = [
-    *("iteration", "episodes", "train_return", "train_return_sd", "mean_policy_return"),
+    *("iteration", "episodes", "evaluation_episodes", "train_return", "train_return_sd", "mean_policy_return"),
     *("centres", "step_size", "kl", "sparsification_error", "seconds"),
 ]
 
@@ -39,7 +39,7 @@ def test_a_run_leaves_what_happened_in_it(
 ) -> None:
     folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
     assert sorted(p.name for p in folder.iterdir()) == [
-        *("checkpoints", "config.yaml", "curve.csv", "episodes.npz", "policy.npz")
+        *("best_policy.npz", "checkpoints", "config.yaml", "curve.csv", "episodes.npz", "policy.npz")
     ]
     assert draw_run(folder) == [folder / "curve.png", folder / "policy.png"]
     assert all((folder / name).read_bytes().startswith(b"\x89PNG") for name in ("curve.png", "policy.png"))
@@ -67,7 +67,7 @@ def test_a_run_leaves_what_happened_in_it(
 
 def test_a_run_cut_short_keeps_what_was_learnt(tmp_path: Path, runner: InlineRunner) -> None:
     class Interrupted:
-        observation_dim, action_dim = runner.observation_dim, runner.action_dim
+        spaces = runner.spaces
         batches = 0
 
         def collect(self, *arguments: Any) -> Any:
@@ -85,7 +85,7 @@ def test_a_run_cut_short_keeps_what_was_learnt(tmp_path: Path, runner: InlineRun
 
 
 def test_the_curve_grows_line_by_line(tmp_path: Path, runner: InlineRunner) -> None:
-    report = Report(tmp_path, CONFIG)
+    report = Report(tmp_path, CONFIG, runner.spaces)
     for iteration in train(TRAINING, runner):
         assert len(rows_of(tmp_path)) == iteration.number - 1
         report.add(iteration)
@@ -98,7 +98,9 @@ def test_the_summary_tells_first_and_last_return(tmp_path: Path, runner: InlineR
         folder = run_training(config, runner, tmp_path / str(iterations), quiet=True)
         rows = rows_of(folder)
         before, after = float(rows[0]["train_return"]), float(rows[-1]["mean_policy_return"])
-        assert f"Return: {before:.1f} before, {after:.1f} after, noise-free" in summary(folder, config)
+        told = summary(folder, config)
+        assert f"Learnt rkhs/Toy-v0 in {3 * iterations} episodes, and {2 * iterations} noise-free ones" in told
+        assert f"Return: {before:.1f} of the first exploring episodes, {after:.1f} noise-free at the end" in told
 
 
 def test_a_folder_is_new_or_empty(tmp_path: Path) -> None:

@@ -5,13 +5,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from rkhs_ros.app import cli
+from rkhs_ros.app import train
 from rkhs_ros.base.lock import locked
 from rkhs_ros.learning.training import Training
 from rkhs_ros.policies.storage import unpacked
@@ -20,17 +21,18 @@ from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.run import run_training
 from rkhs_ros.runs.simulation import Simulation
+from test.unit.conftest import Result, assert_refused
 
 ROOT = Path(__file__).parents[2]
 CONFIG_FILE = ROOT / "config" / "toy_nac.yaml"
 TRAINING = Training(name="short", iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
 CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
-RESULTS = ("config.yaml", "curve.csv", "episodes.npz", "policy.npz")
+RESULTS = ("best_policy.npz", "config.yaml", "curve.csv", "episodes.npz", "policy.npz")
 DRAWN = {"curve.png", "policy.png"}  # by the command
 INLINE = ("--runner", "inline", "--quiet")
 COMMAND = (sys.executable, "-m", "rkhs_ros.app.cli", "train")
 
-Cli = Callable[..., tuple[object, str, str]]
+Cli = Callable[..., Result]
 
 
 class Stopping:
@@ -38,7 +40,7 @@ class Stopping:
 
     def __init__(self, batches: float = float("inf"), error: BaseException | None = None) -> None:
         self._runner = InlineRunner(Simulation("rkhs/Toy-v0"))
-        self.observation_dim, self.action_dim = self._runner.observation_dim, self._runner.action_dim
+        self.spaces = self._runner.spaces
         self._batches = batches
         self._error = error or KeyboardInterrupt()
 
@@ -79,26 +81,6 @@ def contents(folder: Path) -> dict[Path, bytes]:
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
     return results(run_training(CONFIG, Stopping(), tmp_path_factory.mktemp("whole") / "run", quiet=True))
-
-
-@pytest.fixture
-def rkhs(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cli:
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: object) -> tuple[object, str, str]:
-        with pytest.raises(SystemExit) as end:
-            cli.main([str(argument) for argument in arguments])
-        return (end.value.code, *capsys.readouterr())
-
-    return run
-
-
-def assert_refused(result: tuple[object, str, str], message: str) -> None:
-    code, out, err = result
-    assert (code, out) == (2, "")
-    assert err.startswith("error: ")
-    assert err.count("\n") == 1
-    assert message in err
 
 
 @pytest.mark.parametrize("batches", range(8))
@@ -179,7 +161,7 @@ def test_a_refused_resume_touches_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [folder]
 
 
-ROWS = [Row(k, 3 * k, -1.5 / k, 0.1, 1e-17 * k, k, 1.0, float("nan"), 0.0, 0.25 * k) for k in (1, 2, 3)]
+ROWS = [Row(k, 3 * k, 2 * k, -1.5 / k, 0.1, 1e-17 * k, k, 1.0, float("nan"), 0.0, 0.25 * k) for k in (1, 2, 3)]
 
 
 @pytest.mark.usefixtures("quick_disk")
@@ -239,7 +221,12 @@ def test_a_second_error_does_not_hide_the_first(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match="first"):
         run_training(CONFIG, Blocking(tmp_path / "run" / "policy.npz"), tmp_path / "run", quiet=True)
     (tmp_path / "run" / "policy.npz").rmdir()
-    assert {path.name for path in (tmp_path / "run").iterdir()} == {"checkpoints", "config.yaml", "curve.csv"}
+    assert {path.name for path in (tmp_path / "run").iterdir()} == {
+        "best_policy.npz",
+        "checkpoints",
+        "config.yaml",
+        "curve.csv",
+    }
 
 
 class Blocking(Stopping):
@@ -326,7 +313,7 @@ def test_the_last_good_checkpoint_is_there_when_there_is_room_again(
     runner = Filling(lambda: disk((folder / "curve.csv").stat().st_size + beyond))
     with pytest.raises(OSError, match="File too large") as error:
         run_training(CONFIG, runner, folder, quiet=True)
-    assert Path(error.value.filename).name == ("curve.csv" if beyond < 100 else "0000003.npz")
+    assert Path(error.value.filename).name in (("curve.csv",) if beyond < 100 else ("best_policy.npz", "0000003.npz"))
     disk(-1)
     assert_whole(folder)
     assert len(Curve(folder / "curve.csv").rows()) == (2 if beyond < 100 else 3)
@@ -362,8 +349,8 @@ def test_the_command_goes_on_with_a_run(rkhs: Cli, tmp_path: Path, whole: dict[s
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "train: expected CONFIG or --resume DIR, one of them, got none"),
-        ((CONFIG_FILE, "--resume", "run"), "one of them, got CONFIG and --resume"),
+        ((), "train: expected one of CONFIG, --env ID and --resume DIR, got none"),
+        ((CONFIG_FILE, "--resume", "run"), "--resume DIR, got CONFIG and --resume"),
         (("--resume", "run", "--seed", "0"), "--resume: expected the settings and the folder that"),
         (("--resume", "run", "--set", "horizon=5"), "that the run began with, got --set"),
         (("--resume", "run", "--out", "other", "--seed", "1"), "got --seed, --out"),
@@ -396,9 +383,8 @@ def test_over_topics_the_learner_is_told_to_go_on(rkhs: Cli, tmp_path: Path, mon
         told.extend([*arguments, keywords])
         return 0
 
-    monkeypatch.setattr(cli, "launch", launched)
-    monkeypatch.setattr(cli.importlib.util, "find_spec", lambda name: cli)  # as if the interfaces were built
-    monkeypatch.setattr(cli, "origin", "here", raising=False)
+    monkeypatch.setattr(train, "launch", launched)
+    monkeypatch.setattr(train, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))  # as if it were built
     assert rkhs("train", "--resume", "run", "--runner", "ros", "--quiet", "--simulators", 2)[0] == 0
     parameters, more, keywords = told
     (tmp_path / "given.yaml").write_text(parameters)

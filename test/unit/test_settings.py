@@ -9,6 +9,7 @@ from rkhs_ros.learning.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.rkhs_power import RKHSPoWER
 from rkhs_ros.learning.steps import FixedStep
 from rkhs_ros.learning.training import Training, training_from
+from rkhs_ros.policies.inputs import Inputs
 
 
 @dataclass(frozen=True)
@@ -148,3 +149,22 @@ def test_what_entries_list_makes_the_same_settings_again() -> None:
             section = section.setdefault(part, {})
         section[last] = value
     assert training_from(tree) == training
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Training(iterations=-3), r"^iterations: expected a number in \[1, 1000000\], got -3$"),
+        (lambda: Training(algorithm="rkhs_nac"), "^algorithm: expected Algorithm, got 'rkhs_nac'$"),
+        (lambda: RKHSNAC(centres=-1), r"^centres: expected a number in \[1, 2000\], got -1$"),
+        (lambda: RKHSNAC(critic="stepp"), r"^critic: unknown choice 'stepp', did you mean 'step'\?$"),
+        (lambda: RKHSNAC(step=3), "^step: expected FixedStep or KLStep or LineSearch, got 3$"),
+        (lambda: RKHSPoWER(sd_minimum=5.0), r"sd_minimum: expected at most 4\.0, got 5\.0$"),
+        (lambda: FixedStep(size=True), "^size: expected a number, got True$"),
+        (lambda: KernelChoice(bandwidth=0.0), r"^bandwidth: expected a number in \[1e-09, 1000000000\.0\], got 0\.0$"),
+        (lambda: Inputs(angles=(0.5,)), r"^inputs\.angles: expected whole numbers"),
+    ],
+)
+def test_settings_made_in_python_are_checked_as_those_of_a_file(make: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make()

@@ -14,6 +14,7 @@ from rkhs_ros.learning.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.training import Collector, Training, first_policy, first_state, train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import RBF, median_bandwidth
 from rkhs_ros.runs.config import load_config
@@ -25,12 +26,13 @@ CONFIG = Path(__file__).parents[2] / "config"
 
 
 def test_the_first_policy_is_0_with_the_deviations_asked_for() -> None:
-    policy = first_policy(Training(exploration_sd=(0.5, 2.0)), 3, 2)
+    policy = first_policy(Training(exploration_sd=(0.5, 2.0)), Spaces.unbounded(3, 2))
     assert np.array_equal(policy.mean(np.ones((4, 3))), np.zeros((4, 2)))
     assert policy.variance.values.tolist() == [0.25, 4.0]
-    assert first_policy(Training(exploration_sd=(0.5,)), 3, 2).variance.values.tolist() == [0.25, 0.25]
+    alike = first_policy(Training(exploration_sd=(0.5,)), Spaces.unbounded(3, 2))
+    assert alike.variance.values.tolist() == [0.25, 0.25]
     with pytest.raises(ValueError, match="exploration_sd: expected 1 or 3 numbers, got 2"):
-        first_policy(Training(exploration_sd=(0.5, 2.0)), 3, 3)
+        first_policy(Training(exploration_sd=(0.5, 2.0)), Spaces.unbounded(3, 3))
 
 
 class Watching:
@@ -38,7 +40,7 @@ class Watching:
 
     def __init__(self) -> None:
         self._runner = InlineRunner(Simulation("rkhs/Toy-v0"))
-        self.observation_dim, self.action_dim = self._runner.observation_dim, self._runner.action_dim
+        self.spaces = self._runner.spaces
         self.batches: list[Batch] = []
         self.episodes: list[Episodes] = []
 
@@ -113,12 +115,13 @@ def test_a_space_with_nothing_in_it_yet_stays_at_0(algorithm: str) -> None:
 class Numbered:
     """Tells which episodes were asked for; what they hold does not matter."""
 
-    observation_dim, action_dim = 2, 1
+    spaces = Spaces.unbounded(2, 1)
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         shape = (batch.rows, batch.horizon)
         numbers = np.broadcast_to(np.array(batch.episodes)[:, None, None], (*shape, 2)).astype(float)
-        return Episodes(numbers, np.zeros((*shape, 1)), np.full(shape, float(batch.explore)), np.ones(shape, bool))
+        rewards = np.full(shape, float(batch.explore))
+        return Episodes.without_ends(numbers, np.zeros((*shape, 1)), rewards, np.ones(shape, bool))
 
 
 def test_an_update_is_told_how_many_came_before_it_and_what_the_last_one_kept() -> None:
@@ -137,11 +140,11 @@ def test_an_update_is_told_how_many_came_before_it_and_what_the_last_one_kept() 
 def test_no_episode_is_used_twice_and_exploring_ones_are_counted() -> None:
     inputs = Inputs(history=2)
     training = replace(SHORT, inputs=inputs, evaluation_episodes=3, horizon=4)
-    collector = Collector(training, Numbered(), first_state(training, Numbered()))
-    policy = first_policy(training, 2, 1)
+    collector = Collector(training, Numbered(), first_state(training, Numbered.spaces))
+    policy = first_policy(training, Numbered.spaces)
     numbers: dict[bool, list[float]] = {True: [], False: []}
     for episodes in (2, 0, 5, 1):
-        got = collector.evaluate(policy) if episodes == 0 else collector.explore(policy, episodes)
+        got = collector.evaluate(policy) if episodes == 0 else collector.explore_inputs(policy, episodes)
         assert got.observations.shape[2] == (inputs.dimension(2, 1) if episodes else 2)
         assert (got.rewards == float(episodes > 0)).all()
         numbers[episodes > 0] += got.observations[:, 0, 0].tolist()

@@ -6,9 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.features import Samples, ridge_regression
+from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.regression import ridge_regression
 
 
 @given(
@@ -40,7 +41,7 @@ def test_score_features_are_coordinates_of_the_score(
 ) -> None:
     # With as many centres as samples, <w, K(s, .) u> = w(s) . u for every w in their span.
     episodes = random_episodes(policy, 3, 4, masked=True)
-    samples = Samples.of(policy, episodes, centres=12)
+    samples = Samples.in_newton_basis(policy, episodes, centres=12)
     coefficients = rng.normal(size=(samples.features.shape[1], 2))
     w = samples.basis.function(coefficients)
     score = policy.score(samples.observations, episodes.flat(episodes.actions))
@@ -55,7 +56,7 @@ def test_samples_are_what_the_policy_saw_and_did(
     policy: GaussianPolicy, random_episodes: Callable[..., Episodes]
 ) -> None:
     episodes = random_episodes(policy, 4, 5, masked=True)
-    samples = Samples.of(policy, episodes, centres=3)
+    samples = Samples.in_newton_basis(policy, episodes, centres=3)
     assert len(samples.observations) == episodes.mask.sum()
     acted = policy.mean(samples.observations) + samples.exploration
     np.testing.assert_allclose(acted, episodes.flat(episodes.actions), rtol=1e-12)
@@ -66,7 +67,7 @@ def test_samples_are_what_the_policy_saw_and_did(
 def test_the_time_features_span_the_quadratic_polynomials(
     policy: GaussianPolicy, random_episodes: Callable[..., Episodes]
 ) -> None:
-    features = Samples.of(policy, random_episodes(policy, 2, 6), centres=3).time_features
+    features = Samples.in_newton_basis(policy, random_episodes(policy, 2, 6), centres=3).time_features
     t = np.tile(np.arange(6.0), 2)
     for target in (np.ones(12), t, t**2):
         np.testing.assert_allclose(features @ np.linalg.lstsq(features, target)[0], target, atol=1e-9)
@@ -95,7 +96,7 @@ def test_samples_on_given_centres_are_measured_by_the_kernel_functions_there(
     policy: GaussianPolicy, random_episodes: Callable[..., Episodes], rng: np.random.Generator
 ) -> None:
     episodes, centres = random_episodes(policy, 3, 4, masked=True), rng.normal(size=(5, 2))
-    samples, other = Samples.on(policy, episodes, centres), Samples.of(policy, episodes, 5)
+    samples, other = Samples.on_centres(policy, episodes, centres), Samples.in_newton_basis(policy, episodes, 5)
     for row, s in zip(samples.features, episodes.flat(episodes.observations), strict=True):
         np.testing.assert_allclose(row, np.exp(-0.5 * np.sum((centres - s) ** 2, axis=1)), rtol=1e-12)
     for name in ("observations", "exploration", "variance", "score", "time_features"):

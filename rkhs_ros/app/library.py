@@ -1,0 +1,162 @@
+"""The library: learn in process, on any Gymnasium environment, in one call."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import NDArray
+
+import sim_nodes.envs  # noqa: F401  # registers the project's tasks
+from rkhs_ros.base.validation import hint, pick, require
+from rkhs_ros.learning.algorithm import Algorithm
+from rkhs_ros.learning.kernel_choice import KernelChoice
+from rkhs_ros.learning.registry import ALGORITHMS
+from rkhs_ros.learning.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.training import Iteration, Training, first_state
+from rkhs_ros.learning.training import train as iterations_of
+from rkhs_ros.policies.policy import Policy, load
+from rkhs_ros.policies.storage import Task
+from rkhs_ros.rkhs.kernels import Array, Kernel
+from rkhs_ros.runs.curve import Row, columns
+from rkhs_ros.runs.environments import Source
+from rkhs_ros.runs.progress import progress_bar
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.simulation import Simulation
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Result:
+    """What was learnt up to an iteration.
+
+    Attributes:
+        policy: the policy after it.
+        best_policy: the policy of the greatest noise-free return so far; None before the first evaluation.
+        iteration: episodes, returns and metrics of this iteration.
+        rows: the lines of curve.csv so far.
+    """
+
+    policy: Policy
+    best_policy: Policy | None
+    iteration: Iteration
+    rows: tuple[Row, ...]
+
+    @property
+    def curve(self) -> dict[str, NDArray[Any]]:
+        """The learning curve: arrays by name, one entry for each iteration, as the columns of curve.csv."""
+        return columns(self.rows)
+
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """Return a figure of the learning curve.
+
+        Args:
+            path: a file to save it to as well.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        from rkhs_ros.pictures.run_pictures import curve_figure  # here, for few need it and it takes its time
+
+        figure = curve_figure(self.curve, self.policy.task)
+        if path is not None:
+            figure.savefig(path, dpi=120)
+        return figure
+
+
+@dataclass(frozen=True)
+class GivenKernel(KernelChoice):
+    """A kernel that does not wait for data."""
+
+    kernel: Kernel | None = None
+
+    def fit(self, points: Array) -> Kernel:
+        """Return the kernel."""
+        return self.kernel if self.kernel is not None else super().fit(points)
+
+
+def train(
+    environment: Source, algorithm: Algorithm | str | None = None, *, progress: bool = True, **settings: Any
+) -> Result:
+    """Learn a policy and return it with its learning curve.
+
+    Args:
+        environment: a Gymnasium id (``module:Id-v0`` imports the module that registers it), an environment, a vector
+            environment, or a function or class that makes one. Observations and actions must be continuous.
+        algorithm: such as ``RKHSNAC(centres=80)``, or the name of one; RKHS-NAC where None.
+        progress: show a progress bar on standard error.
+        **settings: those of `learn`.
+
+    Returns:
+        The result after the last iteration.
+
+    Raises:
+        ValueError: a setting is unknown or does not fit, or the environment cannot be used.
+    """
+    training, runner, warm_start = _prepared(environment, algorithm, settings)
+    with progress_bar(training, quiet=not progress) as show:
+        for result in _results(training, runner, warm_start):  # the last one is returned
+            show(result.iteration)
+    return result
+
+
+def learn(environment: Source, algorithm: Algorithm | str | None = None, **settings: Any) -> Iterator[Result]:
+    """Learn a policy, yielding what was learnt after each iteration: for callbacks, and to stop early.
+
+    Args:
+        environment: as for `train`.
+        algorithm: as for `train`.
+        **settings: fields of `Training`: ``iterations``, ``seed``, ``episodes_per_iteration``, ``horizon`` (the
+            environment's own where it has one, otherwise 100), ``discount``, ``exploration_sd``, ``evaluate_every``,
+            ``evaluation_episodes``, ``inputs`` (an `Inputs`), ``kernel`` (a `KernelChoice`, its form as text, or a
+            kernel); ``policy``: a `Policy`, or the file of one, to begin from; ``options`` of an id, a mapping; and
+            ``rows_at_once``, the number of copies of an environment side by side at most.
+
+    Raises:
+        ValueError: a setting is unknown or does not fit, or the environment cannot be used.
+    """
+    return _results(*_prepared(environment, algorithm, settings))
+
+
+def _prepared(
+    environment: Source, algorithm: Algorithm | str | None, settings: Mapping[str, Any]
+) -> tuple[Training, InlineRunner, Policy | None]:
+    """Return the settings checked, where policies act, and the policy to begin from."""
+    given = dict(settings)
+    start = given.pop("policy", None)
+    simulation = Simulation(environment, given.pop("options", None), given.pop("rows_at_once", 0))
+    known = {f.name: f for f in fields(Training)}
+    for name in given:
+        if name not in known:
+            raise ValueError(f"unknown setting '{name}', {hint(name, known)}")
+    given = {"name": simulation.environment, "horizon": simulation.own_horizon or Training.horizon, **given}
+    if isinstance(algorithm, str):
+        algorithm = pick(algorithm, ALGORITHMS, "algorithm")()
+    kernel = given.get("kernel", KernelChoice())
+    if isinstance(kernel, str):
+        kernel = KernelChoice(form=kernel)
+    given["kernel"] = GivenKernel(kernel=kernel) if isinstance(kernel, Kernel) else kernel
+    warm_start = load(start) if isinstance(start, str | Path) else start
+    good = warm_start is None or isinstance(warm_start, Policy)
+    require(good, "policy", "a Policy or the file of one", warm_start)
+    return Training(algorithm=algorithm or RKHSNAC(), **given), InlineRunner(simulation), warm_start
+
+
+def _results(training: Training, runner: InlineRunner, warm_start: Policy | None) -> Iterator[Result]:
+    simulation, begin = runner.simulation, time.monotonic()
+    rows: tuple[Row, ...] = ()
+    best: Policy | None = None
+    task = Task(simulation.environment, simulation.options, training.horizon, training.discount)
+    first = first_state(training, runner.spaces, warm_start.gaussian if warm_start else None)
+    highest = float("-inf")
+    for iteration in iterations_of(training, runner, first):
+        rows = (*rows, Row.of(iteration, time.monotonic() - begin))
+        policy = Policy(iteration.policy, task, runner.spaces)
+        if iteration.mean_policy_return > highest:
+            highest, best = iteration.mean_policy_return, policy
+        yield Result(policy, best, iteration, rows)

@@ -1,0 +1,22 @@
+"""``rkhs plot``: draw the pictures of a run from its folder."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import rkhs_ros.app.inline  # noqa: F401  # registers the tasks, whose known returns are drawn
+from rkhs_ros.pictures.run_pictures import draw_run
+from rkhs_ros.runs.report import old_folder
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("folder", type=Path, metavar="DIR", help="a run's folder")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Draw curve.png and policy.png, and print where they are."""
+    for picture in draw_run(old_folder(options.folder)):
+        print(picture)
+    return 0

@@ -1,0 +1,167 @@
+"""``rkhs train``: learn a policy, or one for each of several seeds."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+from rkhs_ros.app.exit_codes import BAD_INPUT, FAILED, INTERRUPTED
+from rkhs_ros.app.inline import runner_of
+from rkhs_ros.app.launcher import launch
+from rkhs_ros.app.seeds import begin_seeds, go_on, parse_seeds, seed_folders
+from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.validation import pick, require
+from rkhs_ros.learning.registry import ALGORITHMS
+from rkhs_ros.learning.training import first_state
+from rkhs_ros.pictures.run_pictures import draw_run
+from rkhs_ros.policies.storage import load_policy
+from rkhs_ros.runs.comparison import compare
+from rkhs_ros.runs.config import Config, config_for, load_config
+from rkhs_ros.runs.environments import own_horizon
+from rkhs_ros.runs.report import FIRST_POLICY, is_begun, new_folder, old_folder, resolved, summary
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.run import run_training
+from rkhs_ros.runs.side_by_side import ALL_CORES, check_jobs
+
+REMEDY = "run 'make build', then 'source setup.bash'"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add = parser.add_argument
+    add("config", type=Path, nargs="?", metavar="CONFIG", help="a YAML file, see config/")
+    add("--env", metavar="ID", help="in place of CONFIG, an environment (module:Id-v0 imports the module)")
+    add("--resume", type=Path, metavar="DIR", help="in place of CONFIG, a run or the runs of --seeds to go on with")
+    add("--algorithm", metavar="NAME", help="an algorithm with its defaults, in place of the configuration's")
+    add("--policy", type=Path, metavar="FILE", help="a policy to begin from, as one that was imitated")
+    add(
+        "--runner",
+        choices=("ros", "inline"),
+        help="over topics in three processes, or in this one (over topics where the interfaces are built)",
+    )
+    add("--seed", type=int, metavar="N", help="seed of all randomness")
+    add("--seeds", metavar="SEEDS", help="a run for each, as 0-9 or 0,2,5, in the folders DIR/seed_N")
+    add("--jobs", type=int, metavar="J", help="runs of --seeds side by side (all cores)")
+    add("--iterations", type=int, metavar="N", help="number of policy updates")
+    add("--simulators", type=int, metavar="K", help="simulator nodes that share the episodes")
+    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="settings, as algorithm.ridge=0.1")
+    add("--out", type=Path, metavar="DIR", help="folder for the results (results/NAME/TIME)")
+    add("--quiet", action="store_true", help="no progress bar")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Train, draw the pictures and print what was learnt."""
+    _check_source(options)
+    if _has_several_seeds(options):
+        return _train_several(options)
+    require(options.jobs is None, "--jobs", "it together with --seeds, or with --resume of such runs", options.jobs)
+    return _train_one(options)
+
+
+def _has_several_seeds(options: argparse.Namespace) -> bool:
+    if options.resume:
+        return not is_begun(options.resume) and len(seed_folders(options.resume)) > 0
+    return options.seeds is not None
+
+
+def _check_source(options: argparse.Namespace) -> None:
+    """Raise ValueError unless there is one source of the settings: a configuration, an environment or an old run."""
+    given = [name for name in ("CONFIG", "--env", "--resume") if getattr(options, name.strip("-").lower())]
+    expected = "one of CONFIG, --env ID and --resume DIR"
+    require(len(given) == 1, "train", expected, " and ".join(given) or "none")
+    names = ("seed", "seeds", "set", "out", "algorithm", "policy")
+    wrong = [f"--{name}" for name in names if options.resume and getattr(options, name) not in (None, [])]
+    require(not wrong, "--resume", "the settings and the folder that the run began with", ", ".join(wrong))
+
+
+def _configuration(options: argparse.Namespace, file: Path | None) -> Config:
+    """Return the settings of a file, or the defaults of an environment, with the changes that the options make."""
+    names = ("seed", "iterations", "simulators")
+    changes = [f"{name}={value}" for name in names if (value := getattr(options, name)) is not None]
+    if options.algorithm is not None:
+        pick(options.algorithm, ALGORITHMS, "algorithm")
+        changes.append(f"algorithm={{name: {options.algorithm}}}")
+    changes += options.set
+    if file is not None:
+        return load_config(file, changes)
+    return config_for(options.env, own_horizon(options.env), changes)
+
+
+def _train_one(options: argparse.Namespace) -> int:
+    config = _configuration(options, old_folder(options.resume) / "config.yaml" if options.resume else options.config)
+    runner = runner_of(config.environment)  # refuses what cannot be served
+    given = load_policy(options.policy)[0] if options.policy else None
+    first_state(config.training, runner.spaces, given)  # refuses what cannot be learnt
+    over_topics = _is_over_topics(options.runner)
+    folder = options.resume or new_folder(options.out, config.training.name)
+    if options.policy:
+        write_whole(folder / FIRST_POLICY, options.policy.read_bytes())
+    try:
+        code = _over_topics(config, folder, options) if over_topics else _in_process(config, folder, options, runner)
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    if code != BAD_INPUT and (folder / "policy.npz").is_file():
+        draw_run(folder)
+    if code == 0:
+        print(summary(folder, config))
+    return code
+
+
+def _is_over_topics(asked: str | None) -> bool:
+    """Return whether the run is made over topics: as asked, else where the interfaces are built.
+
+    Raises:
+        ValueError: it is asked for, and they are not built.
+    """
+    if asked == "inline":
+        return False
+    interfaces = find_spec("rkhs_interfaces")
+    built = interfaces is not None and interfaces.origin is not None  # the source folder passes for one without origin
+    require(built or asked is None, "rkhs_interfaces", f"the built interfaces ({REMEDY})", "none")
+    if not built:
+        print(f"note: training in this process, since rkhs_interfaces is not built ({REMEDY})", file=sys.stderr)
+    return built
+
+
+def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> int:
+    more = [f"output:={folder.resolve()}", f"quiet:={options.quiet}".lower()]
+    more += ["resume:=true"] if options.resume else []
+    return launch(resolved(config), more, simulators=config.training.simulators)
+
+
+def _in_process(config: Config, folder: Path, options: argparse.Namespace, runner: InlineRunner) -> int:
+    run_training(config, runner, folder, quiet=options.quiet, resume=bool(options.resume))
+    return 0
+
+
+def _train_several(options: argparse.Namespace) -> int:
+    """Make the runs of several seeds side by side; 1 where some failed, which are named."""
+    jobs = ALL_CORES if options.jobs is None else options.jobs
+    check_jobs(jobs)
+    require(options.runner != "ros", "--runner", "inline for several seeds", "ros")
+    require(options.seed is None, "--seed", "either it or --seeds", "both")
+    folder, runs = _runs_to_go_on_with(options) if options.resume else _new_runs(options)
+    title = next(iter(runs.values())).training.name
+    failures = go_on(runs, jobs=jobs, title=title, quiet=options.quiet)
+    for path, why in failures.items():
+        print(f"error: {path.name}: {why}", file=sys.stderr)
+    done = [path for path in runs if path not in failures]
+    if done:
+        print(compare(done).curves[0].summary())
+        print(f"Compare: rkhs compare {folder}")
+    return FAILED if failures else 0
+
+
+def _runs_to_go_on_with(options: argparse.Namespace) -> tuple[Path, dict[Path, Config]]:
+    folders = seed_folders(options.resume)
+    return options.resume, {folder: _configuration(options, folder / "config.yaml") for folder in folders}
+
+
+def _new_runs(options: argparse.Namespace) -> tuple[Path, dict[Path, Config]]:
+    seeds, config = parse_seeds(options.seeds), _configuration(options, options.config)
+    given = load_policy(options.policy)[0] if options.policy else None
+    first_state(config.training, runner_of(config.environment).spaces, given)  # refuses what cannot be learnt
+    folder = new_folder(options.out, config.training.name)
+    return folder, begin_seeds(folder, config, seeds, options.policy)

@@ -1,0 +1,115 @@
+"""All steps of an iteration's episodes as rows of numbers: kernel features, exploration, variance and time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.rkhs.fixed import FixedBasis
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky
+
+
+@dataclass(frozen=True)
+class Samples:
+    r"""The steps of all episodes, one row each, in coordinates of the policy's space.
+
+    A function of the space is a matrix of m x n coefficients: :math:`w(s_i) = \phi_i^\top W`, phi the features.
+
+    Attributes:
+        episodes: where they come from.
+        observations: s, shape (samples, d).
+        exploration: :math:`a - h(s)`, shape (samples, n).
+        variance: of the policy that acted, the diagonal of Sigma, shape (samples, n).
+        basis: the functions that the coefficients belong to.
+        features: phi, the basis at the observations, shape (samples, m).
+    """
+
+    episodes: Episodes
+    observations: Array
+    exploration: Array
+    variance: Array
+    basis: NewtonBasis | FixedBasis
+    features: Array
+
+    @classmethod
+    def in_newton_basis(cls, policy: GaussianPolicy, episodes: Episodes, centres: int) -> Samples:
+        """Return the samples in the Newton basis of at most that many centres, chosen among the observations."""
+        observations = episodes.flat(episodes.observations)
+        chosen = pivoted_cholesky(policy.mean.kernel, observations, centres)
+        basis = NewtonBasis.of(policy.mean.kernel, observations, chosen)
+        return cls._in_basis(policy, episodes, basis, chosen.values)
+
+    @classmethod
+    def on_centres(cls, policy: GaussianPolicy, episodes: Episodes, centres: Array) -> Samples:
+        """Return the samples in the kernel functions of given centres, shape (m, d)."""
+        basis = FixedBasis(policy.mean.kernel, centres)
+        return cls._in_basis(policy, episodes, basis, basis(episodes.flat(episodes.observations)))
+
+    @classmethod
+    def _in_basis(
+        cls, policy: GaussianPolicy, episodes: Episodes, basis: NewtonBasis | FixedBasis, features: Array
+    ) -> Samples:
+        observations = episodes.flat(episodes.observations)
+        exploration = episodes.flat(episodes.actions) - policy.mean(observations)
+        return cls(episodes, observations, exploration, policy.variance(observations), basis, features)
+
+    @property
+    def deviation(self) -> float:
+        """Root mean square of the policy's standard deviation."""
+        return float(np.sqrt(self.variance.mean()))
+
+    @property
+    def score(self) -> Array:
+        r"""The vectors :math:`u = \Sigma^{-1}(a - h(s))` of Eq 8, shape (samples, n)."""
+        return self.exploration / self.variance
+
+    @property
+    def score_features(self) -> Array:
+        r"""The gradient of the log policy, :math:`K(s, \cdot)\, u` (Eq 8), in coordinates, shape (samples, m n)."""
+        outer = self.features[:, :, None] * self.score[:, None, :]
+        return outer.reshape(len(outer), -1)
+
+    def trajectory_features(self, discount: float) -> Array:
+        r"""Return :math:`\sum_t \gamma^t K(s_t, \cdot)\, u_t` of each episode in coordinates, shape (N, m n)."""
+        discounted = discount ** self.episodes.steps[:, None] * self.score_features
+        return np.asarray(np.add.reduceat(discounted, self.episodes.begins, axis=0))
+
+    def as_coefficients(self, coordinates: Array) -> Array:
+        """Return the coordinates of a function, shape (m n,), as coefficients of the basis, shape (m, n)."""
+        return coordinates.reshape(-1, self.exploration.shape[1])
+
+    def compatible_advantages(self, w: Array) -> Array:
+        r"""Return :math:`A(s, a) = \langle w, K(s, \cdot)\, u \rangle` (Eq 12) of each sample, shape (samples,).
+
+        Args:
+            w: coefficients, shape (m, n).
+        """
+        return np.asarray(np.sum(self.features @ w * self.score, axis=1))
+
+    def policy_gradient(self, advantages: Array) -> Array:
+        r"""Return the coefficients of :math:`\frac1N \sum_{i,t} A_{it} K(s_{it}, \cdot)\, u_{it}` (Eq 9), shape (m, n).
+
+        Args:
+            advantages: A, shape (samples,).
+        """
+        return np.asarray(self.features.T @ (self.score * advantages[:, None]) / len(self.episodes))
+
+    @property
+    def time_features(self) -> Array:
+        """The span of 1, t, t^2 with t in units of the horizon, shape (samples, 3)."""
+        t = self.episodes.steps / self.episodes.horizon
+        return np.stack([np.ones_like(t), t, t**2], axis=1)
+
+    def rewards_to_go(self, discount: float) -> Array:
+        r"""Return :math:`\sum_{k \ge t} \gamma^{k-t} r_k` of each sample, shape (samples,)."""
+        return self.episodes.flat(self.episodes.rewards_to_go(discount))
+
+    def lambda_returns(self, values: Array, discount: float, trace: float) -> Array:
+        """Return the lambda returns of each sample, shape (samples,), from the values V there, of that shape."""
+        by_step = np.zeros(self.episodes.mask.shape)
+        by_step[self.episodes.mask] = values
+        return self.episodes.flat(self.episodes.lambda_returns(by_step, discount, trace))

@@ -1,0 +1,77 @@
+"""The picture of a comparison: learning curves with their bands, to be put into a paper."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from itertools import cycle, product
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.validation import require
+from rkhs_ros.pictures.run_pictures import references
+from rkhs_ros.policies.storage import Task
+from rkhs_ros.runs.aggregates import mean_over_runs
+from rkhs_ros.runs.comparison import Comparison, LearningCurve
+
+FORMATS = (".png", ".pdf", ".svg")
+# Okabe and Ito's colours, which the colour-blind tell apart; yellow last, which is faint on white.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#F0E442")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")  # tell them apart in black and white
+STYLES = ("-", "-.", ":")  # another one for every eight curves; that of the optimum is "--"
+MARKER_SPACING = 0.15  # of the plot's diagonal
+SIZE_IN, DPI = (4.8, 3.2), 200  # of the plot; the legend beside it adds to the width
+
+
+def format_of(path: Path) -> str:
+    """Return the format that a picture's name asks for.
+
+    Raises:
+        ValueError: none that is known.
+    """
+    require(path.suffix in FORMATS, f"{path}", f"a picture's name with {' or '.join(FORMATS)}", repr(path.suffix))
+    return path.suffix[1:]
+
+
+def draw_comparison(path: Path, comparison: Comparison) -> None:
+    """Draw the mean return over the exploring episodes, with its 95 % interval over the runs.
+
+    Raises:
+        ValueError: the file's name ends like no format that is known.
+        OSError: it cannot be written.
+    """
+    figure = Figure(figsize=SIZE_IN)
+    axes = figure.subplots()
+    looks = cycle((style, *look) for style, look in product(STYLES, zip(COLOURS, MARKERS, strict=True)))
+    for curve, look in zip(comparison.curves, looks, strict=False):
+        _draw_curve(axes, curve, *look)
+    _draw_optimum(axes, comparison.task)
+    kind = "noise-free" if any(curve.is_noise_free for curve in comparison.curves) else "exploring"
+    axes.set(xlabel="exploring episodes", ylabel=f"{kind} discounted return")
+    axes.set_title(comparison.task.environment, fontsize=10)
+    axes.set_xlim(left=0)
+    axes.grid(color="0.93", linewidth=0.6)
+    axes.set_axisbelow(True)
+    title = "mean and 95 % interval" if any(len(curve.returns) > 1 for curve in comparison.curves) else None
+    place = {"loc": "upper left", "bbox_to_anchor": (1.02, 1.0), "borderaxespad": 0.0}
+    axes.legend(**place, frameon=False, fontsize=9, title=title, title_fontsize=8, alignment="left")
+    content = BytesIO()
+    figure.savefig(content, format=format_of(path), dpi=DPI, bbox_inches="tight", pad_inches=0.05)
+    write_whole(path, content.getvalue())
+
+
+def _draw_curve(axes: Axes, curve: LearningCurve, style: str, colour: str, marker: str) -> None:
+    mean, low, high = mean_over_runs(curve.returns)
+    label = curve.label if curve.is_noise_free else f"{curve.label} (exploring)"
+    axes.fill_between(curve.episodes, low, high, color=colour, alpha=0.18, linewidth=0)
+    (line,) = axes.plot(curve.episodes, mean, style, color=colour, linewidth=1.5, label=label)
+    line.set(marker=marker, markevery=MARKER_SPACING, markersize=4.5)
+
+
+def _draw_optimum(axes: Axes, task: Task) -> None:
+    """Draw the first optimum that is known, without where it is from, which its name says in brackets."""
+    known = [(name, value) for name, value in references(task).items() if name.startswith("optimum")]
+    for name, value in known[:1]:
+        axes.axhline(value, color="0.35", linestyle="--", linewidth=1, label=name.partition(" (")[0], zorder=1)

@@ -1,0 +1,76 @@
+"""What goes in and out of a task: the shape of its observations, and the bounds of its actions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import prod
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rkhs_ros.base.validation import require
+from rkhs_ros.rkhs.kernels import Array
+
+
+@dataclass(frozen=True)
+class Spaces:
+    """The spaces of a task as it has them; policies see and act in rows of plain numbers.
+
+    Attributes:
+        observation_shape: shape of one observation.
+        action_low: least action, in the shape and type of the task's actions; may be infinite.
+        action_high: greatest action, alike.
+    """
+
+    observation_shape: tuple[int, ...]
+    action_low: NDArray[np.floating[Any]]
+    action_high: NDArray[np.floating[Any]]
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where the bounds are no bounds."""
+        low, high = self.action_low, self.action_high
+        require(low.shape == high.shape and low.dtype == high.dtype, "action_high", "the low bound's kind", high)
+        require(bool((low <= high).all()), "action_low", "at most action_high", low)
+
+    @classmethod
+    def unbounded(cls, observation_dim: int, action_dim: int) -> Spaces:
+        """Return the spaces of rows of numbers without bounds."""
+        return cls((observation_dim,), np.full(action_dim, -np.inf), np.full(action_dim, np.inf))
+
+    @property
+    def observation_dim(self) -> int:
+        """Number of numbers in an observation."""
+        return prod(self.observation_shape)
+
+    @property
+    def action_dim(self) -> int:
+        """Number of numbers in an action."""
+        return int(self.action_low.size)
+
+    def clip(self, actions: Array) -> Array:
+        """Return actions, shape (rows, action_dim), within the bounds."""
+        low, high = self._bounds
+        return np.minimum(np.maximum(actions, low), high)  # several times faster than numpy.clip on few values
+
+    @cached_property
+    def _bounds(self) -> tuple[Array, Array]:
+        return self.action_low.ravel().astype(np.float64), self.action_high.ravel().astype(np.float64)
+
+    def shaped(self, actions: Array) -> NDArray[np.floating[Any]]:
+        """Return actions within the bounds, shape (rows, action_dim), in the task's shape and type, after the rows."""
+        shape = (len(actions), *self.action_low.shape)
+        return self.clip(actions).reshape(shape).astype(self.action_low.dtype, copy=False)
+
+    def rows(self, observations: Any) -> tuple[Array, bool]:
+        """Return one observation or several as rows of numbers, and whether it was one alone.
+
+        Raises:
+            ValueError: the shape is neither that of an observation nor that of several.
+        """
+        array = np.asarray(observations, dtype=np.float64)
+        one = array.shape == self.observation_shape
+        good = one or array.shape[1:] == self.observation_shape
+        require(good, "observation", f"the shape {self.observation_shape}, or several of them", array.shape)
+        return array.reshape(-1, self.observation_dim), one

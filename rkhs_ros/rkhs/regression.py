@@ -1,0 +1,61 @@
+"""Ridge regression, through the features or through their Gram matrix, whichever is smaller."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from rkhs_ros.rkhs.kernels import Array
+
+LEAST_DIAGONAL = 1e-200  # mean of a Gram matrix's diagonal; below it all features vanish, as far from every centre
+
+
+def ridge_regression(features: Array, targets: Array, penalty: Array, weights: Array | None = None) -> Array:
+    r"""Minimise :math:`\frac1n \sum_i q_i |\phi_i \theta - y_i|^2 + \sum_j \lambda_j |\theta_j|^2`.
+
+    Args:
+        features: rows phi, shape (n, p).
+        targets: shape (n, k).
+        penalty: lambda, shape (p,), positive.
+        weights: q, shape (n,); all 1 where None.
+
+    Returns:
+        The coefficients theta, shape (p, k).
+    """
+    n, p = features.shape
+    if n < p:
+        return _dual_ridge_regression(features, targets, penalty, np.ones(n) if weights is None else weights)
+    weighted = features if weights is None else features * weights[:, None]
+    normal = weighted.T @ features / n + np.diag(penalty)
+    return np.asarray(cho_solve(cho_factor(normal, check_finite=False), weighted.T @ targets / n))
+
+
+def _dual_ridge_regression(features: Array, targets: Array, penalty: Array, weights: Array) -> Array:
+    """Solve the same problem through the n x n Gram, where there are more features than rows."""
+    root = np.sqrt(weights / len(features))[:, None]
+    scaled = root * features / penalty
+    gram = scaled @ (root * features).T + np.eye(len(features))
+    return np.asarray(scaled.T @ cho_solve(cho_factor(gram, check_finite=False), root * targets))
+
+
+def dual_regression(features: Array, targets: Array, ridge: float, *, intercept: bool = True) -> Array:
+    r"""Return the dual coefficients of a ridge regression with an intercept b, shape (n,).
+
+    .. math:: \theta = \Phi^\top M (y - b 1), \qquad M = (\Phi \Phi^\top + \lambda I)^{-1}, \qquad
+        b = 1^\top M y / 1^\top M 1
+
+    Returned is :math:`M (y - b 1)`.
+
+    Args:
+        features: Phi, shape (n, p).
+        targets: y, shape (n,).
+        ridge: lambda relative to the mean diagonal of the Gram matrix.
+        intercept: whether there is one; else b = 0.
+    """
+    gram = features @ features.T
+    scale = np.trace(gram) / len(gram)
+    regular = gram + ridge * (scale if scale > LEAST_DIAGONAL else 1.0) * np.eye(len(gram))
+    ones = np.ones(len(gram))
+    inverse_ones, inverse_targets = np.linalg.solve(regular, np.stack([ones, targets], axis=1)).T
+    b = (ones @ inverse_targets) / (ones @ inverse_ones) if intercept else 0.0
+    return np.asarray(inverse_targets - b * inverse_ones)

@@ -1,0 +1,118 @@
+"""Environments of Gymnasium, by id or as they are, as rows."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from typing import Any
+
+import gymnasium
+from gymnasium import Env
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.vector import VectorEnv
+
+from rkhs_ros.base.validation import hint, require, shown
+from rkhs_ros.runs.rows import AnyEnv, AnyVectorEnv, Rows, SeparateRows, VectorRows
+
+Source = str | AnyEnv | AnyVectorEnv | Callable[[], AnyEnv | AnyVectorEnv]
+
+
+def spec_of(environment: str) -> EnvSpec:
+    """Return what Gymnasium knows of an id; ``module:Id-v0`` imports the module that registers it.
+
+    The module is found beside what is installed in the folder that the process was started in, too.
+
+    Raises:
+        ValueError: the id is unknown, or its module cannot be imported.
+    """
+    module, _, name = environment.rpartition(":")
+    if module:
+        _import(module, environment)
+    try:
+        return gymnasium.spec(name)
+    except gymnasium.error.Error as error:
+        raise ValueError(f"unknown environment '{shown(environment)}', {hint(name, gymnasium.registry)}") from error
+
+
+def rows_of(source: Source, options: Mapping[str, Any] | None = None, rows_at_once: int = 0) -> Rows:
+    """Return the rows of an environment.
+
+    Args:
+        source: an id, an environment, a vector environment, or a function (a class, too) that makes one.
+        options: keyword options of an id.
+        rows_at_once: rows side by side at most; 0 for any number.
+
+    Raises:
+        ValueError: the id is unknown, or the environment cannot be made.
+    """
+    if isinstance(source, str):
+        return _registered(source, dict(options or {}), rows_at_once)
+    if isinstance(source, VectorEnv):
+        return VectorRows(lambda rows, horizon: source, source.num_envs)
+    if isinstance(source, Env):
+        return SeparateRows(lambda: source, name_of(source), most=1)
+    require(callable(source), "environment", "an id, an environment, or a function that makes one", source)
+    made = source()
+    require(isinstance(made, Env | VectorEnv), f"{name_of(source)}", "a function that makes an environment", made)
+    if isinstance(made, VectorEnv):
+        return rows_of(made)
+    return SeparateRows(partial(next, _copies(made, source)), name_of(made), rows_at_once)
+
+
+def name_of(source: Source) -> str:
+    """Return an environment's id, or the name of its class or function where it has none."""
+    if isinstance(source, str):
+        return source
+    spec = getattr(source, "spec", None)
+    unwrapped = getattr(source, "unwrapped", source)
+    return spec.id if spec is not None else getattr(source, "__name__", type(unwrapped).__name__)
+
+
+def own_horizon(source: Source) -> int | None:
+    """Return the steps after which an environment cuts its episodes off itself; None where it does not say."""
+    spec = spec_of(source) if isinstance(source, str) else getattr(source, "spec", None)
+    return None if spec is None else spec.max_episode_steps
+
+
+def _copies(first: AnyEnv, make: Callable[[], Any]) -> Iterator[AnyEnv]:
+    yield first
+    while True:
+        yield make()
+
+
+def _registered(environment: str, options: dict[str, Any], rows_at_once: int) -> Rows:
+    spec = spec_of(environment)
+
+    def vector(rows: int, horizon: int) -> AnyVectorEnv:
+        return gymnasium.make_vec(
+            spec, rows, max_episode_steps=horizon, vectorization_mode="vector_entry_point", **options
+        )
+
+    def single() -> AnyEnv:  # without a time limit: the horizon of a batch is the limit
+        return gymnasium.make(spec, max_episode_steps=-1, disable_env_checker=True, **options)
+
+    try:
+        if spec.vector_entry_point is not None:
+            return VectorRows(vector, rows_at_once)
+        return SeparateRows(single, environment, rows_at_once)
+    except (TypeError, LookupError) as error:
+        raise ValueError(
+            f"environment.options: expected what {environment} takes, got {options} ({shown(error)})"
+        ) from error
+    except gymnasium.error.DependencyNotInstalled as error:
+        raise ValueError(f"{environment}: expected its packages to be installed, got: {shown(error)}") from error
+
+
+def _import(module: str, environment: str) -> None:
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())
+    try:
+        importlib.import_module(module)
+    except Exception as error:  # the module is somebody's code
+        raise ValueError(
+            f"unknown environment '{shown(environment)}': expected a module '{module}' to import, got "
+            f"{type(error).__name__}: {shown(error)}"
+        ) from error

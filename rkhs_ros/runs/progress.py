@@ -1,0 +1,34 @@
+"""The progress bar of a run."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from rkhs_ros.learning.training import Iteration, Training
+
+
+@contextmanager
+def progress_bar(training: Training, done: int = 0, *, quiet: bool = False) -> Iterator[Callable[[Iteration], None]]:
+    """Show how far a run is, on standard error; yield what is told of each iteration.
+
+    Args:
+        training: the learner's settings.
+        done: iterations made before.
+        quiet: show nothing.
+    """
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    text = TextColumn("return {task.fields[train]}, noise-free {task.fields[mean]}")
+    with Progress(*columns, text, console=Console(file=sys.stderr), disable=quiet) as progress:
+        task = progress.add_task(training.name, total=training.iterations, completed=done, train="-", mean="-")
+
+        def show(iteration: Iteration) -> None:
+            progress.update(task, advance=1, train=f"{iteration.train_return:.2f}")
+            if len(iteration.evaluation):
+                progress.update(task, mean=f"{iteration.mean_policy_return:.2f}")
+
+        yield show

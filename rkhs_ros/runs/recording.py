@@ -1,0 +1,53 @@
+"""How the steps of a batch become episodes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.runs.simulation import Frame
+
+
+class EpisodeRecorder:
+    """The episodes of a batch as they grow, step by step; what follows their end stays 0.
+
+    Args:
+        batch: the batch that is recorded.
+        observation_dim: d.
+        action_dim: n.
+    """
+
+    def __init__(self, batch: Batch, observation_dim: int, action_dim: int) -> None:
+        shape = (batch.rows, batch.horizon)
+        self._horizon = batch.horizon
+        self._observations = np.zeros((*shape, observation_dim))
+        self._actions = np.zeros((*shape, action_dim))
+        self._rewards = np.zeros(shape)
+        self._mask = np.zeros(shape, dtype=bool)
+
+    def observed(self, step: int, frame: Frame) -> None:
+        """Record what was seen before a step, and the rewards of the step before it."""
+        if step < self._horizon:
+            self._observations[frame.active, step] = frame.observations[frame.active]
+            self._mask[:, step] = frame.active
+        if step > 0:
+            self._rewards[:, step - 1] = frame.rewards
+        self._last = frame
+
+    def acted(self, step: int, actions: Array) -> None:
+        """Record the actions of a step."""
+        going = self._mask[:, step]
+        self._actions[going, step] = actions[going]
+
+    def episodes(self) -> Episodes:
+        """Return the recorded episodes."""
+        return Episodes(
+            observations=self._observations,
+            actions=self._actions,
+            rewards=self._rewards,
+            mask=self._mask,
+            final_observations=self._last.observations,
+            terminated=self._last.terminated,
+        )

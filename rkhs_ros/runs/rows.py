@@ -1,0 +1,205 @@
+"""The rows of a batch: copies of an environment stepped one by one, or the rows of one vector environment."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from gymnasium import Env, Space
+from gymnasium.spaces import Dict, Tuple
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.wrappers import FlattenObservation
+from gymnasium.wrappers.vector import FlattenObservation as FlattenObservations
+from numpy.typing import NDArray
+
+from rkhs_ros.base.validation import shown
+from rkhs_ros.rkhs.kernels import Array
+
+Flags = NDArray[np.bool_]
+AnyEnv = Env[Any, Any]
+AnyVectorEnv = VectorEnv[Any, Any, Any]
+MOST_COPIES = 32  # of an environment side by side; more of them save nothing
+MOST_VECTORS = 8  # vector environments kept; more than a run has kinds of batches
+
+
+class Step(NamedTuple):
+    """What the rows showed after a step.
+
+    Attributes:
+        observations: shape (rows, d).
+        rewards: shape (rows,).
+        terminated: True in rows whose episode ended by the task, shape (rows,).
+        truncated: True in rows whose episode was cut off, shape (rows,).
+    """
+
+    observations: Array
+    rewards: Array
+    terminated: Flags
+    truncated: Flags
+
+
+class Rows(Protocol):
+    """Rows of one environment that run side by side.
+
+    Attributes:
+        observation_space: of one row.
+        action_space: of one row.
+        shown: the environment of the first row, or of all, to look at.
+    """
+
+    observation_space: Space[Any]
+    action_space: Space[Any]
+
+    @property
+    def shown(self) -> AnyEnv | AnyVectorEnv: ...  # noqa: D102
+
+    def room(self, rows: int) -> int:
+        """Return how many of so many rows can run side by side."""
+
+    def reset(self, seeds: list[int], horizon: int) -> Array:
+        """Begin an episode in as many rows as there are seeds; return the observations, shape (rows, d)."""
+
+    def step(self, actions: NDArray[Any], active: Flags) -> Step:
+        """Make a step with actions of shape (rows, *shape); what rows show that are not active means nothing."""
+
+
+class SeparateRows:
+    """Copies of an ordinary environment; only those are stepped whose episode goes on.
+
+    Owns the copies, which are made when they are first needed. Where another one cannot be made, as of a robot, the
+    episodes run one after the other.
+
+    Args:
+        make: makes a copy.
+        name: of the environment, for messages.
+        most: copies at most; 0 for as many as the environment's metadata ``rows_at_once`` says, or any number.
+    """
+
+    def __init__(self, make: Callable[[], AnyEnv], name: str, most: int = 0) -> None:
+        self._make = make
+        self._name = name
+        self._copies = [_flat(make())]
+        metadata = self.shown.metadata or {}
+        self._most = most or int(metadata.get("rows_at_once", 0)) or MOST_COPIES
+        self.observation_space = self._copies[0].observation_space
+        self.action_space = self._copies[0].action_space
+
+    @property
+    def shown(self) -> AnyEnv:
+        """The environment of the first row."""
+        return self._copies[0]
+
+    def room(self, rows: int) -> int:
+        """Return how many of so many rows can run side by side, having made the copies."""
+        while len(self._copies) < min(rows, self._most):
+            try:
+                self._copies.append(_flat(self._make()))
+            except Exception as error:
+                self._most = len(self._copies)
+                print(
+                    f"warning: {self._name}: no more than {self._most} at a time, as another copy could not be made "
+                    f"({type(error).__name__}: {shown(error)}); environment.rows_at_once={self._most} says so",
+                    file=sys.stderr,
+                )
+        return min(rows, self._most)
+
+    def reset(self, seeds: list[int], horizon: int) -> Array:
+        """Begin an episode in as many rows as there are seeds; return the observations, shape (rows, d)."""
+        self._current = self._copies[: len(seeds)]
+        first = [env.reset(seed=seed)[0] for env, seed in zip(self._current, seeds, strict=True)]
+        self._observations = np.stack([self._row(observation) for observation in first])
+        return self._observations.copy()
+
+    def step(self, actions: NDArray[Any], active: Flags) -> Step:
+        """Make a step in the rows that are active, with actions of shape (rows, *shape)."""
+        rows = len(self._current)
+        result = Step(self._observations, np.zeros(rows), np.zeros(rows, dtype=bool), np.zeros(rows, dtype=bool))
+        for row in np.flatnonzero(active):
+            observation, reward, terminated, truncated, _ = self._current[row].step(actions[row])
+            self._observations[row] = self._row(observation)
+            result.rewards[row], result.terminated[row], result.truncated[row] = reward, terminated, truncated
+        return result._replace(observations=self._observations.copy())
+
+    def _row(self, observation: Any) -> Array:
+        return np.asarray(observation, dtype=self.observation_space.dtype).astype(np.float64).ravel()
+
+
+class VectorRows:
+    """The rows of one vector environment.
+
+    Owns the vector environments, one for each size of a batch.
+
+    Args:
+        make: makes one of so many rows and steps.
+        most: rows at most; 0 for any number.
+    """
+
+    def __init__(self, make: Callable[[int, int], AnyVectorEnv], most: int = 0) -> None:
+        self._make = make
+        self._most = most
+        self._vectors: dict[tuple[int, int], AnyVectorEnv] = {}
+        self._current = self._vector(1, 1)
+        self.observation_space = self._current.single_observation_space
+        self.action_space = self._current.single_action_space
+
+    @property
+    def shown(self) -> AnyVectorEnv:
+        """The environment of the batch that was begun last."""
+        return self._current
+
+    def room(self, rows: int) -> int:
+        """Return how many of so many rows can run side by side."""
+        return min(rows, self._most or rows)
+
+    def reset(self, seeds: list[int], horizon: int) -> Array:
+        """Begin an episode in as many rows as there are seeds; return the observations, shape (rows, d)."""
+        self._current = self._vector(len(seeds), horizon)
+        self._rows = len(seeds)
+        spare = self._current.num_envs - self._rows  # of an environment whose size is its own
+        observations, _ = self._current.reset(seed=seeds + seeds[-1:] * spare)  # type: ignore[arg-type]
+        return self._flat(observations)
+
+    def step(self, actions: NDArray[Any], active: Flags) -> Step:
+        """Make a step in all rows with actions of shape (rows, *shape)."""
+        spare = self._current.num_envs - self._rows
+        if spare:
+            actions = np.concatenate([actions, np.repeat(actions[-1:], spare, axis=0)])
+        observations, rewards, terminated, truncated, info = self._current.step(actions)
+        observations = self._as_they_ended(observations, terminated | truncated, info)
+        rows = slice(self._rows)
+        return Step(self._flat(observations), rewards[rows], terminated[rows], truncated[rows])
+
+    def _as_they_ended(self, observations: Any, ended: Flags, info: dict[str, Any]) -> Any:
+        """Return the observations, those of episodes that ended being their last, whichever way they begin anew."""
+        mode = self._current.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP)
+        if not ended.any() or mode == AutoresetMode.NEXT_STEP:
+            return observations
+        if mode == AutoresetMode.SAME_STEP:
+            observations = np.array(observations)
+            observations[ended] = np.stack(list(info["final_obs"][ended]))
+            return observations
+        kept = np.array(observations)
+        self._current.reset(options={"reset_mask": ended})
+        return kept
+
+    def _flat(self, observations: Any) -> Array:
+        return np.asarray(observations, dtype=np.float64).reshape(len(observations), -1)[: self._rows]
+
+    def _vector(self, rows: int, horizon: int) -> AnyVectorEnv:
+        key = (rows, horizon)
+        if key not in self._vectors:
+            if len(self._vectors) >= MOST_VECTORS:
+                oldest = next(iter(self._vectors))
+                self._vectors.pop(oldest).close()
+            self._vectors[key] = _flat_vector(self._make(rows, horizon))
+        return self._vectors[key]
+
+
+def _flat(env: AnyEnv) -> AnyEnv:
+    return FlattenObservation(env) if isinstance(env.observation_space, Dict | Tuple) else env
+
+
+def _flat_vector(env: AnyVectorEnv) -> AnyVectorEnv:
+    return FlattenObservations(env) if isinstance(env.single_observation_space, Dict | Tuple) else env

@@ -1,0 +1,69 @@
+"""Episodes that end before the horizon, over topics."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rkhs_ros.runs.episode_files import load_episodes
+
+Start = Callable[..., Any]
+
+MODULE = """
+import gymnasium, numpy as np
+from gymnasium.spaces import Box
+
+class Robot(gymnasium.Env):
+    '''Of which there is one, and which is not begun anew before it is done.'''
+    observation_space, action_space = Box(-9.0, 9.0, (1,)), Box(-1.0, 1.0, (1,))
+    made, going = 0, False
+
+    def __init__(self):
+        Robot.made += 1
+        if Robot.made > 1:
+            raise RuntimeError("there is only one robot")
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        if self.going:
+            raise RuntimeError("reset during an episode")
+        self.place, self.left, self.going = 0.0, int(self.np_random.integers(3, 9)), True
+        return np.array([self.place], np.float32), {}
+
+    def step(self, action):
+        self.place, self.left = self.place + float(action[0]), self.left - 1
+        self.going = self.left > 0
+        return np.array([self.place], np.float32), -abs(self.place - 1.0), not self.going, False, {}
+
+gymnasium.register("Robot-v0", Robot, max_episode_steps=20)
+"""
+CONFIG = """
+simulator: {ros__parameters: {environment: {id: "one_robot:Robot-v0"}}}
+learner: {ros__parameters: {iterations: 3, episodes_per_iteration: 10, evaluation_episodes: 3, horizon: 20}}
+"""
+
+
+@pytest.mark.parametrize("simulators", [1, 2])
+def test_one_robot_learns_over_topics_as_in_process(
+    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, simulators: int
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("one_robot.py").write_text(MODULE)
+    Path("robot.yaml").write_text(CONFIG)
+    for name, more in (("inline", []), ("ros", ["--simulators", simulators])):
+        run = start("rkhs", "train", "robot.yaml", "--runner", name, "--quiet", "--out", name, *more)
+        code, out, err = run.finish()
+        assert code == 0, err
+        assert out.startswith("Learnt one_robot:Robot-v0 in 30 episodes")
+    lines = [Path(name, "curve.csv").read_text().splitlines() for name in ("inline", "ros")]
+    without_seconds = [[line.rpartition(",")[0] for line in curve] for curve in lines]
+    assert without_seconds[0] == without_seconds[1]
+    assert len(without_seconds[0]) == 4
+    for file in ("policy.npz", "best_policy.npz", "episodes.npz"):
+        assert Path("inline", file).read_bytes() == Path("ros", file).read_bytes()
+    episodes, _ = load_episodes(Path("ros", "episodes.npz"))
+    assert episodes.terminated.all()
+    assert (episodes.mask.sum(axis=1) < 9).all()
+    assert np.isfinite(episodes.final_observations).all()

@@ -1,0 +1,97 @@
+"""Policies that are called with what is observed."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+
+from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.policy import Policy, load
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.storage import Task, save_policy
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF
+
+MakePolicy = Callable[..., GaussianPolicy]
+TASK = Task("Pendulum-v1", {}, 20, 0.99)
+BOUNDS = np.full((1, 2), 0.4, np.float32)
+
+
+def over(history: int, rng: np.random.Generator) -> GaussianPolicy:
+    """A policy of three observed numbers, of which one is an angle, and two actions."""
+    inputs = Inputs(history=history, angles=(1.0,))
+    size = inputs.dimension(3, 2)
+    mean = Function(RBF((2.0,)), rng.normal(size=(6, size)), rng.normal(size=(6, 2)))
+    return GaussianPolicy(mean, ConstantVariance(np.ones(2)), inputs)
+
+
+@pytest.mark.parametrize("history", [1, 2, 5])
+@pytest.mark.parametrize("rows", [1, 4])
+def test_it_does_what_the_policy_does_in_a_batch(rng: np.random.Generator, history: int, rows: int) -> None:
+    gaussian = over(history, rng)
+    policy = Policy(gaussian, TASK, Spaces((3,), -BOUNDS, BOUNDS))
+    observations = rng.normal(size=(rows, 12, 3))
+    for _ in range(2):  # and again after a reset
+        acting = Acting(gaussian, Batch(0, 0, rows, 12, explore=False), explore=False)
+        policy.reset()
+        for step in range(12):
+            expected = np.clip(acting(step, observations[:, step]), -0.4, 0.4).astype(np.float32)
+            got = policy(observations[0, step] if rows == 1 else observations[:, step])
+            assert got.dtype == np.float32
+            assert got.tobytes() == expected.tobytes()
+            assert got.shape == ((1, 2) if rows == 1 else (rows, 1, 2))
+
+
+def test_other_shapes_and_numbers_that_are_not_finite_are_refused(rng: np.random.Generator) -> None:
+    policy = Policy(over(2, rng), TASK, Spaces((3,), -BOUNDS, BOUNDS))
+    for wrong in (np.zeros(2), np.zeros((4, 2)), np.zeros((2, 2, 3)), 0.0):
+        with pytest.raises(ValueError, match=r"observation: expected the shape \(3,\), or several of them, got"):
+            policy(wrong)
+    with pytest.raises(ValueError, match="observation: expected finite numbers"):
+        policy([0.0, np.nan, 0.0])
+    policy(np.zeros((4, 3)))
+    with pytest.raises(ValueError, match=r"observation: expected 4 rows as before, or reset\(\) .*, got 1"):
+        policy(np.zeros(3))
+    policy.reset()
+    policy(np.zeros(3))
+
+
+def test_a_policy_that_does_not_fit_its_spaces_is_refused(rng: np.random.Generator) -> None:
+    with pytest.raises(ValueError, match="policy: expected one from"):
+        Policy(over(2, rng), TASK, Spaces((4,), -BOUNDS, BOUNDS))
+
+
+def test_it_is_saved_with_its_bounds_and_loaded(tmp_path: Path, rng: np.random.Generator) -> None:
+    policy = Policy(over(2, rng), TASK, Spaces((3,), -BOUNDS, BOUNDS))
+    policy.save(tmp_path / "p.npz")
+    back = load(str(tmp_path / "p.npz"))
+    assert back.task == TASK
+    assert back.spaces.action_low.dtype == np.float32
+    x = rng.normal(size=3)
+    assert np.array_equal(back(x), policy(x))
+
+
+def test_a_file_without_spaces_has_plain_ones(tmp_path: Path, random_policy: MakePolicy) -> None:
+    save_policy(tmp_path / "old.npz", random_policy(d=2, n=1), TASK)
+    assert load(tmp_path / "old.npz")(np.zeros(2)).shape == (1,)
+    save_policy(tmp_path / "window.npz", replace(random_policy(d=4, n=2), inputs=Inputs(history=3)), TASK)
+    with pytest.raises(ValueError, match="policy: expected one from"):
+        load(tmp_path / "window.npz")
+
+
+def test_it_plays_in_an_environment_of_gymnasium(random_policy: MakePolicy) -> None:
+    env = gymnasium.make("Pendulum-v1")
+    space = env.action_space
+    assert isinstance(space, gymnasium.spaces.Box)
+    policy = Policy(random_policy(d=3, n=1), TASK, Spaces((3,), space.low, space.high))
+    observation, _ = env.reset(seed=0)
+    for _ in range(5):
+        action = policy(observation)
+        assert env.action_space.contains(action)
+        observation, *_ = env.step(action)
