@@ -70,7 +70,7 @@ bench: build ## measure speed
 	@$(ENTER) for script in benchmarks/*.py; do python "$$script"; done
 
 docs: build .venv/.docs ## build the documentation site in docs/_build/html
-	@$(ENTER) python -m sphinx -q -W --keep-going -b html docs docs/_build/html
+	@$(ENTER) python -m sphinx -q -E -W --keep-going -b html docs docs/_build/html
 	@echo docs/_build/html/index.html
 
 .venv/.docs: requirements/docs.txt | $(VENV)

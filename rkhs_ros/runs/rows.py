@@ -62,7 +62,7 @@ class Rows(Protocol):
         """Begin an episode in as many rows as there are seeds; return the observations, shape (rows, d)."""
 
     def step(self, actions: NDArray[Any], active: Flags) -> Step:
-        """Make a step with actions of shape (rows, *shape); what rows show that are not active means nothing."""
+        """Make a step with actions of shape ``(rows, *shape)``; what rows show that are not active means nothing."""
 
 
 class SeparateRows:
@@ -113,7 +113,7 @@ class SeparateRows:
         return self._observations.copy()
 
     def step(self, actions: NDArray[Any], active: Flags) -> Step:
-        """Make a step in the rows that are active, with actions of shape (rows, *shape)."""
+        """Make a step in the rows that are active, with actions of shape ``(rows, *shape)``."""
         rows = len(self._current)
         result = Step(self._observations, np.zeros(rows), np.zeros(rows, dtype=bool), np.zeros(rows, dtype=bool))
         for row in np.flatnonzero(active):
@@ -162,7 +162,7 @@ class VectorRows:
         return self._flat(observations)
 
     def step(self, actions: NDArray[Any], active: Flags) -> Step:
-        """Make a step in all rows with actions of shape (rows, *shape)."""
+        """Make a step in all rows with actions of shape ``(rows, *shape)``."""
         spare = self._current.num_envs - self._rows
         if spare:
             actions = np.concatenate([actions, np.repeat(actions[-1:], spare, axis=0)])
