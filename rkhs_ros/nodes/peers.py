@@ -17,7 +17,7 @@ FIRST_RETRY_S, LONGEST_RETRY_S = 0.5, 4.0  # without an answer before a request 
 
 
 class Peers:
-    """The other nodes as a node calls them: it waits for their answers and handles its own messages meanwhile.
+    """A node's calls to other nodes; its own messages are handled while it waits for their answers.
 
     Owns the executor of the calling node.
 

@@ -1,4 +1,4 @@
-"""What ``rkhs status`` shows: the nodes that are at work and how they fare."""
+"""The status node of ``rkhs status``: shows a table of the nodes at work, from what they report."""
 
 from __future__ import annotations
 
