@@ -14,7 +14,7 @@ def files(pattern: str) -> list[str]:
 
 def requirements(name: str) -> list[str]:
     """List the packages of a requirements file."""
-    lines = Path(f"requirements/{name}.txt").read_text().splitlines()
+    lines = Path(__file__).resolve().parent.joinpath("requirements", f"{name}.txt").read_text().splitlines()
     return [line for line in lines if line and not line.startswith("#")]
 
 

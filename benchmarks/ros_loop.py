@@ -21,6 +21,7 @@ import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 
+import sim_nodes.envs  # noqa: F401  # registers the tasks
 from rkhs_interfaces.msg import Observation
 from rkhs_ros.app.launcher import started
 from rkhs_ros.learning.training import train
@@ -109,12 +110,12 @@ def main() -> None:
         rclpy.shutdown()
         rclpy.init(args=["--ros-args", "--params-file", str(parameters)])
         with started(("simulator", "policy"), parameters):
-            learner = LearnerNode()
-            learner.connect()
-            learner.collect(policy, batch)
-            step = seconds_per_call(lambda: learner.collect(policy, batch), 5) / batch.horizon
+            runner = LearnerNode().runner
+            runner.connect()
+            runner.collect(policy, batch)
+            step = seconds_per_call(lambda: runner.collect(policy, batch), 5) / batch.horizon
             begin = time.perf_counter()
-            for _ in train(config.training, learner):
+            for _ in train(config.training, runner):
                 pass
             topics_run = time.perf_counter() - begin
     rclpy.shutdown()

@@ -13,7 +13,7 @@ from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.settings import Entry
 from rkhs_ros.base.validation import require
-from rkhs_ros.nodes.health import Health
+from rkhs_ros.nodes.diagnostics import Diagnostics
 from rkhs_ros.nodes.messages import (
     CLOCK_ENDS,
     LOCKSTEP_QOS,
@@ -25,7 +25,8 @@ from rkhs_ros.nodes.messages import (
     observation_message,
 )
 from rkhs_ros.nodes.parameters import declare, declared, given, require_known, restarts
-from rkhs_ros.nodes.spin import Server, forever, run
+from rkhs_ros.nodes.spin import ReportingNode, run, serve
+from rkhs_ros.nodes.uniqueness import Uniqueness
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import environment_from
 from rkhs_ros.runs.recording import EpisodeRecorder
@@ -38,7 +39,7 @@ MOST_STEPS = 2**40  # that a clock may have counted
 PATIENCE, MOST_PATIENCE = 0.02, 1.0  # seconds without an action before an observation is said again, twice as many each
 
 
-class SimulatorNode(Server):
+class SimulatorNode(ReportingNode):
     """Publishes observations, executes actions, and publishes the episodes they make.
 
     Owns the environment, the step it waits at, the episodes under way and the clock. Does not own the pace: the action
@@ -71,14 +72,16 @@ class SimulatorNode(Server):
         self._observations = self.create_publisher(Observation, "observation", LOCKSTEP_QOS)
         self._episodes = self.create_publisher(Episodes, "episodes", LOCKSTEP_QOS)
         self._clock_ticks = self.create_publisher(Clock, "clock", LOCKSTEP_QOS)
-        self._health = Health(self, again, self._report)
+        self.diagnostics = Diagnostics(self, again, self._report)
+        self._uniqueness = Uniqueness(self)
         self.create_subscription(Action, "action", self._act, LOCKSTEP_QOS)
         self.create_service(StartEpisodes, "start_episodes", self._start)
         self.create_service(DescribeTask, "describe_task", self._describe)
 
-    def look(self) -> float:
-        """Report, and ask for the action again where it does not come; return the seconds until the next look."""
-        wait = self._health.look()
+    def heartbeat(self) -> float:
+        """Report, and ask for the action again where it does not come; return the seconds until the next time."""
+        self._uniqueness.check()
+        wait = self.diagnostics.heartbeat()
         if self._last is None:
             return wait
         now = time.monotonic()
@@ -122,7 +125,7 @@ class SimulatorNode(Server):
                 self._begin(request, batch)
         except ValueError as error:
             response.message = str(error)
-            self._health.refuse(f"to start episodes: {error}")
+            self.diagnostics.refuse(f"to start episodes: {error}")
             return response
         response.accepted = True
         return response
@@ -154,12 +157,12 @@ class SimulatorNode(Server):
         if batch is None or not self._awaits(batch, message):
             expected = f"batch {self._identity}, step {self._step}, policy version {self._version}"
             got = f"batch {message.batch}, step {message.step}, policy version {message.policy_version}"
-            self._health.pass_over(f"an action: expected {expected}, got {got}")
+            self.diagnostics.pass_over(f"an action: expected {expected}, got {got}")
             return
         try:
             actions = matrix(message.actions, batch.rows, self._simulation.action_dim, "actions")
         except ValueError as error:
-            self._health.refuse(f"an action: {error}")
+            self.diagnostics.refuse(f"an action: {error}")
             return
         frame = self._simulation.step(actions)
         self._step += 1
@@ -167,7 +170,7 @@ class SimulatorNode(Server):
         self._publish(batch, frame)
         self._recorder.acted(self._step - 1, actions)
         self._record(batch, frame)
-        self._health.steps += 1
+        self.diagnostics.steps += 1
         self._tick()
         if self._robot is not None:
             self._robot.publish()
@@ -198,7 +201,7 @@ class SimulatorNode(Server):
 
 def main() -> None:
     """Run the simulator node."""
-    run(SimulatorNode, forever)
+    run(SimulatorNode, serve)
 
 
 if __name__ == "__main__":

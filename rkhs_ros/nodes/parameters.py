@@ -11,19 +11,19 @@ from rclpy.node import Node
 from rkhs_ros.base.settings import Entry
 from rkhs_ros.base.validation import hint
 
-STANDARD = ("use_sim_time", "start_type_description_service", "qos_overrides")
-INT64 = 2**63 - 1
+OF_EVERY_NODE = ("use_sim_time", "start_type_description_service", "qos_overrides")
+MOST_INT64 = 2**63 - 1  # the greatest bound that a range of whole numbers can have
 
 
 def given(node: Node) -> dict[str, Any]:
-    """Return the parameters a node was started with as a tree, ROS's own left out.
+    """Return the parameters a node was started with as a tree, without those that every ROS node has.
 
     The node must have been made with ``automatically_declare_parameters_from_overrides``, so that unknown names
     are seen and can be refused.
     """
     tree: dict[str, Any] = {}
     for name, parameter in node.get_parameters_by_prefix("").items():
-        if name.split(".")[0] in STANDARD:
+        if name.split(".")[0] in OF_EVERY_NODE:
             continue
         *path, last = name.split(".")
         section = tree
@@ -81,7 +81,7 @@ def _descriptor(about: Mapping[str, Any]) -> ParameterDescriptor:
     if choices:
         descriptor.additional_constraints = "one of " + ", ".join(choices)
     elif low is not None and isinstance(low, int):
-        descriptor.integer_range = [IntegerRange(from_value=low, to_value=min(high, INT64))]
+        descriptor.integer_range = [IntegerRange(from_value=low, to_value=min(high, MOST_INT64))]
     elif low is not None:
         descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=float(high))]
     return descriptor

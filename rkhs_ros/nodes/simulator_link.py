@@ -1,4 +1,4 @@
-"""What the learner knows of one simulator."""
+"""A simulator as the learner sees it."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from rclpy.node import Node
 
 from rkhs_interfaces.msg import Episodes as EpisodesMessage
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
+from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS, episodes_of, spaces_of, start_request
+from rkhs_ros.nodes.peers import Peers
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 
@@ -17,48 +19,68 @@ from rkhs_ros.policies.streams import Batch
 class SimulatorLink:
     """One simulator as the learner sees it.
 
-    Owns the task it simulates, the batch that it was asked for and how, and the episodes that it sent.
+    Owns the task it simulates, the batch that it was asked for, the step at which it was seen, and the episodes that
+    it sent.
 
     Args:
         node: the learner node.
+        peers: how it calls others.
         namespace: the simulator's.
+        rows: of the batches to come.
         refuse: is told why episodes are refused.
     """
 
-    def __init__(self, node: Node, namespace: str, refuse: Callable[[str], None]) -> None:
+    def __init__(self, node: Node, peers: Peers, namespace: str, rows: int, refuse: Callable[[str], None]) -> None:
         self.name = f"{namespace}simulator"
         self.task: DescribeTask.Response = DescribeTask.Response()
-        self.spaces = Spaces.unbounded(1, 1)
+        self.spaces = Spaces.unbounded(1, 1)  # until it is connected
         self.batch: Batch | None = None
-        self.heard: Episodes | None = None
+        self.episodes: Episodes | None = None
         self.request = StartEpisodes.Request()
         self.step = 0
+        self._peers = peers
+        self._rows = rows
         self._refuse = refuse
-        self.start = node.create_client(StartEpisodes, f"{namespace}start_episodes")
-        self.describe = node.create_client(DescribeTask, f"{namespace}describe_task")
+        self._start = node.create_client(StartEpisodes, f"{namespace}start_episodes")
+        self._describe = node.create_client(DescribeTask, f"{namespace}describe_task")
         node.create_subscription(EpisodesMessage, f"{namespace}episodes", self._hear, LOCKSTEP_QOS)
 
-    def know(self, task: DescribeTask.Response) -> None:
-        """File what the simulator simulates.
+    def wait(self) -> None:
+        """Wait until the simulator is there."""
+        self._peers.wait_for_service(self._describe, self.name)
+
+    def connect(self) -> None:
+        """Learn the simulator's task, once it is connected to the policy node and to this one.
 
         Raises:
-            ValueError: it is no task.
+            ValueError: what it describes is no task.
         """
-        self.task, self.spaces = task, spaces_of(task)
+        self.task = self._peers.call_until_connected(self.describe, self.name)
+        self.spaces = spaces_of(self.task)
+        require(self.task.room >= 1, f"{self.name}: room", "at least 1 row", self.task.room)
 
-    def rest(self) -> None:
-        """Have nothing to do."""
-        self.batch, self.heard = None, None
+    def describe(self) -> DescribeTask.Response:
+        """Ask the simulator what it simulates and how far it is."""
+        return self._peers.call(self._describe, DescribeTask.Request(rows=self._rows), self.name)
+
+    def mark_idle(self) -> None:
+        """Mark the simulator idle."""
+        self.batch, self.episodes = None, None
 
     def begin(self, batch: Batch, identity: int, version: int, clock: int) -> None:
-        """Wait for the episodes of a batch of this number, in which the policy of that version acts."""
-        self.batch, self.heard, self.step = batch, None, 0
+        """Have the simulator begin a batch of this number, in which the policy of that version acts."""
+        self.batch, self.episodes, self.step = batch, None, 0
         self.request = start_request(identity, version, batch, self.task, clock)
+        self.ask_for_episodes()
+
+    def ask_for_episodes(self) -> None:
+        """Ask for the batch, which begins unless it is under way; then what was published last is repeated."""
+        self._peers.call_until_accepted(self._start, self.request, self.name)
 
     @property
     def busy(self) -> bool:
         """Whether episodes are still to come."""
-        return self.batch is not None and self.heard is None
+        return self.batch is not None and self.episodes is None
 
     def lost(self, task: DescribeTask.Response) -> bool:
         """Return whether the batch is lost: the simulator died since, or somebody else had it begin another."""
@@ -74,6 +96,6 @@ class SimulatorLink:
         if self.batch is None or (message.batch, message.policy_version) != expected:
             return  # late, or of another learner
         try:
-            self.heard = episodes_of(message, self.batch, self.spaces)
+            self.episodes = episodes_of(message, self.batch, self.spaces)
         except ValueError as error:
             self._refuse(f"episodes: {error}")

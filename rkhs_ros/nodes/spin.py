@@ -7,16 +7,19 @@ import signal
 import sys
 from collections.abc import Callable
 from threading import Event
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import rclpy
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+if TYPE_CHECKING:
+    from rkhs_ros.nodes.diagnostics import Diagnostics
+
 BAD_INPUT = 2  # exit code
-FAILED = 1
-LOOK_UP = 0.1  # seconds between looks at whether a signal came
+FAILED = 1  # exit code
+SIGNAL_CHECK_S = 0.1  # between looks at whether a signal came
 AnyNode = TypeVar("AnyNode", bound=Node)
 
 
@@ -24,36 +27,43 @@ class PeerError(RuntimeError):
     """A node that does not answer in time or is there twice; the message names it."""
 
 
-class StoppedError(RuntimeError):
-    """The process was told to end."""
+class StoppedError(BaseException):
+    """The process was told to end; as an interrupt it is no error, so `except Exception` lets it pass."""
 
 
-class Server(Node):
-    """A node that answers others and has duties of its own in between."""
+class ReportingNode(Node):
+    """A node that reports how it fares, and has work of its own between messages.
 
-    def look(self) -> float:
-        """Do what is due; return the seconds until something may be due again."""
+    Attributes:
+        diagnostics: its reports.
+    """
+
+    diagnostics: Diagnostics
+
+    def heartbeat(self) -> float:
+        """Do the periodic work that is due, the report first of all; return the seconds until more may be due."""
         raise NotImplementedError
 
 
-def forever(node: Server, told: Event) -> None:
+def serve(node: ReportingNode, stop: Event) -> None:
     """Handle a node's messages until told to end."""
     executor = EventsExecutor()
     executor.add_node(node)
-    while not told.is_set():
-        executor.spin_once(timeout_sec=min(node.look(), LOOK_UP))
+    with node.diagnostics.errors_reported():
+        while not stop.is_set():
+            executor.spin_once(timeout_sec=min(node.heartbeat(), SIGNAL_CHECK_S))
 
 
 def run(make_node: Callable[[], AnyNode], work: Callable[[AnyNode, Event], None]) -> None:
     """Run a node's process: make it, let it work, and end cleanly.
 
     Bad input ends with one line and exit code 2, a silent peer or a full disk with one line and exit code 1, a
-    signal with exit code 0. A signal only leaves word: ROS's own handlers would pull the context from under a
-    callback that is about to publish.
+    signal with exit code 0. A signal only sets the event that the work is given: ROS's own handlers would pull the
+    context from under a callback that is about to publish.
     """
-    told = Event()
+    stop = Event()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, frame: told.set())
+        signal.signal(number, lambda number, frame: stop.set())
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     code = 0
     try:
@@ -61,7 +71,7 @@ def run(make_node: Callable[[], AnyNode], work: Callable[[AnyNode, Event], None]
         gc.collect()
         gc.freeze()  # what was imported need not be searched for garbage between messages
         try:
-            work(node, told)
+            work(node, stop)
         finally:
             node.destroy_node()
     except StoppedError:

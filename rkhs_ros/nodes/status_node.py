@@ -1,4 +1,4 @@
-"""What ``rkhs status`` shows: the nodes that are at work and how they fare."""
+"""The status node of ``rkhs status``: shows a table of the nodes at work, from what they report."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from rkhs_ros.nodes.health import HEALTH_QOS, PERIOD
-from rkhs_ros.nodes.spin import LOOK_UP, PeerError, run
+from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS, REPORT_PERIOD_S, TOPIC
+from rkhs_ros.nodes.spin import SIGNAL_CHECK_S, PeerError, run
 
-LISTEN = 3 * PERIOD  # seconds without word of another node after which all are taken to have reported
+LISTEN_S = 3 * REPORT_PERIOD_S  # without word of another node, after which all are taken to have reported
 KEYS = ("serving version", "batch", "step", "steps per second", "refusals", "passed over", "restarts", "last refusal")
-LEVELS = {DiagnosticStatus.OK: "green", DiagnosticStatus.WARN: "yellow"}
+COLOURS = {DiagnosticStatus.OK: "green", DiagnosticStatus.WARN: "yellow", DiagnosticStatus.ERROR: "red"}
 
 
 class StatusNode(Node):
@@ -31,7 +31,7 @@ class StatusNode(Node):
         super().__init__("status")
         self.heard: dict[str, DiagnosticStatus] = {}
         self.heard_new_at = time.monotonic()
-        self.create_subscription(DiagnosticArray, "/diagnostics", self._hear, HEALTH_QOS)
+        self.create_subscription(DiagnosticArray, TOPIC, self._hear, DIAGNOSTICS_QOS)
 
     def _hear(self, message: DiagnosticArray) -> None:
         ours = [status for status in message.status if KEYS[0] in {value.key for value in status.values}]
@@ -45,12 +45,12 @@ def table(statuses: dict[str, DiagnosticStatus]) -> Table:
     result = Table("node", "state", *KEYS)
     for name, status in sorted(statuses.items()):
         values = {value.key: value.value for value in status.values}
-        state = f"[{LEVELS.get(status.level, 'red')}]{status.message}"
+        state = f"[{COLOURS.get(status.level, 'red')}]{escape(status.message)}"
         result.add_row(name, state, *(escape(values.get(key, "")) for key in KEYS))
     return result
 
 
-def show(node: StatusNode, told: Event) -> None:
+def show(node: StatusNode, stop: Event) -> None:
     """Listen until no more nodes are heard of, and print what they reported.
 
     Raises:
@@ -58,10 +58,10 @@ def show(node: StatusNode, told: Event) -> None:
     """
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    while time.monotonic() < node.heard_new_at + LISTEN and not told.is_set():
-        executor.spin_once(timeout_sec=LOOK_UP)
+    while time.monotonic() < node.heard_new_at + LISTEN_S and not stop.is_set():
+        executor.spin_once(timeout_sec=SIGNAL_CHECK_S)
     if not node.heard:
-        raise PeerError(f"expected nodes at work, got none within {LISTEN:g} s; is ROS_DOMAIN_ID theirs?")
+        raise PeerError(f"expected nodes at work, got none within {LISTEN_S:g} s; is ROS_DOMAIN_ID theirs?")
     Console().print(table(node.heard))
 
 

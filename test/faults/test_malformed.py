@@ -12,14 +12,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from rkhs_interfaces.msg import Action, Episodes, Observation
+from rkhs_interfaces.msg import Action, Episodes, NodeInstance, Observation
 from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
-from rkhs_ros.nodes.health import HEALTH_QOS, PERIOD
+from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS, REPORT_PERIOD_S
 from rkhs_ros.nodes.messages import doubles, observation_message, set_policy_request, start_request
+from rkhs_ros.nodes.uniqueness import SENDER_QOS, TOPIC
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.simulation import Frame, Simulation
@@ -51,7 +52,7 @@ class Intruder:
         self.spoilt: dict[type, Counter[str]] = {kind: Counter() for kind in ALWAYS}
         self.reasons: set[str] = set()
         self._refused: dict[str, int] = {}
-        self._listener = probe.create_subscription(DiagnosticArray, "/diagnostics", self._hear, HEALTH_QOS)
+        self._listener = probe.create_subscription(DiagnosticArray, "/diagnostics", self._hear, DIAGNOSTICS_QOS)
 
     def _hear(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -82,7 +83,7 @@ class Intruder:
     def count(self, node: str, expected: int = 0) -> int:
         """Return how many messages a node refused or passed over, at least those expected."""
         self.probe.until(lambda: self._refused.get(node, -1) >= expected, 5.0)
-        self.probe.settle(1.5 * PERIOD)
+        self.probe.settle(1.5 * REPORT_PERIOD_S)
         return self._refused[node]
 
 
@@ -265,8 +266,9 @@ def test_malformed_messages_are_refused_with_a_reason_and_change_no_bit(
     folder = tmp_path / "run"
     learner = start("learner", "--ros-args", "--params-file", file, "-p", f"output:={folder}", "-p", "quiet:=true")
     disturb(intruder, learner)
-    forged = DiagnosticStatus(name="/policy", hardware_id="9" * 5000)
-    probe.create_publisher(DiagnosticArray, "/diagnostics", HEALTH_QOS).publish(DiagnosticArray(status=[forged]))
+    strangers = probe.create_publisher(NodeInstance, TOPIC, SENDER_QOS)
+    for name in ("/policy" * 5000, "policy", ""):
+        strangers.publish(NodeInstance(node=name, instance=0))
     assert_well(learner)
     assert_same_bits(folder, undisturbed)
 

@@ -33,6 +33,7 @@ MODULES = {
     "learner": "rkhs_ros.nodes.learner_node",
     "rkhs": "rkhs_ros.app.cli",
     "relay": "test.faults.relay",
+    "imports": "test.ros.imports",
 }
 TYPES = {"observation": Observation, "action": Action, "episodes": Episodes}
 SERVICES = {"start_episodes": StartEpisodes, "describe_task": DescribeTask, "set_policy": SetPolicy}

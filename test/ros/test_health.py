@@ -1,6 +1,10 @@
 """What nodes say of themselves, and the time that the simulator tells."""
 
+import os
+import signal
+import socket
 import time
+from collections import defaultdict
 from collections.abc import Callable
 from io import StringIO
 from itertools import pairwise
@@ -11,9 +15,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rich.console import Console
 from rosgraph_msgs.msg import Clock
 
-from rkhs_interfaces.msg import Action
+from rkhs_interfaces.msg import Action, NodeInstance
+from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS
 from rkhs_ros.nodes.status_node import table
+from rkhs_ros.nodes.uniqueness import HEARER_QOS, TOPIC
 from test.ros.conftest import ROOT, Probe, Process, kill, nodes_of
 
 Start = Callable[..., Process]
@@ -23,13 +29,16 @@ KEYS = {"serving version", "batch", "step", "steps per second", "refusals", "pas
 
 
 class Hearing:
-    """The newest report of each node, and all times that were told."""
+    """The newest report of each node, all states and instances it was heard in, and all times that were told."""
 
     def __init__(self, probe: Probe, clock: str = "clock") -> None:
         self.reports: dict[str, DiagnosticStatus] = {}
+        self.states: dict[str, set[tuple[bytes, str]]] = defaultdict(set)
+        self.instances: dict[str, list[int]] = defaultdict(list)
         self.times: list[float] = []
         self.listeners = [
-            probe.create_subscription(DiagnosticArray, "/diagnostics", self._report, LOCKSTEP_QOS),
+            probe.create_subscription(DiagnosticArray, "/diagnostics", self._report, DIAGNOSTICS_QOS),
+            probe.create_subscription(NodeInstance, TOPIC, self._meet, HEARER_QOS),
             probe.create_subscription(Clock, clock, self._tick, LOCKSTEP_QOS),
         ]
 
@@ -37,7 +46,12 @@ class Hearing:
         return next((v.value for v in self.reports[name].values if v.key == key), "") if name in self.reports else ""
 
     def _report(self, message: DiagnosticArray) -> None:
-        self.reports |= {status.name: status for status in message.status}
+        for status in message.status:
+            self.reports[status.name] = status
+            self.states[status.name].add((status.level, status.message))
+
+    def _meet(self, message: NodeInstance) -> None:
+        self.instances[message.node].append(message.instance)
 
     def _tick(self, message: Clock) -> None:
         self.times.append(message.clock.sec + 1e-9 * message.clock.nanosec)
@@ -58,11 +72,26 @@ def test_every_node_reports_and_says_how_often_it_was_started_again(run: Process
         report = hearing.reports[name]
         assert {value.key for value in report.values} == KEYS
         assert (report.level, hearing.value(name, "restarts")) == (DiagnosticStatus.OK, "0")
-    before = {name: hearing.reports[name].hardware_id for name in nodes}
+        assert report.hardware_id == socket.gethostname()
     kill(*nodes_of(run, "policy"))
     probe.until(lambda: hearing.value("/policy", "restarts") == "1")
-    assert int(hearing.reports["/policy"].hardware_id) > int(before["/policy"])
-    assert hearing.reports["/simulator"].hardware_id == before["/simulator"]
+    first, second = hearing.instances["/policy"]
+    assert second > first
+    assert [len(hearing.instances[name]) for name in ("/simulator", "/learner")] == [1, 1]
+
+
+def test_a_learner_that_is_stuck_says_so_and_at_its_end_why(start: Start, probe: Probe, tmp_path: Path) -> None:
+    hearing = Hearing(probe)
+    arguments = ("--quiet", "--iterations", 10_000, "--out", tmp_path / "out", "--set", "timeout=8")
+    run = start("rkhs", "train", PENDULUM, *arguments)
+    probe.until(lambda: len(probe.heard["episodes"]) > 1)
+    (policy,) = nodes_of(run, "policy")
+    os.kill(policy, signal.SIGSTOP)
+    reason = "the policy node did not answer within 8 s"
+    probe.until(lambda: (DiagnosticStatus.ERROR, f"ends: {reason}") in hearing.states["/learner"])
+    assert (DiagnosticStatus.ERROR, "stuck: the policy node does not answer") in hearing.states["/learner"]
+    assert {level for level, _ in hearing.states["/simulator"]} == {DiagnosticStatus.OK}
+    assert f"error: {reason}\n" in run.finish()[2]
 
 
 def test_a_refusal_is_counted_and_told(run: Process, probe: Probe) -> None:
@@ -80,6 +109,8 @@ def test_a_refusal_is_counted_and_told(run: Process, probe: Probe) -> None:
 def test_status_shows_the_nodes_and_says_where_there_are_none(
     run: Process, probe: Probe, start: Start, domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    ordinary = probe.create_publisher(DiagnosticArray, "/diagnostics", 10)  # no node is to warn of it
+    ordinary.publish(DiagnosticArray(status=[DiagnosticStatus(name="a driver")]))
     probe.until(lambda: len(probe.heard["episodes"]) > 1)
     monkeypatch.setenv("COLUMNS", "250")
     code, out, err = start("rkhs", "status").finish()
@@ -87,6 +118,8 @@ def test_status_shows_the_nodes_and_says_where_there_are_none(
     rows = [line for line in out.splitlines() if line.startswith("│ /")]
     assert [row.split()[1] for row in rows] == ["/learner", "/policy", "/simulator"]
     assert all("well" in row for row in rows)
+    run.interrupt()
+    assert "incompatible" not in run.finish()[2]
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain + 101))
     code, out, err = start("rkhs", "status").finish()
     assert (code, out) == (1, "")

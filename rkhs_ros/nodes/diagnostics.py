@@ -1,0 +1,109 @@
+"""Diagnostics: what a node reports of itself on /diagnostics."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+TOPIC = "/diagnostics"
+DIAGNOSTICS_QOS = QoSProfile(depth=10)  # reliable and volatile, as of everybody who reports there
+REPORT_PERIOD_S = 1.0
+LOG_PERIOD_S = 1.0  # between lines in the log
+LAST_REPORT_TIMEOUT_S = 0.5  # for listeners to take the report of an error before the node ends
+
+
+class Diagnostics:
+    """A node's reports of how it fares, once a second.
+
+    Owns the numbers of messages refused or passed over and of steps made, and why the node is stuck, if it is.
+
+    Args:
+        node: the node, of which the full name is reported.
+        restarts: how often the node was started again.
+        report: returns what else is to be reported.
+    """
+
+    def __init__(self, node: Node, restarts: int, report: Callable[[], Mapping[str, object]]) -> None:
+        self.refusals = 0
+        self.passed_over = 0
+        self.last_refusal = ""
+        self.steps = 0
+        self.stuck = ""  # why; empty while the node gets on
+        self._node = node
+        self._restarts = restarts
+        self._report = report
+        self._host = socket.gethostname()
+        self._due = self._reported_at = time.monotonic()
+        self._refusals_reported = self._steps_reported = 0
+        self._reports = node.create_publisher(DiagnosticArray, TOPIC, DIAGNOSTICS_QOS)
+
+    def refuse(self, reason: str) -> None:
+        """Count a message that was refused, and log why."""
+        self.refusals += 1
+        self.last_refusal = reason
+        self._node.get_logger().warning(f"refused {reason}", throttle_duration_sec=LOG_PERIOD_S)
+
+    def pass_over(self, reason: str) -> None:
+        """Count a message that came late, twice or for another, as some do wherever messages are lost."""
+        self.passed_over += 1
+        self.last_refusal = reason
+
+    def heartbeat(self) -> float:
+        """Report once a second; return the seconds until the next report."""
+        now = time.monotonic()
+        if now >= self._due:
+            self._publish(*self._state())
+            self._due = now + REPORT_PERIOD_S
+        return self._due - now
+
+    @contextmanager
+    def errors_reported(self) -> Iterator[None]:
+        """Report the error that ends the node, if one does."""
+        try:
+            yield
+        except Exception as error:
+            self._publish(DiagnosticStatus.ERROR, f"ends: {error}")
+            self._reports.wait_for_all_acked(Duration(seconds=LAST_REPORT_TIMEOUT_S))
+            raise
+
+    def _state(self) -> tuple[bytes, str]:
+        refused, self._refusals_reported = self.refusals > self._refusals_reported, self.refusals
+        if self.stuck:
+            return DiagnosticStatus.ERROR, f"stuck: {self.stuck}"
+        return (DiagnosticStatus.WARN, "refused a message") if refused else (DiagnosticStatus.OK, "well")
+
+    def _publish(self, level: bytes, text: str) -> None:
+        status = DiagnosticStatus(
+            level=level,
+            name=str(self._node.get_fully_qualified_name()),
+            message=text,
+            hardware_id=self._host,
+            values=[KeyValue(key=key, value=str(value)) for key, value in self._values().items()],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._reports.publish(message)
+
+    def _values(self) -> dict[str, object]:
+        return {
+            **self._report(),
+            "steps per second": f"{self._rate():.0f}",
+            "refusals": self.refusals,
+            "passed over": self.passed_over,
+            "last refusal": self.last_refusal,
+            "restarts": self._restarts,
+        }
+
+    def _rate(self) -> float:
+        """Return the steps per second since the report before."""
+        now = time.monotonic()
+        steps, seconds = self.steps - self._steps_reported, now - self._reported_at
+        self._steps_reported, self._reported_at = self.steps, now
+        return steps / max(seconds, 1e-9)

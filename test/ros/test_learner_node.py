@@ -1,0 +1,75 @@
+"""The learner node bears with its peers for a while, and says at the end which one it waited for."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+
+from rkhs_interfaces.srv import SetPolicy
+from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS
+from test.ros.conftest import Probe, Process
+
+Learner = Callable[..., Process]
+
+
+class IdlePolicyNode:
+    """Refuses some policies at first, then takes all, and never acts."""
+
+    def __init__(self, probe: Probe, refusals: int) -> None:
+        self.asked: list[int] = []  # versions
+        self._refusals = refusals
+        self._service = probe.create_service(SetPolicy, "set_policy", self._set_policy)
+
+    def _set_policy(self, request: SetPolicy.Request, response: SetPolicy.Response) -> SetPolicy.Response:
+        self.asked.append(request.policy.version)
+        response.accepted = len(self.asked) > self._refusals
+        response.message = "expected another policy, got this one"
+        response.version, response.instance, response.connected = request.policy.version, 1, True
+        return response
+
+
+@pytest.fixture
+def learn(start: Callable[..., Process], parameters: Callable[..., Path], tmp_path: Path) -> Learner:
+    """Start a simulator and a learner."""
+
+    def begin(timeout: float) -> Process:
+        file = parameters("toy_nac", f"timeout={timeout}")
+        start("simulator", "--ros-args", "--params-file", file)
+        results = ("-p", f"output:={tmp_path / 'out'}", "-p", "quiet:=true")
+        return start("learner", "--ros-args", "--params-file", file, *results)
+
+    return begin
+
+
+def test_a_refusal_ends_the_run_only_if_it_stands(learn: Learner, probe: Probe) -> None:
+    policy = IdlePolicyNode(probe, refusals=10**6)
+    learner = learn(timeout=20)
+    probe.until(lambda: learner.popen.poll() is not None)
+    code, _, err = learner.finish()
+    assert (code, err) == (2, "error: the policy node refused: expected another policy, got this one\n")
+    assert len(policy.asked) > 5
+    assert len(set(policy.asked)) == 1
+
+
+def test_a_refusal_that_does_not_stand_is_got_over(learn: Learner, probe: Probe) -> None:
+    policy = IdlePolicyNode(probe, refusals=3)
+    learn(timeout=20)
+    probe.until(lambda: probe.heard["observation"] != [])
+    assert len(policy.asked) == 4
+
+
+def test_a_batch_without_a_step_is_begun_anew_before_it_ends_the_run(learn: Learner, probe: Probe) -> None:
+    states: set[tuple[bytes, str]] = set()
+
+    def hear(message: DiagnosticArray) -> None:
+        states.update((status.level, status.message) for status in message.status if status.name == "/learner")
+
+    probe.create_subscription(DiagnosticArray, "/diagnostics", hear, DIAGNOSTICS_QOS)
+    IdlePolicyNode(probe, refusals=0)
+    learner = learn(timeout=6)
+    probe.until(lambda: learner.popen.poll() is not None)
+    code, _, err = learner.finish()
+    assert (code, err) == (1, "error: the policy node acted in no step within 6 s\n")
+    assert len({message.batch for message in probe.heard["observation"]}) > 1
+    assert (DiagnosticStatus.ERROR, "stuck: no simulator makes a step") in states
