@@ -49,7 +49,7 @@ class Result:
 
     @property
     def curve(self) -> dict[str, NDArray[Any]]:
-        """The learning curve: arrays by name, one entry for each iteration, as the columns of curve.csv."""
+        """The learning curve as arrays by name, one entry for each iteration, as the columns of curve.csv."""
         return columns(self.rows)
 
     def plot(self, path: str | Path | None = None) -> Figure:
