@@ -14,14 +14,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from rkhs_ros.app.inline import iterations
+from rkhs_ros.app.inline import iterations, runner_of
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.pictures.film import Pictures, shoot
 from rkhs_ros.pictures.run_pictures import draw_run, references
 from rkhs_ros.runs.config import Config, load_config
-from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.run import run_training
-from rkhs_ros.runs.simulation import Simulation
 
 HERE = Path(__file__).parent
 CONFIG = HERE.parent / "config" / "pendulum_nac.yaml"
@@ -47,17 +45,13 @@ def main() -> None:
     scenes = [Scene(learnt[number - 1], _episode(config, learnt[number - 1])) for number in SHOWN]
     _write_gif(HERE / "pendulum_learns.gif", list(_frames(config, learnt, scenes)))
     with tempfile.TemporaryDirectory() as folder:
-        run_training(config, _runner(config), Path(folder), quiet=True)
+        run_training(config, runner_of(config.environment), Path(folder), quiet=True)
         for picture in draw_run(Path(folder)):
             (HERE / f"pendulum_{picture.name}").write_bytes(picture.read_bytes())
 
 
-def _runner(config: Config) -> InlineRunner:
-    return InlineRunner(Simulation(config.environment.id, config.environment.options))
-
-
 def _episode(config: Config, iteration: Iteration) -> Pictures:
-    return shoot(iteration.policy, config.task, _runner(config), frames=FRAMES).pictures[""]
+    return shoot(iteration.policy, config.task, runner_of(config.environment), frames=FRAMES).pictures[""]
 
 
 def _frames(config: Config, learnt: list[Iteration], scenes: list[Scene]) -> Iterator[Image.Image]:
