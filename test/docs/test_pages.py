@@ -2,12 +2,22 @@
 
 import runpy
 from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
 from urllib.parse import unquote
 
 import domain_coordinator
+import numpy as np
 import pytest
 
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.storage import policy_arrays
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF
+from rkhs_ros.runs.curve import Row
 from test.docs.pages import NOT_RUN, PAGES, ROOT, RUN, Block, anchors, blocks, follow, links
 
 MOST_LINES = 150  # of the README
@@ -101,6 +111,18 @@ def test_the_page_of_the_settings_is_what_the_code_says() -> None:
     page = runpy.run_path(str(script))["page"]()
     assert (ROOT / "docs" / "settings.md").read_text() == page, "run python docs/make_settings.py"
     assert "| `algorithm.centres` | `40` |" in page
+
+
+def test_every_column_and_array_is_described() -> None:
+    policy = Function.zero(RBF((1.0,)), 1, 1)
+    spaces = Spaces.unbounded(1, 1)
+    described = {
+        "run_folder.md": [*Row._fields, *(f.name for f in fields(Episodes))],
+        "policy_file.md": [*policy_arrays(GaussianPolicy(policy, ConstantVariance(np.ones(1)))), *vars(spaces)],
+    }
+    for name, words in described.items():
+        page = (ROOT / "docs" / name).read_text()
+        assert [word for word in words if f"`{word}`" not in page] == []
 
 
 def test_the_readme_is_short() -> None:
