@@ -21,6 +21,7 @@ RUN = ("python", "bash")  # languages
 NOT_RUN = re.compile(r"<!-- not run: (.+) -->")
 FILE = re.compile(r"<!-- file: (\S+) -->")
 INTO = re.compile(r"<!-- in (\S+) (before|for): (.+) -->")
+TIMEOUT_S = 200  # of a page, which takes some seconds where nothing else runs
 LINKED = ("config", "launch", "requirements")  # what the commands of a page read, beside the code
 
 
@@ -88,7 +89,7 @@ def follow(page: Path, folder: Path) -> subprocess.CompletedProcess[str]:
     path = [str(folder), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path), "MPLBACKEND": "agg"}
     command = [sys.executable, __file__, str(page)]
-    return subprocess.run(command, cwd=folder, env=environment, text=True, capture_output=True, timeout=100)
+    return subprocess.run(command, cwd=folder, env=environment, text=True, capture_output=True, timeout=TIMEOUT_S)
 
 
 def links(page: Path) -> Iterator[str]:

@@ -18,7 +18,7 @@ from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF
 from rkhs_ros.runs.curve import Row
-from test.docs.pages import NOT_RUN, PAGES, ROOT, RUN, Block, anchors, blocks, follow, links
+from test.docs.pages import NOT_RUN, PAGES, ROOT, RUN, TIMEOUT_S, Block, anchors, blocks, follow, links
 
 MOST_LINES = 150  # of the README
 over_pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -35,6 +35,7 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 
 @pytest.mark.ros
 @pytest.mark.slow
+@pytest.mark.timeout(TIMEOUT_S + 20)
 @pytest.mark.parametrize("page", TO_DO, ids=lambda page: str(page.relative_to(ROOT)))
 def test_what_a_page_says_can_be_done(page: Path, tmp_path: Path, domain: int) -> None:
     done = follow(page, tmp_path)
