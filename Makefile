@@ -55,7 +55,7 @@ test: lint types ## lint, types and every test
 
 KILLS ?= 40
 test-faults: build ## kill nodes, lose messages, send malformed ones, run for long; KILLS=N: kills in all
-	@$(ENTER) python -m pytest -n auto -rP test/faults --kills $(KILLS)
+	@$(ENTER) python -m pytest -n auto -rP -m faults test/faults test/ros --kills $(KILLS)
 
 test-fast: build ## the tests that start no nodes and take under a minute in all
 	@$(ENTER) python -m pytest -n auto -m "not ros and not slow and not faults"

@@ -57,7 +57,7 @@ def run(start: Start, tmp_path: Path, probe: Probe) -> Process:
         "--out",
         tmp_path / "out",
         "--set",
-        "timeout=8",
+        "timeout=5",
     )  # long enough to start
     process = start("rkhs", "train", ROOT / "config" / "toy_nac.yaml", *arguments)
     probe.until(lambda: len(probe.heard["episodes"]) >= 5)
