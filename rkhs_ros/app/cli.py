@@ -44,10 +44,16 @@ def _exit_code(arguments: Sequence[str]) -> int:
         options = _parser(_called(arguments)).parse_args(arguments)
         return int(options.run(options))
     except (ValueError, OSError) as error:
-        print("error:", " ".join(str(error).splitlines()), file=sys.stderr)
+        print("error:", " ".join(_told(error).splitlines()), file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
         return INTERRUPTED
+
+
+def _told(error: ValueError | OSError) -> str:
+    if isinstance(error, FileNotFoundError):
+        return f"{error.filename}: expected a file or folder that exists, got none"
+    return str(error)
 
 
 def _called(arguments: Sequence[str]) -> str | None:

@@ -47,6 +47,13 @@ class Result:
     iteration: Iteration
     rows: tuple[Row, ...]
 
+    def __repr__(self) -> str:
+        """Return what was learnt in one line."""
+        row, last = self.rows[-1], self.iteration
+        returns = f"return {last.train_return:.4g}, noise-free {last.mean_policy_return:.4g}"
+        name = self.policy.task.environment
+        return f"<Result of {name}: {row.iteration} iterations, {row.episodes} episodes, {returns}>"
+
     @property
     def curve(self) -> dict[str, NDArray[Any]]:
         """The learning curve as arrays by name, one entry for each iteration, as the columns of curve.csv."""

@@ -172,7 +172,8 @@ def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy |
 def _fitting_mean(given: GaussianPolicy, first: GaussianPolicy) -> Function:
     require(given.inputs == first.inputs, "inputs", f"{given.inputs}, which the first policy has", first.inputs)
     sizes = [(policy.mean.input_dim, policy.mean.output_dim) for policy in (first, given)]
-    require(sizes[0] == sizes[1], "first policy", f"one from {sizes[0][0]} to {sizes[0][1]} dimensions", sizes[1])
+    expected, got = (f"one from {d} inputs to {n} actions" for d, n in sizes)
+    require(expected == got, "first policy", f"{expected}, as the task has", got)
     return given.mean
 
 

@@ -69,6 +69,10 @@ class Spaces:
         Raises:
             ValueError: the shape is neither that of an observation nor that of several.
         """
+        if isinstance(observations, dict | tuple):
+            raise ValueError(
+                "observation: expected numbers, got a composed one; use gymnasium.spaces.flatten(space, it)"
+            )
         array = np.asarray(observations, dtype=np.float64)
         one = array.shape == self.observation_shape
         good = one or array.shape[1:] == self.observation_shape

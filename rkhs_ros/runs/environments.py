@@ -50,6 +50,7 @@ def rows_of(source: Source, options: Mapping[str, Any] | None = None, rows_at_on
     """
     if isinstance(source, str):
         return _registered(source, dict(options or {}), rows_at_once)
+    require(not options, "options", "them with an id, or given to the environment where it is made", options)
     if isinstance(source, VectorEnv):
         return VectorRows(lambda rows, horizon: source, source.num_envs)
     if isinstance(source, Env):

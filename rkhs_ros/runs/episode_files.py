@@ -64,6 +64,7 @@ def load_episodes(path: Path) -> SavedEpisodes:
 
 def _episodes(arrays: Arrays) -> Episodes:
     for name in ("observations", "actions"):
+        require(name in arrays, "arrays", f"one named {name}", ", ".join(sorted(arrays)) or "none")
         shape = arrays[name].shape
         require(len(shape) == 3, name, "three dimensions: episodes, steps, numbers", shape)
     shape = arrays["observations"].shape[:2]

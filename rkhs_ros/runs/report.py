@@ -144,4 +144,5 @@ def _end(rows: list[Row]) -> str:
         return f"{rows[-1].train_return:.1f} of the last"
     at = next(row for row in rows if row.mean_policy_return == best)
     last = next(row for row in reversed(rows) if not isnan(row.mean_policy_return))
-    return f"{last.mean_policy_return:.1f} noise-free at the end, {best:.1f} at best (after {at.episodes} episodes)"
+    end = "at the end" if last is rows[-1] else f"after {last.episodes} episodes"
+    return f"{last.mean_policy_return:.1f} noise-free {end}, {best:.1f} at best (after {at.episodes} episodes)"

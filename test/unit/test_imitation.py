@@ -84,7 +84,7 @@ def test_episodes_come_back_and_those_of_others_need_little(
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        ({"actions": np.zeros((2, 3, 1))}, "'observations'"),
+        ({"actions": np.zeros((2, 3, 1))}, "arrays: expected one named observations, got actions"),
         ({"observations": np.zeros((2, 3)), "actions": np.zeros((2, 3, 1))}, "observations: expected three dimensions"),
         ({"observations": np.zeros((2, 3, 1)), "actions": np.zeros((2, 4, 1))}, "episodes' actions: expected"),
         ({"observations": np.full((2, 3, 1), np.nan), "actions": np.zeros((2, 3, 1))}, "observations: expected finite"),
