@@ -75,9 +75,9 @@ class GivenKernel(KernelChoice):
 
     kernel: Kernel | None = None
 
-    def fit(self, points: Array) -> Kernel:
+    def fit(self, points: Array, ages: int = 1) -> Kernel:
         """Return the kernel."""
-        return self.kernel if self.kernel is not None else super().fit(points)
+        return self.kernel if self.kernel is not None else super().fit(points, ages)
 
 
 def train(

@@ -44,6 +44,12 @@ def hint(name: str, known: Mapping[str, Any]) -> str:
     return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
 
 
+def numbers(*counts: int) -> str:
+    """Return "1 number" or "1 or 4 numbers": what was expected where the counts are allowed, each said once."""
+    each = sorted(set(counts))
+    return f"{' or '.join(map(str, each))} number{'s' * (each[-1] != 1)}"
+
+
 def finite_array(values: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
     """Return the values as a read-only array of that shape, row by row in memory.
 
