@@ -8,9 +8,8 @@ from hashlib import blake2b
 from io import StringIO
 from pathlib import Path
 
-import yaml
-
 from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.paper.experiment import Experiment
 from rkhs_ros.runs.config import Config
@@ -60,7 +59,7 @@ def _line(iteration: Iteration) -> tuple[object, ...]:
 
 
 def _file(out: Path, config: Config) -> Path:
-    settings = yaml.safe_dump(config.parameters(), sort_keys=True)
+    settings = dumped(config.parameters())
     return out / "runs" / f"{blake2b(settings.encode(), digest_size=12).hexdigest()}.csv"
 
 

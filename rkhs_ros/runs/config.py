@@ -8,10 +8,9 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from rkhs_ros.base.settings import entries
-from rkhs_ros.base.validation import hint, require
+from rkhs_ros.base.validation import hint, require, shown
+from rkhs_ros.base.yaml_text import loaded, read_yaml, require_ros_value
 from rkhs_ros.learning.training import Training, training_from
 from rkhs_ros.policies.storage import Task
 
@@ -59,6 +58,12 @@ class Config:
         options = {f"environment.options.{name}": value for name, value in self.environment.options.items()}
         learner = {entry.name: entry.value for entry in entries(self.training)}
         return {"environment.id": self.environment.id, **options, **learner}
+
+    def check_for_topics(self) -> None:
+        """Raise ValueError where a setting cannot be a ROS parameter, as an option of the environment's may be."""
+        require_ros_value(self.training.name, "name")
+        require_ros_value(self.environment.id, "environment.id")
+        require_ros_value(self.environment.options, "environment.options")
 
     def parameters(self) -> dict[str, Any]:
         """Return all settings as the tree of a ROS parameter file."""
@@ -148,18 +153,15 @@ def tree_of(changes: Iterable[str], tree: Mapping[str, Any] | None = None) -> di
         name, equals, text = change.partition("=")
         require(bool(name and equals), "--set", "KEY=VALUE", f"'{change}'")
         try:
-            _insert(changed, name.strip(), yaml.safe_load(text))
-        except yaml.YAMLError as error:
-            raise ValueError(f"--set: expected a value in YAML, got {change!r}") from error
+            value = loaded(text)
+        except ValueError as error:
+            raise ValueError(f"--set: expected a value in YAML, got {shown(repr(change))}") from error
+        _insert(changed, name.strip(), value)
     return changed
 
 
 def _sections(path: Path) -> dict[str, dict[str, Any]]:
-    try:
-        document = yaml.safe_load(path.read_text())
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        reason = " ".join(str(error).split())
-        raise ValueError(f"{path}: expected a YAML file, got one that cannot be parsed ({reason})") from error
+    document = read_yaml(path)
     require(isinstance(document, dict), f"{path}", "sections 'simulator' and 'learner'", type(document).__name__)
     sections: dict[str, dict[str, Any]] = {"simulator": {}, "learner": {}}
     for node, section in document.items():

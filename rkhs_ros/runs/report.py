@@ -10,9 +10,8 @@ from importlib.metadata import version
 from math import inf, isnan
 from pathlib import Path
 
-import yaml
-
 from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import save_policy
@@ -117,7 +116,7 @@ def resolved(config: Config) -> str:
     """Return the whole configuration as a ROS parameter file, under the versions it ran with."""
     packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "gymnasium"))
     header = f"# Python {platform.python_version()}, {packages}\n"
-    return header + yaml.safe_dump(config.parameters(), sort_keys=False, default_flow_style=None)
+    return header + dumped(config.parameters())
 
 
 def best_return(rows: Iterable[Row]) -> float:
