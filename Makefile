@@ -63,7 +63,7 @@ test-fast: build ## the tests that start no nodes and take under a minute in all
 # Python 3.12 with Ubuntu 24.04's versions where it is found, else 3.11 with them; no ROS, no PyBullet.
 NOBLE_PYTHON ?= $(firstword $(foreach p,python3.12 python3.11,$(shell $(p) -c 'print("$(p)")' 2>/dev/null)) python3)
 test-noble: .venv-noble/.installed ## the unit tests with the versions of Ubuntu 24.04, in an environment of its own
-	@.venv-noble/bin/python -m pytest -n auto -m "not slow" test/unit
+	@PYTHONPATH=$(CURDIR) .venv-noble/bin/python -m pytest -n auto -m "not slow" test/unit
 
 .venv-noble/.installed: requirements/noble.txt
 	@echo "Installing the versions of Ubuntu 24.04 into .venv-noble ..."

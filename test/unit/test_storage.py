@@ -17,7 +17,7 @@ from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
 
 Make = Callable[..., GaussianPolicy]
 TASK = Task("rkhs/Toy-v0", {"angle": "clip", "nested": [1, 2.5]}, 20, 0.99)
-KERNELS: list[Kernel] = [RBF((0.1, 1 / 3)), Polynomial(0.25, 3), RBF((1.0,)) * (Polynomial(1.0, 2) + RBF((2.0,)))]
+KERNELS: list[Kernel] = [RBF((0.1, 1 / 3)), Polynomial(0.25, 2), RBF((1.0,)) * (Polynomial(1.0, 2) + RBF((2.0,)))]
 
 
 @pytest.mark.parametrize(
