@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
-from threadpoolctl import threadpool_info, threadpool_limits
+from functools import cache
+
+from threadpoolctl import ThreadpoolController
 
 
 def use_one_thread() -> int:
-    """Have the linear algebra that is loaded use one thread, whatever was set; return how many it uses at most."""
-    threadpool_limits(1, user_api="blas")
-    return max((library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"), default=1)
+    """Have linear algebra use one thread, whatever was set; return how many it uses at most."""
+    loaded = _loaded()
+    loaded.limit(limits=1)
+    return max((library["num_threads"] for library in loaded.info()), default=1)
+
+
+@cache
+def _loaded() -> ThreadpoolController:
+    """Return the libraries of linear algebra that are loaded, for which the whole process has to be searched."""
+    return ThreadpoolController().select(user_api="blas")
