@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from rkhs_ros.base.settings import entries
+from rkhs_ros.base.settings import Entry, entries
 from rkhs_ros.base.validation import hint, require, shown
 from rkhs_ros.base.yaml_text import loaded, read_yaml, require_ros_value
 from rkhs_ros.learning.training import Training, training_from
@@ -37,6 +37,15 @@ class Environment:
         require(good, "environment.rows_at_once", f"a whole number in [0, {MOST_ROWS}]", repr(self.rows_at_once))
         require(isinstance(self.id, str), "environment.id", "text", repr(self.id))
         require(isinstance(self.options, Mapping), "environment.options", "a section of keys", repr(self.options))
+
+    def entries(self) -> Iterator[Entry]:
+        """Walk through the settings by their dotted names."""
+        yield Entry("environment.id", self.id, {"description": "Gymnasium id of the environment"})
+        rows = {"description": "rows side by side at most; 0 for as many as the environment allows", "minimum": 0}
+        yield Entry("environment.rows_at_once", self.rows_at_once, rows | {"maximum": MOST_ROWS})
+        for name, value in _leaves(self.options):
+            about = {"description": f"option that {self.id} is made with"}
+            yield Entry(f"environment.options.{name}", value, about)
 
 
 @dataclass(frozen=True)
@@ -79,6 +88,15 @@ class Config:
             "simulator": {"ros__parameters": {"environment": environment}},
             "learner": {"ros__parameters": learner},
         }
+
+
+def _leaves(tree: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Walk through what is no section, by dotted names."""
+    for name, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from ((f"{name}.{rest}", leaf) for rest, leaf in _leaves(value))
+        else:
+            yield name, value
 
 
 def environment_from(tree: Mapping[str, Any]) -> Environment:
