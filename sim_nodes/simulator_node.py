@@ -11,7 +11,6 @@ from rosgraph_msgs.msg import Clock
 import sim_nodes.envs  # noqa: F401  # registers the tasks
 from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
-from rkhs_ros.base.settings import Entry
 from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.diagnostics import Diagnostics
 from rkhs_ros.nodes.messages import (
@@ -94,7 +93,7 @@ class SimulatorNode(ReportingNode):
     def _make_simulation(self, tree: dict[str, dict[str, object]]) -> Simulation:
         require_known(tree, "environment")
         environment = environment_from(tree.get("environment", {}))
-        declare(self, [Entry("environment.id", environment.id, {"description": "Gymnasium id of the environment"})])
+        declare(self, environment.entries())
         return Simulation(environment.id, environment.options, environment.rows_at_once)
 
     def _make_robot_state(self) -> RobotState:

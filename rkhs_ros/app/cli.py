@@ -41,6 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _exit_code(arguments: Sequence[str]) -> int:
     try:
+        _check_encoding(arguments)
         options = _parser(_called(arguments)).parse_args(arguments)
         return int(options.run(options))
     except (ValueError, OSError) as error:
@@ -54,6 +55,13 @@ def _told(error: ValueError | OSError) -> str:
     if isinstance(error, FileNotFoundError):
         return f"{error.filename}: expected a file or folder that exists, got none"
     return str(error)
+
+
+def _check_encoding(arguments: Sequence[str]) -> None:
+    """Raise ValueError where an argument, such as a path, is no text that files and nodes can hold."""
+    for word in arguments:
+        if not word.isascii() and word.encode(errors="replace") != word.encode(errors="surrogatepass"):
+            raise ValueError(f"argument: expected text in UTF-8, got {word!a}")
 
 
 def _called(arguments: Sequence[str]) -> str | None:

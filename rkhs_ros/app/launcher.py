@@ -9,16 +9,14 @@ import sys
 import tempfile
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from copy import deepcopy
 from pathlib import Path
 from types import FrameType
 
-import yaml
-
 from rkhs_ros.app.exit_codes import FAILED
 from rkhs_ros.base.processes import terminate_with_parent
+from rkhs_ros.base.yaml_text import dumped, loaded, require_ros_value
 from rkhs_ros.nodes.names import node_names
 from rkhs_ros.nodes.transport import by_udp
 
@@ -102,12 +100,12 @@ class NodeProcess:
 Nodes = dict[str, NodeProcess]
 
 
-def launch(parameters: str, learner_parameters: Sequence[str] = (), *, simulators: int = 1) -> int:
+def launch(parameters: str, learner: Mapping[str, str | bool] | None = None, *, simulators: int = 1) -> int:
     """Run the nodes until the learner ends.
 
     Args:
         parameters: content of a ROS parameter file.
-        learner_parameters: further ``name:=value`` for the learner.
+        learner: further parameters of the learner.
         simulators: number of simulator nodes, of more than one each in a namespace of its own.
 
     Returns:
@@ -116,35 +114,43 @@ def launch(parameters: str, learner_parameters: Sequence[str] = (), *, simulator
     names = node_names(simulators)
     with tempfile.TemporaryDirectory(prefix="rkhs_") as folder:
         file = Path(folder) / "parameters.yaml"
-        file.write_text(for_all(parameters, simulators))
-        with started(names, file, learner_parameters) as nodes, _signals_passed_to(nodes["learner"]):
+        file.write_text(for_all(parameters, simulators, learner))
+        with started(names, file) as nodes, _signals_passed_to(nodes["learner"]):
             return _supervise(nodes)
 
 
-def for_all(parameters: str, simulators: int) -> str:
-    """Return the parameter file with the simulator's under the name of each one, and what the policy node needs."""
-    document = yaml.safe_load(parameters)
+def for_all(parameters: str, simulators: int, learner: Mapping[str, str | bool] | None = None) -> str:
+    """Return the parameter file of all nodes.
+
+    Args:
+        parameters: content of a ROS parameter file.
+        simulators: number of simulator nodes; the simulator's parameters go under the name of each one.
+        learner: further parameters of the learner, such as paths: as arguments they would be read as YAML.
+
+    Raises:
+        ValueError: one of these can be no ROS parameter.
+    """
+    document = loaded(parameters)
     simulator = document.pop("simulator")
-    # Copies, since ROS reads no YAML with aliases.
-    document |= {f"/{name}": deepcopy(simulator) for name in node_names(simulators) if name.endswith("simulator")}
+    document |= {f"/{name}": simulator for name in node_names(simulators) if name.endswith("simulator")}
+    require_ros_value(learner or {}, "learner")
+    document["learner"]["ros__parameters"] |= learner or {}
     document["policy"] = {"ros__parameters": {"simulators": simulators}}
-    return str(yaml.safe_dump(document))
+    return dumped(document)
 
 
 @contextmanager
-def started(names: Iterable[str], parameters: Path, learner_parameters: Sequence[str] = ()) -> Iterator[Nodes]:
+def started(names: Iterable[str], parameters: Path) -> Iterator[Nodes]:
     """Start nodes, and end those that still run at the exit of the context.
 
     Args:
         names: keys of `MODULES`, after a namespace and a slash if need be.
         parameters: a ROS parameter file.
-        learner_parameters: further ``name:=value`` for the learner.
     """
     nodes: Nodes = {}
     try:
         for name in names:
-            more = _assigned(learner_parameters) if name == "learner" else []
-            nodes[name] = NodeProcess(name, ["--params-file", str(parameters), *more])
+            nodes[name] = NodeProcess(name, ["--params-file", str(parameters)])
         yield nodes
     finally:
         _terminate([node.process for node in nodes.values()])

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 import sim_nodes.envs  # noqa: F401  # registers the project's tasks
+from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import hint, pick, require
 from rkhs_ros.learning.algorithm import Algorithm
 from rkhs_ros.learning.kernel_choice import KernelChoice
@@ -82,9 +83,9 @@ class GivenKernel(KernelChoice):
 
     kernel: Kernel | None = None
 
-    def fit(self, points: Array) -> Kernel:
+    def fit(self, points: Array, ages: int = 1) -> Kernel:
         """Return the kernel."""
-        return self.kernel if self.kernel is not None else super().fit(points)
+        return self.kernel if self.kernel is not None else super().fit(points, ages)
 
 
 def train(
@@ -134,6 +135,7 @@ def _prepared(
     environment: Source, algorithm: Algorithm | str | None, settings: Mapping[str, Any]
 ) -> tuple[Training, InlineRunner, Policy | None]:
     """Return the settings checked, where policies act, and the policy to begin from."""
+    use_one_thread()
     given = dict(settings)
     start = given.pop("policy", None)
     simulation = Simulation(environment, given.pop("options", None), given.pop("rows_at_once", 0))

@@ -95,6 +95,8 @@ def _train_one(options: argparse.Namespace) -> int:
     given = load_policy(options.policy)[0] if options.policy else None
     first_state(config.training, runner.spaces, given)  # refuses what cannot be learnt
     over_topics = _is_over_topics(options.runner)
+    if over_topics:
+        config.check_for_topics()
     folder = options.resume or new_folder(options.out, config.training.name)
     if options.policy:
         write_whole(folder / FIRST_POLICY, options.policy.read_bytes())
@@ -126,8 +128,7 @@ def _is_over_topics(asked: str | None) -> bool:
 
 
 def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> int:
-    more = [f"output:={folder.resolve()}", f"quiet:={options.quiet}".lower()]
-    more += ["resume:=true"] if options.resume else []
+    more = {"output": str(folder.resolve()), "quiet": options.quiet, "resume": bool(options.resume)}
     return launch(resolved(config), more, simulators=config.training.simulators)
 
 

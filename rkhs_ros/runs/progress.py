@@ -21,9 +21,9 @@ def progress_bar(training: Training, done: int = 0, *, quiet: bool = False) -> I
         done: iterations made before.
         quiet: show nothing.
     """
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     text = TextColumn("return {task.fields[train]}, noise-free {task.fields[mean]}")
-    with Progress(*columns, text, console=Console(file=sys.stderr), disable=quiet) as progress:
+    with Progress(*columns, text, console=Console(file=sys.stderr, quiet=quiet), disable=quiet) as progress:
         task = progress.add_task(training.name, total=training.iterations, completed=done, train="-", mean="-")
 
         def show(iteration: Iteration) -> None:

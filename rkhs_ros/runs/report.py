@@ -6,19 +6,18 @@ import platform
 import time
 from collections.abc import Iterable
 from datetime import datetime
-from importlib.metadata import version
 from math import inf, isnan
 from pathlib import Path
 
-import yaml
-
 from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import save_policy
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.episode_files import save_episodes
+from rkhs_ros.runs.surroundings import LIBRARIES, surroundings
 
 FIRST_POLICY = "first_policy.npz"  # of a run that began from a given policy
 BEFORE_A_RUN = {"checkpoints", "config.yaml.part", FIRST_POLICY}  # what a run killed before it began may leave
@@ -115,9 +114,10 @@ class Report:
 
 def resolved(config: Config) -> str:
     """Return the whole configuration as a ROS parameter file, under the versions it ran with."""
-    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "gymnasium"))
+    names = ("rkhs_ros", *LIBRARIES)
+    packages = ", ".join(f"{name} {version}" for name, version in surroundings().items() if name in names)
     header = f"# Python {platform.python_version()}, {packages}\n"
-    return header + yaml.safe_dump(config.parameters(), sort_keys=False, default_flow_style=None)
+    return header + dumped(config.parameters())
 
 
 def best_return(rows: Iterable[Row]) -> float:

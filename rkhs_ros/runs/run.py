@@ -7,6 +7,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rkhs_ros.base.lock import locked
+from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.training import Runner, first_state, train
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -40,6 +41,7 @@ def run_training(
     """
     folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
     with locked(folder):
+        use_one_thread()
         checkpoints = Checkpoints(folder, config)
         lines, iterations = len(Curve(folder / "curve.csv").rows()), config.training.iterations
         require(lines <= iterations, "iterations", f"at least {lines}, which the run has made", iterations)
