@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import NoReturn
 
 from rkhs_ros import __version__
-from rkhs_ros.app.exit_codes import BAD_INPUT, INTERRUPTED
+from rkhs_ros.base.endings import INTERRUPTED, RunError, say
 
 # Each module has add_arguments(parser), and run(options), which returns the exit code.
 COMMANDS = {
@@ -35,7 +35,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line; bad input ends with one line and exit code 2."""
+    """Run the command line; bad input ends with one line and exit code 2, what fails with one and exit code 1."""
     sys.exit(_exit_code(sys.argv[1:] if arguments is None else arguments))
 
 
@@ -43,9 +43,8 @@ def _exit_code(arguments: Sequence[str]) -> int:
     try:
         options = _parser(_called(arguments)).parse_args(arguments)
         return int(options.run(options))
-    except (ValueError, OSError) as error:
-        print("error:", " ".join(str(error).splitlines()), file=sys.stderr)
-        return BAD_INPUT
+    except (ValueError, OSError, RunError) as error:
+        return say(error)
     except KeyboardInterrupt:
         return INTERRUPTED
 

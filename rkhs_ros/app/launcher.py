@@ -17,7 +17,7 @@ from types import FrameType
 
 import yaml
 
-from rkhs_ros.app.exit_codes import FAILED
+from rkhs_ros.base.endings import FAILED
 from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.nodes.names import node_names
 from rkhs_ros.nodes.transport import by_udp

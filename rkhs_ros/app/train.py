@@ -7,10 +7,10 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-from rkhs_ros.app.exit_codes import BAD_INPUT, FAILED, INTERRUPTED
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.app.launcher import launch
 from rkhs_ros.app.seeds import begin_seeds, go_on, parse_seeds, seed_folders
+from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.validation import pick, require
 from rkhs_ros.learning.registry import ALGORITHMS
