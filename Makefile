@@ -23,7 +23,7 @@ BUILT := install/.built
 ENTER := . ./setup.bash &&
 
 help: ## print this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 build: $(BUILT) ## install the dependencies into .venv, build the workspace
 

@@ -26,7 +26,7 @@ from rkhs_ros.nodes.messages import (
     matrix,
     observation_message,
 )
-from rkhs_ros.nodes.parameters import declare, declared, given, require_known, restarts
+from rkhs_ros.nodes.parameters import declare, declared, given, instance, require_known, restarts
 from rkhs_ros.nodes.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.uniqueness import Uniqueness
 from rkhs_ros.policies.streams import Batch
@@ -60,7 +60,7 @@ class SimulatorNode(ReportingNode):
         super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
         tree = given(self)
         shown = declared(self, tree, "robot_state", False, "publish joint_states and robot_description for viewers")
-        again = restarts(self, tree)
+        again, number = restarts(self, tree), instance(self, tree)
         self._simulation = self._make_simulation(tree)
         self._robot = self._make_robot_state() if shown else None
         self._batch: Batch | None = None
@@ -78,7 +78,7 @@ class SimulatorNode(ReportingNode):
         self._episodes = self.create_publisher(Episodes, "episodes", LOCKSTEP_QOS)
         self._clock_ticks = self.create_publisher(Clock, "clock", LOCKSTEP_QOS)
         self.diagnostics = Diagnostics(self, again, self._report)
-        self._uniqueness = Uniqueness(self)
+        self._uniqueness = Uniqueness(self, number)
         self.create_subscription(Action, "action", self._act, LOCKSTEP_QOS)
         self.create_service(StartEpisodes, "start_episodes", self._start)
         self.create_service(DescribeTask, "describe_task", self._describe)

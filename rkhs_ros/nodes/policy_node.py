@@ -12,7 +12,7 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.diagnostics import Diagnostics
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS, batch_of, doubles, observations_of, policy_of
 from rkhs_ros.nodes.names import namespaces
-from rkhs_ros.nodes.parameters import declared, given, require_known, restarts
+from rkhs_ros.nodes.parameters import declared, given, instance, require_known, restarts
 from rkhs_ros.nodes.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.uniqueness import Uniqueness
 from rkhs_ros.policies.serving import Answer, Failed, Ignored, Observation, Refused, Reply, ServedPolicy, Session
@@ -86,11 +86,11 @@ class PolicyNode(ReportingNode):
         simulators = declared(self, tree, "simulators", 1, "simulator nodes to serve")
         if not 1 <= simulators <= MOST_SIMULATORS:
             raise ValueError(f"simulators: expected 1 to {MOST_SIMULATORS}, got {simulators}")
-        again = restarts(self, tree)
+        again, number = restarts(self, tree), instance(self, tree)
         self.served = self._from_file(tree)
         self._simulators = [SimulatorTopics(self, namespace) for namespace in namespaces(simulators)]
         self.diagnostics = Diagnostics(self, again, self._report)
-        self._uniqueness = Uniqueness(self)
+        self._uniqueness = Uniqueness(self, number)
         self.create_service(SetPolicy, "set_policy", self._set_policy)
 
     def heartbeat(self) -> float:

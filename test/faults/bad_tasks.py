@@ -13,6 +13,7 @@ from gymnasium.spaces import Box
 
 GOOD_STEPS = 90  # of a copy: those of two iterations, each forty, and ten of the third
 MENDED = Path("mended")  # exists once the environment behaves
+CRASHED = Path("crashed")  # exists once its process died of it, from when on it dies again and again
 
 
 class Bad(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -42,6 +43,8 @@ class Bad(gymnasium.Env[np.ndarray, np.ndarray]):
         return self.seen(), reward, False, False, {}
 
     def misbehave(self, reward: float) -> float:
+        if self.fault in ("os._exit", "segmentation fault"):
+            CRASHED.touch()
         match self.fault:
             case "nan observation":
                 self.x = np.nan
@@ -64,7 +67,7 @@ class Bad(gymnasium.Env[np.ndarray, np.ndarray]):
         return np.array([self.x, 1.0, 0.0][:numbers], np.float32)
 
     def is_bad(self) -> bool:
-        return self.steps > GOOD_STEPS and not MENDED.exists()
+        return self.steps > (5 if CRASHED.exists() else GOOD_STEPS) and not MENDED.exists()
 
 
 gymnasium.register("Bad-v0", Bad, max_episode_steps=20)
