@@ -21,7 +21,7 @@ from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.nodes.names import node_names
 from rkhs_ros.nodes.transport import by_udp
 
-TERMINATION_TIMEOUT_S = 3.0  # for a node to end after SIGTERM, before it is killed
+TERMINATION_TIMEOUT_S = 2.0  # for a node to end after SIGTERM, before it is killed
 POLL_INTERVAL_S = 0.05
 MOST_DEATHS, DEATHS_WINDOW_S = 10, 300.0  # of a node in that time; with one more the run is given up
 SHORTEST_BACKOFF_S, LONGEST_BACKOFF_S = 0.05, 5.0  # before a node is started again; doubled with each death
