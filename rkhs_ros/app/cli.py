@@ -11,6 +11,7 @@ from typing import NoReturn
 
 from rkhs_ros import __version__
 from rkhs_ros.base.endings import INTERRUPTED, RunError, say
+from rkhs_ros.base.streams import messages_may_be_lost
 
 # Each module has add_arguments(parser), and run(options), which returns the exit code.
 COMMANDS = {
@@ -38,7 +39,8 @@ class Parser(argparse.ArgumentParser):
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; bad input ends with one line and exit code 2, what fails with one and exit code 1."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what was learnt is kept
-    sys.exit(_exit_code(sys.argv[1:] if arguments is None else arguments))
+    with messages_may_be_lost():
+        sys.exit(_exit_code(sys.argv[1:] if arguments is None else arguments))
 
 
 def _exit_code(arguments: Sequence[str]) -> int:

@@ -13,11 +13,11 @@ from rkhs_ros.app.launcher import NodeProcess
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     about = "a run under way, in whose domain to listen (the domain of ROS_DOMAIN_ID)"
-    parser.add_argument("run", type=Path, nargs="?", metavar="DIR", help=about)
+    parser.add_argument("folder", type=Path, nargs="?", metavar="DIR", help=about)
 
 
 def run(options: argparse.Namespace) -> int:
     """Start the node that listens to the others, and wait for its end."""
-    if options.run is not None:
-        os.environ[VARIABLE] = domain_of(options.run)
+    if options.folder is not None:
+        os.environ[VARIABLE] = domain_of(options.folder)
     return NodeProcess("status").process.wait()

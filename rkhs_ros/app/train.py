@@ -14,6 +14,7 @@ from rkhs_ros.app.launcher import launch
 from rkhs_ros.app.seeds import begin_seeds, go_on, parse_seeds, seed_folders
 from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED, RunError, say
 from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.streams import Lossy
 from rkhs_ros.base.validation import pick, require
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.training import first_state
@@ -117,7 +118,7 @@ def _train_one(options: argparse.Namespace) -> int:
         code = INTERRUPTED
     if code == 0:
         draw_run(folder)
-        print(summary(folder, config))
+        print(summary(folder, config), file=Lossy(sys.stdout), flush=True)
     elif code != BAD_INPUT:
         with suppress(OSError):  # a full disk was told of
             _leave_resumable(config, folder, runner)

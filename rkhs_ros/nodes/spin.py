@@ -15,6 +15,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from rkhs_ros.base.endings import RunError, say
+from rkhs_ros.base.streams import messages_may_be_lost
 
 if TYPE_CHECKING:
     from rkhs_ros.nodes.diagnostics import Diagnostics
@@ -61,6 +62,11 @@ def run(make_node: Callable[[], AnyNode], work: Callable[[AnyNode, Event], None]
     exit code 1, a signal with exit code 0. A signal only sets the event that the work is given: ROS's own handlers
     would pull the context from under a callback that is about to publish.
     """
+    with messages_may_be_lost():
+        sys.exit(_code_of(make_node, work))
+
+
+def _code_of(make_node: Callable[[], AnyNode], work: Callable[[AnyNode, Event], None]) -> int:
     stop = Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, frame: stop.set())
@@ -82,4 +88,4 @@ def run(make_node: Callable[[], AnyNode], work: Callable[[AnyNode, Event], None]
         rclpy.try_shutdown()
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)  # Python would put back what kills it while it ends
-    sys.exit(code)
+    return code
