@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
 from rkhs_ros import __version__
-from rkhs_ros.app.exit_codes import BAD_INPUT, INTERRUPTED
+from rkhs_ros.base.endings import INTERRUPTED, RunError, say
+from rkhs_ros.base.streams import messages_may_be_lost
 
 # Each module has add_arguments(parser), and run(options), which returns the exit code.
 COMMANDS = {
@@ -35,8 +37,10 @@ class Parser(argparse.ArgumentParser):
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line; bad input ends with one line and exit code 2."""
-    sys.exit(_exit_code(sys.argv[1:] if arguments is None else arguments))
+    """Run the command line; bad input ends with one line and exit code 2, what fails with one and exit code 1."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what was learnt is kept
+    with messages_may_be_lost():
+        sys.exit(_exit_code(sys.argv[1:] if arguments is None else arguments))
 
 
 def _exit_code(arguments: Sequence[str]) -> int:
@@ -44,9 +48,8 @@ def _exit_code(arguments: Sequence[str]) -> int:
         _check_encoding(arguments)
         options = _parser(_called(arguments)).parse_args(arguments)
         return int(options.run(options))
-    except (ValueError, OSError) as error:
-        print("error:", " ".join(_told(error).splitlines()), file=sys.stderr)
-        return BAD_INPUT
+    except (ValueError, OSError, RunError) as error:
+        return say(error)
     except KeyboardInterrupt:
         return INTERRUPTED
 

@@ -8,6 +8,7 @@ from itertools import count
 
 from rclpy.node import Node
 
+from rkhs_interfaces.msg import BatchProgress
 from rkhs_interfaces.srv import SetPolicy
 from rkhs_ros.nodes.messages import set_policy_request
 from rkhs_ros.nodes.peers import Peers
@@ -19,7 +20,7 @@ NAME = "policy"
 class PolicyLink:
     """The policy node as the learner sees it.
 
-    Owns the policy it is to serve, its version, and which process of the node answered last.
+    Owns the policy it is to serve, its version, which process of the node answered last, and how far that one was.
 
     Args:
         node: the learner node.
@@ -28,6 +29,7 @@ class PolicyLink:
 
     def __init__(self, node: Node, peers: Peers) -> None:
         self.version = 0
+        self.progress: list[BatchProgress] = []
         self._policy: GaussianPolicy | None = None
         self._instance = 0
         self._peers = peers
@@ -49,5 +51,6 @@ class PolicyLink:
         """Send the policy in service, perhaps again; return whether another process answers than before."""
         request = set_policy_request(policy, self.version)
         ask = partial(self._peers.call_until_accepted, self._set_policy, request, NAME)
-        before, self._instance = self._instance, self._peers.call_until_connected(ask, NAME).instance
+        response = self._peers.call_until_connected(ask, NAME)
+        before, self._instance, self.progress = self._instance, response.instance, response.progress
         return self._instance != before

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from rclpy.node import Node
 
+from rkhs_interfaces.msg import BatchProgress
 from rkhs_interfaces.msg import Episodes as EpisodesMessage
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
+from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS, episodes_of, spaces_of, start_request
 from rkhs_ros.nodes.peers import Peers
+from rkhs_ros.nodes.spin import PeerError
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 
@@ -19,8 +23,8 @@ from rkhs_ros.policies.streams import Batch
 class SimulatorLink:
     """One simulator as the learner sees it.
 
-    Owns the task it simulates, the batch that it was asked for, the step at which it was seen, and the episodes that
-    it sent.
+    Owns the task it simulates, the batch that it was asked for, the furthest step of it that was seen, how often it was
+    begun without coming further, and the episodes that it sent.
 
     Args:
         node: the learner node.
@@ -38,6 +42,7 @@ class SimulatorLink:
         self.episodes: Episodes | None = None
         self.request = StartEpisodes.Request()
         self.step = 0
+        self.attempts = 0
         self._peers = peers
         self._rows = rows
         self._refuse = refuse
@@ -61,21 +66,25 @@ class SimulatorLink:
 
     def describe(self) -> DescribeTask.Response:
         """Ask the simulator what it simulates and how far it is."""
-        return self._peers.call(self._describe, DescribeTask.Request(rows=self._rows), self.name)
+        with self._place_named():
+            return self._peers.call(self._describe, DescribeTask.Request(rows=self._rows), self.name)
 
     def mark_idle(self) -> None:
         """Mark the simulator idle."""
         self.batch, self.episodes = None, None
+        self.step = self.attempts = 0
 
     def begin(self, batch: Batch, identity: int, version: int, clock: int) -> None:
         """Have the simulator begin a batch of this number, in which the policy of that version acts."""
-        self.batch, self.episodes, self.step = batch, None, 0
+        self.batch, self.episodes = batch, None
+        self.attempts += 1
         self.request = start_request(identity, version, batch, self.task, clock)
         self.ask_for_episodes()
 
     def ask_for_episodes(self) -> None:
         """Ask for the batch, which begins unless it is under way; then what was published last is repeated."""
-        self._peers.call_until_accepted(self._start, self.request, self.name)
+        with self._place_named():
+            self._peers.call_until_accepted(self._start, self.request, self.name)
 
     @property
     def busy(self) -> bool:
@@ -86,10 +95,32 @@ class SimulatorLink:
         """Return whether the batch is lost: the simulator died since, or somebody else had it begin another."""
         return bool(task.batch != self.request.batch)
 
-    def moved(self, task: DescribeTask.Response) -> bool:
-        """Return whether the simulator came to another step since this was asked before."""
-        before, self.step = self.step, int(task.step)
-        return self.step != before
+    def advanced(self, batch: int, step: int) -> bool:
+        """Return whether the batch of that number came further than ever, to that step, counted from 1."""
+        further = batch == self.request.batch and step > self.step
+        if further:
+            self.step, self.attempts = step, 1
+        return further
+
+    def check(self, task: DescribeTask.Response, answered: BatchProgress) -> None:
+        """Raise RunError where the environment failed in the batch, or the policy, as simulator and policy node say."""
+        if task.failure and not self.lost(task):
+            raise RunError(task.failure)
+        if answered.failure and answered.batch == self.request.batch:
+            raise RunError(f"{self.task.environment}: {answered.failure}")
+
+    @property
+    def place(self) -> str:
+        """Where the environment was seen last."""
+        return f"{self.task.environment} was in {f'step {self.step}' if self.step else 'its reset'}"
+
+    @contextmanager
+    def _place_named(self) -> Iterator[None]:
+        """Say where the environment was when the simulator fell silent, as it may be what hangs."""
+        try:
+            yield
+        except PeerError as error:
+            raise PeerError(f"{error}; {self.place}" if self.batch else str(error)) from error
 
     def _hear(self, message: EpisodesMessage) -> None:
         expected = (self.request.batch, self.request.policy_version)

@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import time
 from functools import reduce
-from itertools import count
+from itertools import chain, count, repeat
 from operator import add
 
+from rkhs_interfaces.msg import BatchProgress
+from rkhs_ros.base.endings import RunError
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.nodes.names import namespaces
 from rkhs_ros.nodes.peers import Peers
+from rkhs_ros.nodes.policy_link import NAME as POLICY
 from rkhs_ros.nodes.policy_link import PolicyLink
 from rkhs_ros.nodes.simulator_link import SimulatorLink
 from rkhs_ros.nodes.spin import PeerError, ReportingNode
@@ -19,6 +22,8 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import Environment
 
 IDLE_CHECK_S = 0.5  # without episodes before the peers are looked after
+UNKNOWN = repeat(BatchProgress())  # of a policy node that says nothing
+MOST_ATTEMPTS = 5  # at a batch that comes no further, as a node dies at the same step each time
 
 
 class TopicRunner:
@@ -72,6 +77,7 @@ class TopicRunner:
 
         Raises:
             PeerError: a node did not answer in time, or there was one of the learner's name before.
+            RunError: the environment failed, the policy's actions are not finite, or a node dies again and again.
             ValueError: a node refused the policy or the batch.
         """
         self._policy.serve(policy)
@@ -108,22 +114,31 @@ class TopicRunner:
     def _recover(self, policy: GaussianPolicy) -> None:
         """Ask again for what may have been lost, and begin anew what a node that died no longer knows."""
         policy_is_new = self._policy.push(policy)
-        for simulator in self._simulators:
+        for simulator, answered in zip(self._simulators, chain(self._policy.progress, UNKNOWN), strict=False):
             if simulator.busy and simulator.batch is not None:
-                self._recover_batch(simulator, simulator.batch, policy_is_new)
+                self._recover_batch(simulator, simulator.batch, answered, policy_is_new)
         if not (self._complete() or self._peers.check_progress(self._progress_at, "no simulator makes a step")):
             raise self._peers.silent("policy", "acted in no step")
 
-    def _recover_batch(self, simulator: SimulatorLink, batch: Batch, policy_is_new: bool) -> None:
+    def _recover_batch(
+        self, simulator: SimulatorLink, batch: Batch, answered: BatchProgress, policy_is_new: bool
+    ) -> None:
+        further = simulator.advanced(answered.batch, answered.step + 1)
         task, now = simulator.describe(), time.monotonic()
-        moved = simulator.moved(task)
+        simulator.check(task, answered)
+        further |= simulator.advanced(task.batch, task.step)
         if policy_is_new or simulator.lost(task):
-            self._node.get_logger().info(f"the batch of the {simulator.name} node begins anew")
-            self._begin([(simulator, batch)])
+            self._begin_anew(simulator, batch, POLICY if policy_is_new else simulator.name)
             self._progress_at = now
-        elif moved:
+        elif further:
             self._progress_at = now
         elif self._peers.stalled(self._progress_at):
             self._begin([(simulator, batch)])  # for reasons that are not known
         else:
             simulator.ask_for_episodes()
+
+    def _begin_anew(self, simulator: SimulatorLink, batch: Batch, died: str) -> None:
+        if simulator.attempts >= MOST_ATTEMPTS:
+            raise RunError(f"the {died} node died {simulator.attempts} times at the same place; {simulator.place}")
+        self._node.get_logger().info(f"the batch of the {simulator.name} node begins anew")
+        self._begin([(simulator, batch)])

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from datetime import datetime
 from math import inf, isnan
 from pathlib import Path
+from shlex import quote
 
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.yaml_text import dumped
@@ -132,17 +133,27 @@ def summary(folder: Path, config: Config) -> str:
     evaluations = f", and {last.evaluation_episodes} noise-free ones to measure it" if last.evaluation_episodes else ""
     lines = [
         f"Learnt {config.environment.id} in {last.episodes} episodes{evaluations}, {last.seconds:.1f} s.",
-        f"Return: {first.train_return:.1f} of the first exploring episodes, {_end(rows)} ({last.centres} centres).",
+        f"Return: {first.train_return:.4g} of the first exploring episodes, {_end(rows)} ({last.centres} centres).",
         f"Pictures: {folder / 'curve.png'} and {folder / 'policy.png'}",
     ]
     return "\n".join(lines)
 
 
+def what_was_kept(folder: Path, config: Config) -> str:
+    """Return in a line how far an interrupted run came, what it left, and how it goes on."""
+    done = len(Curve(folder / "curve.csv").rows())
+    kept = [str(folder / name) for name in ("curve.csv", "policy.npz") if (folder / name).is_file()]
+    return (
+        f"interrupted after {done} of {config.training.iterations} iterations; kept: {', '.join(kept) or 'nothing'}; "
+        f"go on with: rkhs train --resume {quote(str(folder))}"
+    )
+
+
 def _end(rows: list[Row]) -> str:
     best = best_return(rows)
     if best == -inf:
-        return f"{rows[-1].train_return:.1f} of the last"
+        return f"{rows[-1].train_return:.4g} of the last"
     at = next(row for row in rows if row.mean_policy_return == best)
     last = next(row for row in reversed(rows) if not isnan(row.mean_policy_return))
     end = "at the end" if last is rows[-1] else f"after {last.episodes} episodes"
-    return f"{last.mean_policy_return:.1f} noise-free {end}, {best:.1f} at best (after {at.episodes} episodes)"
+    return f"{last.mean_policy_return:.4g} noise-free {end}, {best:.4g} at best (after {at.episodes} episodes)"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -43,9 +44,12 @@ def run_training(
     with locked(folder):
         use_one_thread()
         checkpoints = Checkpoints(folder, config)
-        lines, iterations = len(Curve(folder / "curve.csv").rows()), config.training.iterations
+        curve = Curve(folder / "curve.csv")
+        lines, iterations = len(curve.rows()), config.training.iterations
         require(lines <= iterations, "iterations", f"at least {lines}, which the run has made", iterations)
         state = checkpoints.newest(lines) if resume else None
+        if resume and state is None and curve.path.exists():
+            print(f"note: {folder}: no checkpoint to go on from: the run begins again", file=sys.stderr)
         done = state.iterations if state else 0
         report = Report(folder, config, runner.spaces, done)
         with _finished(report), progress_bar(config.training, done, quiet=quiet) as show:

@@ -202,7 +202,14 @@ def imported_by(*arguments: str) -> set[str]:
 def test_help_and_version_import_the_standard_library_only(option: str) -> None:
     modules = imported_by(option)
     assert {name for name in modules if name.split(".")[0] not in sys.stdlib_module_names} == {
-        *("rkhs_ros", "rkhs_ros.app", "rkhs_ros.app.cli", "rkhs_ros.app.exit_codes")
+        *(
+            "rkhs_ros",
+            "rkhs_ros.app",
+            "rkhs_ros.app.cli",
+            "rkhs_ros.base",
+            "rkhs_ros.base.endings",
+            "rkhs_ros.base.streams",
+        )
     }
 
 
