@@ -10,6 +10,7 @@ import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from types import FrameType
 
@@ -97,7 +98,7 @@ class NodeProcess:
             stdin=subprocess.DEVNULL,
             process_group=0,
             env=_environment(),
-            preexec_fn=terminate_with_parent,
+            preexec_fn=partial(terminate_with_parent, os.getpid()),
         )
 
 

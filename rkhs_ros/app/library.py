@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+OTHERS = ("policy", "options", "rows_at_once")  # that may be given beside the settings
+
+
 @dataclass(frozen=True)
 class Result:
     """What was learnt up to an iteration.
@@ -142,7 +145,7 @@ def _prepared(
     known = {f.name: f for f in fields(Training)}
     for name in given:
         if name not in known:
-            raise ValueError(f"unknown setting '{name}', {hint(name, known)}")
+            raise ValueError(f"unknown setting '{name}', {hint(name, dict.fromkeys([*known, *OTHERS]))}")
     given = {"name": simulation.environment, "horizon": simulation.own_horizon or Training.horizon, **given}
     if isinstance(algorithm, str):
         algorithm = pick(algorithm, ALGORITHMS, "algorithm")()
@@ -153,7 +156,8 @@ def _prepared(
     warm_start = load(start) if isinstance(start, str | Path) else start
     good = warm_start is None or isinstance(warm_start, Policy)
     require(good, "policy", "a Policy or the file of one", warm_start)
-    return Training(algorithm=algorithm or RKHSNAC(), **given), InlineRunner(simulation), warm_start
+    chosen = RKHSNAC() if algorithm is None else algorithm
+    return Training(algorithm=chosen, **given), InlineRunner(simulation), warm_start
 
 
 def _results(training: Training, runner: InlineRunner, warm_start: Policy | None) -> Iterator[Result]:

@@ -114,6 +114,8 @@ def _train_one(options: argparse.Namespace) -> int:
     folder = options.resume or new_folder(options.out, config.training.name)
     if options.policy:
         write_whole(folder / FIRST_POLICY, options.policy.read_bytes())
+    elif not options.resume:
+        (folder / FIRST_POLICY).unlink(missing_ok=True)  # left by a run that was killed before it began
     try:
         code = _over_topics(config, folder, options) if over_topics else _in_process(config, folder, options, runner)
     except KeyboardInterrupt:

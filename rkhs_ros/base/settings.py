@@ -121,7 +121,7 @@ def _checked(f: Field[Any], kind: Any, value: Any, name: str) -> Any:
 
 def _of_type(kind: Any, value: Any, name: str) -> Any:
     text, whole, number = isinstance(value, str), _is_number(value, Integral), _is_number(value, Real)
-    row = isinstance(value, list | tuple | np.ndarray) and len(value) > 0
+    row = isinstance(value, list | tuple | np.ndarray) and np.ndim(value) == 1 and len(value) > 0
     numbers = row and all(_is_number(v, Real) for v in value)
     require(kind is not int or whole, name, "a whole number", repr(value))
     require(kind is not float or number, name, "a number", repr(value))

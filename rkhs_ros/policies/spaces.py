@@ -76,7 +76,7 @@ class Spaces:
             raise ValueError(
                 "observation: expected numbers, got a composed one; use gymnasium.spaces.flatten(space, it)"
             )
-        array = np.asarray(observations, dtype=np.float64)
+        array = np.array(observations, dtype=np.float64)  # a copy: the caller's may be used again
         one = array.shape == self.observation_shape
         good = one or array.shape[1:] == self.observation_shape
         require(good, "observation", f"the shape {self.observation_shape}, or several of them", array.shape)

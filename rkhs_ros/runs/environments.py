@@ -64,12 +64,21 @@ def rows_of(source: Source, options: Mapping[str, Any] | None = None, rows_at_on
 
 
 def name_of(source: Source) -> str:
-    """Return an environment's id, or the name of its class or function where it has none."""
+    """Return an environment's id, or the name of its class or function where that does not make it."""
     if isinstance(source, str):
         return source
     spec = getattr(source, "spec", None)
     unwrapped = getattr(source, "unwrapped", source)
-    return spec.id if spec is not None else getattr(source, "__name__", type(unwrapped).__name__)
+    if spec is not None and not spec.additional_wrappers:
+        return str(spec.id)
+    return str(getattr(source, "__name__", type(unwrapped).__name__))
+
+
+def options_of(source: Source) -> dict[str, Any]:
+    """Return the options with which an environment was made from its id."""
+    spec = getattr(source, "spec", None)
+    kwargs = {} if spec is None else dict(spec.kwargs)
+    return {name: value for name, value in kwargs.items() if name != "render_mode"}
 
 
 def own_horizon(source: Source) -> int | None:

@@ -100,7 +100,7 @@ class SeparateRows:
         """Return how many of so many rows can run side by side, having made the copies."""
         while len(self._copies) < min(rows, self._most):
             try:
-                self._copies.append(_flat(self._make()))
+                self._copies.append(self._another())
             except (Exception, SystemExit) as error:
                 self._most = len(self._copies)
                 print(
@@ -109,6 +109,12 @@ class SeparateRows:
                     file=sys.stderr,
                 )
         return min(rows, self._most)
+
+    def _another(self) -> AnyEnv:
+        copy = _flat(self._make())
+        if any(copy.unwrapped is made.unwrapped for made in self._copies):
+            raise ValueError("expected a new environment each time, got the same again")
+        return copy
 
     def reset(self, seeds: list[int], horizon: int) -> Array:
         """Begin an episode in as many rows as there are seeds; return the observations, shape (rows, d)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed
@@ -51,7 +52,7 @@ def _results(call: Callable[..., T], arguments: Sequence[tuple[Any, ...]], proce
     if processes <= 1:
         yield from (call(*each) for each in arguments)
         return
-    executor = get_reusable_executor(processes, initializer=terminate_with_parent, reuse=False)
+    executor = get_reusable_executor(processes, initializer=terminate_with_parent, initargs=(os.getpid(),), reuse=False)
     try:
         for future in as_completed([executor.submit(call, *each) for each in arguments]):
             yield future.result()

@@ -16,7 +16,7 @@ from rkhs_ros.base.validation import require, shown
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.runs.environments import Source, name_of, own_horizon, rows_of
+from rkhs_ros.runs.environments import Source, name_of, options_of, own_horizon, rows_of
 from rkhs_ros.runs.rows import AnyEnv, AnyVectorEnv, Flags
 from rkhs_ros.runs.shown import HasRobot, JointStates
 
@@ -57,7 +57,10 @@ class Simulation:
 
     def __init__(self, environment: Source, options: Mapping[str, Any] | None = None, rows_at_once: int = 0) -> None:
         self.environment = name_of(environment)
-        self.options = dict(options or {})
+        require(options is None or isinstance(options, Mapping), "options", "a mapping", options)
+        self.options = dict(options or {}) if isinstance(environment, str) else options_of(environment)
+        good = type(rows_at_once) is int and rows_at_once >= 0
+        require(good, "rows_at_once", "a whole number, 0 for any number of rows", rows_at_once)
         self.rows_at_once = rows_at_once
         self._registered = isinstance(environment, str)
         self._rows = rows_of(environment, options, rows_at_once)

@@ -95,3 +95,18 @@ def test_it_plays_in_an_environment_of_gymnasium(random_policy: MakePolicy) -> N
         action = policy(observation)
         assert env.action_space.contains(action)
         observation, *_ = env.step(action)
+
+
+def test_what_is_observed_may_be_overwritten_afterwards(rng: np.random.Generator) -> None:
+    one, other = (Policy(over(3, np.random.default_rng(1)), TASK, Spaces((3,), -BOUNDS, BOUNDS)) for _ in range(2))
+    used_again = np.zeros(3)
+    for observation in rng.normal(size=(6, 3)):
+        used_again[:] = observation
+        assert np.array_equal(one(used_again), other(observation.copy()))
+
+
+def test_a_composed_observation_is_refused_with_the_remedy(rng: np.random.Generator) -> None:
+    policy = Policy(over(1, rng), TASK, Spaces((3,), -BOUNDS, BOUNDS))
+    with pytest.raises(ValueError, match=r"use gymnasium\.spaces\.flatten"):
+        policy({"angle": 1.0})
+    assert repr(policy) == "<Policy of Pendulum-v1: 4 inputs, 2 actions, 6 centres>"

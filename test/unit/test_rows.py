@@ -205,3 +205,34 @@ def test_environments_are_named_by_id_or_class() -> None:
     assert name_of(Countdown()) == name_of(Countdown) == "Countdown"
     assert own_horizon(Countdown()) is None
     assert rows_of(Countdown()).room(5) == 1
+
+
+def test_a_function_that_gives_the_same_again_runs_one_row(
+    policy: GaussianPolicy, capsys: pytest.CaptureFixture[str]
+) -> None:
+    expected = InlineRunner(Simulation("test/Countdown-v0")).collect(policy, BATCH)
+    only = Countdown()
+    episodes = InlineRunner(Simulation(lambda: only)).collect(policy, BATCH)
+    for name in FIELDS:
+        assert np.array_equal(getattr(episodes, name), getattr(expected, name)), name
+    assert "got the same again" in capsys.readouterr().err
+
+
+def test_an_instance_says_how_it_was_made_and_a_wrapped_one_is_no_id() -> None:
+    made = Simulation(gymnasium.make("MountainCarContinuous-v0", goal_velocity=0.01))
+    assert (made.environment, made.options) == ("MountainCarContinuous-v0", {"goal_velocity": 0.01})
+    wrapped = gymnasium.wrappers.TransformReward(gymnasium.make("Pendulum-v1"), lambda reward: 2 * reward)
+    assert Simulation(wrapped).environment == "PendulumEnv"
+
+
+@pytest.mark.parametrize("rows", [-1, 2.5, "2", None, True])
+def test_a_number_of_rows_is_a_whole_number(rows: Any) -> None:
+    with pytest.raises(ValueError, match="rows_at_once: expected a whole number"):
+        Simulation("test/Countdown-v0", rows_at_once=rows)
+
+
+def test_options_belong_to_an_id() -> None:
+    with pytest.raises(ValueError, match="options: expected a mapping"):
+        Simulation("test/Countdown-v0", [1])  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="options: expected them with an id"):
+        Simulation(Countdown, {"a": 1})
