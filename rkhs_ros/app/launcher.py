@@ -122,9 +122,10 @@ def launch(parameters: str, learner_parameters: Sequence[str] = (), *, simulator
 
 
 def for_all(parameters: str, simulators: int) -> str:
-    """Return the parameter file with the simulator's under the name of each one, and what the policy node needs."""
+    """Return the parameter file with the simulator's under the name of each one, and what the others need to know."""
     document = yaml.safe_load(parameters)
     simulator = document.pop("simulator")
+    document["learner"]["ros__parameters"]["environment"] = deepcopy(simulator["ros__parameters"]["environment"])
     # Copies, since ROS reads no YAML with aliases.
     document |= {f"/{name}": deepcopy(simulator) for name in node_names(simulators) if name.endswith("simulator")}
     document["policy"] = {"ros__parameters": {"simulators": simulators}}

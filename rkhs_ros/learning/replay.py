@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from rkhs_ros.base.validation import shown
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rkhs.kernels import Array
 
 SAMPLES_AT_ONCE = 2048  # so that the kernel's matrix stays small
 
@@ -34,5 +36,9 @@ def check_actions(episodes: Episodes, policy: GaussianPolicy, batch: Batch) -> N
             row, step = rows[begin + first], steps[begin + first]
             raise ValueError(
                 f"row {row} (episode {batch.episodes[row]}), step {step}: "
-                f"expected the policy's action {expected[first]}, got {actions[begin + first]}"
+                f"expected the policy's action {_shown(expected[first])}, got {_shown(actions[begin + first])}"
             )
+
+
+def _shown(action: Array) -> str:
+    return shown(action.tolist())
