@@ -2,7 +2,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help build demo test test-fast test-faults lint types bench docs pictures pictures-pr2 clean
+.PHONY: help build demo test test-fast test-faults test-noble lint types bench docs pictures pictures-pr2 clean
 
 # Where ROS 2 Jazzy is installed and sourced it is used; elsewhere it comes as wheels for Python 3.11.
 ifeq ($(ROS_DISTRO)$(if $(AMENT_PREFIX_PATH),+sourced),jazzy+sourced)
@@ -55,10 +55,21 @@ test: lint types ## lint, types and every test
 
 KILLS ?= 40
 test-faults: build ## kill nodes, lose messages, send malformed ones, run for long; KILLS=N: kills in all
-	@$(ENTER) python -m pytest -n auto -rP test/faults --kills $(KILLS)
+	@$(ENTER) python -m pytest -n auto -rP -m faults test/faults test/ros --kills $(KILLS)
 
 test-fast: build ## the tests that start no nodes and take under a minute in all
 	@$(ENTER) python -m pytest -n auto -m "not ros and not slow and not faults"
+
+# Python 3.12 with Ubuntu 24.04's versions where it is found, else 3.11 with them; no ROS, no PyBullet.
+NOBLE_PYTHON ?= $(firstword $(foreach p,python3.12 python3.11,$(shell $(p) -c 'print("$(p)")' 2>/dev/null)) python3)
+test-noble: .venv-noble/.installed ## the unit tests with the versions of Ubuntu 24.04, in an environment of its own
+	@PYTHONPATH=$(CURDIR) .venv-noble/bin/python -m pytest -n auto -m "not slow" test/unit
+
+.venv-noble/.installed: requirements/noble.txt
+	@echo "Installing the versions of Ubuntu 24.04 into .venv-noble ..."
+	@$(NOBLE_PYTHON) -m venv --prompt noble .venv-noble
+	@.venv-noble/bin/python -m pip install -qq --disable-pip-version-check -r requirements/noble.txt
+	@touch $@
 
 lint: build ## format and style
 	@$(ENTER) ruff format --check . && ruff check .
@@ -84,4 +95,4 @@ pictures-pr2: build ## make the pictures of the PR2's door: minutes
 	@$(ENTER) python docs/make_pr2_pictures.py
 
 clean: ## remove everything that was built or installed
-	@rm -rf .venv build install log docs/_build .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	@rm -rf .venv .venv-noble build install log docs/_build .hypothesis .mypy_cache .pytest_cache .ruff_cache

@@ -44,6 +44,7 @@ setup(
         "PyYAML>=6",
         "rich>=13",
         "scipy>=1.11",
+        "threadpoolctl>=3.1",
     ],
     extras_require={"pr2": ["pybullet>=3.2.5"], "dev": requirements("dev")},
     zip_safe=True,

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 
-# One BLAS thread, before numpy is imported: at our sizes more are slower, and sums over another number of threads
-# end in other last bits.
+# One thread of linear algebra, whatever was set: where numpy is not loaded yet it shall not start more, which
+# `rkhs_ros.rkhs` would take from it again.
+os.environ |= {"OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 if TYPE_CHECKING:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, TypeVar
 
 from rosgraph_msgs.msg import Clock
 
 import sim_nodes.envs  # noqa: F401  # registers the tasks
 from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
-from rkhs_ros.base.settings import Entry
+from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.diagnostics import Diagnostics
 from rkhs_ros.nodes.messages import (
@@ -24,7 +25,7 @@ from rkhs_ros.nodes.messages import (
     matrix,
     observation_message,
 )
-from rkhs_ros.nodes.parameters import declare, declared, given, require_known, restarts
+from rkhs_ros.nodes.parameters import declare, declared, given, instance, require_known, restarts
 from rkhs_ros.nodes.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.uniqueness import Uniqueness
 from rkhs_ros.policies.streams import Batch
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from rkhs_ros.nodes.robot_state import RobotState
 
 MOST_STEPS = 2**40  # that a clock may have counted
+Value = TypeVar("Value")
 PATIENCE, MOST_PATIENCE = 0.02, 1.0  # seconds without an action before an observation is said again, twice as many each
 
 
@@ -44,7 +46,8 @@ class SimulatorNode(ReportingNode):
 
     Owns the environment, the step it waits at, the episodes under way and the clock. Does not own the pace: the action
     ends a step. Only the action of the current batch and step is taken, so nothing is stepped twice, and only of
-    the policy that is to act in the batch. An observation that is not answered is published again.
+    the policy that is to act in the batch. An observation that is not answered is published again. Where the
+    environment fails, the batch stops there, and who asks for the task is told why.
     """
 
     def __init__(self) -> None:
@@ -56,13 +59,14 @@ class SimulatorNode(ReportingNode):
         super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
         tree = given(self)
         shown = declared(self, tree, "robot_state", False, "publish joint_states and robot_description for viewers")
-        again = restarts(self, tree)
+        again, number = restarts(self, tree), instance(self, tree)
         self._simulation = self._make_simulation(tree)
         self._robot = self._make_robot_state() if shown else None
         self._batch: Batch | None = None
         self._identity = 0
         self._step = 0
         self._version = 0
+        self._failure = ""
         self._clock_steps = 0
         self._clock_is_heard = False
         self._last: Observation | None = None  # as long as it waits for its action
@@ -73,7 +77,7 @@ class SimulatorNode(ReportingNode):
         self._episodes = self.create_publisher(Episodes, "episodes", LOCKSTEP_QOS)
         self._clock_ticks = self.create_publisher(Clock, "clock", LOCKSTEP_QOS)
         self.diagnostics = Diagnostics(self, again, self._report, ["action"])
-        self._uniqueness = Uniqueness(self)
+        self._uniqueness = Uniqueness(self, number)
         self.create_subscription(Action, "action", self._act, LOCKSTEP_QOS)
         self.create_service(StartEpisodes, "start_episodes", self._start)
         self.create_service(DescribeTask, "describe_task", self._describe)
@@ -94,7 +98,7 @@ class SimulatorNode(ReportingNode):
     def _make_simulation(self, tree: dict[str, dict[str, object]]) -> Simulation:
         require_known(tree, "environment")
         environment = environment_from(tree.get("environment", {}))
-        declare(self, [Entry("environment.id", environment.id, {"description": "Gymnasium id of the environment"})])
+        declare(self, environment.entries())
         return Simulation(environment.id, environment.options, environment.rows_at_once)
 
     def _make_robot_state(self) -> RobotState:
@@ -110,7 +114,7 @@ class SimulatorNode(ReportingNode):
     def _describe(self, request: DescribeTask.Request, response: DescribeTask.Response) -> DescribeTask.Response:
         heard = self._observations.get_subscription_count() > 0 and self._episodes.get_subscription_count() > 0
         place = (self._identity, self._step, self._clock_steps)
-        return describe(self._simulation, request.rows, *place, connected=heard)
+        return describe(self._simulation, request.rows, *place, failure=self._failure, connected=heard)
 
     def _start(self, request: StartEpisodes.Request, response: StartEpisodes.Response) -> StartEpisodes.Response:
         try:
@@ -136,14 +140,26 @@ class SimulatorNode(ReportingNode):
         require(asked == ours, "task", " with options ".join(ours), " with options ".join(asked))
 
     def _begin(self, request: StartEpisodes.Request, batch: Batch) -> None:
-        frame = self._simulation.start(batch)
+        frame = self._attempt(self._simulation.start, batch)
         self._batch, self._identity, self._version = batch, request.batch, request.policy_version
         self._step, self._ended = 0, None
         self._clock_steps = max(self._clock_steps, request.clock)
         self._clock_is_heard = self._clock_ticks.get_subscription_count() > 0
         self._recorder = EpisodeRecorder(batch, self._simulation.observation_dim, self._simulation.action_dim)
-        self._publish(batch, frame)
-        self._record(batch, frame)
+        if frame is not None:
+            self._publish(batch, frame)
+            self._record(batch, frame)
+
+    def _attempt(self, call: Callable[[Value], Frame], value: Value) -> Frame | None:
+        """Return what the simulation shows next; None where it fails, which is told to who asks for the task."""
+        try:
+            frame = call(value)
+        except RunError as error:
+            self._last = None
+            self._failure = self.diagnostics.stuck = str(error)
+            return None
+        self._failure = self.diagnostics.stuck = ""
+        return frame
 
     def _repeat(self) -> None:
         """Say again what was said last, as it may have been lost."""
@@ -164,7 +180,9 @@ class SimulatorNode(ReportingNode):
         except ValueError as error:
             self.diagnostics.refuse(f"an action: {error}")
             return
-        frame = self._simulation.step(actions)
+        frame = self._attempt(self._simulation.step, actions)
+        if frame is None:
+            return
         self._step += 1
         self._clock_steps += 1
         self._publish(batch, frame)

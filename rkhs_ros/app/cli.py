@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
 from rkhs_ros import __version__
-from rkhs_ros.app.exit_codes import BAD_INPUT, INTERRUPTED
+from rkhs_ros.base.endings import INTERRUPTED, RunError, say
+from rkhs_ros.base.streams import messages_may_be_lost
 
 # Each module has add_arguments(parser), and run(options), which returns the exit code.
 COMMANDS = {
@@ -35,19 +37,34 @@ class Parser(argparse.ArgumentParser):
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line; bad input ends with one line and exit code 2."""
-    sys.exit(_exit_code(sys.argv[1:] if arguments is None else arguments))
+    """Run the command line; bad input ends with one line and exit code 2, what fails with one and exit code 1."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what was learnt is kept
+    with messages_may_be_lost():
+        sys.exit(_exit_code(sys.argv[1:] if arguments is None else arguments))
 
 
 def _exit_code(arguments: Sequence[str]) -> int:
     try:
+        _check_encoding(arguments)
         options = _parser(_called(arguments)).parse_args(arguments)
         return int(options.run(options))
-    except (ValueError, OSError) as error:
-        print("error:", " ".join(str(error).splitlines()), file=sys.stderr)
-        return BAD_INPUT
+    except (ValueError, OSError, RunError) as error:
+        return say(error)
     except KeyboardInterrupt:
         return INTERRUPTED
+
+
+def _told(error: ValueError | OSError) -> str:
+    if isinstance(error, FileNotFoundError):
+        return f"{error.filename}: expected a file or folder that exists, got none"
+    return str(error)
+
+
+def _check_encoding(arguments: Sequence[str]) -> None:
+    """Raise ValueError where an argument, such as a path, is no text that files and nodes can hold."""
+    for word in arguments:
+        if not word.isascii() and word.encode(errors="replace") != word.encode(errors="surrogatepass"):
+            raise ValueError(f"argument: expected text in UTF-8, got {word!a}")
 
 
 def _called(arguments: Sequence[str]) -> str | None:

@@ -54,6 +54,8 @@ def run(options: argparse.Namespace) -> int:
     steps, centres = int(episodes.mask.sum()), len(mean.centres)
     print(f"Imitated {steps} steps of {len(episodes)} episodes by {centres} centres, to within {off} (rms action).")
     print(f"Policy: {options.out}")
+    if not task.environment:
+        print("It names no environment to be evaluated in: say --env ID.")
     return 0
 
 

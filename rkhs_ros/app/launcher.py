@@ -6,26 +6,24 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from copy import deepcopy
 from pathlib import Path
 from types import FrameType
 
-import yaml
-
-from rkhs_ros.app.exit_codes import FAILED
+from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED
 from rkhs_ros.base.processes import terminate_with_parent
+from rkhs_ros.base.yaml_text import dumped, loaded, require_ros_value
 from rkhs_ros.nodes.names import node_names
 from rkhs_ros.nodes.transport import by_udp
 
-TERMINATION_TIMEOUT_S = 5.0  # for a node to end after SIGTERM, before it is killed
+TERMINATION_TIMEOUT_S = 2.0  # for a node to end after SIGTERM, before it is killed
 POLL_INTERVAL_S = 0.05
 MOST_DEATHS, DEATHS_WINDOW_S = 10, 300.0  # of a node in that time; with one more the run is given up
 SHORTEST_BACKOFF_S, LONGEST_BACKOFF_S = 0.05, 5.0  # before a node is started again; doubled with each death
+OWN_CODES = (0, FAILED, BAD_INPUT)  # that a node ends with itself; with any other it died
 MODULES = {
     "simulator": "sim_nodes.simulator_node",
     "policy": "rkhs_ros.nodes.policy_node",
@@ -42,11 +40,13 @@ class NodeProcess:
     Args:
         name: a key of `MODULES`, after a namespace and a slash if need be.
         arguments: of the node, after ``--ros-args``.
+        began: when its run began, in nanoseconds; 0 for a node without a run.
     """
 
-    def __init__(self, name: str, arguments: Sequence[str] = ()) -> None:
+    def __init__(self, name: str, arguments: Sequence[str] = (), began: int = 0) -> None:
         self.name = name
         self._arguments = list(arguments)
+        self._began = began
         self._restarts = 0
         self._deaths: deque[float] = deque(maxlen=MOST_DEATHS + 1)
         self._restart_at: float | None = None
@@ -64,12 +64,13 @@ class NodeProcess:
         return None
 
     def interrupt(self) -> None:
-        """Have the node end."""
+        """Have the node end, and not be started again."""
         self.is_interrupted = True
-        self.process.send_signal(signal.SIGINT)
+        self._restart_at = None
+        self.process.terminate()  # while it imports it dies of this without words, unlike of SIGINT
 
     def restart_later(self) -> bool:
-        """Have a node that was killed started again after a back-off; return False where it died too often."""
+        """Have a node that died started again after a back-off; return False where it died too often."""
         now = time.monotonic()
         self._deaths.append(now)
         recent = sum(now - death < DEATHS_WINDOW_S for death in self._deaths)
@@ -77,7 +78,7 @@ class NodeProcess:
             return False
         backoff = min(SHORTEST_BACKOFF_S * 2 ** (recent - 1), LONGEST_BACKOFF_S)
         print(
-            f"warning: the {self.name} node was killed by signal {-self.process.returncode}; "
+            f"warning: the {self.name} node {_how_it_ended(self.process.returncode)}; "
             f"starting it again in {backoff:g} s ({recent} of {MOST_DEATHS} times within {DEATHS_WINDOW_S:g} s)",
             file=sys.stderr,
         )
@@ -88,6 +89,7 @@ class NodeProcess:
         """Start the node outside our foreground group, so that a Ctrl-C reaches it once, through us."""
         namespace, _, kind = self.name.rpartition("/")
         more = [f"restarts:={self._restarts}"] if self._restarts else []
+        more += [f"instance:={self._began + self._restarts}"] if self._began else []
         more += ["resume:=true"] if self._restarts and kind == "learner" else []
         ros = ["--ros-args", "-r", f"__ns:=/{namespace}", *self._arguments, *_assigned(more)]
         return subprocess.Popen(
@@ -102,50 +104,70 @@ class NodeProcess:
 Nodes = dict[str, NodeProcess]
 
 
-def launch(parameters: str, learner_parameters: Sequence[str] = (), *, simulators: int = 1) -> int:
+def launch(parameters: str, learner: Mapping[str, str | bool] | None = None, *, simulators: int = 1) -> int:
     """Run the nodes until the learner ends.
 
     Args:
         parameters: content of a ROS parameter file.
-        learner_parameters: further ``name:=value`` for the learner.
+        learner: further parameters of the learner.
         simulators: number of simulator nodes, of more than one each in a namespace of its own.
 
     Returns:
         The learner's exit code, or that of a node that ended before it.
     """
-    names = node_names(simulators)
-    with tempfile.TemporaryDirectory(prefix="rkhs_") as folder:
-        file = Path(folder) / "parameters.yaml"
-        file.write_text(for_all(parameters, simulators))
-        with started(names, file, learner_parameters) as nodes, _signals_passed_to(nodes["learner"]):
-            return _supervise(nodes)
-
-
-def for_all(parameters: str, simulators: int) -> str:
-    """Return the parameter file with the simulator's under the name of each one, and what the others need to know."""
-    document = yaml.safe_load(parameters)
-    simulator = document.pop("simulator")
-    document["learner"]["ros__parameters"]["environment"] = deepcopy(simulator["ros__parameters"]["environment"])
-    # Copies, since ROS reads no YAML with aliases.
-    document |= {f"/{name}": deepcopy(simulator) for name in node_names(simulators) if name.endswith("simulator")}
-    document["policy"] = {"ros__parameters": {"simulators": simulators}}
-    return str(yaml.safe_dump(document))
+    task = loaded(parameters)["simulator"]["ros__parameters"]["environment"]["id"]
+    with (
+        _in_memory(for_all(parameters, simulators, learner)) as file,
+        started(node_names(simulators), file) as nodes,
+        _signals_passed_to(nodes["learner"]),
+    ):
+        return _supervise(nodes, task)
 
 
 @contextmanager
-def started(names: Iterable[str], parameters: Path, learner_parameters: Sequence[str] = ()) -> Iterator[Nodes]:
+def _in_memory(content: str) -> Iterator[Path]:
+    """Yield a file for the nodes to read that no disk holds, so that nothing is left of it however we end."""
+    with os.fdopen(os.memfd_create("parameters.yaml"), "w") as file:
+        file.write(content)
+        file.flush()
+        yield Path(f"/proc/{os.getpid()}/fd/{file.fileno()}")
+
+
+def for_all(parameters: str, simulators: int, learner: Mapping[str, str | bool] | None = None) -> str:
+    """Return the parameter file of all nodes.
+
+    Args:
+        parameters: content of a ROS parameter file.
+        simulators: number of simulator nodes; the simulator's parameters go under the name of each one, and its
+            environment to the learner, which refuses simulators of another.
+        learner: further parameters of the learner, such as paths: as arguments they would be read as YAML.
+
+    Raises:
+        ValueError: one of these can be no ROS parameter.
+    """
+    document = loaded(parameters)
+    simulator = document.pop("simulator")
+    document["learner"]["ros__parameters"]["environment"] = simulator["ros__parameters"]["environment"]
+    document |= {f"/{name}": simulator for name in node_names(simulators) if name.endswith("simulator")}
+    require_ros_value(learner or {}, "learner")
+    document["learner"]["ros__parameters"] |= learner or {}
+    document["policy"] = {"ros__parameters": {"simulators": simulators}}
+    return dumped(document)
+
+
+@contextmanager
+def started(names: Iterable[str], parameters: Path) -> Iterator[Nodes]:
     """Start nodes, and end those that still run at the exit of the context.
 
     Args:
         names: keys of `MODULES`, after a namespace and a slash if need be.
         parameters: a ROS parameter file.
-        learner_parameters: further ``name:=value`` for the learner.
     """
     nodes: Nodes = {}
+    began = time.time_ns()
     try:
         for name in names:
-            more = _assigned(learner_parameters) if name == "learner" else []
-            nodes[name] = NodeProcess(name, ["--params-file", str(parameters), *more])
+            nodes[name] = NodeProcess(name, ["--params-file", str(parameters)], began)
         yield nodes
     finally:
         _terminate([node.process for node in nodes.values()])
@@ -161,29 +183,33 @@ def _environment() -> dict[str, str]:
     return by_udp({k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"})
 
 
-def _supervise(nodes: Nodes) -> int:
-    """Restart the nodes that are killed until one ends, and return the run's exit code."""
+def _supervise(nodes: Nodes, task: str) -> int:
+    """Restart the nodes that die until one ends, and return the run's exit code."""
     while True:
         for node in nodes.values():
             code = node.poll()
-            if code is None or (code < 0 and not node.is_interrupted and node.restart_later()):
+            if code is None or (code not in OWN_CODES and not node.is_interrupted and node.restart_later()):
                 continue
-            return _code_at_end(node, code)
+            return _code_at_end(node, code, task)
         time.sleep(POLL_INTERVAL_S)
 
 
-def _code_at_end(node: NodeProcess, code: int) -> int:
+def _code_at_end(node: NodeProcess, code: int, task: str) -> int:
     """Return the run's exit code where a node ended with this one and is not started again."""
-    if code < 0 and not node.is_interrupted:
-        return _failed(f"the {node.name} node was killed more than {MOST_DEATHS} times within {DEATHS_WINDOW_S:g} s")
-    if code == 0 and node.name != "learner":
-        return _failed(f"the {node.name} node ended before the learner")
-    return abs(code)
+    if node.is_interrupted:
+        return max(code, 0) or INTERRUPTED
+    named = f"the {node.name} node" + (f", of {task}," if node.name.endswith("simulator") else "")
+    if code not in OWN_CODES:
+        print(f"error: {named} died more than {MOST_DEATHS} times within {DEATHS_WINDOW_S:g} s", file=sys.stderr)
+        return FAILED
+    if node.name != "learner":
+        print(f"error: {named} {_how_it_ended(code)} before the learner", file=sys.stderr)
+        return code or FAILED
+    return code
 
 
-def _failed(reason: str) -> int:
-    print(f"error: {reason}", file=sys.stderr)
-    return FAILED
+def _how_it_ended(code: int) -> str:
+    return f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 import sim_nodes.envs  # noqa: F401  # registers the project's tasks
+from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import hint, pick, require
 from rkhs_ros.learning.algorithm import Algorithm
 from rkhs_ros.learning.kernel_choice import KernelChoice
@@ -47,6 +48,13 @@ class Result:
     iteration: Iteration
     rows: tuple[Row, ...]
 
+    def __repr__(self) -> str:
+        """Return what was learnt in one line."""
+        row, last = self.rows[-1], self.iteration
+        returns = f"return {last.train_return:.4g}, noise-free {last.mean_policy_return:.4g}"
+        name = self.policy.task.environment
+        return f"<Result of {name}: {row.iteration} iterations, {row.episodes} episodes, {returns}>"
+
     @property
     def curve(self) -> dict[str, NDArray[Any]]:
         """The learning curve as arrays by name, one entry for each iteration, as the columns of curve.csv."""
@@ -75,9 +83,9 @@ class GivenKernel(KernelChoice):
 
     kernel: Kernel | None = None
 
-    def fit(self, points: Array) -> Kernel:
+    def fit(self, points: Array, ages: int = 1) -> Kernel:
         """Return the kernel."""
-        return self.kernel if self.kernel is not None else super().fit(points)
+        return self.kernel if self.kernel is not None else super().fit(points, ages)
 
 
 def train(
@@ -127,6 +135,7 @@ def _prepared(
     environment: Source, algorithm: Algorithm | str | None, settings: Mapping[str, Any]
 ) -> tuple[Training, InlineRunner, Policy | None]:
     """Return the settings checked, where policies act, and the policy to begin from."""
+    use_one_thread()
     given = dict(settings)
     start = given.pop("policy", None)
     simulation = Simulation(environment, given.pop("options", None), given.pop("rows_at_once", 0))

@@ -13,6 +13,8 @@ from rkhs_ros.paper.reproduce import reproduce
 from rkhs_ros.paper.table import load_table
 from rkhs_ros.runs.side_by_side import check_jobs
 
+TASKS = ("sim_nodes",)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -30,8 +32,8 @@ def run(options: argparse.Namespace) -> int:
     check_jobs(options.jobs)
     names = list(known()) if options.figure == "all" else [options.figure]
     for experiment in [load_experiment(name) for name in names]:
-        runs = options.runs or experiment.runs
-        table = reproduce(experiment, options.out, iterations, runs=runs, jobs=options.jobs, quiet=options.quiet)
+        work = {"runs": options.runs or experiment.runs, "jobs": options.jobs, "packages": TASKS}
+        table = reproduce(experiment, options.out, iterations, **work, quiet=options.quiet)
         picture = table.with_suffix(".png")
         draw_experiment(picture, experiment, load_table(table))
         print(f"{experiment.name}: {table} and {picture}")

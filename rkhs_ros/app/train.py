@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import argparse
 import sys
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
-from rkhs_ros.app.exit_codes import BAD_INPUT, FAILED, INTERRUPTED
+from rkhs_ros.app.domain import own_domain
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.app.launcher import launch
 from rkhs_ros.app.seeds import begin_seeds, go_on, parse_seeds, seed_folders
+from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED, RunError, say
 from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.streams import Lossy
 from rkhs_ros.base.validation import pick, require
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.training import first_state
@@ -20,7 +23,16 @@ from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.runs.comparison import compare
 from rkhs_ros.runs.config import Config, config_for, load_config
 from rkhs_ros.runs.environments import own_horizon
-from rkhs_ros.runs.report import FIRST_POLICY, is_begun, new_folder, old_folder, resolved, summary
+from rkhs_ros.runs.report import (
+    FIRST_POLICY,
+    Report,
+    is_begun,
+    new_folder,
+    old_folder,
+    resolved,
+    summary,
+    what_was_kept,
+)
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.run import run_training
 from rkhs_ros.runs.side_by_side import ALL_CORES, check_jobs
@@ -95,6 +107,10 @@ def _train_one(options: argparse.Namespace) -> int:
     given = load_policy(options.policy)[0] if options.policy else None
     first_state(config.training, runner.spaces, given)  # refuses what cannot be learnt
     over_topics = _is_over_topics(options.runner)
+    if over_topics:
+        config.check_for_topics()
+    elif options.simulators:
+        print("note: --simulators is of no use in this process, which is the only simulator", file=sys.stderr)
     folder = options.resume or new_folder(options.out, config.training.name)
     if options.policy:
         write_whole(folder / FIRST_POLICY, options.policy.read_bytes())
@@ -102,11 +118,23 @@ def _train_one(options: argparse.Namespace) -> int:
         code = _over_topics(config, folder, options) if over_topics else _in_process(config, folder, options, runner)
     except KeyboardInterrupt:
         code = INTERRUPTED
-    if code != BAD_INPUT and (folder / "policy.npz").is_file():
-        draw_run(folder)
     if code == 0:
-        print(summary(folder, config))
+        draw_run(folder)
+        print(summary(folder, config), file=Lossy(sys.stdout), flush=True)
+    elif code != BAD_INPUT:
+        with suppress(OSError):  # a full disk was told of
+            _leave_resumable(config, folder, runner)
+    if code == INTERRUPTED:
+        print(what_was_kept(folder, config), file=sys.stderr)
     return code
+
+
+def _leave_resumable(config: Config, folder: Path, runner: InlineRunner) -> None:
+    """Draw what a run that did not come to its end learnt; have it begun in its folder if it had not."""
+    if not is_begun(folder):
+        Report(folder, config, runner.spaces)
+    if (folder / "policy.npz").is_file():
+        draw_run(folder)
 
 
 def _is_over_topics(asked: str | None) -> bool:
@@ -126,13 +154,16 @@ def _is_over_topics(asked: str | None) -> bool:
 
 
 def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> int:
-    more = [f"output:={folder.resolve()}", f"quiet:={options.quiet}".lower()]
-    more += ["resume:=true"] if options.resume else []
-    return launch(resolved(config), more, simulators=config.training.simulators)
+    more = {"output": str(folder.resolve()), "quiet": options.quiet, "resume": bool(options.resume)}
+    with own_domain(folder):
+        return launch(resolved(config), more, simulators=config.training.simulators)
 
 
 def _in_process(config: Config, folder: Path, options: argparse.Namespace, runner: InlineRunner) -> int:
-    run_training(config, runner, folder, quiet=options.quiet, resume=bool(options.resume))
+    try:
+        run_training(config, runner, folder, quiet=options.quiet, resume=bool(options.resume))
+    except (ValueError, OSError, RunError) as error:
+        return say(error)
     return 0
 
 

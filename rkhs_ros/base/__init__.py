@@ -1,1 +1,1 @@
-"""Settings, validation, files and locks: what every floor stands on."""
+"""Settings, validation, endings, files and locks: what every floor stands on."""

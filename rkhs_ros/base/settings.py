@@ -6,7 +6,6 @@ Python they are checked as well.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import Field, field, fields, is_dataclass
 from functools import cache
@@ -17,7 +16,6 @@ import numpy as np
 
 from rkhs_ros.base.validation import hint, pick, require
 
-SCIENTIFIC = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")  # 1e6 is a number to ROS, but text to YAML 1.1
 T = TypeVar("T")
 Tree = Mapping[str, Any]
 
@@ -113,8 +111,6 @@ def _checked(f: Field[Any], kind: Any, value: Any, name: str) -> Any:
     if "table" in f.metadata or is_dataclass(kind):
         require(isinstance(value, kind), name, f"{_named(kind)}", f"{value!r}")
         return value
-    if kind is not str:
-        value = [_number_of_text(v) for v in value] if isinstance(value, list) else _number_of_text(value)
     try:
         converted = _of_type(kind, value, name)
     except OverflowError as error:
@@ -129,18 +125,13 @@ def _of_type(kind: Any, value: Any, name: str) -> Any:
     numbers = row and all(_is_number(v, Real) for v in value)
     require(kind is not int or whole, name, "a whole number", repr(value))
     require(kind is not float or number, name, "a number", repr(value))
-    require(kind is not str or text, name, "text", repr(value))
+    require(kind is not str or text, name, "text, in quotes where it may be read as something else", repr(value))
     if kind in (int, float, str):
         return kind(value)
     if text and kind != tuple[float, ...]:
         return value
     require(numbers or number, name, "a list of numbers", repr(value))
     return tuple(map(float, value)) if numbers else (float(value),)
-
-
-def _number_of_text(value: Any) -> Any:
-    """Return a number where YAML took one in scientific notation for text."""
-    return float(value) if isinstance(value, str) and SCIENTIFIC.fullmatch(value) else value
 
 
 def _is_number(value: Any, kind: type) -> bool:

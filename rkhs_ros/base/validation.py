@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 T = TypeVar("T")
+REAL_KINDS = "buif"  # of numpy types, for truth values and numbers; what text and dates stand for is not guessed
 MOST_SHOWN = 200  # characters of what was got
 
 
@@ -44,12 +45,20 @@ def hint(name: str, known: Mapping[str, Any]) -> str:
     return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
 
 
+def numbers(*counts: int) -> str:
+    """Return "1 number" or "1 or 4 numbers": what was expected where the counts are allowed, each said once."""
+    each = sorted(set(counts))
+    return f"{' or '.join(map(str, each))} number{'s' * (each[-1] != 1)}"
+
+
 def finite_array(values: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
     """Return the values as a read-only array of that shape, row by row in memory.
 
     Raises:
-        ValueError: another number of values, or some that are not finite.
+        ValueError: another number of values, some that are not finite, or something else than real numbers.
     """
+    kind = np.asarray(values).dtype
+    require(kind.kind in REAL_KINDS, what, "real numbers", kind)
     array = np.array(values, dtype=np.float64, order="C")  # the memory order would change last bits of products
     if array.size != prod(shape):
         raise ValueError(f"{what}: expected {shape} values, got {array.shape}")

@@ -14,7 +14,7 @@ from rkhs_ros.learning.spaces import Space
 from rkhs_ros.learning.steps import StepRule
 from rkhs_ros.policies.gaussian import GaussianPolicy, mean_kl
 from rkhs_ros.policies.variance import ConstantVariance
-from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rkhs.kernels import Array, Kernel
 
 
 @dataclass(frozen=True)
@@ -80,6 +80,9 @@ class Algorithm(Settings, ABC):
     @abstractmethod
     def space(self) -> Space:
         """The space searched, made from the settings: see `SparseSettings` and `GridSettings`."""
+
+    def check_kernel(self, kernel: Kernel) -> None:  # most algorithms take any
+        """Raise ValueError where the algorithm cannot learn with this kernel."""
 
     @abstractmethod
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:

@@ -44,7 +44,7 @@ class Imitation(Settings):
         require(bool(episodes.mask.any()), "episodes", "at least one step", "none")
         seen = episodes.seen_through(self.inputs)
         points, actions = seen.flat(seen.observations), seen.flat(seen.actions)
-        kernel = self.kernel.fit(points)
+        kernel = self.kernel.fit(points, self.inputs.ages)
         mean = pursue(
             kernel, points, actions, points, budget=self.centres, ridge=self.ridge, rank=4 * self.centres
         ).function

@@ -8,7 +8,7 @@ from functools import reduce
 from operator import add, mul
 
 from rkhs_ros.base.settings import Settings, setting
-from rkhs_ros.base.validation import pick
+from rkhs_ros.base.validation import numbers, pick, require
 from rkhs_ros.rkhs.kernels import RBF, Array, Kernel, Polynomial, median_bandwidth
 
 
@@ -36,22 +36,36 @@ class KernelChoice(Settings):
         for name in self.form.replace("*", "+").split("+"):
             pick(name.strip(), KERNELS, "kernel")
 
-    def fit(self, points: Array) -> Kernel:
-        """Return the kernel, its bandwidths taken from points of shape (n, d) where they are not given."""
+    def fit(self, points: Array, ages: int = 1) -> Kernel:
+        """Return the kernel, its bandwidths taken from the points where they are not given.
+
+        Args:
+            points: shape (n, d), n at least 1.
+            ages: number of entries of a window that a point is made of, each of d / ages numbers.
+
+        Raises:
+            ValueError: the bandwidths given are neither one, nor one per number of a point, nor of an entry.
+        """
         products = (factors.split("*") for factors in self.form.split("+"))
-        return reduce(add, (reduce(mul, (KERNELS[f.strip()](self, points) for f in p)) for p in products))
+        return reduce(add, (reduce(mul, (KERNELS[f.strip()](self, points, ages) for f in p)) for p in products))
 
-    def _rbf(self, points: Array) -> Kernel:
+    def bandwidths(self, points: Array, ages: int) -> tuple[float, ...]:
+        """Return the bandwidths times their scale: one, or one per dimension of the points."""
         bandwidth = median_bandwidth(points) if isinstance(self.bandwidth, str) else self.bandwidth
-        ages, rest = divmod(points.shape[1], len(bandwidth))
-        repeats = 1 if rest or len(bandwidth) == 1 else ages
-        return RBF(tuple(self.bandwidth_scale * b for b in bandwidth * repeats))
+        d = points.shape[1]
+        good = len(bandwidth) in (1, d // ages, d)
+        require(good, "kernel.bandwidth", f"{numbers(1, d // ages, d)}, for the policy's inputs", len(bandwidth))
+        repeats = ages if len(bandwidth) == d // ages != 1 else 1
+        return tuple(self.bandwidth_scale * b for b in bandwidth * repeats)
 
-    def _polynomial(self, points: Array) -> Kernel:
+    def _rbf(self, points: Array, ages: int) -> Kernel:
+        return RBF(self.bandwidths(points, ages))
+
+    def _polynomial(self, points: Array, ages: int) -> Kernel:
         return Polynomial(self.offset, self.degree)
 
 
-KERNELS: dict[str, Callable[[KernelChoice, Array], Kernel]] = {
+KERNELS: dict[str, Callable[[KernelChoice, Array, int], Kernel]] = {
     "rbf": KernelChoice._rbf,
     "polynomial": KernelChoice._polynomial,
 }

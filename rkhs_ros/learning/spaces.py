@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from rkhs_ros.base.settings import setting
-from rkhs_ros.base.validation import require
+from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -99,9 +99,9 @@ class Grid:
                 settings are.
         """
         corners = {"grid_low": self.low, "grid_high": self.high, "grid_counts": self.counts}
-        for name, numbers in corners.items():
-            require(len(numbers) in (1, d), f"algorithm.{name}", f"1 or {d} numbers", len(numbers))
-        low, high, counts = (np.broadcast_to(numbers, (d,)) for numbers in corners.values())
+        for name, given in corners.items():
+            require(len(given) in (1, d), f"algorithm.{name}", numbers(1, d), len(given))
+        low, high, counts = (np.broadcast_to(given, (d,)) for given in corners.values())
         require(all(count == int(count) for count in counts), "algorithm.grid_counts", "whole numbers", counts.tolist())
         sizes = tuple(int(count) for count in counts)
         most = f"at most {MAX_GRID_CENTRES} centres in all"

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from rkhs_ros.base.settings import Settings, build, setting, variant
-from rkhs_ros.base.validation import require
+from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.learning.algorithm import Algorithm, Experience, Metrics
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.kernel_choice import KernelChoice
@@ -142,13 +142,22 @@ def first_policy(training: Training, spaces: Spaces) -> GaussianPolicy:
     """Return the policy with mean 0 that explores first; its kernel is settled by what it sees.
 
     Raises:
-        ValueError: the standard deviations are not one, or one per action dimension; or the inputs do not fit.
+        ValueError: the standard deviations are not one, or one per action dimension; or inputs or kernel do not fit.
     """
     sd, action_dim = training.exploration_sd, spaces.action_dim
-    require(len(sd) in (1, action_dim), "exploration_sd", f"1 or {action_dim} numbers", len(sd))
+    require(len(sd) in (1, action_dim), "exploration_sd", numbers(1, action_dim), len(sd))
     variance = ConstantVariance(np.broadcast_to(np.square(sd), (action_dim,)))
     input_dim = training.inputs.dimension(spaces.observation_dim, action_dim)
+    _check_kernel(training, input_dim)
     return GaussianPolicy(Function.zero(RBF((1.0,)), input_dim, action_dim), variance, training.inputs)
+
+
+def _check_kernel(training: Training, input_dim: int) -> None:
+    """Raise ValueError where the kernel does not fit the inputs, or the algorithm, whatever will be seen."""
+    origin = np.zeros((1, input_dim))
+    kernel = training.kernel.fit(origin, training.inputs.ages)
+    kernel(origin, origin)
+    training.algorithm.check_kernel(kernel)
 
 
 def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy | None = None) -> State:
@@ -172,7 +181,8 @@ def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy |
 def _fitting_mean(given: GaussianPolicy, first: GaussianPolicy) -> Function:
     require(given.inputs == first.inputs, "inputs", f"{given.inputs}, which the first policy has", first.inputs)
     sizes = [(policy.mean.input_dim, policy.mean.output_dim) for policy in (first, given)]
-    require(sizes[0] == sizes[1], "first policy", f"one from {sizes[0][0]} to {sizes[0][1]} dimensions", sizes[1])
+    expected, got = (f"one from {d} inputs to {n} actions" for d, n in sizes)
+    require(expected == got, "first policy", f"{expected}, as the task has", got)
     return given.mean
 
 
@@ -236,7 +246,7 @@ def _iteration_after(state: State, training: Training, runner: Runner) -> Iterat
     exploration = collector.explore(policy, training.episodes_per_iteration)
     episodes = exploration.seen_through(policy.inputs)
     if state.iterations == 0 and len(policy.mean.centres) == 0:  # a policy given has its kernel
-        kernel = training.kernel.fit(episodes.flat(episodes.observations))
+        kernel = training.kernel.fit(episodes.flat(episodes.observations), policy.inputs.ages)
         policy = policy.with_mean(replace(policy.mean, kernel=kernel))
     experience = Experience(episodes, training.discount, state.memory, collector.explore_inputs, state.iterations)
     policy, metrics, memory = training.algorithm.update(policy, experience)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rkhs_ros.base.settings import setting
+from rkhs_ros.base.validation import require
 from rkhs_ros.learning.algorithm import Algorithm, Experience, Update, measure
 from rkhs_ros.learning.critics import ValueBaseline
 from rkhs_ros.learning.episodes import Episodes
@@ -16,7 +17,7 @@ from rkhs_ros.learning.weightings import WEIGHTINGS, normalised
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.variance import Variance
 from rkhs_ros.rkhs.function import Function
-from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rkhs.kernels import Array, Kernel
 from rkhs_ros.rkhs.regression import ridge_regression
 
 
@@ -58,6 +59,12 @@ class WeightedExploration(Algorithm):
         super().__post_init__()
         if self.sd_minimum > self.sd_maximum:
             raise ValueError(f"algorithm.sd_minimum: expected at most {self.sd_maximum}, got {self.sd_minimum}")
+
+    def check_kernel(self, kernel: Kernel) -> None:
+        """Raise ValueError where the variance is to be learnt as a mean that the kernel cannot weigh."""
+        remedy = "take rbf, polynomial of an even degree, or algorithm.variance=constant"
+        good = self.variance != "learnt" or kernel.is_positive
+        require(good, "kernel", f"one without negative values for algorithm.variance=learnt ({remedy})", kernel)
 
     @property
     def value_baseline(self) -> ValueBaseline:

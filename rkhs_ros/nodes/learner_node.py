@@ -10,7 +10,7 @@ from rkhs_ros.base.settings import Entry, entries
 from rkhs_ros.learning.training import training_from
 from rkhs_ros.nodes.diagnostics import Diagnostics
 from rkhs_ros.nodes.names import namespaces
-from rkhs_ros.nodes.parameters import declare, declared, given, restarts
+from rkhs_ros.nodes.parameters import declare, declared, given, instance, restarts
 from rkhs_ros.nodes.peers import Peers
 from rkhs_ros.nodes.spin import ReportingNode, run
 from rkhs_ros.nodes.topic_runner import TopicRunner
@@ -39,13 +39,13 @@ class LearnerNode(ReportingNode):
         self.resume = declared(
             self, tree, "resume", False, "go on with the run in the output folder, if one began there"
         )
-        again = restarts(self, tree)
+        again, number = restarts(self, tree), instance(self, tree)
         self.environment = self._environment_from(tree)
         self.training = training_from(tree)
         declare(self, entries(self.training))
         topics = [f"{namespace}episodes" for namespace in namespaces(self.training.simulators)]
         self.diagnostics = Diagnostics(self, again, lambda: self.runner.report(), topics)
-        self._uniqueness = Uniqueness(self)
+        self._uniqueness = Uniqueness(self, number)
         self.peers = Peers(self, self.training.timeout)
         rows = max(self.training.episodes_per_iteration, self.training.evaluation_episodes)
         self.runner = TopicRunner(self, self.peers, self.training.simulators, rows)

@@ -166,7 +166,7 @@ def episodes_of(message: msg.Episodes, batch: Batch, spaces: Spaces) -> Episodes
 
 
 def describe(
-    simulation: Simulation, rows: int, identity: int, step: int, clock: int, *, connected: bool
+    simulation: Simulation, rows: int, identity: int, step: int, clock: int, *, failure: str, connected: bool
 ) -> DescribeTask.Response:
     """Return what a simulation's task is, how many of so many rows it has room for, and how far it is."""
     spaces = simulation.spaces
@@ -182,6 +182,7 @@ def describe(
         rows_at_once=simulation.rows_at_once,
         batch=identity,
         step=step,
+        failure=failure,
         clock=clock,
         connected=connected,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -62,6 +63,16 @@ def declared(node: Node, tree: dict[str, Any], name: str, default: Any, descript
 def restarts(node: Node, tree: dict[str, Any]) -> int:
     """Take out of a node's tree how often it was started again, and declare it."""
     return int(declared(node, tree, "restarts", 0, "times that this node was started again after it died"))
+
+
+def instance(node: Node, tree: dict[str, Any]) -> int:
+    """Take out of a node's tree what names its process, and declare it.
+
+    All nodes of a run are given the time at which it began, plus their restarts: so of two runs all nodes of one are
+    older than those of the other.
+    """
+    about = "names this process among those of its name, the older ones by smaller numbers; 0 for the time"
+    return int(declared(node, tree, "instance", 0, about)) or time.time_ns()
 
 
 def require_known(tree: Mapping[str, Any], *known: str) -> None:

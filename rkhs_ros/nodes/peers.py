@@ -72,7 +72,7 @@ class Peers:
         begin, patience = time.monotonic(), FIRST_RETRY_S
         while self.check_progress(begin, f"the {name} node does not answer"):
             future = client.call_async(request)
-            if self.spin(future.done, min(patience, self.timeout_s)):
+            if self.spin(future.done, min(patience, begin + self.timeout_s - time.monotonic())):
                 return future.result()
             client.remove_pending_request(future)
             patience = min(2 * patience, LONGEST_RETRY_S)

@@ -6,6 +6,7 @@ from functools import partial
 
 from rclpy.node import Node
 
+from rkhs_interfaces.msg import BatchProgress
 from rkhs_interfaces.srv import SetPolicy
 from rkhs_ros.nodes.messages import set_policy_request
 from rkhs_ros.nodes.names import fresh_number
@@ -18,7 +19,7 @@ NAME = "policy"
 class PolicyLink:
     """The policy node as the learner sees it.
 
-    Owns the policy it is to serve, its version, and which process of the node answered last.
+    Owns the policy it is to serve, its version, which process of the node answered last, and how far that one was.
 
     Args:
         node: the learner node.
@@ -27,7 +28,8 @@ class PolicyLink:
 
     def __init__(self, node: Node, peers: Peers) -> None:
         self.version = 0
-        self._policy: GaussianPolicy | None = None
+        self.progress: list[BatchProgress] = []
+        self.policy: GaussianPolicy | None = None
         self._instance = 0
         self._node = node
         self._peers = peers
@@ -39,8 +41,8 @@ class PolicyLink:
 
     def serve(self, policy: GaussianPolicy) -> None:
         """Have the policy node serve a policy, if it does not serve it already."""
-        if policy is not self._policy:
-            self._policy, self.version = policy, fresh_number()
+        if policy is not self.policy:
+            self.policy, self.version = policy, fresh_number()
             self.push(policy)
 
     def push(self, policy: GaussianPolicy) -> bool:
@@ -52,7 +54,8 @@ class PolicyLink:
         """
         ask = partial(self._peers.call_until_accepted, partial(self._set, policy), NAME)
         before = (self._instance, self.version)
-        self._instance = self._peers.call_until_connected(ask, NAME).instance
+        response = self._peers.call_until_connected(ask, NAME)
+        self._instance, self.progress = response.instance, response.progress
         return (self._instance, self.version) != before
 
     def _set(self, policy: GaussianPolicy) -> SetPolicy.Response:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rkhs_interfaces.msg import Action
+from rkhs_interfaces.msg import Action, BatchProgress
 from rkhs_interfaces.msg import Observation as ObservationMessage
 from rkhs_interfaces.msg import Policy as PolicyMessage
 from rkhs_interfaces.srv import SetPolicy
@@ -12,10 +12,10 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.diagnostics import Diagnostics
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS, batch_of, doubles, observations_of, policy_of
 from rkhs_ros.nodes.names import namespaces
-from rkhs_ros.nodes.parameters import declared, given, require_known, restarts
+from rkhs_ros.nodes.parameters import declared, given, instance, require_known, restarts
 from rkhs_ros.nodes.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.uniqueness import Uniqueness
-from rkhs_ros.policies.serving import Answer, Ignored, Observation, Refused, Reply, ServedPolicy, Session
+from rkhs_ros.policies.serving import Answer, Failed, Ignored, Observation, Refused, Reply, ServedPolicy, Session
 from rkhs_ros.policies.storage import load_policy
 
 MOST_SIMULATORS = 64
@@ -24,7 +24,7 @@ MOST_SIMULATORS = 64
 class SimulatorTopics:
     """The topics of one simulator: what it shows goes to its session, the answers go back.
 
-    Owns the session.
+    Owns the session, and in which batch the policy failed.
 
     Args:
         node: the policy node.
@@ -34,6 +34,7 @@ class SimulatorTopics:
     def __init__(self, node: PolicyNode, namespace: str) -> None:
         self._node = node
         self.session = Session()
+        self._failed: BatchProgress | None = None
         self.actions = node.create_publisher(Action, f"{namespace}action", LOCKSTEP_QOS)
         node.create_subscription(ObservationMessage, f"{namespace}observation", self._observe, LOCKSTEP_QOS)
 
@@ -41,12 +42,22 @@ class SimulatorTopics:
         before = self.session.last
         match self._reply(message):
             case Answer() as answer:
+                self._failed = None
+                self._node.diagnostics.stuck = ""
                 self.actions.publish(_action_message(answer))
                 self._node.diagnostics.steps += answer is not before
             case Ignored(reason):
                 self._node.diagnostics.pass_over(f"an observation: {reason}")
             case Refused(reason):
                 self._node.diagnostics.refuse(f"an observation: {reason}")
+            case Failed(reason):
+                self._failed = BatchProgress(batch=message.batch, step=message.step, failure=reason)
+                self._node.diagnostics.stuck = reason
+
+    def progress(self) -> BatchProgress:
+        """Return how far the policy came with the simulator's batch."""
+        last = self.session.last
+        return self._failed or (BatchProgress(batch=last.identity, step=last.step) if last else BatchProgress())
 
     def _reply(self, message: ObservationMessage) -> Reply:
         try:
@@ -75,12 +86,12 @@ class PolicyNode(ReportingNode):
         simulators = declared(self, tree, "simulators", 1, "simulator nodes to serve")
         if not 1 <= simulators <= MOST_SIMULATORS:
             raise ValueError(f"simulators: expected 1 to {MOST_SIMULATORS}, got {simulators}")
-        again = restarts(self, tree)
+        again, number = restarts(self, tree), instance(self, tree)
         self.served = self._from_file(tree)
         self._simulators = [SimulatorTopics(self, namespace) for namespace in namespaces(simulators)]
         topics = [f"{namespace}observation" for namespace in namespaces(simulators)]
         self.diagnostics = Diagnostics(self, again, self._report, topics)
-        self._uniqueness = Uniqueness(self)
+        self._uniqueness = Uniqueness(self, number)
         self.create_service(SetPolicy, "set_policy", self._set_policy)
 
     def heartbeat(self) -> float:
@@ -119,6 +130,7 @@ class PolicyNode(ReportingNode):
             self.diagnostics.refuse(f"a policy: {error}")
         response.version = self._version
         response.instance = self._uniqueness.instance
+        response.progress = [simulator.progress() for simulator in self._simulators]
         response.connected = all(simulator.actions.get_subscription_count() > 0 for simulator in self._simulators)
         return response
 

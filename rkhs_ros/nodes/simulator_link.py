@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from rclpy.node import Node
 
+from rkhs_interfaces.msg import BatchProgress
 from rkhs_interfaces.msg import Episodes as EpisodesMessage
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
+from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import require, shown
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.replay import check_actions
@@ -26,8 +29,9 @@ from rkhs_ros.runs.config import MOST_ROWS, Environment
 class SimulatorLink:
     """One simulator as the learner sees it.
 
-    Owns the task it simulates, the batch that it was asked for and the policy that acts in it, the step at which it was
-    seen, and the episodes that it sent. Only those in which the policy acted are taken.
+    Owns the task it simulates, the batch that it was asked for and the policy that acts in it, the furthest step of the
+    batch that was seen, how often it was begun without coming further, and the episodes that it sent. Only those in
+    which the policy acted are taken.
 
     Args:
         node: the learner node.
@@ -46,6 +50,7 @@ class SimulatorLink:
         self.episodes: Episodes | None = None
         self.request = StartEpisodes.Request()
         self.step = 0
+        self.attempts = 0
         self.refusal = ""  # why episodes of the batch were refused; empty while none were
         self._policy: GaussianPolicy | None = None
         self._peers = peers
@@ -92,26 +97,31 @@ class SimulatorLink:
 
     def describe(self) -> DescribeTask.Response:
         """Ask the simulator what it simulates and how far it is."""
-        return self._peers.call(self._describe, DescribeTask.Request(rows=self._rows), self.name)
+        with self._place_named():
+            return self._peers.call(self._describe, DescribeTask.Request(rows=self._rows), self.name)
 
     def mark_idle(self) -> None:
         """Mark the simulator idle."""
         self.batch, self.episodes = None, None
+        self.step = self.attempts = 0
 
-    def begin(self, batch: Batch, policy: GaussianPolicy, version: int, clock: int) -> None:
+    def begin(self, batch: Batch, policy: GaussianPolicy | None, version: int, clock: int) -> None:
         """Have the simulator begin a batch, in which the policy of that version acts.
 
         Raises:
             ValueError: it refuses.
         """
-        self.batch, self.episodes, self.step, self.refusal = batch, None, 0, ""
+        self.batch, self.episodes, self.refusal = batch, None, ""
+        self.attempts += 1
         self._policy = policy
         self.request = start_request(fresh_number(), version, batch, self.task, clock)
-        self._peers.call_until_accepted(self._ask, self.name)
+        with self._place_named():
+            self._peers.call_until_accepted(self._ask, self.name)
 
     def ask_again(self) -> bool:
         """Have what the simulator published last repeated; return whether it knows the batch as it was asked for."""
-        return bool(self._ask().accepted)
+        with self._place_named():
+            return bool(self._ask().accepted)
 
     def _ask(self) -> StartEpisodes.Response:
         return self._peers.call(self._start, self.request, self.name)
@@ -125,10 +135,32 @@ class SimulatorLink:
         """Return whether the batch is lost: the simulator died since, or somebody else had it begin another."""
         return bool(task.batch != self.request.batch)
 
-    def moved(self, task: DescribeTask.Response) -> bool:
-        """Return whether the simulator came to another step since this was asked before."""
-        before, self.step = self.step, int(task.step)
-        return self.step != before
+    def advanced(self, batch: int, step: int) -> bool:
+        """Return whether the batch of that number came further than ever, to that step, counted from 1."""
+        further = batch == self.request.batch and step > self.step
+        if further:
+            self.step, self.attempts = step, 1
+        return further
+
+    def check(self, task: DescribeTask.Response, answered: BatchProgress) -> None:
+        """Raise RunError where the environment failed in the batch, or the policy, as simulator and policy node say."""
+        if task.failure and not self.lost(task):
+            raise RunError(task.failure)
+        if answered.failure and answered.batch == self.request.batch:
+            raise RunError(f"{self.task.environment}: {answered.failure}")
+
+    @property
+    def place(self) -> str:
+        """Where the environment was seen last."""
+        return f"{self.task.environment} was in {f'step {self.step}' if self.step else 'its reset'}"
+
+    @contextmanager
+    def _place_named(self) -> Iterator[None]:
+        """Say where the environment was when the simulator fell silent, as it may be what hangs."""
+        try:
+            yield
+        except PeerError as error:
+            raise PeerError(f"{error}; {self.place}" if self.batch else str(error)) from error
 
     def _hear(self, message: EpisodesMessage) -> None:
         expected = (self.request.batch, self.request.policy_version)

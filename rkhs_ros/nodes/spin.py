@@ -14,16 +14,17 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from rkhs_ros.base.endings import RunError, say
+from rkhs_ros.base.streams import messages_may_be_lost
+
 if TYPE_CHECKING:
     from rkhs_ros.nodes.diagnostics import Diagnostics
 
-BAD_INPUT = 2  # exit code
-FAILED = 1  # exit code
 SIGNAL_CHECK_S = 0.1  # between looks at whether a signal came
 AnyNode = TypeVar("AnyNode", bound=Node)
 
 
-class PeerError(RuntimeError):
+class PeerError(RunError):
     """A node that does not answer in time or is there twice; the message names it."""
 
 
@@ -57,10 +58,15 @@ def serve(node: ReportingNode, stop: Event) -> None:
 def run(make_node: Callable[[], AnyNode], work: Callable[[AnyNode, Event], None]) -> None:
     """Run a node's process: make it, let it work, and end cleanly.
 
-    Bad input ends with one line and exit code 2, a silent peer or a full disk with one line and exit code 1, a
-    signal with exit code 0. A signal only sets the event that the work is given: ROS's own handlers would pull the
-    context from under a callback that is about to publish.
+    Bad input ends with one line and exit code 2, a silent peer, a failed environment or a full disk with one line and
+    exit code 1, a signal with exit code 0. A signal only sets the event that the work is given: ROS's own handlers
+    would pull the context from under a callback that is about to publish.
     """
+    with messages_may_be_lost():
+        sys.exit(_code_of(make_node, work))
+
+
+def _code_of(make_node: Callable[[], AnyNode], work: Callable[[AnyNode, Event], None]) -> int:
     stop = Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, frame: stop.set())
@@ -76,17 +82,10 @@ def run(make_node: Callable[[], AnyNode], work: Callable[[AnyNode, Event], None]
             node.destroy_node()
     except StoppedError:
         pass
-    except ValueError as error:
-        code = _say(error, BAD_INPUT)
-    except (PeerError, OSError) as error:
-        code = _say(error, FAILED)
+    except (ValueError, OSError, RunError) as error:
+        code = say(error)
     finally:
         rclpy.try_shutdown()
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)  # Python would put back what kills it while it ends
-    sys.exit(code)
-
-
-def _say(error: Exception, code: int) -> int:
-    print(f"error: {error}", file=sys.stderr, flush=True)
     return code

@@ -9,9 +9,10 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
+from rkhs_ros.base.validation import shown
 from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS, REPORT_PERIOD_S, TOPIC
 from rkhs_ros.nodes.spin import SIGNAL_CHECK_S, PeerError, run
 
@@ -45,8 +46,8 @@ def table(statuses: dict[str, DiagnosticStatus]) -> Table:
     result = Table("node", "state", *KEYS)
     for name, status in sorted(statuses.items()):
         values = {value.key: value.value for value in status.values}
-        state = f"[{COLOURS.get(status.level, 'red')}]{escape(status.message)}"
-        result.add_row(name, state, *(escape(values.get(key, "")) for key in KEYS))
+        state = Text(shown(status.message), COLOURS.get(status.level, "red"))
+        result.add_row(Text(shown(name)), state, *(Text(shown(values.get(key, ""))) for key in KEYS))
     return result
 
 

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import time
 from functools import reduce
+from itertools import chain, repeat
 from operator import add
 
+from rkhs_interfaces.msg import BatchProgress
+from rkhs_ros.base.endings import RunError
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.nodes.names import namespaces
 from rkhs_ros.nodes.peers import Peers
+from rkhs_ros.nodes.policy_link import NAME as POLICY
 from rkhs_ros.nodes.policy_link import PolicyLink
 from rkhs_ros.nodes.publishers import listed
 from rkhs_ros.nodes.simulator_link import SimulatorLink
@@ -18,17 +22,17 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import Environment
 
 IDLE_CHECK_S = 0.5  # without episodes before the peers are looked after
-MOST_REFUSED = 5  # times that a batch is begun anew because its episodes are refused
+UNKNOWN = repeat(BatchProgress())  # of a policy node that says nothing
+MOST_ATTEMPTS = 5  # at a batch that comes no further, as a node dies at the same step each time
 
 
 class TopicRunner:
     """Lets policies act in simulator nodes; a `Runner` to the training loop.
 
-    Owns the steps that the simulators' clocks have counted, when there was progress, and how often the batch was begun
-    anew because its episodes were refused. Does not own the environment, the policy in service or the steps of a batch:
-    it hears whole episodes, so that a step costs one message each way between simulator and policy node. Brings peers
-    back that died: what one of them no longer knows begins anew, and comes out the same to the last bit. So it does
-    where the actions are not those of the policy, which are computed again.
+    Owns the steps that the simulators' clocks have counted, and when there was progress. Does not own the environment,
+    the policy in service or the steps of a batch: it hears whole episodes, so that a step costs one message each way
+    between simulator and policy node. Brings peers back that died: what one of them no longer knows begins anew, and
+    comes out the same to the last bit. So it does where another policy acted.
 
     Args:
         node: the learner node.
@@ -42,7 +46,6 @@ class TopicRunner:
         self._peers = peers
         self._clock_steps = 0
         self._progress_at = 0.0  # monotonic time, seconds
-        self._refused = 0
         refuse = node.diagnostics.refuse
         self._simulators = [SimulatorLink(node, peers, place, rows, refuse) for place in namespaces(simulators)]
         self._policy = PolicyLink(node, peers)
@@ -73,8 +76,9 @@ class TopicRunner:
         """Return the episodes of a batch under the policy, as many at a time as the simulators have room for.
 
         Raises:
-            PeerError: a node did not answer in time, or there was one of the learner's name before, or episodes in
-                which another policy acted came again and again.
+            PeerError: a node did not answer in time, there was one of the learner's name before, or episodes in which
+                another policy acted came again and again.
+            RunError: the environment failed, the policy's actions are not finite, or a node dies again and again.
             ValueError: a node refused the policy or the batch.
         """
         self._policy.serve(policy)
@@ -91,8 +95,8 @@ class TopicRunner:
         """Return the episodes of a batch that there is room for."""
         for simulator in self._simulators:
             simulator.mark_idle()
-        self._begin(policy, list(zip(self._simulators, batch.split(len(self._simulators)), strict=False)))
-        self._progress_at, self._refused = time.monotonic(), 0
+        self._begin(list(zip(self._simulators, batch.split(len(self._simulators)), strict=False)))
+        self._progress_at = time.monotonic()
         while not self._peers.spin(self._complete, IDLE_CHECK_S):
             self._recover(policy)
         self._node.diagnostics.stuck = ""
@@ -102,50 +106,55 @@ class TopicRunner:
     def _complete(self) -> bool:
         return not any(simulator.busy for simulator in self._simulators)
 
-    def _begin(self, policy: GaussianPolicy, parts: list[tuple[SimulatorLink, Batch]]) -> None:
+    def _begin(self, parts: list[tuple[SimulatorLink, Batch]]) -> None:
         """Have simulators begin batches side by side."""
         for simulator, batch in parts:
-            simulator.begin(batch, policy, self._policy.version, self._clock_steps)
+            simulator.begin(batch, self._policy.policy, self._policy.version, self._clock_steps)
         self._clock_steps += max(batch.horizon for _, batch in parts)
 
     def _recover(self, policy: GaussianPolicy) -> None:
         """Ask again for what may have been lost, and begin anew what a node that died no longer knows."""
         policy_is_new = self._policy.push(policy)
-        for simulator in self._simulators:
+        for simulator, answered in zip(self._simulators, chain(self._policy.progress, UNKNOWN), strict=False):
             if simulator.busy and simulator.batch is not None:
-                self._recover_batch(simulator, policy, simulator.batch, policy_is_new)
+                self._recover_batch(simulator, simulator.batch, answered, policy_is_new)
         if not (self._complete() or self._peers.check_progress(self._progress_at, "no simulator makes a step")):
             raise self._peers.silent("policy", "acted in no step")
 
     def _recover_batch(
-        self, simulator: SimulatorLink, policy: GaussianPolicy, batch: Batch, policy_is_new: bool
+        self, simulator: SimulatorLink, batch: Batch, answered: BatchProgress, policy_is_new: bool
     ) -> None:
+        further = simulator.advanced(answered.batch, answered.step + 1)
         task, now = simulator.describe(), time.monotonic()
-        moved, parts = simulator.moved(task), [(simulator, batch)]
+        simulator.check(task, answered)
+        further |= simulator.advanced(task.batch, task.step)
         if policy_is_new or simulator.lost(task):
-            self._node.get_logger().info(f"the batch of the {simulator.name} node begins anew")
-            self._begin(policy, parts)
+            self._begin_anew(simulator, batch, POLICY if policy_is_new else simulator.name)
             self._progress_at = now
-        elif moved:
+        elif further:
             self._progress_at = now
         elif simulator.busy and simulator.refusal:
-            self._count_refused(simulator)
-            self._begin(policy, parts)
+            self._take_again(simulator, batch)
+            self._progress_at = now
         elif self._peers.stalled(self._progress_at) or not simulator.ask_again():
-            self._begin(policy, parts)  # for reasons not known, or since somebody began another batch of its number
+            self._begin([(simulator, batch)])  # for reasons not known, or since somebody began another of its number
 
-    def _count_refused(self, simulator: SimulatorLink) -> None:
-        """Count a batch of which the episodes were refused.
+    def _begin_anew(self, simulator: SimulatorLink, batch: Batch, died: str) -> None:
+        if simulator.attempts >= MOST_ATTEMPTS:
+            raise RunError(f"the {died} node died {simulator.attempts} times at the same place; {simulator.place}")
+        self._node.get_logger().info(f"the batch of the {simulator.name} node begins anew")
+        self._begin([(simulator, batch)])
+
+    def _take_again(self, simulator: SimulatorLink, batch: Batch) -> None:
+        """Have a batch begin anew whose episodes were refused, and say who may have sent them.
 
         Raises:
-            PeerError: there were too many; the message says who publishes on the topics of the batch.
+            PeerError: they were refused too often.
         """
-        self._refused += 1
         topics = (f"{simulator.namespace}{topic}" for topic in ("observation", "action", "episodes"))
-        speakers = "; ".join(listed(self._node, topic) for topic in topics)
-        if self._refused > MOST_REFUSED:
-            raise PeerError(
-                f"the {simulator.name} node sent wrong episodes {self._refused} times: {simulator.refusal}; "
-                f"publishers of {speakers}"
-            )
-        self._node.get_logger().warning(f"the batch of the {simulator.name} node begins anew; publishers of {speakers}")
+        publishers = f"publishers of {'; '.join(listed(self._node, topic) for topic in topics)}"
+        if simulator.attempts >= MOST_ATTEMPTS:
+            times = f"{simulator.attempts} times"
+            raise PeerError(f"the {simulator.name} node sent wrong episodes {times}: {simulator.refusal}; {publishers}")
+        self._node.get_logger().warning(f"the batch of the {simulator.name} node begins anew; {publishers}")
+        self._begin([(simulator, batch)])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -24,10 +22,11 @@ class Uniqueness:
 
     Args:
         node: the node, of which the full name is announced.
+        instance: that number.
     """
 
-    def __init__(self, node: Node) -> None:
-        self.instance = time.time_ns()
+    def __init__(self, node: Node, instance: int) -> None:
+        self.instance = instance
         self._node = node
         self._twins: list[int] = []  # instances heard since the last check
         node.create_subscription(NodeInstance, TOPIC, self._hear, HEARER_QOS)

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from rkhs_ros.base.validation import pick, require
+from rkhs_ros.base.yaml_text import read_yaml
 from rkhs_ros.runs.config import Config, load_config
 
 BANDS = ("confidence", "sd")
@@ -87,7 +86,7 @@ def load_experiment(name: str) -> Experiment:
         ValueError: the name is unknown, or the file is not an experiment.
     """
     path = pick(name, known(), "experiment")
-    tree = _section(yaml.safe_load(path.read_text()), ("title", "runs", "band", "panels"), str(path))
+    tree = _section(read_yaml(path), ("title", "runs", "band", "panels"), str(path))
     require(tree["band"] in BANDS, f"{path}: band", f"one of {', '.join(BANDS)}", tree["band"])
     panels = tuple(_panel(panel, path) for panel in tree["panels"])
     return Experiment(name, str(tree["title"]), int(tree["runs"]), str(tree["band"]), panels)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import wrap
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,6 +14,7 @@ from rkhs_ros.paper.table import Returns, Table
 from rkhs_ros.pictures.run_pictures import references
 from rkhs_ros.rkhs.kernels import Array
 
+TITLE_CHARACTERS = 60  # that fit above one plot
 CONFIDENCE = 1.96  # standard errors on both sides of 95 %
 
 
@@ -28,7 +30,9 @@ def draw_experiment(path: Path, experiment: Experiment, table: Table) -> None:
         above.legend(frameon=False, fontsize=8, loc="best")
     runs = max(returns.runs for returns in table.values())
     band = "95 % confidence of the mean" if experiment.band == "confidence" else "one standard deviation of the runs"
-    figure.suptitle(f"{experiment.title}\nnoise-free policy, mean of {runs} runs; band: {band}", fontsize=11)
+    width = TITLE_CHARACTERS * columns
+    lines = [*wrap(experiment.title, width), *wrap(f"noise-free policy, mean of {runs} runs; band: {band}", width)]
+    figure.suptitle("\n".join(lines), fontsize=11)
     figure.savefig(path, dpi=90)
 
 

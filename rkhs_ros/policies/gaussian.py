@@ -7,7 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from rkhs_ros.base.validation import require
+from rkhs_ros.base.endings import RunError
+from rkhs_ros.base.validation import require, shown
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance, Variance
@@ -94,6 +95,7 @@ class Acting:
 
         Raises:
             ValueError: the observations are not what the policy takes.
+            RunError: an action is not finite.
         """
         inputs = self.policy.inputs
         if observations.shape[1] != self._columns:
@@ -121,7 +123,15 @@ class Acting:
         require(numbers <= MOST_NUMBERS, "batch", f"at most {MOST_NUMBERS} numbers at a time", numbers)
 
     def _act(self, step: int, points: Array) -> Array:
-        return self.policy.act(points, self._exploration[:, step]) if self._explore else self.policy.mean(points)
+        policy = self.policy
+        actions = policy.act(points, self._exploration[:, step]) if self._explore else policy.mean(points)
+        finite = np.isfinite(actions).all(axis=1)
+        if not finite.all():
+            row = int(finite.argmin())
+            raise RunError(
+                f"the policy's action in row {row}, step {step + 1}: expected finite numbers, got {shown(actions[row])}"
+            )
+        return actions
 
     @cached_property
     def _exploration(self) -> Array:

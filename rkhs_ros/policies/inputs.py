@@ -52,6 +52,11 @@ class Inputs(Settings):
         """The columns of the observation that are angles."""
         return [] if isinstance(self.angles, str) else [int(column) for column in self.angles]
 
+    @property
+    def ages(self) -> int:
+        """Number of entries that a point holds, the same numbers at each age; of monomials 1."""
+        return 1 if self.degree else self.history
+
     def dimension(self, observation_dim: int, action_dim: int) -> int:
         """Return the dimension of the points.
 

@@ -55,6 +55,12 @@ class Policy:
         actions = self.spaces.shaped(self._mean(rows))
         return actions[0] if one else actions
 
+    def __repr__(self) -> str:
+        """Return what the policy is of in one line."""
+        mean = self.gaussian.mean
+        sizes = f"{mean.input_dim} inputs, {mean.output_dim} actions, {len(mean.centres)} centres"
+        return f"<Policy of {self.task.environment}: {sizes}>"
+
     def reset(self) -> None:
         """Forget what was observed and done: another episode begins."""
         self._observations.clear()

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-import numpy as np
-
+from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import require
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.streams import Batch
@@ -87,7 +86,14 @@ class Refused:
     reason: str
 
 
-Reply = Answer | Ended | Ignored | Refused
+@dataclass(frozen=True)
+class Failed:
+    """The policy cannot act in the batch; the reason says where."""
+
+    reason: str
+
+
+Reply = Answer | Ended | Ignored | Refused | Failed
 
 
 @dataclass(frozen=True)
@@ -127,7 +133,7 @@ class Session:
     def answer(self, observation: Observation, served: ServedPolicy | None) -> Reply:
         """Return the answer to an observation; a duplicate is answered alike.
 
-        What is ignored or refused leaves the session as it was.
+        What is ignored or refused, or where the policy fails, leaves the session as it was.
 
         Args:
             observation: what the simulator shows.
@@ -142,6 +148,8 @@ class Session:
                 return self._go_on(observation, serving)
         except ValueError as error:
             return Refused(str(error))
+        except RunError as error:
+            return Failed(str(error))
         batch, version = serving.last.identity if serving else 0, served.version if served else 0
         return Ignored(
             f"expected batch {batch} or step 0 of a new one, policy version {version}, "
@@ -178,5 +186,4 @@ def _names(value: Observation | Answer) -> tuple[int, int]:
 
 def _act(acting: Acting, observation: Observation) -> Answer:
     actions = acting(observation.step, observation.observations)
-    require(bool(np.isfinite(actions).all()), "actions", "finite numbers", "nan or infinity")
     return Answer(observation.identity, observation.version, observation.step, actions)

@@ -31,6 +31,9 @@ class Spaces:
     def __post_init__(self) -> None:
         """Raise ValueError where the bounds are no bounds."""
         low, high = self.action_low, self.action_high
+        good = all(isinstance(size, int) and size >= 0 for size in self.observation_shape)
+        require(good, "observation_shape", "whole numbers >= 0", self.observation_shape)
+        require(bool(np.issubdtype(low.dtype, np.floating)), "action_low", "real numbers", low.dtype)
         require(low.shape == high.shape and low.dtype == high.dtype, "action_high", "the low bound's kind", high)
         require(bool((low <= high).all()), "action_low", "at most action_high", low)
 
@@ -69,6 +72,10 @@ class Spaces:
         Raises:
             ValueError: the shape is neither that of an observation nor that of several.
         """
+        if isinstance(observations, dict | tuple):
+            raise ValueError(
+                "observation: expected numbers, got a composed one; use gymnasium.spaces.flatten(space, it)"
+            )
         array = np.asarray(observations, dtype=np.float64)
         one = array.shape == self.observation_shape
         good = one or array.shape[1:] == self.observation_shape

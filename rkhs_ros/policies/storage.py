@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from io import BytesIO
 from itertools import pairwise
+from math import prod
 from pathlib import Path
 from typing import Any, NamedTuple
 from zipfile import ZipFile
@@ -15,7 +16,7 @@ import numpy as np
 
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.settings import build
-from rkhs_ros.base.validation import require
+from rkhs_ros.base.validation import finite_array, require
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
@@ -24,6 +25,7 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Kernel, Term, kernel_from_terms
 
 SCHEMA = 2
+SMALL, MOST_EXPANSION = 2**26, 20  # bytes that any archive may grow to, and how many times its size beyond
 Arrays = dict[str, np.ndarray]
 
 
@@ -42,6 +44,14 @@ class Task:
     options: dict[str, Any]
     horizon: int
     discount: float
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where a value is of another type or out of its range, as in a file by somebody else."""
+        require(isinstance(self.environment, str), "task: environment", "text", repr(self.environment))
+        require(isinstance(self.options, Mapping), "task: options", "a section of keys", repr(self.options))
+        require(type(self.horizon) is int and self.horizon >= 1, "task: horizon", "a whole number >= 1", self.horizon)
+        good = type(self.discount) in (int, float) and 0.0 <= self.discount <= 1.0
+        require(good, "task: discount", "a number in [0, 1]", repr(self.discount))
 
 
 class SavedPolicy(NamedTuple):
@@ -87,7 +97,7 @@ def read_policy(path: Path) -> SavedPolicy:
     """
     try:
         arrays = unpacked(path.read_bytes())
-        schema = int(arrays["schema"])
+        (schema,) = whole_numbers(arrays["schema"].reshape(1), "schema")
         require(schema == SCHEMA, f"{path}", f"a policy of schema {SCHEMA}", f"schema {schema}")
         return SavedPolicy(policy_of(arrays), Task(**json.loads(str(arrays["task"]))), _spaces(arrays))
     except FileNotFoundError:
@@ -107,8 +117,8 @@ def _spaces_arrays(spaces: Spaces) -> Arrays:
 def _spaces(arrays: Arrays) -> Spaces | None:
     if "observation_shape" not in arrays:
         return None
-    shape = tuple(int(size) for size in arrays["observation_shape"])
-    return Spaces(shape, arrays["action_low"], arrays["action_high"])
+    shape = whole_numbers(arrays["observation_shape"], "observation_shape")
+    return Spaces(tuple(shape), arrays["action_low"], arrays["action_high"])
 
 
 def packed(arrays: Arrays) -> bytes:
@@ -122,11 +132,38 @@ def unpacked(content: bytes) -> Arrays:
     """Return the arrays of an npz file; where it is damaged this raises almost anything.
 
     Each array's bytes are read to their end, for only there their checksum is compared. Reading by numpy alone ends
-    where the array's own header says.
+    where the array's own header says. No more is read than the archive says, and that is looked at first.
+
+    Raises:
+        ValueError: it would grow beyond all measure.
     """
     with ZipFile(BytesIO(content)) as archive:
+        size = sum(member.file_size for member in archive.infolist())
+        most = SMALL + MOST_EXPANSION * len(content)
+        require(size <= most, "archive", f"at most {most} bytes in {len(content)}", size)
         members = {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
-    return {name: np.lib.format.read_array(BytesIO(member), allow_pickle=False) for name, member in members.items()}
+    return {name: _array(member) for name, member in members.items()}
+
+
+def _array(content: bytes) -> np.ndarray:
+    """Return the array in an npy file, whose header may say that there is more of it than there is."""
+    mapped = BytesIO(content)
+    np.lib.format.read_magic(mapped)
+    shape, _, kind = np.lib.format.read_array_header_1_0(mapped)
+    size = prod(shape) * kind.itemsize
+    require(min(shape, default=0) >= 0 and size <= len(content), "array", f"at most {len(content)} bytes", size)
+    return np.asarray(np.lib.format.read_array(BytesIO(content), allow_pickle=False))
+
+
+def whole_numbers(values: np.ndarray, what: str) -> list[int]:
+    """Return the whole numbers >= 0 in an array.
+
+    Raises:
+        ValueError: they are others, or there is something else in it.
+    """
+    good = values.ndim == 1 and values.dtype.kind in "iu" and bool((values >= 0).all())
+    require(good, what, "whole numbers >= 0 in a row", values)
+    return [int(value) for value in values]
 
 
 def policy_arrays(policy: GaussianPolicy) -> Arrays:
@@ -162,9 +199,10 @@ def _kernel_arrays(prefix: str, kernel: Kernel) -> Arrays:
 
 
 def _kernel(arrays: Arrays, prefix: str) -> Kernel:
-    ends = np.cumsum([0, *arrays[f"{prefix}_sizes"]])
-    parameters: Sequence[Iterable[float]] = [arrays[f"{prefix}_parameters"][a:b] for a, b in pairwise(ends)]
-    return kernel_from_terms(Term(str(n), tuple(p)) for n, p in zip(arrays[prefix], parameters, strict=True))
+    ends = np.cumsum([0, *whole_numbers(arrays[f"{prefix}_sizes"], f"{prefix}_sizes")])
+    flat = finite_array(arrays[f"{prefix}_parameters"], (int(ends[-1]),), f"{prefix}_parameters")
+    parameters = [tuple(flat[a:b]) for a, b in pairwise(ends)]
+    return kernel_from_terms(Term(str(n), p) for n, p in zip(arrays[prefix], parameters, strict=True))
 
 
 def _variance_arrays(variance: Variance) -> Arrays:

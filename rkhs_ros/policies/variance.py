@@ -50,7 +50,7 @@ class KernelVariance:
     is not a variance. Where all kernel values vanish the variance is the mean over all centres.
 
     Attributes:
-        kernel: positive kernel.
+        kernel: a kernel without negative values, else the mean would be none.
         centres: shape (m, d), m at least 1.
         mass: weight of each centre, shape (m,), positive.
         values: variance at each centre, shape (m, n), not negative.
@@ -67,6 +67,7 @@ class KernelVariance:
 
     def __post_init__(self) -> None:
         """Raise ValueError where shapes do not fit or numbers are out of range."""
+        require(self.kernel.is_positive, "variance kernel", "one without negative values", self.kernel)
         for name in ("centres", "values"):
             shape = np.shape(getattr(self, name))
             require(len(shape) == 2, f"variance {name}", "a matrix", f"shape {shape}")

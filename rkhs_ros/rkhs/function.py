@@ -27,7 +27,7 @@ class Function:
     def __post_init__(self) -> None:
         """Raise ValueError where the shapes do not fit or a number is not finite."""
         for name in ("centres", "weights"):
-            array = np.asarray(getattr(self, name), dtype=np.float64)
+            array = np.asarray(getattr(self, name))
             require(array.ndim == 2, name, "a matrix", f"shape {array.shape}")
             object.__setattr__(self, name, finite_array(array, array.shape, name))
         require(len(self.centres) == len(self.weights), "weights", f"{len(self.centres)} rows", len(self.weights))

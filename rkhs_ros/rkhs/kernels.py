@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.distance import cdist, pdist
 
-from rkhs_ros.base.validation import pick, require
+from rkhs_ros.base.validation import numbers, pick, require
 
 Array = NDArray[np.float64]
 MAX_KERNEL_TERMS = 100  # a kernel is evaluated term within term
+ROUNDING = 1e-9  # part of a column's greatest magnitude; what varies by less is constant but for rounding
 
 
 class Term(NamedTuple):
@@ -52,6 +53,11 @@ class Kernel(ABC):
     def row_by_row(self, x: Array) -> Callable[[int], Array]:
         """Return a function from i to row i of the matrix of all pairs of ``x``, shape (n,)."""
         return lambda i: self(x[i : i + 1], x)[0]
+
+    @property
+    def is_positive(self) -> bool:
+        """Whether no value is negative, so that the values can weigh a mean; unless a kernel says so, some are."""
+        return False
 
     @abstractmethod
     def terms(self) -> tuple[Term, ...]:
@@ -90,12 +96,16 @@ class RBF(Kernel):
 
     def _scale(self, d: int) -> Array:
         if len(self.bandwidth) not in (1, d):
-            expected = f"1 or {d} values for {d}-dimensional points"
+            expected = f"{numbers(1, d)} for {d}-dimensional points"
             raise ValueError(f"rbf bandwidth: expected {expected}, got {len(self.bandwidth)}")
         return 1.0 / np.array(self.bandwidth)
 
     def diagonal(self, x: Array) -> Array:  # noqa: D102
         return np.ones(len(x))
+
+    @property
+    def is_positive(self) -> bool:  # noqa: D102
+        return True
 
     def terms(self) -> tuple[Term, ...]:  # noqa: D102
         return (Term("rbf", self.bandwidth),)
@@ -121,6 +131,10 @@ class Polynomial(Kernel):
     def diagonal(self, x: Array) -> Array:  # noqa: D102
         return np.asarray((np.einsum("ij,ij->i", x, x) + self.offset) ** self.degree)
 
+    @property
+    def is_positive(self) -> bool:  # noqa: D102
+        return self.degree % 2 == 0
+
     def terms(self) -> tuple[Term, ...]:  # noqa: D102
         return (Term("polynomial", (float(self.offset), float(self.degree))),)
 
@@ -138,6 +152,10 @@ class Sum(Kernel):
     def diagonal(self, x: Array) -> Array:  # noqa: D102
         return self.left.diagonal(x) + self.right.diagonal(x)
 
+    @property
+    def is_positive(self) -> bool:  # noqa: D102
+        return self.left.is_positive and self.right.is_positive
+
     def terms(self) -> tuple[Term, ...]:  # noqa: D102
         return (*self.left.terms(), *self.right.terms(), Term("sum", ()))
 
@@ -154,6 +172,10 @@ class Product(Kernel):
 
     def diagonal(self, x: Array) -> Array:  # noqa: D102
         return self.left.diagonal(x) * self.right.diagonal(x)
+
+    @property
+    def is_positive(self) -> bool:  # noqa: D102
+        return self.left.is_positive and self.right.is_positive
 
     def terms(self) -> tuple[Term, ...]:  # noqa: D102
         return (*self.left.terms(), *self.right.terms(), Term("product", ()))
@@ -206,11 +228,11 @@ def kernel_from_terms(terms: Iterable[tuple[str, Sequence[float]]]) -> Kernel:
 
 
 def median_bandwidth(points: ArrayLike, most: int = 1000) -> tuple[float, ...]:
-    """Return the median distance of pairs of points along each dimension (the median trick), or 1 where all agree.
+    """Return the median distance of pairs of points along each dimension (the median trick), 1 where all agree.
 
     At most ``most`` evenly spaced points are paired. The standard deviation is taken where it is larger: where many
     points agree, as at the end of a joint's range, the median tells nothing of the rest. Of normal points the median
-    is 0.95 standard deviations.
+    is 0.95 standard deviations. Points that differ by rounding alone agree.
 
     Args:
         points: shape (n, d), n at least 1.
@@ -221,4 +243,5 @@ def median_bandwidth(points: ArrayLike, most: int = 1000) -> tuple[float, ...]:
     if len(array) == 1:
         return tuple(1.0 for _ in array.T)
     spreads = ((float(np.median(pdist(column[:, None], "cityblock"))), float(column.std())) for column in array.T)
-    return tuple(max(median, deviation) or 1.0 for median, deviation in spreads)
+    least = ROUNDING * np.abs(array).max(axis=0)
+    return tuple(spread if spread > low else 1.0 for spread, low in zip(map(max, spreads), least, strict=True))

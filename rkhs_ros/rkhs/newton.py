@@ -82,10 +82,14 @@ class NewtonBasis:
 
     def __call__(self, x: Array) -> Array:
         """Evaluate the basis at points of shape (n, d): shape (n, m)."""
+        if len(self.centres) == 0:
+            return np.empty((len(x), 0))
         # Solves values factor' = kappa(x, centres); from the right it is twice as fast as solve_triangular.
         return np.asarray(dtrsm(1.0, self.factor.T, self.kernel(self.centres, x).T, side=1))
 
     def function(self, coefficients: Array) -> Function:
         """Return the function with those coefficients, shape (m, n), as centres and weights."""
+        if len(self.centres) == 0:
+            return Function(self.kernel, self.centres, np.empty((0, coefficients.shape[1])))
         weights = solve_triangular(self.factor, coefficients, lower=True, trans="T", check_finite=False)
         return Function(self.kernel, self.centres, weights)

@@ -173,6 +173,8 @@ def _orthogonal(
         remaining[best] = 0.0
         squares.append(float(np.sum(residual**2)))
     k = len(chosen)
+    if k == 0:
+        return np.empty(0, dtype=int), np.empty((0, target.shape[1])), squares
     weights = solve_triangular(triangle[:k, :k], frame[:k] @ target, check_finite=False)
     return np.array(chosen, dtype=int), np.asarray(weights), squares
 

@@ -23,6 +23,8 @@ def ridge_regression(features: Array, targets: Array, penalty: Array, weights: A
         The coefficients theta, shape (p, k).
     """
     n, p = features.shape
+    if p == 0:
+        return np.empty((0, targets.shape[1]))
     if n < p:
         return _dual_ridge_regression(features, targets, penalty, np.ones(n) if weights is None else weights)
     weighted = features if weights is None else features * weights[:, None]

@@ -94,6 +94,6 @@ def _estimate(statistic: Statistic, values: Array) -> Estimate:
         batch=max(BATCH_NUMBERS // values.size, 1),
         confidence_level=CONFIDENCE,
         method="percentile",
-        rng=np.random.default_rng(SEED),
+        random_state=np.random.default_rng(SEED),  # in scipy 1.15 and later also called rng
     ).confidence_interval
     return Estimate(value, interval.low, interval.high)

@@ -7,6 +7,8 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import fields
+from hashlib import blake2b
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +20,9 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.training import State
 from rkhs_ros.policies.storage import packed, policy_arrays, policy_of, unpacked
 from rkhs_ros.runs.config import Config
+from rkhs_ros.runs.surroundings import surroundings
 
-SCHEMA = 2
+SCHEMA = 3
 SYNC_EVERY = 1.0  # seconds; waiting for the disk takes longer than many an iteration
 KEPT = 2
 FREE = ("iterations", "simulators", "timeout")  # settings that no iteration's result depends on
@@ -51,6 +54,9 @@ class Checkpoints:
         self._synced_at = clock()
         self._synced: Path | None = None
         self._last: list[Path] = []
+        self._surroundings = surroundings()
+        self._lines = LinesDigest()
+        self._digested = 0  # bytes of curve.csv
 
     def write(self, state: State) -> None:
         """Write the state after an iteration, whose line is in curve.csv by then.
@@ -63,7 +69,7 @@ class Checkpoints:
         if due:
             sync_to_disk(self._curve)  # first, for without its line a checkpoint is of no use
         path = self._folder / f"{state.iterations:07}.npz"
-        write_whole(path, _content(state, self._config), sync=due)
+        write_whole(path, self._content(state), sync=due)
         if due:
             self._synced, self._synced_at = path, now
         self._last = [*self._last, path][-KEPT:]
@@ -84,17 +90,61 @@ class Checkpoints:
             None where there is no such checkpoint.
 
         Raises:
-            ValueError: a checkpoint of another schema, or with other settings.
+            ValueError: a checkpoint of another schema, with other settings or surroundings, or of another curve.
             OSError: the disk failed.
         """
         for path in sorted(self._folder.glob("*.npz"), reverse=True):
-            state = _read(path, self._config)
+            state, digest = self._read(path) or (None, "")
             if state and state.iterations > lines:
                 _pass_over(path, f"curve.csv has {lines} good lines, not {state.iterations}")
-            elif state and state.iterations < self._config.training.iterations:
-                self._settle(path)
-                return state
+            elif state:
+                self._check_curve(path, state.iterations, digest)
+                if state.iterations < self._config.training.iterations:
+                    self._settle(path)
+                    return state
         return None
+
+    def _content(self, state: State) -> bytes:
+        run = {"settings": self._config.settings, "surroundings": self._surroundings, "curve": self._digest_of_curve()}
+        about = {"schema": SCHEMA, "version": __version__, **run}
+        counts = {name: getattr(state, name) for name in COUNTS}
+        memory = {f"memory_{name}": getattr(state.memory, name) for name in MEMORY}
+        return packed({"about": np.array(json.dumps(about | counts).encode()), **policy_arrays(state.policy), **memory})
+
+    def _read(self, path: Path) -> tuple[State, str] | None:
+        """Return the state in a checkpoint and the digest of the curve up to it, None where it is damaged."""
+        try:
+            arrays = unpacked(path.read_bytes())
+            about = json.loads(arrays["about"].item())
+            _check_same_run(path, about, self._config.settings | self._surroundings)
+            memory = Episodes(*(arrays[f"memory_{name}"] for name in MEMORY))
+            counts = {name: about[name] for name in COUNTS}
+            return State(policy=policy_of(arrays), memory=memory, **counts), about["curve"]
+        except OtherRunError:
+            raise
+        except Exception as error:  # a damaged archive raises almost anything
+            _pass_over(path, f"damaged, {type(error).__name__}: {error}")
+            return None
+
+    def _digest_of_curve(self) -> str:
+        """Return the digest of all lines, of which only the new ones are read."""
+        with self._curve.open("rb") as file:
+            file.seek(self._digested)
+            for line in file:
+                self._lines.add(line)
+            self._digested = file.tell()
+        return str(self._lines)
+
+    def _check_curve(self, path: Path, iterations: int, digest: str) -> None:
+        lines = LinesDigest()
+        with self._curve.open("rb") as file:
+            for line in islice(file, iterations + 1):  # the header, too
+                lines.add(line)
+        if str(lines) != digest:
+            raise OtherRunError(
+                f"{self._curve}: expected the {iterations} lines that {path.name} was written after, got others; "
+                "put them back, or begin another run"
+            )
 
     def _settle(self, path: Path) -> None:
         """Have a checkpoint on the disk, to be kept until there are newer ones."""
@@ -103,35 +153,32 @@ class Checkpoints:
         self._synced, self._last = path, [path]
 
 
-def _content(state: State, config: Config) -> bytes:
-    about = {"schema": SCHEMA, "version": __version__, "settings": config.settings}
-    counts = {name: getattr(state, name) for name in COUNTS}
-    memory = {f"memory_{name}": getattr(state.memory, name) for name in MEMORY}
-    return packed({"about": np.array(json.dumps(about | counts).encode()), **policy_arrays(state.policy), **memory})
+class LinesDigest:
+    """What follows from the lines of a curve, less the seconds, so that no other lines pass for them.
+
+    Owns the digest of those added so far.
+    """
+
+    def __init__(self) -> None:
+        self._digest = blake2b(digest_size=16)
+
+    def add(self, line: bytes) -> None:
+        """Add the next line."""
+        self._digest.update(line.rpartition(b",")[0] + b"\n")
+
+    def __str__(self) -> str:
+        """Return it as text."""
+        return self._digest.hexdigest()
 
 
-def _read(path: Path, config: Config) -> State | None:
-    """Return the state in a checkpoint, None where it is damaged."""
-    try:
-        arrays = unpacked(path.read_bytes())
-        about = json.loads(arrays["about"].item())
-        _check_same_run(path, about, config)
-        memory = Episodes(*(arrays[f"memory_{name}"] for name in MEMORY))
-        return State(policy=policy_of(arrays), memory=memory, **{name: about[name] for name in COUNTS})
-    except OtherRunError:
-        raise
-    except Exception as error:  # a damaged archive raises almost anything
-        _pass_over(path, f"damaged, {type(error).__name__}: {error}")
-        return None
-
-
-def _check_same_run(path: Path, about: dict[str, Any], config: Config) -> None:
+def _check_same_run(path: Path, about: dict[str, Any], settings: dict[str, Any]) -> None:
     schema, version = about["schema"], about["version"]
     if schema != SCHEMA:
         raise OtherRunError(
             f"{path}: expected a checkpoint of schema {SCHEMA}, got schema {schema}; go on with rkhs_ros {version}"
         )
-    began, given = about["settings"], json.loads(json.dumps(config.settings))
+    began = about["settings"] | about["surroundings"]
+    given = json.loads(json.dumps(settings))
     for name in [*given, *began]:
         expected, got = (settings.get(name, "no such setting") for settings in (began, given))
         if expected != got and name not in FREE:

@@ -90,14 +90,18 @@ def compare(places: Sequence[Path]) -> Comparison:
         notes.append(f"Compared up to {limit} exploring episodes, where the shortest run ends: {shortest.folder}.")
     curves = tuple(_curve(*each, limit) for each in zip(_labels(groups), groups, strict=True))
     notes += [f"{c.label}: never evaluated, so its exploring return is taken." for c in curves if not c.is_noise_free]
+    if len({curve.episodes.tobytes() for curve in curves}) > 1:
+        notes.append(
+            "Evaluated after different numbers of episodes: the areas under the curves are not to be compared."
+        )
     return Comparison(task, curves, tuple(notes))
 
 
 def _found(places: Sequence[Path]) -> list[Run]:
     found: dict[Path, Run] = {}
     for place in places:
-        below = sorted(place.iterdir()) if place.is_dir() else []
-        folders = [folder for folder in ([place] if _is_run(place) else below) if _is_run(folder)]
+        folders = [place] if _is_run(place) else [path.parent for path in sorted(place.rglob("config.yaml"))]
+        folders = [folder for folder in folders if _is_run(folder)]
         expected = "the folder of a run, or one that holds such folders (with config.yaml and curve.csv)"
         require(len(folders) > 0, f"{place}", expected, "neither")
         for folder in folders:

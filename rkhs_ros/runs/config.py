@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from rkhs_ros.base.settings import entries
-from rkhs_ros.base.validation import hint, require
+from rkhs_ros.base.settings import Entry, entries
+from rkhs_ros.base.validation import hint, require, shown
+from rkhs_ros.base.yaml_text import loaded, read_yaml, require_ros_value
 from rkhs_ros.learning.training import Training, training_from
 from rkhs_ros.policies.storage import Task
 
@@ -39,6 +38,15 @@ class Environment:
         require(isinstance(self.id, str), "environment.id", "text", repr(self.id))
         require(isinstance(self.options, Mapping), "environment.options", "a section of keys", repr(self.options))
 
+    def entries(self) -> Iterator[Entry]:
+        """Walk through the settings by their dotted names."""
+        yield Entry("environment.id", self.id, {"description": "Gymnasium id of the environment"})
+        rows = {"description": "rows side by side at most; 0 for as many as the environment allows", "minimum": 0}
+        yield Entry("environment.rows_at_once", self.rows_at_once, rows | {"maximum": MOST_ROWS})
+        for name, value in _leaves(self.options):
+            about = {"description": f"option that {self.id} is made with"}
+            yield Entry(f"environment.options.{name}", value, about)
+
 
 @dataclass(frozen=True)
 class Config:
@@ -60,6 +68,12 @@ class Config:
         learner = {entry.name: entry.value for entry in entries(self.training)}
         return {"environment.id": self.environment.id, **options, **learner}
 
+    def check_for_topics(self) -> None:
+        """Raise ValueError where a setting cannot be a ROS parameter, as an option of the environment's may be."""
+        require_ros_value(self.training.name, "name")
+        require_ros_value(self.environment.id, "environment.id")
+        require_ros_value(self.environment.options, "environment.options")
+
     def parameters(self) -> dict[str, Any]:
         """Return all settings as the tree of a ROS parameter file."""
         environment: dict[str, Any] = {"id": self.environment.id}
@@ -74,6 +88,15 @@ class Config:
             "simulator": {"ros__parameters": {"environment": environment}},
             "learner": {"ros__parameters": learner},
         }
+
+
+def _leaves(tree: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Walk through what is no section, by dotted names."""
+    for name, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from ((f"{name}.{rest}", leaf) for rest, leaf in _leaves(value))
+        else:
+            yield name, value
 
 
 def environment_from(tree: Mapping[str, Any]) -> Environment:
@@ -148,18 +171,15 @@ def tree_of(changes: Iterable[str], tree: Mapping[str, Any] | None = None) -> di
         name, equals, text = change.partition("=")
         require(bool(name and equals), "--set", "KEY=VALUE", f"'{change}'")
         try:
-            _insert(changed, name.strip(), yaml.safe_load(text))
-        except yaml.YAMLError as error:
-            raise ValueError(f"--set: expected a value in YAML, got {change!r}") from error
+            value = loaded(text)
+        except ValueError as error:
+            raise ValueError(f"--set: expected a value in YAML, got {shown(repr(change))}") from error
+        _insert(changed, name.strip(), value)
     return changed
 
 
 def _sections(path: Path) -> dict[str, dict[str, Any]]:
-    try:
-        document = yaml.safe_load(path.read_text())
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        reason = " ".join(str(error).split())
-        raise ValueError(f"{path}: expected a YAML file, got one that cannot be parsed ({reason})") from error
+    document = read_yaml(path)
     require(isinstance(document, dict), f"{path}", "sections 'simulator' and 'learner'", type(document).__name__)
     sections: dict[str, dict[str, Any]] = {"simulator": {}, "learner": {}}
     for node, section in document.items():

@@ -50,6 +50,7 @@ def rows_of(source: Source, options: Mapping[str, Any] | None = None, rows_at_on
     """
     if isinstance(source, str):
         return _registered(source, dict(options or {}), rows_at_once)
+    require(not options, "options", "them with an id, or given to the environment where it is made", options)
     if isinstance(source, VectorEnv):
         return VectorRows(lambda rows, horizon: source, source.num_envs)
     if isinstance(source, Env):
@@ -104,6 +105,12 @@ def _registered(environment: str, options: dict[str, Any], rows_at_once: int) ->
         ) from error
     except gymnasium.error.DependencyNotInstalled as error:
         raise ValueError(f"{environment}: expected its packages to be installed, got: {shown(error)}") from error
+    except ValueError:
+        raise
+    except (Exception, SystemExit) as error:  # it is somebody's code
+        raise ValueError(
+            f"{environment}: expected an environment that can be made, got {type(error).__name__}: {shown(error)}"
+        ) from error
 
 
 def _import(module: str, environment: str) -> None:
@@ -111,7 +118,7 @@ def _import(module: str, environment: str) -> None:
         sys.path.append(os.getcwd())
     try:
         importlib.import_module(module)
-    except Exception as error:  # the module is somebody's code
+    except (Exception, SystemExit) as error:  # the module is somebody's code
         raise ValueError(
             f"unknown environment '{shown(environment)}': expected a module '{module}' to import, got "
             f"{type(error).__name__}: {shown(error)}"

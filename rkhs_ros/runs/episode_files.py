@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rkhs_ros.base.files import write_whole
-from rkhs_ros.base.validation import finite_array, require, shown
+from rkhs_ros.base.validation import REAL_KINDS, finite_array, require, shown
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.storage import Arrays, Task, packed, unpacked
 
@@ -64,6 +64,7 @@ def load_episodes(path: Path) -> SavedEpisodes:
 
 def _episodes(arrays: Arrays) -> Episodes:
     for name in ("observations", "actions"):
+        require(name in arrays, "arrays", f"one named {name}", ", ".join(sorted(arrays)) or "none")
         shape = arrays[name].shape
         require(len(shape) == 3, name, "three dimensions: episodes, steps, numbers", shape)
     shape = arrays["observations"].shape[:2]
@@ -71,7 +72,19 @@ def _episodes(arrays: Arrays) -> Episodes:
         observations=finite_array(arrays["observations"], arrays["observations"].shape, "observations"),
         actions=finite_array(arrays["actions"], arrays["actions"].shape, "actions"),
         rewards=finite_array(arrays.get("rewards", np.zeros(shape)), shape, "rewards"),
-        mask=np.asarray(arrays.get("mask", np.ones(shape, dtype=bool)), dtype=bool),
+        mask=_flags(arrays.get("mask", np.ones(shape, dtype=bool)), shape, "mask"),
     )
-    ends: Arrays = {name: arrays[name] for name in ("final_observations", "terminated") if name in arrays}
-    return replace(whole, **ends)
+    rows, width = shape[0], arrays["observations"].shape[2]
+    final = finite_array(
+        arrays.get("final_observations", whole.final_observations), (rows, width), "final_observations"
+    )
+    terminated = _flags(arrays.get("terminated", whole.terminated), (rows,), "terminated")
+    return replace(whole, final_observations=final, terminated=terminated)
+
+
+def _flags(values: np.ndarray, shape: tuple[int, ...], what: str) -> np.ndarray:
+    """Return truth values, which may be written as 0 and 1."""
+    require(values.shape == shape, what, f"the shape {shape}", values.shape)
+    good = values.dtype.kind in REAL_KINDS and bool(np.isin(values, (0, 1)).all())
+    require(good, what, "truth values", values)
+    return values.astype(bool)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from rkhs_ros.learning.training import Iteration, Training
 
@@ -21,14 +21,20 @@ def progress_bar(training: Training, done: int = 0, *, quiet: bool = False) -> I
         done: iterations made before.
         quiet: show nothing.
     """
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
     text = TextColumn("return {task.fields[train]}, noise-free {task.fields[mean]}")
-    with Progress(*columns, text, console=Console(file=sys.stderr), disable=quiet) as progress:
+    with Progress(*columns, text, console=Console(file=sys.stderr, quiet=quiet), disable=quiet) as progress:
         task = progress.add_task(training.name, total=training.iterations, completed=done, train="-", mean="-")
 
         def show(iteration: Iteration) -> None:
-            progress.update(task, advance=1, train=f"{iteration.train_return:.2f}")
+            progress.update(task, advance=1, train=f"{iteration.train_return:.4g}")
             if len(iteration.evaluation):
-                progress.update(task, mean=f"{iteration.mean_policy_return:.2f}")
+                progress.update(task, mean=f"{iteration.mean_policy_return:.4g}")
 
         yield show

@@ -6,19 +6,19 @@ import platform
 import time
 from collections.abc import Iterable
 from datetime import datetime
-from importlib.metadata import version
 from math import inf, isnan
 from pathlib import Path
-
-import yaml
+from shlex import quote
 
 from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import save_policy
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.episode_files import save_episodes
+from rkhs_ros.runs.surroundings import LIBRARIES, surroundings
 
 FIRST_POLICY = "first_policy.npz"  # of a run that began from a given policy
 BEFORE_A_RUN = {"checkpoints", "config.yaml.part", FIRST_POLICY}  # what a run killed before it began may leave
@@ -115,9 +115,10 @@ class Report:
 
 def resolved(config: Config) -> str:
     """Return the whole configuration as a ROS parameter file, under the versions it ran with."""
-    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "gymnasium"))
+    names = ("rkhs_ros", *LIBRARIES)
+    packages = ", ".join(f"{name} {version}" for name, version in surroundings().items() if name in names)
     header = f"# Python {platform.python_version()}, {packages}\n"
-    return header + yaml.safe_dump(config.parameters(), sort_keys=False, default_flow_style=None)
+    return header + dumped(config.parameters())
 
 
 def best_return(rows: Iterable[Row]) -> float:
@@ -132,16 +133,27 @@ def summary(folder: Path, config: Config) -> str:
     evaluations = f", and {last.evaluation_episodes} noise-free ones to measure it" if last.evaluation_episodes else ""
     lines = [
         f"Learnt {config.environment.id} in {last.episodes} episodes{evaluations}, {last.seconds:.1f} s.",
-        f"Return: {first.train_return:.1f} of the first exploring episodes, {_end(rows)} ({last.centres} centres).",
+        f"Return: {first.train_return:.4g} of the first exploring episodes, {_end(rows)} ({last.centres} centres).",
         f"Pictures: {folder / 'curve.png'} and {folder / 'policy.png'}",
     ]
     return "\n".join(lines)
 
 
+def what_was_kept(folder: Path, config: Config) -> str:
+    """Return in a line how far an interrupted run came, what it left, and how it goes on."""
+    done = len(Curve(folder / "curve.csv").rows())
+    kept = [str(folder / name) for name in ("curve.csv", "policy.npz") if (folder / name).is_file()]
+    return (
+        f"interrupted after {done} of {config.training.iterations} iterations; kept: {', '.join(kept) or 'nothing'}; "
+        f"go on with: rkhs train --resume {quote(str(folder))}"
+    )
+
+
 def _end(rows: list[Row]) -> str:
     best = best_return(rows)
     if best == -inf:
-        return f"{rows[-1].train_return:.1f} of the last"
+        return f"{rows[-1].train_return:.4g} of the last"
     at = next(row for row in rows if row.mean_policy_return == best)
     last = next(row for row in reversed(rows) if not isnan(row.mean_policy_return))
-    return f"{last.mean_policy_return:.1f} noise-free at the end, {best:.1f} at best (after {at.episodes} episodes)"
+    end = "at the end" if last is rows[-1] else f"after {last.episodes} episodes"
+    return f"{last.mean_policy_return:.4g} noise-free {end}, {best:.4g} at best (after {at.episodes} episodes)"

@@ -5,9 +5,11 @@ from __future__ import annotations
 from functools import reduce
 from operator import add
 
+from rkhs_ros.base.endings import RunError
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.recording import EpisodeRecorder
 from rkhs_ros.runs.simulation import Simulation
 
@@ -24,7 +26,11 @@ class InlineRunner:
         self.spaces = simulation.spaces
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
-        """Return the episodes of a batch under the policy, as many at a time as the simulation has room for."""
+        """Return the episodes of a batch under the policy, as many at a time as the simulation has room for.
+
+        Raises:
+            RunError: the environment failed, or a number is not finite.
+        """
         parts = batch.parts(self.simulation.room(batch.rows))
         return reduce(add, (self._together(policy, part) for part in parts))
 
@@ -35,9 +41,15 @@ class InlineRunner:
         recorder.observed(0, frame)
         step = 0
         while frame.active.any():
-            actions = acting(step, frame.observations)
+            actions = self._actions(acting, step, frame.observations)
             frame = self.simulation.step(actions)
             recorder.acted(step, actions)
             step += 1
             recorder.observed(step, frame)
         return recorder.episodes()
+
+    def _actions(self, acting: Acting, step: int, observations: Array) -> Array:
+        try:
+            return acting(step, observations)
+        except RunError as error:
+            raise RunError(f"{self.simulation.environment}: {error}") from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from math import prod
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -14,6 +15,7 @@ from gymnasium.wrappers import FlattenObservation
 from gymnasium.wrappers.vector import FlattenObservation as FlattenObservations
 from numpy.typing import NDArray
 
+from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import shown
 from rkhs_ros.rkhs.kernels import Array
 
@@ -47,10 +49,12 @@ class Rows(Protocol):
         observation_space: of one row.
         action_space: of one row.
         shown: the environment of the first row, or of all, to look at.
+        current: the row that is being reset or stepped; None where all are at once.
     """
 
     observation_space: Space[Any]
     action_space: Space[Any]
+    current: int | None
 
     @property
     def shown(self) -> AnyEnv | AnyVectorEnv: ...  # noqa: D102
@@ -81,6 +85,7 @@ class SeparateRows:
         self._make = make
         self._name = name
         self._copies = [_flat(make())]
+        self.current: int | None = None
         metadata = self.shown.metadata or {}
         self._most = most or int(metadata.get("rows_at_once", 0)) or MOST_COPIES
         self.observation_space = self._copies[0].observation_space
@@ -96,7 +101,7 @@ class SeparateRows:
         while len(self._copies) < min(rows, self._most):
             try:
                 self._copies.append(_flat(self._make()))
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 self._most = len(self._copies)
                 print(
                     f"warning: {self._name}: no more than {self._most} at a time, as another copy could not be made "
@@ -107,23 +112,27 @@ class SeparateRows:
 
     def reset(self, seeds: list[int], horizon: int) -> Array:
         """Begin an episode in as many rows as there are seeds; return the observations, shape (rows, d)."""
-        self._current = self._copies[: len(seeds)]
-        first = [env.reset(seed=seed)[0] for env, seed in zip(self._current, seeds, strict=True)]
-        self._observations = np.stack([self._row(observation) for observation in first])
+        first = []
+        for self.current, seed in enumerate(seeds):
+            first.append(self._row(self._copies[self.current].reset(seed=seed)[0]))
+        self._observations = np.stack(first)
         return self._observations.copy()
 
     def step(self, actions: NDArray[Any], active: Flags) -> Step:
         """Make a step in the rows that are active, with actions of shape ``(rows, *shape)``."""
-        rows = len(self._current)
+        rows = len(self._observations)
         result = Step(self._observations, np.zeros(rows), np.zeros(rows, dtype=bool), np.zeros(rows, dtype=bool))
-        for row in np.flatnonzero(active):
-            observation, reward, terminated, truncated, _ = self._current[row].step(actions[row])
+        for row in np.flatnonzero(active).tolist():
+            self.current = row
+            observation, reward, terminated, truncated, _ = self._copies[row].step(actions[row])
             self._observations[row] = self._row(observation)
             result.rewards[row], result.terminated[row], result.truncated[row] = reward, terminated, truncated
         return result._replace(observations=self._observations.copy())
 
     def _row(self, observation: Any) -> Array:
-        return np.asarray(observation, dtype=self.observation_space.dtype).astype(np.float64).ravel()
+        row = np.asarray(observation, dtype=self.observation_space.dtype)
+        _check_size(row.shape, self.observation_space)
+        return row.astype(np.float64).ravel()
 
 
 class VectorRows:
@@ -141,6 +150,7 @@ class VectorRows:
         self._most = most
         self._vectors: dict[tuple[int, int], AnyVectorEnv] = {}
         self._current = self._vector(1, 1)
+        self.current: int | None = None
         self.observation_space = self._current.single_observation_space
         self.action_space = self._current.single_action_space
 
@@ -169,6 +179,7 @@ class VectorRows:
         observations, rewards, terminated, truncated, info = self._current.step(actions)
         observations = self._as_they_ended(observations, terminated | truncated, info)
         rows = slice(self._rows)
+        rewards = np.reshape(rewards, len(actions))
         return Step(self._flat(observations), rewards[rows], terminated[rows], truncated[rows])
 
     def _as_they_ended(self, observations: Any, ended: Flags, info: dict[str, Any]) -> Any:
@@ -185,7 +196,9 @@ class VectorRows:
         return kept
 
     def _flat(self, observations: Any) -> Array:
-        return np.asarray(observations, dtype=np.float64).reshape(len(observations), -1)[: self._rows]
+        array = np.asarray(observations, dtype=np.float64)
+        _check_size(array.shape[1:], self.observation_space)
+        return array.reshape(len(array), -1)[: self._rows]
 
     def _vector(self, rows: int, horizon: int) -> AnyVectorEnv:
         key = (rows, horizon)
@@ -195,6 +208,13 @@ class VectorRows:
                 self._vectors.pop(oldest).close()
             self._vectors[key] = _flat_vector(self._make(rows, horizon))
         return self._vectors[key]
+
+
+def _check_size(shape: tuple[int, ...], space: Space[Any]) -> None:
+    """Raise RunError where an observation has another number of numbers than its space."""
+    expected = space.shape or ()
+    if prod(shape) != prod(expected):
+        raise RunError(f"expected an observation of shape {expected}, got one of {shape}")
 
 
 def _flat(env: AnyEnv) -> AnyEnv:

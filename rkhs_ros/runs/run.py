@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rkhs_ros.base.lock import locked
+from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.training import Runner, first_state, train
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -40,10 +42,14 @@ def run_training(
     """
     folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
     with locked(folder):
+        use_one_thread()
         checkpoints = Checkpoints(folder, config)
-        lines, iterations = len(Curve(folder / "curve.csv").rows()), config.training.iterations
+        curve = Curve(folder / "curve.csv")
+        lines, iterations = len(curve.rows()), config.training.iterations
         require(lines <= iterations, "iterations", f"at least {lines}, which the run has made", iterations)
         state = checkpoints.newest(lines) if resume else None
+        if resume and state is None and curve.path.exists():
+            print(f"note: {folder}: no checkpoint to go on from: the run begins again", file=sys.stderr)
         done = state.iterations if state else 0
         report = Report(folder, config, runner.spaces, done)
         with _finished(report), progress_bar(config.training, done, quiet=quiet) as show:

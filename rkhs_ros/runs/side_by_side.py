@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import as_completed
 from typing import Any, TypeVar
 
-from joblib import Parallel, delayed
+from joblib import cpu_count
+from joblib.externals.loky import get_reusable_executor
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -28,18 +30,30 @@ def side_by_side(
     """Yield what the calls return, in the order in which they end.
 
     Args:
-        call: a function of a module, for it is called in other processes, each with one BLAS thread.
+        call: a function of a module, for it is called in other processes, unless there is one only.
         arguments: of each call.
         jobs: number of processes; -1 for one per core.
         title: of the progress bar on stderr.
         quiet: without progress bar.
     """
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    workers = {"inner_max_num_threads": 1, "initializer": terminate_with_parent}
-    parallel = Parallel(jobs, "loky", return_as="generator_unordered", **workers)
-    console, hidden = Console(file=sys.stderr), quiet or not arguments
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    hidden = quiet or not arguments
+    console = Console(file=sys.stderr, quiet=hidden)
     with Progress(*columns, TimeRemainingColumn(), console=console, disable=hidden) as progress:
         bar = progress.add_task(title, total=len(arguments))
-        for result in parallel(delayed(call)(*each) for each in arguments):
+        for result in _results(call, arguments, cpu_count() if jobs == ALL_CORES else jobs):
             progress.advance(bar)
             yield result
+
+
+def _results(call: Callable[..., T], arguments: Sequence[tuple[Any, ...]], processes: int) -> Iterator[T]:
+    processes = min(processes, len(arguments))
+    if processes <= 1:
+        yield from (call(*each) for each in arguments)
+        return
+    executor = get_reusable_executor(processes, initializer=terminate_with_parent, reuse=False)
+    try:
+        for future in as_completed([executor.submit(call, *each) for each in arguments]):
+            yield future.result()
+    finally:
+        executor.shutdown(kill_workers=True)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -10,13 +11,16 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from rkhs_ros.base.validation import require
+from rkhs_ros.base.endings import RunError
+from rkhs_ros.base.validation import require, shown
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.environments import Source, name_of, own_horizon, rows_of
 from rkhs_ros.runs.rows import AnyEnv, AnyVectorEnv, Flags
 from rkhs_ros.runs.shown import HasRobot, JointStates
+
+LARGEST = 1e100  # observation or reward: products of a few of them are still finite
 
 
 class Frame(NamedTuple):
@@ -91,23 +95,31 @@ class Simulation:
 
         Raises:
             ValueError: there is no room for so many rows.
+            RunError: the environment failed, or what it showed is not finite.
         """
         room = self.room(batch.rows)
         require(batch.rows <= room, f"{self.environment}: rows", f"at most {room} at a time", batch.rows)
         self._horizon, self._step = batch.horizon, 0
+        with self._failures_named("reset"):
+            observations = self._rows.reset(batch.environment_seeds(), batch.horizon)
         self._frame = Frame(
-            observations=self._rows.reset(batch.environment_seeds(), batch.horizon),
+            observations=observations,
             rewards=np.zeros(0),
             active=np.ones(batch.rows, dtype=bool),
             terminated=np.zeros(batch.rows, dtype=bool),
         )
-        return self._frame
+        return self._checked(self._frame)
 
     def step(self, actions: Array) -> Frame:
-        """Make a step in the rows whose episode goes on, with actions of shape (rows, n), not clipped."""
+        """Make a step in the rows whose episode goes on, with actions of shape (rows, n), not clipped.
+
+        Raises:
+            RunError: the environment failed, or what it showed is not finite.
+        """
         before = self._frame
-        seen = self._rows.step(self.spaces.shaped(actions), before.active)
         self._step += 1
+        with self._failures_named(f"step {self._step}"):
+            seen = self._rows.step(self.spaces.shaped(actions), before.active)
         over = seen.terminated | seen.truncated | (self._step == self._horizon)
         self._frame = Frame(
             observations=np.where(before.active[:, None], seen.observations, before.observations),
@@ -115,7 +127,32 @@ class Simulation:
             active=before.active & ~over,
             terminated=before.terminated | (before.active & seen.terminated),
         )
-        return self._frame
+        return self._checked(self._frame)
+
+    @contextmanager
+    def _failures_named(self, doing: str) -> Iterator[None]:
+        """Name environment, row and step where the environment, which is somebody's code, fails."""
+        try:
+            yield
+        except (Exception, SystemExit) as error:
+            row = "" if self._rows.current is None else f" of row {self._rows.current}"
+            kind = "" if isinstance(error, RunError) else f"{type(error).__name__}: "
+            raise RunError(f"{self.environment}: {doing}{row}: {kind}{shown(error)}") from error
+
+    def _checked(self, frame: Frame) -> Frame:
+        """Return a frame of which every number can be learnt from."""
+        for quantity, values in (("observation", frame.observations), ("reward", frame.rewards)):
+            good = np.abs(values) <= LARGEST  # nan is not
+            if not good.all():
+                row, *column = np.argwhere(~good)[0].tolist()
+                raise RunError(
+                    f"{self.environment}: {quantity} of row {row} {self._moment()}: expected finite numbers of at most "
+                    f"{LARGEST:g} in size, got {values[row, *column]}{f' in column {column[0]}' if column else ''}"
+                )
+        return frame
+
+    def _moment(self) -> str:
+        return f"in step {self._step}" if self._step else "after its reset"
 
     def joint_states(self) -> JointStates | None:
         """Return what the robot of the first row did in the step just made; None for nothing, or no robot."""

@@ -57,7 +57,7 @@ def settings(task: str, algorithm: str, form: str = "rbf", seed: int = 0, **chan
         "evaluation_episodes": 1,
         "horizon": 12,
         "inputs": {"history": history},
-        "kernel": {"form": form, **({"bandwidth": 4.0} if on_grid else {})},
+        "kernel": {"form": form, "degree": 2, **({"bandwidth": 4.0} if on_grid else {})},
         "algorithm": {"name": algorithm, **size, **changes},
     }
     return training_from(tree)

@@ -93,4 +93,4 @@ def test_a_node_that_dies_too_often_ends_the_run(start: Start, tmp_path: Path) -
         time.sleep(0.02)
     code, _, err = run.finish()
     assert code == 1
-    assert err.splitlines()[-1] == "error: the policy node was killed more than 10 times within 300 s"
+    assert err.splitlines()[-1] == "error: the policy node died more than 10 times within 300 s"

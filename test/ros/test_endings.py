@@ -2,13 +2,15 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from test.ros.conftest import PATIENCE, ROOT, Probe, Process
+from test.ros.conftest import PATIENCE, ROOT, Probe, Process, kill, nodes_of, of_process
 
 Start = Callable[..., Process]
 Parameters = Callable[..., Path]
@@ -35,9 +37,11 @@ def test_a_node_ends_cleanly_on_one_and_on_two_quick_interrupts(
 
 
 def children(process: Process) -> list[int]:
-    return [
-        int(pid) for pid in Path(f"/proc/{process.popen.pid}/task/{process.popen.pid}/children").read_text().split()
-    ]
+    return children_of(process.popen.pid)
+
+
+def children_of(pid: int) -> list[int]:
+    return [int(child) for child in of_process(pid, f"task/{pid}/children").split()]
 
 
 def alive(pid: int) -> bool:
@@ -57,7 +61,7 @@ def run(start: Start, tmp_path: Path, probe: Probe) -> Process:
         "--out",
         tmp_path / "out",
         "--set",
-        "timeout=8",
+        "timeout=5",
     )  # long enough to start
     process = start("rkhs", "train", ROOT / "config" / "toy_nac.yaml", *arguments)
     probe.until(lambda: len(probe.heard["episodes"]) >= 5)
@@ -71,10 +75,28 @@ def test_an_interrupted_run_keeps_what_it_learnt_and_leaves_no_process(
     nodes = children(run)
     assert len(nodes) == 3
     run.popen.send_signal(number)
-    _, _, err = run.finish()
+    code, out, err = run.finish()
+    folder = tmp_path / "out"
+    assert (code, out) == (130, "")
+    kept = f"of 10000 iterations; kept: {folder}/curve.csv, {folder}/policy.npz"
+    assert err.splitlines()[-1].endswith(f"{kept}; go on with: rkhs train --resume {folder}")
     assert "Traceback" not in err
     assert not any(map(alive, nodes))
     assert {"config.yaml", "curve.csv", "policy.npz", "curve.png", "policy.png"} <= set(os.listdir(tmp_path / "out"))
+
+
+def test_a_run_interrupted_before_its_first_iteration_can_be_resumed(start: Start, tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    run = start("rkhs", "train", ROOT / "config" / "toy_nac.yaml", "--quiet", "--iterations", 2, "--out", folder)
+    while not nodes_of(run, "learner"):
+        time.sleep(0.001)
+    run.popen.send_signal(signal.SIGTERM)
+    code, out, err = run.finish()
+    assert (code, out) == (130, "")
+    assert err.startswith("interrupted after 0 of 2 iterations; kept: ")
+    assert err.count("\n") == 1
+    code, _, err = start("rkhs", "train", "--quiet", "--resume", folder).finish()
+    assert (code, err) == (0, f"note: {folder}: no checkpoint to go on from: the run begins again\n")
 
 
 @pytest.mark.parametrize("name", ["simulator", "policy"])
@@ -142,6 +164,50 @@ def test_two_runs_at_once_on_the_same_names_leave_the_first_one_its_bits(start: 
     first.interrupt()
     first.finish()
     assert curve("first")[:201] == curve("alone")
+
+
+def test_of_two_runs_begun_at_once_in_a_domain_one_at_least_learns(start: Start, tmp_path: Path) -> None:
+    config = ROOT / "config" / "toy_nac.yaml"
+    runs = [start("rkhs", "train", config, "--quiet", "--out", tmp_path / name) for name in "ab"]
+    ends = [run.finish() for run in runs]
+    assert 0 in [code for code, _, _ in ends], ends
+    for code, _, err in ends:
+        assert code in (0, 1)
+        assert "Traceback" not in err
+
+
+def test_runs_choose_domains_of_their_own(start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ROS_DOMAIN_ID")
+    config = ROOT / "config" / "toy_nac.yaml"
+    runs = [start("rkhs", "train", config, "--quiet", "--out", tmp_path / name, "--iterations", 400) for name in "ab"]
+    files = [tmp_path / name / "checkpoints" / "domain" for name in "ab"]
+    curves = [tmp_path / name / "curve.csv" for name in "ab"]
+    while not all(file.exists() for file in curves):
+        assert all(run.popen.poll() is None for run in runs)
+        time.sleep(0.05)
+    assert len({file.read_text() for file in files}) == 2
+    code, out, err = start("rkhs", "status", tmp_path / "a").finish()
+    assert (code, err) == (0, "")
+    assert "learner" in out
+    assert [run.finish()[0] for run in runs] == [0, 0]
+    assert not any(file.exists() for file in files)
+    code, _, err = start("rkhs", "status", tmp_path / "a").finish()
+    assert (code, err) == (
+        2,
+        f"error: {tmp_path / 'a'}: expected the folder of a run under way over topics, got another\n",
+    )
+
+
+@pytest.mark.parametrize("stream", ["2>/dev/full", "2>&-"])
+def test_a_kill_is_got_over_without_standard_error(domain: int, tmp_path: Path, stream: str) -> None:
+    command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", str(ROOT / "config" / "toy_nac.yaml")]
+    command += ["--out", str(tmp_path / "out"), "--iterations", "60"]
+    run = subprocess.Popen(["bash", "-c", f'exec "$@" {stream}', "bash", *command], stdout=subprocess.DEVNULL)
+    while not (tmp_path / "out" / "curve.csv").exists():
+        time.sleep(0.05)
+    (policy,) = [pid for pid in children_of(run.pid) if "policy_node" in of_process(pid, "cmdline")]
+    kill(policy)
+    assert run.wait() == 0
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from rkhs_ros.base.settings import entries
 from rkhs_ros.learning.training import Training
 from test.ros.conftest import Probe, Process
 
+OPTIONS = ["environment.options.angle", "environment.id", "environment.rows_at_once"]
 NAMES = [entry.name for entry in entries(Training())]
 
 
@@ -35,6 +36,21 @@ def test_every_setting_is_described_and_read_only(learner: Probe) -> None:
     (iterations,) = described["iterations"].integer_range
     assert iterations.from_value == 1
     assert "trajectory" in described["algorithm.critic"].additional_constraints
+
+
+def test_the_environments_options_are_described_and_cannot_be_changed_in_a_run(
+    start: Callable[..., Process], parameters: Callable[..., Path], probe: Probe
+) -> None:
+    file = parameters("pendulum_wrap_nac")
+    start("simulator", "--ros-args", "--params-file", file)
+    probe.add_service("simulator/describe_parameters", DescribeParameters)
+    probe.add_service("simulator/set_parameters", SetParameters)
+    answer = probe.ask("simulator/describe_parameters", DescribeParameters.Request(names=OPTIONS))
+    assert [d.name for d in answer.descriptors] == OPTIONS
+    assert all(d.description and d.read_only for d in answer.descriptors)
+    change = Parameter(OPTIONS[0], value="clip").to_parameter_msg()
+    (result,) = probe.ask("simulator/set_parameters", SetParameters.Request(parameters=[change])).results
+    assert not result.successful
 
 
 def test_settings_have_the_values_of_the_file_and_cannot_be_changed_in_a_run(learner: Probe) -> None:

@@ -214,7 +214,7 @@ def spoil(name: str) -> SetPolicy.Request:
         ("centres ragged", "centres: expected rows of 2"),
         ("unknown kernel", "did you mean 'rbf'?"),
         ("kernel incomplete", "kernel 'sum': expected two kernels"),
-        ("bandwidths of another dimension", "rbf bandwidth: expected 1 or 2"),
+        ("bandwidths of another dimension", "rbf bandwidth: expected 1 or 2 numbers"),
         ("variance negative", "variance: expected positive"),
         ("variance unknown", "'constnt'"),
         ("no dimensions", "dimensions: expected at least 1"),

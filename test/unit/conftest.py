@@ -126,9 +126,9 @@ def rkhs(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest
     return command_line(capsys)
 
 
-def assert_refused(result: Result, message: str) -> None:
+def assert_refused(result: Result, message: str, code: int = 2) -> None:
     """One line says what is wrong, and nothing else is said."""
-    assert (result.code, result.out) == (2, "")
+    assert (result.code, result.out) == (code, "")
     assert result.err.startswith("error: ")
     assert result.err.count("\n") == 1
     assert result.err.endswith("\n")

@@ -15,6 +15,7 @@ from rkhs_ros.learning.spaces import GridSettings
 from rkhs_ros.learning.training import State, Training, train, training_from
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import packed, unpacked
+from rkhs_ros.runs import surroundings
 from rkhs_ros.runs.checkpoint import Checkpoints
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.rollout import InlineRunner
@@ -250,10 +251,42 @@ def test_what_no_result_depends_on_may_differ(folder: Path, states: list[State])
 def test_a_checkpoint_of_another_schema_is_refused(folder: Path, states: list[State]) -> None:
     path, *_ = write(folder, states[0])
     arrays = unpacked(path.read_bytes())
-    about = arrays["about"].item().replace(b'"schema": 2', b'"schema": 3').replace(__version__.encode(), b"9.8.7")
+    about = arrays["about"].item().replace(b'"schema": 3', b'"schema": 4').replace(__version__.encode(), b"9.8.7")
     path.write_bytes(packed({"about": np.array(about)}))
-    with pytest.raises(ValueError, match=r"a checkpoint of schema 2, got schema 3; go on with rkhs_ros 9\.8\.7"):
+    with pytest.raises(ValueError, match=r"a checkpoint of schema 3, got schema 4; go on with rkhs_ros 9\.8\.7"):
         newest(folder)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("__version__", "9.9.9", r"rkhs_ros: expected .*, with which the run began, got 9\.9\.9\+"),
+        ("_digest", lambda packages: "other", r"rkhs_ros: expected .*, with which the run began, got .*\+other; "),
+        ("LIBRARIES", {"numpy": "1.2.3"}, r"numpy: expected .*, with which the run began, got 1\.2\.3; "),
+        ("use_one_thread", lambda: 2, "threads of linear algebra: expected 1, with which the run began, got 2; "),
+    ],
+)
+def test_a_checkpoint_of_other_code_or_threads_is_refused(
+    folder: Path, states: list[State], monkeypatch: pytest.MonkeyPatch, name: str, value: Any, message: str
+) -> None:
+    write(folder, *states[:2])
+    monkeypatch.setattr(surroundings, name, value)
+    with pytest.raises(ValueError, match=message):
+        newest(folder)
+
+
+def test_the_code_is_told_by_its_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = tmp_path / "a_package"
+    package.mkdir()
+    (package / "__init__.py").write_text("x = 1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    told = []
+    for text in ("x = 1\n", "x = 2\n", "x = 1\n"):
+        (package / "module.py").write_text(text)
+        surroundings._digest.cache_clear()
+        told.append(surroundings.surroundings("a_package")["rkhs_ros"])
+    assert told[0] == told[2] != told[1]
+    assert surroundings.surroundings()["rkhs_ros"] not in told
 
 
 def test_the_version_written_is_that_of_the_package() -> None:

@@ -132,7 +132,8 @@ def test_longer_runs_are_cut_to_the_shortest_and_that_is_said(tmp_path: Path) ->
     comparison = compare(folders)
     assert [c.episodes[-1] for c in comparison.curves] == [20.0, 25.0]
     np.testing.assert_array_equal(comparison.curves[0].returns, [[1.0, 2.0]])
-    (note,) = comparison.notes
+    note, areas = comparison.notes
+    assert areas.startswith("Evaluated after different numbers of episodes")
     assert note == f"Compared up to 25 exploring episodes, where the shortest run ends: {tmp_path / 'slow'}."
     assert note in as_markdown(comparison)
 

@@ -36,6 +36,8 @@ def test_every_configuration_loads_and_comes_back_from_its_resolved_text(path: P
     config = load_config(path)
     assert config.training.name == path.stem
     assert load_config(write(resolved(config))) == config
+    if path.stem.startswith("pr2"):
+        pytest.importorskip("pybullet", reason="PyBullet is not installed")
     Simulation(config.environment.id, config.environment.options)  # its task can be served
 
 

@@ -14,10 +14,12 @@ from rkhs_ros.paper.figures import draw_experiment
 from rkhs_ros.paper.reproduce import reproduce
 from rkhs_ros.paper.results import results
 from rkhs_ros.paper.table import load_table
+from rkhs_ros.runs import surroundings
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.simulation import Simulation
 
 ROOT = Path(__file__).parents[2]
+TASKS = {"packages": ["sim_nodes"], "quiet": True}
 SHORT = ("iterations=2", "horizon=5", "episodes_per_iteration=2", "evaluation_episodes=2")
 PAPER_RUNS = {"fig1": 50, "fig2": 50, "fig3-toy": 50, "fig3-pendulum": 15, "fig5-pomdp": 10, "fig5-pr2": 5}
 
@@ -47,7 +49,7 @@ def test_every_claim_is_of_a_figure() -> None:
 
 @pytest.mark.slow
 def test_a_table_holds_every_iteration_of_every_run(experiment: Experiment, tmp_path: Path) -> None:
-    table = reproduce(experiment, tmp_path, iterations, runs=2, jobs=1, quiet=True)
+    table = reproduce(experiment, tmp_path, iterations, runs=2, jobs=1, **TASKS)
     lines = list(csv.DictReader(table.open()))
     assert len(lines) == 2 * (2 + 2 + 3)
     config = experiment.panels[0].curves[1].run(1)
@@ -61,29 +63,57 @@ def test_a_table_holds_every_iteration_of_every_run(experiment: Experiment, tmp_
 
 @pytest.mark.slow
 def test_an_interrupted_experiment_makes_only_what_is_missing(experiment: Experiment, tmp_path: Path) -> None:
-    table = reproduce(experiment, tmp_path, iterations, runs=1, jobs=1, quiet=True)
+    table = reproduce(experiment, tmp_path, iterations, runs=1, jobs=1, **TASKS)
     whole = table.read_bytes()
     runs = sorted((tmp_path / "runs").iterdir())
     lost, *kept = runs
     lost.rename(lost.with_name(lost.name + ".part"))  # as a run leaves it that was cut short
     times = {run: run.stat().st_mtime_ns for run in kept}
-    assert reproduce(experiment, tmp_path, iterations, runs=1, jobs=1, quiet=True).read_bytes() == whole
+    assert reproduce(experiment, tmp_path, iterations, runs=1, jobs=1, **TASKS).read_bytes() == whole
     assert lost.exists()
     assert {run: run.stat().st_mtime_ns for run in kept} == times
-    reproduce(experiment, tmp_path, iterations, runs=2, jobs=2, quiet=True)
+    reproduce(experiment, tmp_path, iterations, runs=2, jobs=2, **TASKS)
     assert load_table(table)["right", "longer"].runs == 2
     assert {run: run.stat().st_mtime_ns for run in kept} == times
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    "left", [b"", b"iteration,episodes\n", b"\xff\n", None], ids=["empty", "header", "no text", "torn"]
+)
+def test_a_run_that_is_not_whole_is_made_again(experiment: Experiment, tmp_path: Path, left: bytes | None) -> None:
+    whole = reproduce(experiment, tmp_path, iterations, runs=1, jobs=1, **TASKS).read_bytes()
+    run = min((tmp_path / "runs").iterdir())
+    before = run.read_bytes()
+    run.write_bytes(before.rpartition(b"\n2,")[0] + b"\n" if left is None else left)
+    assert reproduce(experiment, tmp_path, iterations, runs=1, jobs=1, **TASKS).read_bytes() == whole
+    assert run.read_bytes() == before
+
+
+@pytest.mark.slow
+def test_runs_of_other_code_are_made_anew(
+    experiment: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def made() -> int:
+        reproduce(experiment, tmp_path, iterations, runs=1, jobs=1, **TASKS)
+        return len(list((tmp_path / "runs").iterdir()))
+
+    assert [made(), made()] == [3, 3]
+    for name, value in (("__version__", "9.9.9"), ("_digest", lambda packages: "other"), ("LIBRARIES", {"numpy": "1"})):
+        monkeypatch.setattr(surroundings, name, value)
+        before = made()
+    assert before == 12
+
+
+@pytest.mark.slow
 def test_the_number_of_processes_changes_nothing(experiment: Experiment, tmp_path: Path) -> None:
-    one, two = (reproduce(experiment, tmp_path / str(j), iterations, runs=2, jobs=j, quiet=True) for j in (1, 2))
+    one, two = (reproduce(experiment, tmp_path / str(j), iterations, runs=2, jobs=j, **TASKS) for j in (1, 2))
     assert one.read_bytes() == two.read_bytes()
 
 
 @pytest.mark.slow
 def test_a_figure_shows_its_curves(experiment: Experiment, tmp_path: Path) -> None:
-    table = load_table(reproduce(experiment, tmp_path, iterations, runs=2, jobs=1, quiet=True))
+    table = load_table(reproduce(experiment, tmp_path, iterations, runs=2, jobs=1, **TASKS))
     pictures = [tmp_path / "one.png", tmp_path / "other.png"]
     draw_experiment(pictures[0], experiment, table)
     key = ("right", "longer")

@@ -17,9 +17,18 @@ def test_given_bandwidths_take_no_notice_of_the_points() -> None:
 
 def test_the_bandwidths_of_one_entry_serve_every_age_of_a_window() -> None:
     choice = KernelChoice(bandwidth=(0.5, 2.0), bandwidth_scale=3.0)
-    assert choice.fit(np.zeros((3, 6))) == RBF((1.5, 6.0) * 3)
-    with pytest.raises(ValueError, match="rbf bandwidth: expected 1 or 5 values"):
-        choice.fit(np.zeros((3, 5)))(np.zeros((3, 5)), np.zeros((3, 5)))
+    assert choice.fit(np.zeros((3, 6)), 3) == RBF((1.5, 6.0) * 3)
+    assert KernelChoice(bandwidth=(0.5,)).fit(np.zeros((3, 6)), 3) == RBF((0.5,))
+    assert KernelChoice(bandwidth=tuple(range(1, 7))).fit(np.zeros((3, 6)), 3) == RBF(tuple(range(1, 7)))
+    assert KernelChoice(bandwidth=(0.5,)).fit(np.zeros((3, 3)), 3) == RBF((0.5,))
+
+
+@pytest.mark.parametrize(("d", "ages", "expected"), [(4, 1, "1 or 4"), (6, 2, "1 or 3 or 6"), (5, 5, "1 or 5")])
+def test_bandwidths_that_fit_neither_a_point_nor_an_entry_of_a_window_are_refused(
+    d: int, ages: int, expected: str
+) -> None:
+    with pytest.raises(ValueError, match=f"kernel.bandwidth: expected {expected} numbers, .* got 2"):
+        KernelChoice(bandwidth=(0.5, 2.0)).fit(np.zeros((3, d)), ages)
 
 
 def test_a_form_composes_kernels_with_times_before_plus() -> None:

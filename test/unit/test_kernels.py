@@ -127,7 +127,7 @@ def test_a_bandwidth_that_is_not_positive_and_finite_is_refused(bandwidth: tuple
 
 
 def test_bandwidths_for_other_dimensions_are_refused() -> None:
-    with pytest.raises(ValueError, match="expected 1 or 3 values for 3-dimensional points, got 2"):
+    with pytest.raises(ValueError, match="expected 1 or 3 numbers for 3-dimensional points, got 2"):
         RBF((1.0, 2.0))(np.zeros((2, 3)), np.zeros((2, 3)))
 
 
@@ -174,3 +174,30 @@ def test_the_median_bandwidth_of_many_points_is_near_that_of_all(rng: np.random.
 def test_a_dimension_without_any_spread_gets_a_bandwidth_of_1() -> None:
     assert median_bandwidth(np.full((5, 2), 3.0)) == (1.0, 1.0)
     assert median_bandwidth(np.full((1, 2), 3.0)) == (1.0, 1.0)
+
+
+@pytest.mark.parametrize("value", [0.1, -1e8 / 3, 1e-30 / 7])
+def test_a_dimension_that_varies_by_rounding_alone_gets_a_bandwidth_of_1(value: float) -> None:
+    rounded = np.nextafter(value, np.tile([-np.inf, value, np.inf], 100))
+    still = np.column_stack([np.full(300, value), rounded])
+    assert median_bandwidth(still) == (1.0, 1.0)
+
+
+@given(st.floats(1e-20, 1e20), st.floats(1e-6, 1.0), st.integers(0, 99))
+def test_a_small_spread_around_a_large_value_is_kept_in_any_units(size: float, part: float, seed: int) -> None:
+    noise = np.random.default_rng(seed).normal(size=(50, 1))
+    expected = median_bandwidth(size * (1.0 + part * noise) - size)[0]
+    assert median_bandwidth(size * (1.0 + part * noise))[0] == pytest.approx(expected, rel=1e-6)
+
+
+@over_all_kernels
+@given(x=points, y=points)
+def test_a_kernel_that_says_so_has_no_negative_value(kernel: Kernel, x: np.ndarray, y: np.ndarray) -> None:
+    assert not kernel.is_positive or kernel(x, y).min() >= 0.0
+
+
+def test_the_sign_of_a_kernels_values_follows_from_its_parts() -> None:
+    odd, even, rbf = Polynomial(1.0, 3), Polynomial(1.0, 2), RBF((1.0,))
+    assert odd(np.array([[2.0]]), np.array([[-2.0]])) < 0.0
+    kernels = (rbf, even, rbf + even, rbf * even, odd, rbf + odd, even * odd)
+    assert [kernel.is_positive for kernel in kernels] == [True] * 4 + [False] * 3

@@ -97,4 +97,6 @@ def test_a_kernel_that_vanishes_at_all_points_leaves_an_empty_basis() -> None:
     kernel, x = Polynomial(0.0, 2), np.zeros((3, 2))
     chosen = pivoted_cholesky(kernel, x, rank=3)
     assert chosen.pivots.shape == (0,)
-    assert NewtonBasis.of(kernel, x, chosen)(np.ones((4, 2))).shape == (4, 0)
+    basis = NewtonBasis.of(kernel, x, chosen)
+    assert basis(np.ones((4, 2))).shape == (4, 0)
+    assert basis.function(np.empty((0, 3))).weights.shape == (0, 3)

@@ -222,3 +222,11 @@ def test_the_ridge_of_a_pursuit_of_atoms_is_on_the_vector_fitted(
     vector = np.linalg.solve(rows.T @ rows + 0.3 * n * np.eye(5), rows.T @ targets)  # five atoms reach any vector
     assert len(chosen) == 5
     np.testing.assert_allclose(atoms[chosen].T @ weights, vector, rtol=1e-8, atol=1e-10)
+
+
+@pytest.mark.parametrize("fitting", ["basic", "back_fitting", "pre_fitting"])
+def test_nothing_to_choose_from_is_fitted_by_nothing(fitting: Fitting) -> None:
+    kernel: Kernel = Polynomial(0.0, 1)  # vanishes at 0
+    zeros, targets = np.zeros((4, 2)), np.ones((4, 3))
+    fit = pursue(kernel, zeros, targets, zeros, budget=3, fitting=fitting)
+    assert (fit.chosen.shape, fit.function.weights.shape, fit.error) == ((0,), (0, 3), 1.0)

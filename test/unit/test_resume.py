@@ -161,6 +161,35 @@ def test_a_refused_resume_touches_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [folder]
 
 
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda rows: [rows[0]._replace(mean_policy_return=99.0), *rows[1:]],
+        lambda rows: [*rows[:-1], rows[-1]._replace(kl=0.5)],
+        lambda rows: [rows[0]._replace(train_return=rows[1].train_return), *rows[1:]],
+    ],
+    ids=["greater return", "last line", "another's value"],
+)
+def test_a_curve_that_was_edited_is_refused(
+    tmp_path: Path, edit: Callable[[list[Row]], list[Row]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = stopped(tmp_path / "run", 6)
+    curve = Curve(folder / "curve.csv")
+    curve.begin(edit(curve.rows()))
+    before = contents(folder)
+    with pytest.raises(ValueError, match=r"run/curve\.csv: expected the 3 lines that 0000003\.npz was written after"):
+        resumed(folder)
+    assert contents(folder) == before
+
+
+def test_configuration_and_checkpoints_of_another_run_are_refused(tmp_path: Path) -> None:
+    one, other = stopped(tmp_path / "one", 6), stopped(tmp_path / "other", 6, longer(4, seed=1))
+    for name in ("config.yaml", "checkpoints"):
+        subprocess.run(["cp", "-rT", other / name, one / name], check=True)
+    with pytest.raises(ValueError, match=r"one/curve\.csv: expected the 3 lines"):
+        resumed(one, longer(4, seed=1))
+
+
 ROWS = [Row(k, 3 * k, 2 * k, -1.5 / k, 0.1, 1e-17 * k, k, 1.0, float("nan"), 0.0, 0.25 * k) for k in (1, 2, 3)]
 
 
@@ -281,12 +310,13 @@ def test_without_room_a_run_ends_with_one_line_and_goes_on_later(
     arguments = ("train", CONFIG_FILE, *INLINE, "--iterations", 12, "--set", "horizon=5")
     assert rkhs(*arguments, "--out", "whole")[0] == 0
     disk(size)
-    assert_refused(rkhs(*arguments, "--out", "run"), "File too large: 'run/")
+    assert_refused(rkhs(*arguments, "--out", "run"), "File too large: 'run/", code=1)
     assert_whole(tmp_path / "run")
     disk(-1)
     if size > 1000:
         code, _, err = rkhs("train", "--resume", "run", *INLINE)
-        assert (code, err) == (0, "")
+        begins_again = "note: run: no checkpoint to go on from: the run begins again\n"
+        assert (code, err) == (0, "" if size > 3000 else begins_again)
         assert results(tmp_path / "run") == results(tmp_path / "whole")
 
 
@@ -389,7 +419,7 @@ def test_over_topics_the_learner_is_told_to_go_on(rkhs: Cli, tmp_path: Path, mon
     parameters, more, keywords = told
     (tmp_path / "given.yaml").write_text(parameters)
     assert load_config(tmp_path / "given.yaml") == longer(4, simulators=2)
-    assert list(more) == [f"output:={folder}", "quiet:=true", "resume:=true"]
+    assert more == {"output": str(folder), "quiet": True, "resume": True}
     assert keywords == {"simulators": 2}
 
 

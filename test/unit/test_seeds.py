@@ -232,7 +232,7 @@ def test_workers_end_with_a_training_that_is_killed(tmp_path: Path) -> None:
         (("--seeds", "x"), "--seeds: expected seeds as 0-9 or 0,2,5, got 'x'"),
         (("--seeds", ""), "--seeds: expected seeds as 0-9 or 0,2,5, got ''"),
         (("--jobs", "2"), "--jobs: expected it together with --seeds"),
-        (("--seeds", "0-1", "--set", "exploration_sd=[1, 2]"), "exploration_sd: expected 1 or 1 numbers, got 2"),
+        (("--seeds", "0-1", "--set", "exploration_sd=[1, 2]"), "exploration_sd: expected 1 number, got 2"),
         (("--seeds", "0-1", "--set", "environment.id=rkhs/Toi-v0"), "did you mean 'rkhs/Toy-v0'?"),
     ],
 )

@@ -69,7 +69,7 @@ def test_a_whole_number_serves_as_a_number(tree: dict[str, Any], expected: objec
         ({"inner": {"rate": float("nan")}}, r"^inner\.rate: expected a number in .* got nan$"),
         ({"inner": {"rate": 10**400}}, r"^inner\.rate: expected a number"),
         ({"inner": 3}, r"^inner: expected a section of keys, got 3$"),
-        ({"label": 3}, r"^label: expected text, got 3$"),
+        ({"label": 3}, r"^label: expected text, in quotes .*, got 3$"),
         ({"label": "be"}, r"^label: unknown choice 'be', did you mean 'bee'\?$"),
         ({"widths": []}, r"^widths: expected a list of numbers, got \[\]$"),
         ({"widths": "wide"}, r"^widths: expected a list of numbers, got 'wide'$"),

@@ -1,9 +1,12 @@
 import json
 import resource
+import tracemalloc
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 import pytest
@@ -14,10 +17,21 @@ from rkhs_ros.policies.storage import Task, load_policy, save_policy
 from rkhs_ros.policies.variance import FunctionVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
+from rkhs_ros.runs.episode_files import load_episodes
 
 Make = Callable[..., GaussianPolicy]
+WRONG_TASKS: list[dict[str, object]] = [
+    {"discount": float("nan")},
+    {"discount": 2},
+    {"discount": "0.9"},
+    {"horizon": -1},
+    {"horizon": 2.5},
+    {"horizon": True},
+    {"options": []},
+    {"environment": 3},
+]
 TASK = Task("rkhs/Toy-v0", {"angle": "clip", "nested": [1, 2.5]}, 20, 0.99)
-KERNELS: list[Kernel] = [RBF((0.1, 1 / 3)), Polynomial(0.25, 3), RBF((1.0,)) * (Polynomial(1.0, 2) + RBF((2.0,)))]
+KERNELS: list[Kernel] = [RBF((0.1, 1 / 3)), Polynomial(0.25, 2), RBF((1.0,)) * (Polynomial(1.0, 2) + RBF((2.0,)))]
 
 
 @pytest.mark.parametrize(
@@ -145,6 +159,20 @@ def test_arrays_that_say_they_are_smaller_are_refused(tmp_path: Path, random_pol
         {"task": np.array(json.dumps([1]))},
         {"task": np.array(json.dumps({"environment": "rkhs/Toy-v0"}))},
         {"centres": np.array([{}], dtype=object)},
+        {"centres": np.zeros((5, 2), dtype=complex)},
+        {"weights": np.full((5, 2), "1.0")},
+        {"weights": np.zeros((5, 2), dtype="datetime64[s]")},
+        {"variance": np.array(["1.0", "2.0"])},
+        {"kernel_sizes": np.array([-1])},
+        {"kernel_sizes": np.array([2])},
+        {"kernel_sizes": np.array([1.0])},
+        {"kernel_parameters": np.array([1.0 + 0j])},
+        {"kernel_parameters": np.array(["1.0"])},
+        {"observation_shape": np.array([-1]), "action_low": np.zeros(2), "action_high": np.ones(2)},
+        {"observation_shape": np.array([2.5]), "action_low": np.zeros(2), "action_high": np.ones(2)},
+        {"observation_shape": np.array([2]), "action_low": np.array(["a"]), "action_high": np.array(["b"])},
+        {"schema": np.array("2")},
+        *({"task": np.array(json.dumps(asdict(TASK) | wrong))} for wrong in WRONG_TASKS),
     ],
     ids=lambda change: ", ".join(change),
 )
@@ -159,6 +187,44 @@ def test_a_file_that_holds_no_policy_is_refused_in_one_line(
     with pytest.raises(ValueError, match=r"policy\.npz: expected") as refusal:
         load_policy(path)
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("read", [load_policy, load_episodes], ids=["policy", "episodes"])
+def test_an_archive_that_grows_beyond_all_measure_is_refused_before_it_is_unpacked(
+    tmp_path: Path, read: Callable[[Path], object]
+) -> None:
+    path = tmp_path / "bomb.npz"
+    with ZipFile(path, "w", ZIP_DEFLATED, compresslevel=9) as archive, archive.open("weights.npy", "w") as member:
+        for _ in range(300):
+            member.write(bytes(2**20))
+    assert path.stat().st_size < 2**20
+    tracemalloc.start()
+    with pytest.raises(ValueError, match=r"bomb\.npz: expected .*archive: expected at most"):
+        read(path)
+    assert tracemalloc.get_traced_memory()[1] < 2**24
+    tracemalloc.stop()
+
+
+def test_a_header_that_tells_of_more_than_there_is_takes_no_memory(tmp_path: Path, random_policy: Make) -> None:
+    buffer = BytesIO()
+    np.lib.format.write_array_header_1_0(buffer, {"descr": "<f8", "fortran_order": False, "shape": (10**9, 2)})
+    path = tmp_path / "policy.npz"
+    save_policy(path, random_policy(), TASK)
+    with ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    with ZipFile(path, "w") as archive:
+        for name, content in (members | {"centres.npy": buffer.getvalue()}).items():
+            archive.writestr(name, content)
+    with pytest.raises(ValueError, match=r"policy\.npz: expected .*array: expected at most"):
+        load_policy(path)
+
+
+def test_an_archive_of_its_own_may_be_packed_well(tmp_path: Path, random_policy: Make) -> None:
+    path = tmp_path / "policy.npz"
+    save_policy(path, random_policy(m=300), TASK)
+    with np.load(path) as file:
+        np.savez_compressed(path, **{**file, "weights": np.zeros((300, 2))})
+    assert not load_policy(path)[0].mean.weights.any()
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:

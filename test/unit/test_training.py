@@ -35,6 +35,31 @@ def test_the_first_policy_is_0_with_the_deviations_asked_for() -> None:
         first_policy(Training(exploration_sd=(0.5, 2.0)), Spaces.unbounded(3, 3))
 
 
+@pytest.mark.parametrize("name", ["power", "rkhs_power"])
+def test_a_kernel_that_cannot_weigh_the_learnt_variance_is_refused_before_the_run_begins(name: str) -> None:
+    def begin(**changes: object) -> None:
+        cubic = Training(kernel=KernelChoice("rbf + polynomial"), algorithm=ALGORITHMS[name](**changes))
+        first_state(cubic, Spaces.unbounded(2, 1))
+
+    with pytest.raises(
+        ValueError, match=r"kernel: .* algorithm.variance=learnt \(take .* algorithm.variance=constant\)"
+    ):
+        begin()
+    begin(variance="constant")
+    begin(variance="printed")
+
+
+def test_a_kernel_that_does_not_fit_the_inputs_is_refused_before_the_run_begins() -> None:
+    two = Training(kernel=KernelChoice(bandwidth=(1.0, 2.0)))
+    first_state(two, Spaces.unbounded(2, 1))
+    with pytest.raises(ValueError, match=r"kernel\.bandwidth: expected 1 or 4 numbers"):
+        first_state(two, Spaces.unbounded(4, 1))
+    window = replace(two, inputs=Inputs(history=2))
+    first_state(window, Spaces.unbounded(1, 1))
+    with pytest.raises(ValueError, match=r"kernel\.bandwidth: expected 1 or 3 or 6 numbers"):
+        first_state(window, Spaces.unbounded(2, 1))
+
+
 class Watching:
     """Runs episodes and keeps what it was asked for and what came of it."""
 
@@ -104,7 +129,7 @@ def test_one_episode_of_one_step_is_enough() -> None:
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_a_space_with_nothing_in_it_yet_stays_at_0(algorithm: str) -> None:
     # At the toy's start, 0, the homogeneous polynomial kernel vanishes.
-    choice = KernelChoice("polynomial", offset=0.0)
+    choice = KernelChoice("polynomial", offset=0.0, degree=2)
     training = Training(
         iterations=1, episodes_per_iteration=3, horizon=1, kernel=choice, algorithm=ALGORITHMS[algorithm]()
     )

@@ -41,6 +41,21 @@ def test_the_variance_is_within_its_bounds_everywhere(
     assert np.all((there >= variance.minimum) & (there <= variance.maximum))  # false for nan
 
 
+@given(seed=st.integers(0, 10_000), kernel=st.sampled_from([RBF((0.5,)), Polynomial(1.0, 2), Polynomial(0.0, 4)]))
+def test_the_variance_is_between_those_of_the_centres(seed: int, kernel: Kernel) -> None:
+    rng = np.random.default_rng(seed)
+    values = rng.uniform(1.0, 2.0, (6, 1))
+    wide = KernelVariance(kernel, rng.normal(size=(6, 2)), rng.uniform(0.01, 1, 6), values, np.full(1, 1e-9), [1e9])
+    there = wide(3 * rng.normal(size=(20, 2)))
+    assert np.all((there > values.min() * (1 - 1e-12)) & (there < values.max() * (1 + 1e-12)))
+
+
+def test_a_kernel_with_negative_values_weighs_no_mean() -> None:
+    for kernel in (Polynomial(1.0, 3), RBF((1.0,)) + Polynomial(1.0, 1)):
+        with pytest.raises(ValueError, match="variance kernel: expected one without negative values"):
+            KernelVariance(**{**GOOD, "kernel": kernel})
+
+
 def test_near_a_lone_centre_the_variance_is_that_centres() -> None:
     variance = KernelVariance(**{**GOOD, "kernel": RBF((0.1,))})
     np.testing.assert_allclose(variance(GOOD["centres"]), GOOD["values"], rtol=1e-12)

@@ -1,0 +1,33 @@
+"""How a process ends: its exit codes, and the errors that end it with one line."""
+
+from __future__ import annotations
+
+import errno
+import sys
+
+FAILED = 1  # a node, an environment, a disk, or a run of several
+BAD_INPUT = 2
+INTERRUPTED = 130  # by Ctrl-C or SIGTERM, as shells have it
+DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
+
+
+class RunError(RuntimeError):
+    """What ends a run whose settings are good; the message says in one line what failed, and where."""
+
+
+def exit_code(error: Exception) -> int:
+    """Return the exit code of an error that ends a process."""
+    failed = isinstance(error, RunError) or (isinstance(error, OSError) and error.errno in DISK_ERRORS)
+    return FAILED if failed else BAD_INPUT
+
+
+def say(error: Exception) -> int:
+    """Say in one line on stderr what went wrong; return the exit code."""
+    print("error:", " ".join(_told(error).splitlines()), file=sys.stderr, flush=True)
+    return exit_code(error)
+
+
+def _told(error: Exception) -> str:
+    if isinstance(error, FileNotFoundError):
+        return f"{error.filename}: expected a file or folder that exists, got none"
+    return str(error)

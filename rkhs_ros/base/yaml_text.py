@@ -1,0 +1,139 @@
+"""YAML as ROS reads its parameter files: the same text has the same values for Python and for a node.
+
+PyYAML takes 1e5 and nan for text, 1:30 and dates for numbers, which ROS does not; this reader does as ROS. What others
+wrote is bounded in size and depth, and has no aliases, which ROS does not know and which grow without bound.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Hashable, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rkhs_ros.base.validation import require, shown
+
+MOST_BYTES = 100_000  # of a text; PyYAML reads as much in a second
+MOST_DEPTH = 20  # sections within sections
+MOST_INT64 = 2**63 - 1
+NUMBER_WORDS = r"[-+]?(?:\.(?:inf|Inf|INF)|[iI][nN][fF](?:[iI][nN][iI][tT][yY])?|[nN][aA][nN])|\.(?:nan|NaN|NAN)"
+BOOLS = r"y|Y|yes|Yes|YES|true|True|TRUE|on|On|ON|n|N|no|No|NO|false|False|FALSE|off|Off|OFF"
+RESOLVERS = {  # the types of plain scalars, the first that matches, by strtol and strtod
+    "bool": BOOLS,
+    "null": r"~|null|Null|NULL|",
+    "int": r"[-+]?(?:0|[1-9][0-9]*|0[0-7]+|0[xX][0-9a-fA-F]+)",
+    "float": rf"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|{NUMBER_WORDS}",
+}
+KINDS = (*RESOLVERS, "str", "seq", "map")
+TAG = "tag:yaml.org,2002:"
+PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")  # text that needs no quotes, unless it is one of these words:
+RESERVED = re.compile("|".join(RESOLVERS.values()))
+
+
+class _Reader(yaml.SafeLoader):
+    """Makes plain values only; owns how deep it is within sections."""
+
+    yaml_implicit_resolvers = {
+        None: [(TAG + kind, re.compile(rf"(?:{pattern})\Z")) for kind, pattern in RESOLVERS.items()]
+    }
+    yaml_constructors = {tag: made for tag, made in yaml.SafeLoader.yaml_constructors.items() if tag in {
+        *(TAG + kind for kind in KINDS), None}}  # fmt: skip
+    bool_values = yaml.SafeLoader.bool_values | {"y": True, "n": False}
+    depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        event = self.peek_event()  # type: ignore[no-untyped-call]
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
+            raise yaml.YAMLError(f"line {event.start_mark.line + 1}: anchors and aliases, which ROS does not read")
+        self.depth += 1
+        if self.depth > MOST_DEPTH:
+            raise yaml.YAMLError(f"line {event.start_mark.line + 1}: more than {MOST_DEPTH} sections within sections")
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode):
+                key.tag = f"{TAG}str"  # as ROS takes all keys, so that one may be called "on"
+        return yaml.constructor.BaseConstructor.construct_mapping(self, node, deep)
+
+
+class _Writer(yaml.SafeDumper):
+    """Quotes all text that may be taken for something else, and writes out what is there twice."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Return that there are none: ROS reads none."""
+        return True
+
+
+def _represent_text(writer: _Writer, text: str) -> yaml.ScalarNode:
+    plain = PLAIN.fullmatch(text) and not RESERVED.fullmatch(text)
+    return writer.represent_scalar(f"{TAG}str", text, style=None if plain else "'")
+
+
+_Writer.add_representer(str, _represent_text)
+
+
+def loaded(text: str) -> Any:
+    """Return the values in a text of YAML.
+
+    Raises:
+        ValueError: it is none, or too large, too deep, or with aliases.
+    """
+    require(len(text) <= MOST_BYTES, "text", f"at most {MOST_BYTES} characters", "more")
+    try:
+        return yaml.load(text, _Reader)  # it makes plain values only
+    except (yaml.YAMLError, ValueError, OverflowError) as error:  # ValueError: a number of very many digits
+        raise ValueError(shown(error)) from error
+
+
+def read_yaml(path: Path) -> Any:
+    """Return the values in a file of YAML.
+
+    Raises:
+        ValueError: the file is none, or too large, too deep, or with aliases; the message names it.
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as file:
+        content = file.read(MOST_BYTES + 1)
+    try:
+        return loaded(content.decode())
+    except ValueError as error:
+        raise ValueError(f"{path}: expected a YAML file, got one that cannot be parsed ({error})") from error
+
+
+def dumped(tree: Mapping[str, Any]) -> str:
+    """Return a text that PyYAML, `loaded` and ROS read alike, if the values are those of ROS parameters."""
+    return yaml.dump(tree, Dumper=_Writer, sort_keys=False, default_flow_style=None)
+
+
+def require_ros_value(value: Any, name: str) -> None:
+    """Refuse what no ROS parameter can be.
+
+    Args:
+        value: of the parameter, or a section of parameters.
+        name: for messages.
+
+    Raises:
+        ValueError: it is none of a truth value, a 64-bit or finite number, UTF-8 text, and a list of one kind of them.
+    """
+    if isinstance(value, Mapping):
+        for key, each in value.items():
+            require("." not in key, name, "names without a dot", repr(key))
+            require_ros_value(each, f"{name}.{key}")
+        return
+    each = value if isinstance(value, list | tuple) else [value]
+    good = len(each) > 0 and len(set(map(type, each))) == 1 and all(map(_is_ros_scalar, each))
+    expected = "true or false, a 64-bit or finite number, text in UTF-8, or a list of one kind of them"
+    require(good, name, expected, repr(value))
+
+
+def _is_ros_scalar(value: Any) -> bool:
+    if isinstance(value, str):
+        return "\0" not in value and value.encode(errors="replace") == value.encode(errors="surrogatepass")
+    if isinstance(value, float):
+        return abs(value) < float("inf")
+    return isinstance(value, bool) or (isinstance(value, int) and -MOST_INT64 <= value <= MOST_INT64)

@@ -1,0 +1,73 @@
+"""Environments that misbehave from some step on, until they are mended; each is told which way by its option."""
+
+import ctypes
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+
+GOOD_STEPS = 90  # of a copy: those of two iterations, each forty, and ten of the third
+MENDED = Path("mended")  # exists once the environment behaves
+CRASHED = Path("crashed")  # exists once its process died of it, from when on it dies again and again
+
+
+class Bad(gymnasium.Env[np.ndarray, np.ndarray]):
+    """A point on a line; its fault shows after some steps."""
+
+    observation_space, action_space = Box(-9.0, 9.0, (2,)), Box(-1.0, 1.0, (1,))
+
+    def __init__(self, fault: str = "") -> None:
+        self.fault = fault
+        self.steps = 0
+        if fault == "infinite bounds":
+            self.observation_space = Box(-np.inf, np.inf, (2,))
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[np.ndarray, dict[str, Any]]:
+        super().reset(seed=seed)
+        self.x = float(self.np_random.uniform(-1, 1))
+        if self.fault == "raise in reset" and self.is_bad():
+            raise RuntimeError("there is no way back")
+        return self.seen(), {}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        self.steps += 1
+        self.x = float(np.clip(self.x + 0.3 * action[0], -2, 2))
+        reward = -(self.x**2)
+        if self.is_bad():
+            reward = self.misbehave(reward)
+        return self.seen(), reward, False, False, {}
+
+    def misbehave(self, reward: float) -> float:
+        if self.fault in ("os._exit", "segmentation fault"):
+            CRASHED.touch()
+        match self.fault:
+            case "nan observation":
+                self.x = np.nan
+            case "raise":
+                raise RuntimeError("the motor is hot")
+            case "hang":
+                time.sleep(60)
+            case "sys.exit":
+                sys.exit(3)
+            case "os._exit":
+                os._exit(3)
+            case "os._exit like a node":
+                os._exit(1)
+            case "segmentation fault":
+                ctypes.string_at(0)
+        return {"nan reward": np.nan, "huge reward": 1e300}.get(self.fault, reward)
+
+    def seen(self) -> np.ndarray:
+        numbers = 3 if self.fault == "wrong shape" and self.is_bad() else 2
+        return np.array([self.x, 1.0, 0.0][:numbers], np.float32)
+
+    def is_bad(self) -> bool:
+        return self.steps > (5 if CRASHED.exists() else GOOD_STEPS) and not MENDED.exists()
+
+
+gymnasium.register("Bad-v0", Bad, max_episode_steps=20)

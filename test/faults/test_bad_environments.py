@@ -1,0 +1,76 @@
+"""Environments that fail, hang or kill their process end a run over topics in one line; mended, it goes on."""
+
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from test.faults.runs import curve
+from test.ros.conftest import Process
+
+Start = Callable[..., Process]
+TASKS = Path(__file__).with_name("bad_tasks.py")
+TIMEOUT_S = 8
+SMALL = ("episodes_per_iteration=2", "evaluation_episodes=2", f"timeout={TIMEOUT_S}")
+FINITE = "expected finite numbers of at most 1e+100 in size, got"
+FAULTS = {
+    "nan reward": f"bad_tasks:Bad-v0: reward of row 0 in step 11: {FINITE} nan",
+    "huge reward": f"bad_tasks:Bad-v0: reward of row 0 in step 11: {FINITE} 1e+300",
+    "nan observation": f"bad_tasks:Bad-v0: observation of row 0 in step 11: {FINITE} nan in column 0",
+    "wrong shape": "bad_tasks:Bad-v0: step 11 of row 0: expected an observation of shape (2,), got one of (3,)",
+    "raise": "bad_tasks:Bad-v0: step 11 of row 0: RuntimeError: the motor is hot",
+    "raise in reset": "bad_tasks:Bad-v0: reset of row 0: RuntimeError: there is no way back",
+    "sys.exit": "bad_tasks:Bad-v0: step 11 of row 0: SystemExit: 3",
+    "hang": f"the simulator node did not answer within {TIMEOUT_S} s; bad_tasks:Bad-v0 was in step 11",
+    "os._exit": "the simulator node died 5 times at the same place; bad_tasks:Bad-v0 was in step 11",
+    "os._exit like a node": "the simulator node, of bad_tasks:Bad-v0, ended with exit code 1 before the learner",
+    "segmentation fault": "the simulator node died 5 times at the same place; bad_tasks:Bad-v0 was in step 11",
+}
+
+
+def wait_for(condition: Callable[[], bool]) -> float:
+    """Return when the condition held, in seconds of the monotonic clock."""
+    while not condition():
+        time.sleep(0.02)
+    return time.monotonic()
+
+
+@pytest.mark.timeout(180)
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_bad_environment_ends_the_run_in_one_line_and_mended_it_goes_on(
+    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PYTHONFAULTHANDLER", raising=False)
+    shutil.copy(TASKS, tmp_path)
+    out = tmp_path / "run"
+    settings = (*SMALL, f"environment.options.fault={fault}")
+    arguments = ("--env", "bad_tasks:Bad-v0", "--quiet", "--iterations", 5, "--out", out, "--set", *settings)
+    run = start("rkhs", "train", *arguments)
+    bad_since = wait_for(lambda: len(curve(out)) == 3 or run.popen.poll() is not None)
+    ended = wait_for(lambda: run.popen.poll() is not None)
+    code, said, err = run.finish()
+    assert (code, said) == (1, ""), err
+    assert [line for line in err.splitlines() if line.startswith("error:")] == [f"error: {FAULTS[fault]}"]
+    assert "Traceback" not in err
+    if "died" not in FAULTS[fault]:
+        assert err.count("\n") == 1
+        assert ended - bad_since < TIMEOUT_S + 5
+    assert len(curve(out)) == 3
+    assert (out / "policy.npz").is_file()
+    Path("mended").touch()
+    code, _, err = start("rkhs", "train", "--quiet", "--resume", out).finish()
+    assert (code, err) == (0, "")
+    assert len(curve(out)) == 6
+
+
+def test_infinite_bounds_of_observations_are_no_fault(
+    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(TASKS, tmp_path)
+    settings = (*SMALL, "environment.options.fault=infinite bounds")
+    run = start("rkhs", "train", "--env", "bad_tasks:Bad-v0", "--quiet", "--iterations", 2, "--set", *settings)
+    assert run.finish()[0] == 0

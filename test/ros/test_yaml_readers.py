@@ -1,0 +1,106 @@
+"""A file of parameters says the same to ROS's own reader as to ours."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from rclpy.context import Context
+from rclpy.node import Node
+
+from rkhs_ros.base.yaml_text import dumped, loaded
+from rkhs_ros.nodes.parameters import given as parameters_of
+
+WORDS = ["1e5", "nan", "-inf", "on", "y", "No", "null", "~", "0o7", "0x1f", "010", "09", "1_0", "1:30", "2020-01-01"]
+WORDS += [
+    "=",
+    "<<",
+    "",
+    " a ",
+    "a: b",
+    "a #b",
+    "{x}",
+    "[",
+    "'",
+    '"',
+    "*a",
+    "&a",
+    "!a",
+    "%a",
+    "@a",
+    "-",
+    "? a",
+    "a\nb",
+    "\t",
+]
+texts = st.sampled_from(WORDS) | st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=30)
+numbers = st.floats(allow_nan=False, allow_infinity=False)
+scalars = (st.booleans(), st.integers(-(2**63) + 1, 2**63 - 1), numbers, texts)
+values = st.one_of(*scalars, *(st.lists(scalar, min_size=1, max_size=4) for scalar in scalars))
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("parameters") / "file.yaml"
+
+
+def read_by_ros(file: Path, domain: int) -> dict[str, Any]:
+    context = Context()
+    rclpy.init(context=context, args=["--ros-args", "--params-file", str(file)], domain_id=domain)
+    try:
+        node = Node(
+            "reader",
+            context=context,
+            automatically_declare_parameters_from_overrides=True,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        try:
+            return parameters_of(node)
+        finally:
+            node.destroy_node()
+    finally:
+        context.try_shutdown()
+
+
+def written(parameters: Mapping[str, Any]) -> str:
+    return dumped({"reader": {"ros__parameters": parameters}})
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(values, min_size=10, max_size=40))
+def test_ros_reads_what_was_written(file: Path, domain: int, these: list[Any]) -> None:
+    tree = {f"p{i}": value for i, value in enumerate(these)}
+    file.write_text(written(tree))
+    assert read_by_ros(file, domain) == tree
+
+
+def test_ros_reads_plain_scalars_as_this_reader_does(file: Path, domain: int) -> None:
+    plain = [word for word in WORDS if word.isascii() and word.replace(":", "").replace("-", "").isalnum()]
+    more = [
+        "1.",
+        ".5",
+        "1e+5",
+        "+3",
+        "-0",
+        "1.5e3",
+        "9" * 18,
+        ".inf",
+        "infinity",
+        "Y",
+        "TRUE",
+        "oN",
+        "0b1",
+        "-0x1F",
+        "1e5x",
+    ]
+    words = [word for word in (*plain, *more) if word != "null"]  # which ROS takes for text, and no setting may be
+    lines = "".join(f"    p{i}: {word}\n" for i, word in enumerate(words))
+    text = f"reader:\n  ros__parameters:\n{lines}"
+    file.write_text(text)
+    ours, theirs = loaded(text)["reader"]["ros__parameters"], read_by_ros(file, domain)
+    said = {word: (repr(ours[f"p{i}"]), repr(theirs[f"p{i}"])) for i, word in enumerate(words)}
+    assert {word: both for word, both in said.items() if both[0] != both[1]} == {}

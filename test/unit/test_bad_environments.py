@@ -1,0 +1,82 @@
+"""An environment that fails ends the run in one line that says where; what was learnt is kept, and gone on with."""
+
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+
+from rkhs_ros.base.endings import RunError
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.runs.curve import Curve
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.simulation import Simulation
+from test.unit.conftest import Result
+
+TASKS = Path(__file__).parents[1] / "faults" / "bad_tasks.py"
+ARGUMENTS = (
+    *("train", "--env", "bad_tasks:Bad-v0", "--runner", "inline", "--quiet", "--iterations", 5, "--out", "run"),
+    *("--set", "episodes_per_iteration=2", "evaluation_episodes=2"),
+)
+FAULTS = {
+    "nan reward": "reward of row 0 in step 11: expected finite numbers of at most 1e+100 in size, got nan",
+    "huge reward": "reward of row 0 in step 11: expected finite numbers of at most 1e+100 in size, got 1e+300",
+    "nan observation": "observation of row 0 in step 11: expected finite numbers of at most 1e+100 in size, got nan in "
+    "column 0",
+    "wrong shape": "step 11 of row 0: expected an observation of shape (2,), got one of (3,)",
+    "raise": "step 11 of row 0: RuntimeError: the motor is hot",
+    "raise in reset": "reset of row 0: RuntimeError: there is no way back",
+    "sys.exit": "step 11 of row 0: SystemExit: 3",
+}
+
+
+@pytest.fixture(autouse=True)
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.delitem(sys.modules, "bad_tasks", raising=False)
+    shutil.copy(TASKS, tmp_path)
+    yield
+    gymnasium.registry.pop("Bad-v0", None)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_bad_environment_ends_the_run_in_one_line_and_mended_it_goes_on(
+    rkhs: Callable[..., Result], fault: str
+) -> None:
+    result = rkhs(*ARGUMENTS, f"environment.options.fault={fault}")
+    assert result == (1, "", f"error: bad_tasks:Bad-v0: {FAULTS[fault]}\n")
+    assert len(Curve(Path("run/curve.csv")).rows()) == 2
+    assert Path("run/policy.npz").is_file()
+    Path("mended").touch()
+    assert rkhs("train", "--resume", "run", "--runner", "inline", "--quiet").code == 0
+    assert len(Curve(Path("run/curve.csv")).rows()) == 5
+
+
+def test_infinite_bounds_of_observations_are_no_fault(rkhs: Callable[..., Result]) -> None:
+    assert rkhs(*ARGUMENTS, "environment.options.fault=infinite bounds").code == 0
+
+
+def test_an_action_that_is_not_finite_ends_the_run_by_row_and_step(
+    random_policy: Callable[..., GaussianPolicy],
+) -> None:
+    policy = random_policy(d=1, n=1)
+    loud = policy.with_mean(type(policy.mean)(policy.mean.kernel, policy.mean.centres, np.full((5, 1), 1e308)))
+    with (
+        np.errstate(over="ignore"),
+        pytest.raises(RunError, match=r"rkhs/Toy-v0: the policy's action in row 0, step 1: expected finite numbers"),
+    ):
+        InlineRunner(Simulation("rkhs/Toy-v0")).collect(loud, Batch(0, 0, 2, 5, explore=False))
+
+
+@pytest.mark.parametrize("how", ["raise RuntimeError('no licence')", "raise SystemExit(4)"])
+def test_an_environment_that_cannot_be_made_is_refused(rkhs: Callable[..., Result], how: str) -> None:
+    Path("unmade.py").write_text(f"import gymnasium\ndef make():\n    {how}\ngymnasium.register('Unmade-v0', make)\n")
+    result = rkhs("train", "--env", "unmade:Unmade-v0", "--runner", "inline")
+    assert result.code == 2
+    assert result.err.startswith("error: unmade:Unmade-v0: expected an environment that can be made, got ")
+    assert result.err.count("\n") == 1

@@ -1,0 +1,106 @@
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rkhs_ros.base.yaml_text import MOST_BYTES, dumped, loaded, read_yaml, require_ros_value
+
+texts = st.text(st.characters(codec="utf-8"), max_size=40) | st.from_regex(
+    r"[-+.]?[0-9a-fxoeE_.:-]{1,8}", fullmatch=True
+)
+values = st.booleans() | st.integers(-(2**63) + 1, 2**63 - 1) | st.floats(allow_nan=False) | texts
+
+
+@given(st.dictionaries(texts, values | st.lists(values), max_size=5))
+def test_what_is_written_is_read_back_by_pyyaml_and_by_this_reader(tree: dict[str, Any]) -> None:
+    text = dumped(tree)
+    assert text.isascii()
+    assert loaded(text) == tree == yaml.safe_load(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1e5", 1e5),
+        ("1_000", "1_000"),
+        ("1:30", "1:30"),
+        ("2020-01-01", "2020-01-01"),
+        ("0o7", "0o7"),
+        ("010", 8),
+        ("09", 9.0),
+        ("0x1A", 26),
+        ("-.5", -0.5),
+        ("y", True),
+        ("off", False),
+        ("'on'", "on"),
+        ("inf", math.inf),
+        ("{on: 1, 2: y}", {"on": 1, "2": True}),
+    ],
+)
+def test_scalars_are_read_as_ros_reads_them(text: str, value: object) -> None:
+    assert (type(loaded(text)), loaded(text)) == (type(value), value)
+
+
+def nested(depth: int) -> str:
+    return "[" * depth + "]" * depth
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (nested(21), "more than 20 sections within sections"),
+        ("[" * 50_000, "more than 20 sections within sections"),
+        ("{a: " * 20_000, "more than 20 sections within sections"),
+        ("x: &a 1\ny: *a", "line 1: anchors and aliases"),
+        ("&a [*a]", "anchors and aliases"),
+        ("x: 1\n" * MOST_BYTES, f"at most {MOST_BYTES} characters, got more"),
+        ("9" * 5000, "4300 digits"),
+        ("!!python/object/apply:os.getcwd []", "python/object"),
+        ("!!timestamp 2020-01-01", "timestamp"),
+        ("{[1]: 2}", "unhashable key"),
+        ("a: b: c", "mapping values are not allowed"),
+    ],
+)
+@pytest.mark.timeout(5)
+def test_what_is_too_deep_too_large_or_no_plain_value_is_refused_in_a_short_line(text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message) as refusal:
+        loaded(text)
+    assert len(str(refusal.value)) < 300
+    assert "\n" not in str(refusal.value)
+
+
+def test_what_is_as_deep_as_allowed_is_read() -> None:
+    assert str(loaded(nested(20))) == nested(20)
+
+
+def test_a_file_is_refused_by_its_name(tmp_path: Path) -> None:
+    file = tmp_path / "bad.yaml"
+    for content in (b"\xff\xfe", b"a: [", b"x" * 10**7):
+        file.write_bytes(content)
+        with pytest.raises(ValueError, match=r"bad\.yaml: expected a YAML file, got one that cannot be parsed \("):
+            read_yaml(file)
+
+
+@pytest.mark.parametrize("value", [True, -3, 2**63 - 1, 0.5, "é\n", "", [1, 2], ["a"], {"a": {"b": [0.5]}}])
+def test_what_a_ros_parameter_can_be(value: object) -> None:
+    require_ros_value(value, "x")
+
+
+@pytest.mark.parametrize(
+    "value",
+    [None, 2**63, math.inf, math.nan, "a\0", "\udcff", [], [1, 0.5], [[1]], [None], {"a": {"b": None}}, {"a.b": 1}],
+)
+def test_what_no_ros_parameter_can_be_is_refused_by_its_name(value: object) -> None:
+    with pytest.raises(ValueError, match=r"^x(\.a\.b)?: expected"):
+        require_ros_value(value, "x")
+
+
+def test_what_is_there_twice_is_written_twice() -> None:
+    shared = {"id": "rkhs/Toy-v0"}
+    text = dumped({"a": shared, "b": shared})
+    assert "&" not in text
+    assert loaded(text) == {"a": shared, "b": shared}
