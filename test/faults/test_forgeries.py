@@ -53,8 +53,8 @@ def test_forged_episodes_do_not_end_the_run_nor_are_they_learnt_from(
     stranger = probe.create_publisher(Episodes, "episodes", LOCKSTEP_QOS)
 
     def forge(message: Observation) -> None:
-        """Send the episodes of the last batch as those of this one, before this one is over."""
-        if message.step == 5 and probe.heard["episodes"]:
+        """Send the episodes of the first batch as those of this one, before this one is over."""
+        if message.step < 50 and probe.heard["episodes"]:
             episodes = deepcopy(probe.heard["episodes"][0])
             if episodes.rows == message.rows:
                 episodes.batch, episodes.policy_version = message.batch, message.policy_version
