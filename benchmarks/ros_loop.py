@@ -23,7 +23,7 @@ from rclpy.experimental import EventsExecutor
 
 import sim_nodes.envs  # noqa: F401  # registers the tasks
 from rkhs_interfaces.msg import Observation
-from rkhs_ros.app.launcher import started
+from rkhs_ros.app.launcher import for_all, started
 from rkhs_ros.learning.training import train
 from rkhs_ros.nodes.learner_node import LearnerNode
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS, observation_message
@@ -106,7 +106,7 @@ def main() -> None:
     raw = ping_pong(observation_message(1, 1, batch, 1, simulation.step(np.zeros((batch.rows, 1)))))
     with tempfile.TemporaryDirectory() as folder:
         parameters = Path(folder) / "parameters.yaml"
-        parameters.write_text(resolved(config))
+        parameters.write_text(for_all(resolved(config), simulators=1))
         rclpy.shutdown()
         rclpy.init(args=["--ros-args", "--params-file", str(parameters)])
         with started(("simulator", "policy"), parameters):

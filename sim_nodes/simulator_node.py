@@ -76,7 +76,7 @@ class SimulatorNode(ReportingNode):
         self._observations = self.create_publisher(Observation, "observation", LOCKSTEP_QOS)
         self._episodes = self.create_publisher(Episodes, "episodes", LOCKSTEP_QOS)
         self._clock_ticks = self.create_publisher(Clock, "clock", LOCKSTEP_QOS)
-        self.diagnostics = Diagnostics(self, again, self._report)
+        self.diagnostics = Diagnostics(self, again, self._report, ["action"])
         self._uniqueness = Uniqueness(self, number)
         self.create_subscription(Action, "action", self._act, LOCKSTEP_QOS)
         self.create_service(StartEpisodes, "start_episodes", self._start)

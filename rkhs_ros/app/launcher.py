@@ -139,7 +139,8 @@ def for_all(parameters: str, simulators: int, learner: Mapping[str, str | bool] 
 
     Args:
         parameters: content of a ROS parameter file.
-        simulators: number of simulator nodes; the simulator's parameters go under the name of each one.
+        simulators: number of simulator nodes; the simulator's parameters go under the name of each one, and its
+            environment to the learner, which refuses simulators of another.
         learner: further parameters of the learner, such as paths: as arguments they would be read as YAML.
 
     Raises:
@@ -147,6 +148,7 @@ def for_all(parameters: str, simulators: int, learner: Mapping[str, str | bool] 
     """
     document = loaded(parameters)
     simulator = document.pop("simulator")
+    document["learner"]["ros__parameters"]["environment"] = simulator["ros__parameters"]["environment"]
     document |= {f"/{name}": simulator for name in node_names(simulators) if name.endswith("simulator")}
     require_ros_value(learner or {}, "learner")
     document["learner"]["ros__parameters"] |= learner or {}

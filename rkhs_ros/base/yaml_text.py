@@ -62,7 +62,11 @@ class _Reader(yaml.SafeLoader):
 
 
 class _Writer(yaml.SafeDumper):
-    """Quotes all text that may be taken for something else."""
+    """Quotes all text that may be taken for something else, and writes out what is there twice."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Return that there are none: ROS reads none."""
+        return True
 
 
 def _represent_text(writer: _Writer, text: str) -> yaml.ScalarNode:

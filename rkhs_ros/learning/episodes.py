@@ -77,8 +77,7 @@ class Episodes:
 
     def seen_through(self, inputs: Inputs) -> Episodes:
         """Return the episodes with the policy's inputs in place of the observations."""
-        # Row by row in memory, as files give it back: another order could change last bits of what is made of it.
-        return replace(self, observations=np.ascontiguousarray(inputs.unfold(self.observations, self.actions)))
+        return replace(self, observations=inputs.unfold(self.observations, self.actions))
 
     @property
     def horizon(self) -> int:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import socket
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+
+from rkhs_ros.nodes.publishers import SinglePublishers
 
 TOPIC = "/diagnostics"
 DIAGNOSTICS_QOS = QoSProfile(depth=10)  # reliable and volatile, as of everybody who reports there
@@ -22,20 +24,26 @@ LAST_REPORT_TIMEOUT_S = 0.5  # for listeners to take the report of an error befo
 class Diagnostics:
     """A node's reports of how it fares, once a second.
 
-    Owns the numbers of messages refused or passed over and of steps made, and why the node is stuck, if it is.
+    Owns the numbers of messages refused or passed over and of steps made, why the node is stuck, if it is, and which of
+    the topics that it hears have more than one publisher.
 
     Args:
         node: the node, of which the full name is reported.
         restarts: how often the node was started again.
         report: returns what else is to be reported.
+        topics: that the node hears, on each of which one node alone should publish.
     """
 
-    def __init__(self, node: Node, restarts: int, report: Callable[[], Mapping[str, object]]) -> None:
+    def __init__(
+        self, node: Node, restarts: int, report: Callable[[], Mapping[str, object]], topics: Iterable[str] = ()
+    ) -> None:
         self.refusals = 0
         self.passed_over = 0
         self.last_refusal = ""
         self.steps = 0
         self.stuck = ""  # why; empty while the node gets on
+        self.crowded = ""  # topics with more than one publisher, and whose
+        self._publishers = SinglePublishers(node, topics)
         self._node = node
         self._restarts = restarts
         self._report = report
@@ -59,6 +67,7 @@ class Diagnostics:
         """Report once a second; return the seconds until the next report."""
         now = time.monotonic()
         if now >= self._due:
+            self._look_for_strangers()
             self._publish(*self._state())
             self._due = now + REPORT_PERIOD_S
         return self._due - now
@@ -73,10 +82,17 @@ class Diagnostics:
             self._reports.wait_for_all_acked(Duration(seconds=LAST_REPORT_TIMEOUT_S))
             raise
 
+    def _look_for_strangers(self) -> None:
+        before, self.crowded = self.crowded, self._publishers.crowded()
+        if self.crowded and self.crowded != before:
+            self._node.get_logger().warning(f"expected one publisher, got {self.crowded}; set ROS_DOMAIN_ID apart")
+
     def _state(self) -> tuple[bytes, str]:
         refused, self._refusals_reported = self.refusals > self._refusals_reported, self.refusals
         if self.stuck:
             return DiagnosticStatus.ERROR, f"stuck: {self.stuck}"
+        if self.crowded:
+            return DiagnosticStatus.WARN, f"more than one publisher: {self.crowded}"
         return (DiagnosticStatus.WARN, "refused a message") if refused else (DiagnosticStatus.OK, "well")
 
     def _publish(self, level: bytes, text: str) -> None:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 from threading import Event
+from typing import Any
 
-from rkhs_ros.base.settings import entries
+from rkhs_ros.base.settings import Entry, entries
 from rkhs_ros.learning.training import training_from
 from rkhs_ros.nodes.diagnostics import Diagnostics
+from rkhs_ros.nodes.names import namespaces
 from rkhs_ros.nodes.parameters import declare, declared, given, instance, restarts
 from rkhs_ros.nodes.peers import Peers
 from rkhs_ros.nodes.spin import ReportingNode, run
 from rkhs_ros.nodes.topic_runner import TopicRunner
 from rkhs_ros.nodes.uniqueness import Uniqueness
-from rkhs_ros.runs.config import Config
+from rkhs_ros.runs.config import Config, Environment, environment_from
 from rkhs_ros.runs.report import is_begun
 from rkhs_ros.runs.run import run_training
 
@@ -38,13 +40,24 @@ class LearnerNode(ReportingNode):
             self, tree, "resume", False, "go on with the run in the output folder, if one began there"
         )
         again, number = restarts(self, tree), instance(self, tree)
+        self.environment = self._environment_from(tree)
         self.training = training_from(tree)
         declare(self, entries(self.training))
-        self.diagnostics = Diagnostics(self, again, lambda: self.runner.report())
+        topics = [f"{namespace}episodes" for namespace in namespaces(self.training.simulators)]
+        self.diagnostics = Diagnostics(self, again, lambda: self.runner.report(), topics)
         self._uniqueness = Uniqueness(self, number)
         self.peers = Peers(self, self.training.timeout)
         rows = max(self.training.episodes_per_iteration, self.training.evaluation_episodes)
         self.runner = TopicRunner(self, self.peers, self.training.simulators, rows)
+
+    def _environment_from(self, tree: dict[str, Any]) -> Environment | None:
+        """Take out of the node's tree the environment to learn in; None where the simulator is to tell."""
+        if "environment" not in tree:
+            return None
+        environment = environment_from(tree.pop("environment"))
+        about = "Gymnasium id of the environment; simulators of another are refused"
+        declare(self, [Entry("environment.id", environment.id, {"description": about})])
+        return environment
 
     def heartbeat(self) -> float:
         """Report; return the seconds until the next report."""
@@ -56,7 +69,7 @@ def learn(node: LearnerNode, stop: Event) -> None:
     """Run the whole training of a learner node, or until told to end."""
     node.peers.stop = stop
     with node.diagnostics.errors_reported():
-        config = Config(node.runner.connect(), node.training)
+        config = Config(node.runner.connect(node.environment), node.training)
         folder = Path(node.output) if node.output else None
         begun = folder is not None and is_begun(folder)
         run_training(config, node.runner, folder, quiet=node.quiet, resume=node.resume and begun)

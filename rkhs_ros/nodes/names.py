@@ -2,6 +2,15 @@
 
 from __future__ import annotations
 
+import secrets
+
+NODES = ("simulator", "policy", "learner")
+
+
+def fresh_number() -> int:
+    """Return a number that names a batch or a policy: nobody else uses or can guess it, and no result depends on it."""
+    return 1 + secrets.randbelow(2**63 - 1)
+
 
 def namespaces(simulators: int) -> list[str]:
     """Return the namespaces of that many simulator nodes, relative ones with their slash; none for a single one."""

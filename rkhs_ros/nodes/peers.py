@@ -78,15 +78,17 @@ class Peers:
             patience = min(2 * patience, LONGEST_RETRY_S)
         raise self.silent(name)
 
-    def call_until_accepted(self, client: Client, request: Any, name: str) -> Any:
-        """Ask a node until it accepts. A refusal must stand: one may come from a second node that is about to end.
+    def call_until_accepted(self, ask: Callable[[], Any], name: str) -> Any:
+        """Ask a node again and again until it accepts.
+
+        A refusal must stand: one may come from a second node that is about to end.
 
         Raises:
             ValueError: it refuses; the message says why.
             PeerError: no answer came in time.
         """
         deadline = time.monotonic() + REFUSAL_STANDS_S
-        while not (response := self.call(client, request, name)).accepted:
+        while not (response := ask()).accepted:
             if time.monotonic() > deadline:
                 raise ValueError(f"the {name} node refused: {response.message}")
             self.spin(lambda: False, SIGNAL_CHECK_S)

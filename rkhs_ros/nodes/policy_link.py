@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import time
 from functools import partial
-from itertools import count
 
 from rclpy.node import Node
 
 from rkhs_interfaces.msg import BatchProgress
 from rkhs_interfaces.srv import SetPolicy
 from rkhs_ros.nodes.messages import set_policy_request
+from rkhs_ros.nodes.names import fresh_number
 from rkhs_ros.nodes.peers import Peers
 from rkhs_ros.policies.gaussian import GaussianPolicy
 
@@ -30,11 +29,10 @@ class PolicyLink:
     def __init__(self, node: Node, peers: Peers) -> None:
         self.version = 0
         self.progress: list[BatchProgress] = []
-        self._policy: GaussianPolicy | None = None
+        self.policy: GaussianPolicy | None = None
         self._instance = 0
+        self._node = node
         self._peers = peers
-        # No result depends on the versions; no other learner, and not this one started again, uses the same ones.
-        self._versions = count(time.time_ns())
         self._set_policy = node.create_client(SetPolicy, "set_policy")
 
     def wait(self) -> None:
@@ -43,14 +41,30 @@ class PolicyLink:
 
     def serve(self, policy: GaussianPolicy) -> None:
         """Have the policy node serve a policy, if it does not serve it already."""
-        if policy is not self._policy:
-            self._policy, self.version = policy, next(self._versions)
+        if policy is not self.policy:
+            self.policy, self.version = policy, fresh_number()
             self.push(policy)
 
     def push(self, policy: GaussianPolicy) -> bool:
-        """Send the policy in service, perhaps again; return whether another process answers than before."""
-        request = set_policy_request(policy, self.version)
-        ask = partial(self._peers.call_until_accepted, self._set_policy, request, NAME)
+        """Send the policy in service, perhaps again.
+
+        Returns:
+            Whether the policy node knows nothing of batches under way: another process answers than before, or the
+            policy got another version.
+        """
+        ask = partial(self._peers.call_until_accepted, partial(self._set, policy), NAME)
+        before = (self._instance, self.version)
         response = self._peers.call_until_connected(ask, NAME)
-        before, self._instance, self.progress = self._instance, response.instance, response.progress
-        return self._instance != before
+        self._instance, self.progress = response.instance, response.progress
+        return (self._instance, self.version) != before
+
+    def _set(self, policy: GaussianPolicy) -> SetPolicy.Response:
+        """Send the policy; if the node serves another one by its version, somebody else's, choose another version."""
+        response = self._peers.call(self._set_policy, set_policy_request(policy, self.version), NAME)
+        if not response.accepted and response.version == self.version:
+            self.version = fresh_number()
+            self._node.get_logger().warning(
+                f"somebody else had the {NAME} node serve another policy as version {response.version}; "
+                f"this one is now version {self.version}"
+            )
+        return response

@@ -89,7 +89,8 @@ class PolicyNode(ReportingNode):
         again, number = restarts(self, tree), instance(self, tree)
         self.served = self._from_file(tree)
         self._simulators = [SimulatorTopics(self, namespace) for namespace in namespaces(simulators)]
-        self.diagnostics = Diagnostics(self, again, self._report)
+        topics = [f"{namespace}observation" for namespace in namespaces(simulators)]
+        self.diagnostics = Diagnostics(self, again, self._report, topics)
         self._uniqueness = Uniqueness(self, number)
         self.create_service(SetPolicy, "set_policy", self._set_policy)
 

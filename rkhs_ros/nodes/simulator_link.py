@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -11,20 +13,25 @@ from rkhs_interfaces.msg import BatchProgress
 from rkhs_interfaces.msg import Episodes as EpisodesMessage
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.base.validation import require
+from rkhs_ros.base.validation import require, shown
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.replay import check_actions
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS, episodes_of, spaces_of, start_request
-from rkhs_ros.nodes.peers import Peers
-from rkhs_ros.nodes.spin import PeerError
+from rkhs_ros.nodes.names import fresh_number
+from rkhs_ros.nodes.peers import REFUSAL_STANDS_S, Peers
+from rkhs_ros.nodes.spin import SIGNAL_CHECK_S, PeerError
+from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
+from rkhs_ros.runs.config import MOST_ROWS, Environment
 
 
 class SimulatorLink:
     """One simulator as the learner sees it.
 
-    Owns the task it simulates, the batch that it was asked for, the furthest step of it that was seen, how often it was
-    begun without coming further, and the episodes that it sent.
+    Owns the task it simulates, the batch that it was asked for and the policy that acts in it, the furthest step of the
+    batch that was seen, how often it was begun without coming further, and the episodes that it sent. Only those in
+    which the policy acted are taken.
 
     Args:
         node: the learner node.
@@ -35,6 +42,7 @@ class SimulatorLink:
     """
 
     def __init__(self, node: Node, peers: Peers, namespace: str, rows: int, refuse: Callable[[str], None]) -> None:
+        self.namespace = namespace
         self.name = f"{namespace}simulator"
         self.task: DescribeTask.Response = DescribeTask.Response()
         self.spaces = Spaces.unbounded(1, 1)  # until it is connected
@@ -43,6 +51,8 @@ class SimulatorLink:
         self.request = StartEpisodes.Request()
         self.step = 0
         self.attempts = 0
+        self.refusal = ""  # why episodes of the batch were refused; empty while none were
+        self._policy: GaussianPolicy | None = None
         self._peers = peers
         self._rows = rows
         self._refuse = refuse
@@ -54,15 +64,36 @@ class SimulatorLink:
         """Wait until the simulator is there."""
         self._peers.wait_for_service(self._describe, self.name)
 
-    def connect(self) -> None:
+    def connect(self, expected: Environment | None) -> Environment:
         """Learn the simulator's task, once it is connected to the policy node and to this one.
 
+        What is wrong must stand: a second simulator of this name may answer that is about to end.
+
+        Args:
+            expected: the environment that it must have; any where None.
+
         Raises:
+            PeerError: it has another environment.
             ValueError: what it describes is no task.
         """
-        self.task = self._peers.call_until_connected(self.describe, self.name)
+        deadline = time.monotonic() + REFUSAL_STANDS_S
+        while True:
+            self.task = self._peers.call_until_connected(self.describe, self.name)
+            try:
+                return self._accept(expected)
+            except (PeerError, ValueError):
+                if time.monotonic() > deadline:
+                    raise
+            self._peers.spin(lambda: False, SIGNAL_CHECK_S)
+
+    def _accept(self, expected: Environment | None) -> Environment:
+        environment = _environment_of(self.task)
+        if expected is not None and _named(environment) != _named(expected):
+            got = shown(_named(environment))
+            raise PeerError(f"the {self.name} node: expected one of {_named(expected)}, got one of {got}")
         self.spaces = spaces_of(self.task)
         require(self.task.room >= 1, f"{self.name}: room", "at least 1 row", self.task.room)
+        return expected or environment
 
     def describe(self) -> DescribeTask.Response:
         """Ask the simulator what it simulates and how far it is."""
@@ -74,17 +105,26 @@ class SimulatorLink:
         self.batch, self.episodes = None, None
         self.step = self.attempts = 0
 
-    def begin(self, batch: Batch, identity: int, version: int, clock: int) -> None:
-        """Have the simulator begin a batch of this number, in which the policy of that version acts."""
-        self.batch, self.episodes = batch, None
-        self.attempts += 1
-        self.request = start_request(identity, version, batch, self.task, clock)
-        self.ask_for_episodes()
+    def begin(self, batch: Batch, policy: GaussianPolicy | None, version: int, clock: int) -> None:
+        """Have the simulator begin a batch, in which the policy of that version acts.
 
-    def ask_for_episodes(self) -> None:
-        """Ask for the batch, which begins unless it is under way; then what was published last is repeated."""
+        Raises:
+            ValueError: it refuses.
+        """
+        self.batch, self.episodes, self.refusal = batch, None, ""
+        self.attempts += 1
+        self._policy = policy
+        self.request = start_request(fresh_number(), version, batch, self.task, clock)
         with self._place_named():
-            self._peers.call_until_accepted(self._start, self.request, self.name)
+            self._peers.call_until_accepted(self._ask, self.name)
+
+    def ask_again(self) -> bool:
+        """Have what the simulator published last repeated; return whether it knows the batch as it was asked for."""
+        with self._place_named():
+            return bool(self._ask().accepted)
+
+    def _ask(self) -> StartEpisodes.Response:
+        return self._peers.call(self._start, self.request, self.name)
 
     @property
     def busy(self) -> bool:
@@ -124,9 +164,34 @@ class SimulatorLink:
 
     def _hear(self, message: EpisodesMessage) -> None:
         expected = (self.request.batch, self.request.policy_version)
-        if self.batch is None or (message.batch, message.policy_version) != expected:
+        if not self.busy or (message.batch, message.policy_version) != expected:
             return  # late, or of another learner
         try:
-            self.episodes = episodes_of(message, self.batch, self.spaces)
+            self.episodes = self._checked(message)
         except ValueError as error:
-            self._refuse(f"episodes: {error}")
+            self.refusal = str(error)
+            self._refuse(f"episodes: {self.name}: {error}")
+
+    def _checked(self, message: EpisodesMessage) -> Episodes | None:
+        if self.batch is None or self._policy is None:
+            return None
+        episodes = episodes_of(message, self.batch, self.spaces)
+        check_actions(episodes, self._policy, self.batch)
+        return episodes
+
+
+def _environment_of(task: DescribeTask.Response) -> Environment:
+    """Return the environment that a simulator describes.
+
+    Raises:
+        ValueError: the options are no JSON object.
+    """
+    try:
+        options = json.loads(task.options)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"options: expected a JSON object, got {shown(task.options)}") from error
+    return Environment(task.environment, options, min(task.rows_at_once, MOST_ROWS))
+
+
+def _named(environment: Environment) -> str:
+    return f"{environment.id} with options {json.dumps(dict(environment.options), sort_keys=True)}"

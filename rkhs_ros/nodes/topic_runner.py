@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import time
 from functools import reduce
-from itertools import chain, count, repeat
+from itertools import chain, repeat
 from operator import add
 
 from rkhs_interfaces.msg import BatchProgress
@@ -15,6 +14,7 @@ from rkhs_ros.nodes.names import namespaces
 from rkhs_ros.nodes.peers import Peers
 from rkhs_ros.nodes.policy_link import NAME as POLICY
 from rkhs_ros.nodes.policy_link import PolicyLink
+from rkhs_ros.nodes.publishers import listed
 from rkhs_ros.nodes.simulator_link import SimulatorLink
 from rkhs_ros.nodes.spin import PeerError, ReportingNode
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -29,10 +29,10 @@ MOST_ATTEMPTS = 5  # at a batch that comes no further, as a node dies at the sam
 class TopicRunner:
     """Lets policies act in simulator nodes; a `Runner` to the training loop.
 
-    Owns the numbers of the batches, the steps that the simulators' clocks have counted, and when there was progress.
-    Does not own the environment, the policy in service or the steps of a batch: it hears whole episodes, so that a step
-    costs one message each way between simulator and policy node. Brings peers back that died: what one of them no
-    longer knows begins anew, and comes out the same to the last bit.
+    Owns the steps that the simulators' clocks have counted, and when there was progress. Does not own the environment,
+    the policy in service or the steps of a batch: it hears whole episodes, so that a step costs one message each way
+    between simulator and policy node. Brings peers back that died: what one of them no longer knows begins anew, and
+    comes out the same to the last bit. So it does where another policy acted.
 
     Args:
         node: the learner node.
@@ -44,39 +44,40 @@ class TopicRunner:
     def __init__(self, node: ReportingNode, peers: Peers, simulators: int, rows: int) -> None:
         self._node = node
         self._peers = peers
-        # No result depends on the numbers; no other learner, and not this one started again, uses the same ones.
-        self._identities = count(time.time_ns())
         self._clock_steps = 0
         self._progress_at = 0.0  # monotonic time, seconds
         refuse = node.diagnostics.refuse
         self._simulators = [SimulatorLink(node, peers, place, rows, refuse) for place in namespaces(simulators)]
         self._policy = PolicyLink(node, peers)
 
-    def connect(self) -> Environment:
-        """Wait for simulators and policy node, and return the task.
+    def connect(self, environment: Environment | None = None) -> Environment:
+        """Wait for simulators and policy node, and return the environment.
+
+        Args:
+            environment: that the simulators must have; that of the first one where None.
 
         Raises:
-            PeerError: one of them does not appear in time, or the simulators have different tasks.
+            PeerError: one of them does not appear in time, or a simulator has another environment.
         """
         for simulator in self._simulators:
             simulator.wait()
         self._policy.wait()
-        for simulator in self._simulators:
-            simulator.connect()
-        task = self._simulators[0].task
-        for simulator in self._simulators:
-            other = simulator.task
-            if (other.environment, other.options) != (task.environment, task.options):
-                raise PeerError(f"expected all simulators of one task, got {other.environment} from {simulator.name}")
+        if environment is None:
+            self._node.get_logger().info("no environment is given: that of the first simulator is learnt in")
+        first, *others = self._simulators
+        environment = first.connect(environment)
+        for simulator in others:
+            simulator.connect(environment)
         self._clock_steps = max(simulator.task.clock for simulator in self._simulators)
         self.spaces = self._simulators[0].spaces
-        return Environment(task.environment, json.loads(task.options), task.rows_at_once)
+        return environment
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Return the episodes of a batch under the policy, as many at a time as the simulators have room for.
 
         Raises:
-            PeerError: a node did not answer in time, or there was one of the learner's name before.
+            PeerError: a node did not answer in time, there was one of the learner's name before, or episodes in which
+                another policy acted came again and again.
             RunError: the environment failed, the policy's actions are not finite, or a node dies again and again.
             ValueError: a node refused the policy or the batch.
         """
@@ -108,7 +109,7 @@ class TopicRunner:
     def _begin(self, parts: list[tuple[SimulatorLink, Batch]]) -> None:
         """Have simulators begin batches side by side."""
         for simulator, batch in parts:
-            simulator.begin(batch, next(self._identities), self._policy.version, self._clock_steps)
+            simulator.begin(batch, self._policy.policy, self._policy.version, self._clock_steps)
         self._clock_steps += max(batch.horizon for _, batch in parts)
 
     def _recover(self, policy: GaussianPolicy) -> None:
@@ -132,13 +133,28 @@ class TopicRunner:
             self._progress_at = now
         elif further:
             self._progress_at = now
-        elif self._peers.stalled(self._progress_at):
-            self._begin([(simulator, batch)])  # for reasons that are not known
-        else:
-            simulator.ask_for_episodes()
+        elif simulator.busy and simulator.refusal:
+            self._take_again(simulator, batch)
+            self._progress_at = now
+        elif self._peers.stalled(self._progress_at) or not simulator.ask_again():
+            self._begin([(simulator, batch)])  # for reasons not known, or since somebody began another of its number
 
     def _begin_anew(self, simulator: SimulatorLink, batch: Batch, died: str) -> None:
         if simulator.attempts >= MOST_ATTEMPTS:
             raise RunError(f"the {died} node died {simulator.attempts} times at the same place; {simulator.place}")
         self._node.get_logger().info(f"the batch of the {simulator.name} node begins anew")
+        self._begin([(simulator, batch)])
+
+    def _take_again(self, simulator: SimulatorLink, batch: Batch) -> None:
+        """Have a batch begin anew whose episodes were refused, and say who may have sent them.
+
+        Raises:
+            PeerError: they were refused too often.
+        """
+        topics = (f"{simulator.namespace}{topic}" for topic in ("observation", "action", "episodes"))
+        publishers = f"publishers of {'; '.join(listed(self._node, topic) for topic in topics)}"
+        if simulator.attempts >= MOST_ATTEMPTS:
+            times = f"{simulator.attempts} times"
+            raise PeerError(f"the {simulator.name} node sent wrong episodes {times}: {simulator.refusal}; {publishers}")
+        self._node.get_logger().warning(f"the batch of the {simulator.name} node begins anew; {publishers}")
         self._begin([(simulator, batch)])

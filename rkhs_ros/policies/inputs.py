@@ -90,11 +90,11 @@ class Inputs(Settings):
         done = np.where(places[:, :, None] > 0, actions[:, np.maximum(places - 1, 0)], 0.0)
         windows = np.concatenate([seen, done], axis=-1)
         rows, length, ages, columns = windows.shape
-        return self._monomials(windows.reshape(rows, length, ages * columns))
+        return _row_by_row(self._monomials(windows.reshape(rows, length, ages * columns)))
 
     def features(self, observations: Array) -> Array:
         """Return the points of a window of length 1, shape (..., input_dim)."""
-        return self._monomials(self._angles(observations))
+        return _row_by_row(self._monomials(self._angles(observations)))
 
     def _check_angles(self, observation_dim: int) -> None:
         good = max(self.columns, default=0) < observation_dim
@@ -123,6 +123,11 @@ class Inputs(Settings):
         choices = list(combinations_with_replacement(range(size), self.degree))
         scale = np.sqrt([_multinomial(np.bincount(c, minlength=size).tolist()) for c in choices])
         return np.asarray(scale * factors[..., np.array(choices)].prod(axis=-1))
+
+
+def _row_by_row(points: Array) -> Array:
+    """Return the points row by row in memory: products of rows that lie otherwise can have other last bits."""
+    return np.ascontiguousarray(points)
 
 
 def _multinomial(counts: Sequence[int]) -> int:

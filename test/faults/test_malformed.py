@@ -110,7 +110,7 @@ def assert_well(process: Process) -> None:
     code, out, err = process.finish()
     assert (code, out) == (0, "")
     for line in err.splitlines():
-        assert re.match(r"\[WARN\] \[[\d.]+\] \[\w+\]: refused ", line), err
+        assert re.match(r"\[WARN\] \[[\d.]+\] \[\w+\]: (refused|expected one publisher, got) ", line), err
 
 
 def memory(process: Process, what: str) -> float:

@@ -13,13 +13,13 @@ from typing import Any
 import domain_coordinator
 import pytest
 import rclpy
-import yaml
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
+from rkhs_ros.app.launcher import for_all
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS
 from rkhs_ros.nodes.transport import by_udp
 from rkhs_ros.runs.config import load_config
@@ -121,8 +121,7 @@ def parameters(tmp_path: Path) -> Callable[..., Path]:
 
     def write(config: str, *changes: str) -> Path:
         file = tmp_path / f"{config}.parameters.yaml"
-        file.write_text(resolved(load_config(ROOT / "config" / f"{config}.yaml", changes)))
-        yaml.safe_load(file.read_text())
+        file.write_text(for_all(resolved(load_config(ROOT / "config" / f"{config}.yaml", changes)), simulators=1))
         return file
 
     return write

@@ -25,7 +25,7 @@ class IdlePolicyNode:
         self.asked.append(request.policy.version)
         response.accepted = len(self.asked) > self._refusals
         response.message = "expected another policy, got this one"
-        response.version, response.instance, response.connected = request.policy.version, 1, True
+        response.version, response.instance, response.connected = response.accepted * request.policy.version, 1, True
         return response
 
 

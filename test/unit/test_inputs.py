@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Polynomial
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.simulation import Simulation
@@ -151,3 +152,15 @@ def test_an_angle_and_whole_turns_of_it_are_the_same_point(rng: np.random.Genera
 def test_angles_that_are_no_columns_are_refused(angles: tuple[float, ...], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Inputs(angles=angles).dimension(2, 1)
+
+
+@pytest.mark.parametrize("degree", [0, 2])
+@pytest.mark.parametrize("history", [1, 2])
+def test_a_row_alone_is_acted_upon_as_beside_others(rng: np.random.Generator, history: int, degree: int) -> None:
+    inputs = Inputs(history=history, angles=(1.0, 2.0), degree=degree)
+    size = inputs.dimension(3, 1)
+    mean = Function(Polynomial(0.5, 3), rng.normal(size=(1, size)), np.ones((1, 1)))
+    seen, done = rng.normal(size=(50, 4, 3)), rng.normal(size=(50, 4, 1))
+    together = mean(inputs.at(np.array([3]), seen, done)[:, 0])
+    alone = [mean(inputs.at(np.array([3]), seen[row : row + 1], done[row : row + 1])[:, 0])[0] for row in range(50)]
+    assert np.array_equal(together, alone)

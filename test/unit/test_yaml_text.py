@@ -97,3 +97,10 @@ def test_what_a_ros_parameter_can_be(value: object) -> None:
 def test_what_no_ros_parameter_can_be_is_refused_by_its_name(value: object) -> None:
     with pytest.raises(ValueError, match=r"^x(\.a\.b)?: expected"):
         require_ros_value(value, "x")
+
+
+def test_what_is_there_twice_is_written_twice() -> None:
+    shared = {"id": "rkhs/Toy-v0"}
+    text = dumped({"a": shared, "b": shared})
+    assert "&" not in text
+    assert loaded(text) == {"a": shared, "b": shared}
