@@ -62,7 +62,10 @@ class _Reader(yaml.SafeLoader):
 
 
 class _Writer(yaml.SafeDumper):
-    """Quotes all text that may be taken for something else."""
+    """Quotes all text that may be taken for something else, and writes no aliases."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
 
 
 def _represent_text(writer: _Writer, text: str) -> yaml.ScalarNode:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -13,6 +14,8 @@ import rclpy
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+
+from rkhs_ros.nodes.transport import check_domain
 
 if TYPE_CHECKING:
     from rkhs_ros.nodes.diagnostics import Diagnostics
@@ -64,9 +67,10 @@ def run(make_node: Callable[[], AnyNode], work: Callable[[AnyNode, Event], None]
     stop = Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, frame: stop.set())
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     code = 0
     try:
+        check_domain(os.environ)
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
         gc.collect()
         gc.freeze()  # what was imported need not be searched for garbage between messages

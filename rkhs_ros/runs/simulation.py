@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from rkhs_ros.base.validation import require
+from rkhs_ros.base.validation import require, shown
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
@@ -137,5 +137,7 @@ def _step_seconds(environment: AnyEnv | AnyVectorEnv) -> float:
 
 def _continuous(space: gymnasium.Space[Any], what: str) -> Box:
     if not isinstance(space, Box) or not np.issubdtype(space.dtype, np.floating):
-        raise ValueError(f"{what}: expected a continuous space (a Box of numbers), got {space}")
+        image = isinstance(space, Box) and len(space.shape) >= 2
+        kind = "images, which are not supported" if image else space
+        raise ValueError(f"{what}: expected a continuous space (a Box of numbers), got {shown(kind)}")
     return space
