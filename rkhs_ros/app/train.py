@@ -106,6 +106,8 @@ def _train_one(options: argparse.Namespace) -> int:
     runner = runner_of(config.environment)  # refuses what cannot be served
     given = load_policy(options.policy)[0] if options.policy else None
     first_state(config.training, runner.spaces, given)  # refuses what cannot be learnt
+    if not options.quiet:
+        _tell_of_horizon(config, runner.simulation.own_horizon)
     over_topics = _is_over_topics(options.runner)
     if over_topics:
         config.check_for_topics()
@@ -137,6 +139,13 @@ def _leave_resumable(config: Config, folder: Path, runner: InlineRunner) -> None
         Report(folder, config, runner.spaces)
     if (folder / "policy.npz").is_file():
         draw_run(folder)
+
+
+def _tell_of_horizon(config: Config, own: int | None) -> None:
+    """Say where episodes end at another step than the environment's own."""
+    horizon = config.training.horizon
+    if own is not None and own != horizon:
+        print(f"note: horizon: {horizon} steps, in place of {config.environment.id}'s own {own}", file=sys.stderr)
 
 
 def _is_over_topics(asked: str | None) -> bool:

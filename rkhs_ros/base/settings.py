@@ -20,6 +20,10 @@ T = TypeVar("T")
 Tree = Mapping[str, Any]
 
 
+class UnknownKeyError(ValueError):
+    """A section has no setting of that name."""
+
+
 class Settings:
     """Base of a frozen dataclass whose fields are settings: their values are checked however it is made."""
 
@@ -80,9 +84,15 @@ def build(cls: type[T], values: Tree, path: str = "") -> T:
     known = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]  # a dataclass
     for key in values:
         if key not in known:
-            raise ValueError(f"unknown key '{path}{key}', {hint(str(key), known)}")
+            raise UnknownKeyError(f"unknown key '{path}{key}', {_meant(str(key), cls, known)}")
     types = _types(cls)  # type: ignore[arg-type]  # a class can be hashed
     return cls(**{k: _convert(f, types[k], values[k], path + k) for k, f in known.items() if k in values})
+
+
+def _meant(key: str, cls: type, known: Mapping[str, Any]) -> str:
+    """Return a hint for an unknown key: settings of that name in a section within, or the nearest name."""
+    within = [entry.name for entry in entries(cls()) if entry.name.rpartition(".")[2] == key]
+    return hint(key, known) if not within else f"did you mean {' or '.join(map(repr, within))}?"
 
 
 @cache
@@ -95,7 +105,14 @@ def _build_variant(f: Field[Any], values: Tree, path: str) -> Any:
     table, key = f.metadata["table"], f.metadata["key"]
     require(isinstance(values, Mapping), path.rstrip("."), "a section of keys", repr(values))
     cls = pick(str(values[key]), table, path + key) if key in values else type(f.default)
-    return build(cls, {k: v for k, v in values.items() if k != key}, path)
+    try:
+        return build(cls, {k: v for k, v in values.items() if k != key}, path)
+    except UnknownKeyError as error:  # as where another variant is named beside the settings of the one before
+        if key not in values:
+            raise
+        section = path.rstrip(".")
+        remedy = f"{section}={{{key}: {values[key]}}} takes '{values[key]}' with its defaults"
+        raise UnknownKeyError(f"{error} {remedy}") from error
 
 
 def _convert(f: Field[Any], kind: Any, value: Any, name: str) -> Any:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 T = TypeVar("T")
 REAL_KINDS = "buif"  # of numpy types, for truth values and numbers; what text and dates stand for is not guessed
+MOST_LISTED, MOST_MEANT = 30, 3  # names in a refusal
 MOST_SHOWN = 200  # characters of what was got
 
 
@@ -40,9 +41,12 @@ def pick(name: str, table: Mapping[str, T], kind: str) -> T:
 
 
 def hint(name: str, known: Mapping[str, Any]) -> str:
-    """Return "did you mean 'x'?" for a near name, else the list of names."""
-    near = get_close_matches(shown(name), known, n=1)
-    return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
+    """Return "did you mean 'x'?" for names that begin alike, or the nearest one, else the names if they are few."""
+    begun = sorted(each for each in known if name and each.startswith(name))
+    near = begun[:MOST_MEANT] or get_close_matches(shown(name), known, n=1)
+    if near:
+        return f"did you mean {' or '.join(map(repr, near))}?"
+    return f"known: {', '.join(sorted(known))}" if len(known) <= MOST_LISTED else f"none of {len(known)} is like it"
 
 
 def numbers(*counts: int) -> str:

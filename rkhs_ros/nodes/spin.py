@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -16,6 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from rkhs_ros.base.endings import RunError, say
 from rkhs_ros.base.streams import messages_may_be_lost
+from rkhs_ros.nodes.transport import check_domain
 
 if TYPE_CHECKING:
     from rkhs_ros.nodes.diagnostics import Diagnostics
@@ -70,9 +72,10 @@ def _code_of(make_node: Callable[[], AnyNode], work: Callable[[AnyNode, Event], 
     stop = Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, frame: stop.set())
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     code = 0
     try:
+        check_domain(os.environ)
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
         gc.collect()
         gc.freeze()  # what was imported need not be searched for garbage between messages

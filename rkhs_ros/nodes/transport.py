@@ -9,9 +9,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from rkhs_ros.base.validation import require
+
 FAST_DDS = "rmw_fastrtps_cpp"  # the middleware that ROS 2 comes with
 RANGE, PROFILES = "ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"
+DOMAIN, LAST_DOMAIN = "ROS_DOMAIN_ID", 232  # with the next one UDP has no ports left
 LOOPBACK = Path(__file__).with_name("loopback.xml")
+
+
+def check_domain(environment: Mapping[str, str]) -> None:
+    """Raise ValueError where an environment names a domain that is none, of which ROS makes a traceback."""
+    domain = environment.get(DOMAIN, "0") or "0"
+    good = domain.isascii() and domain.isdigit() and int(domain) <= LAST_DOMAIN
+    require(good, DOMAIN, f"a whole number from 0 to {LAST_DOMAIN}", repr(domain))
 
 
 def by_udp(environment: Mapping[str, str]) -> dict[str, str]:
@@ -22,7 +32,11 @@ def by_udp(environment: Mapping[str, str]) -> dict[str, str]:
 
     Args:
         environment: that of this process; where it says how Fast DDS is to be set, that stays.
+
+    Raises:
+        ValueError: it names no domain.
     """
+    check_domain(environment)
     if environment.get("RMW_IMPLEMENTATION", FAST_DDS) != FAST_DDS or PROFILES in environment:
         return dict(environment)
     if environment.get(RANGE) == "LOCALHOST":

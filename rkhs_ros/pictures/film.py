@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rkhs_ros.base.validation import require
+from rkhs_ros.base.validation import require, shown
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.policies.streams import Batch
@@ -121,6 +121,10 @@ def _with_pictures(task: Task, simulation: Simulation) -> Simulation:
 def _rendered(simulation: Simulation, action: Array) -> Pictures:
     try:
         seen: Any = simulation.shown.render()
-    except gymnasium.error.DependencyNotInstalled as error:
-        raise ValueError(f"{simulation.environment}: expected what draws it to be installed, got: {error}") from error
+    except (gymnasium.error.DependencyNotInstalled, ImportError) as error:
+        got = f"{shown(error)}"
+        raise ValueError(f"{simulation.environment}: expected what draws it to be installed, got: {got}") from error
+    except Exception as error:  # somebody's code, on somebody's display
+        got = f"{type(error).__name__}: {shown(error)} (for MuJoCo without a display, set MUJOCO_GL=egl or osmesa)"
+        raise ValueError(f"{simulation.environment}: expected a picture, got {got}") from error
     return np.asarray(seen[0] if isinstance(seen, tuple | list) else seen, dtype=np.uint8)

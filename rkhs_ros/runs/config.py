@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -124,12 +125,21 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
         ValueError: not such a file, or settings that are unknown or do not fit.
         OSError: the file cannot be read.
     """
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such configuration, {_nearest(path)}")
     sections = _sections(path)
     require("environment" not in sections["learner"], f"{path}: learner", "the environment under simulator", "it here")
     tree = {"name": path.stem, **sections["learner"], "environment": sections["simulator"].get("environment", {})}
     unknown = [key for key in sections["simulator"] if key != "environment"]
     require(not unknown, f"{path}: simulator", "the key 'environment'", ", ".join(map(str, unknown)))
     return _changed(tree, changes)
+
+
+def _nearest(path: Path) -> str:
+    """Return a hint at the configurations with the nearest names, beside the one asked for or in config/."""
+    found = {file.stem: file for folder in (Path("config"), path.parent) for file in folder.glob("*.yaml")}
+    near = get_close_matches(path.stem, found, n=1)
+    return f"did you mean '{found[near[0]]}'?" if near else "nor one of a like name"
 
 
 def config_for(environment: str, horizon: int | None, changes: Iterable[str] = ()) -> Config:

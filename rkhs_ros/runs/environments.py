@@ -110,9 +110,10 @@ def _registered(environment: str, options: dict[str, Any], rows_at_once: int) ->
         return SeparateRows(single, environment, rows_at_once)
     except (TypeError, LookupError) as error:
         raise ValueError(
-            f"environment.options: expected what {environment} takes, got {options} ({shown(error)})"
+            f"environment.options: expected what {environment} takes, got {shown(options)} ({shown(error)}); "
+            "environment.options={} leaves all of them out"
         ) from error
-    except gymnasium.error.DependencyNotInstalled as error:
+    except (gymnasium.error.DependencyNotInstalled, ImportError) as error:
         raise ValueError(f"{environment}: expected its packages to be installed, got: {shown(error)}") from error
     except ValueError:
         raise

@@ -177,5 +177,7 @@ def _step_seconds(environment: AnyEnv | AnyVectorEnv) -> float:
 
 def _continuous(space: gymnasium.Space[Any], what: str) -> Box:
     if not isinstance(space, Box) or not np.issubdtype(space.dtype, np.floating):
-        raise ValueError(f"{what}: expected a continuous space (a Box of numbers), got {space}")
+        image = isinstance(space, Box) and len(space.shape) >= 2
+        kind = "images, which are not supported" if image else space
+        raise ValueError(f"{what}: expected a continuous space (a Box of numbers), got {shown(kind)}")
     return space

@@ -55,12 +55,17 @@ def step_of(probe: Probe) -> int:
     return int(probe.ask("describe_task", DescribeTask.Request()).step)
 
 
-def test_a_batch_over_topics_is_the_simulation_itself(simulator: Process, probe: Probe) -> None:
+def play(probe: Probe) -> None:
+    """Have a whole batch made."""
     begin(probe)
     for step in range(4):
         probe.say("action", action(step))
         probe.until(lambda: len(seen(probe)) == step + 2)  # noqa: B023  # awaited in this step
     probe.until(lambda: len(probe.heard["episodes"]) == 1)
+
+
+def test_a_batch_over_topics_is_the_simulation_itself(simulator: Process, probe: Probe) -> None:
+    play(probe)
     simulation = Simulation("rkhs/Toy-v0")
     frames = [simulation.start(BATCH), *(simulation.step(np.array([[0.5], [-0.25]])) for _ in range(4))]
     np.testing.assert_array_equal(list(seen(probe).values()), [frame.observations for frame in frames])
@@ -129,11 +134,7 @@ def test_a_refused_request_leaves_the_batch_under_way(
 
 
 def test_the_request_for_the_batch_under_way_repeats_what_was_said_last(simulator: Process, probe: Probe) -> None:
-    begin(probe)
-    for step in range(4):
-        probe.say("action", action(step))
-        probe.until(lambda: len(seen(probe)) == step + 2)  # noqa: B023  # awaited in this step
-    probe.until(lambda: len(probe.heard["episodes"]) == 1)
+    play(probe)
     for count in (2, 3):
         assert probe.ask("start_episodes", request()).accepted
         probe.until(lambda: len(probe.heard["episodes"]) == count)  # noqa: B023  # awaited in this step

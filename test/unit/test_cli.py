@@ -19,6 +19,7 @@ from rkhs_ros.runs.simulation import Simulation
 from test.unit.conftest import Result, assert_refused
 
 CONFIG = Path(__file__).parents[2] / "config" / "toy_nac.yaml"
+SHORT_EPISODES = ("horizon=3", "episodes_per_iteration=2", "evaluation_episodes=1")
 SHORT = ("--runner", "inline", "--iterations", "2")
 
 
@@ -97,6 +98,13 @@ def test_evaluate_measures_the_policy_of_the_file(
         ("environment.id=rkhs/Toi-v0", "unknown environment 'rkhs/Toi-v0', did you mean 'rkhs/Toy-v0'?"),
         ("environment.id=CartPole-v1", "CartPole-v1 actions: expected a continuous space"),
         ("environment.options.angle=clip", "environment.options: expected what rkhs/Toy-v0 takes"),
+        ("environment.options.angle=clip", "; environment.options={} leaves all of them out"),
+        ("environment.id=None-at-all", "unknown environment 'None-at-all', none of "),
+        ("environment.id=Pendulu", "unknown environment 'Pendulu', did you mean 'Pendulum-v1'?"),
+        ("centres=20", "unknown key 'centres', did you mean 'algorithm.centres'?"),
+        ("bandwidth=[1]", "unknown key 'bandwidth', did you mean 'kernel.bandwidth'?"),
+        ("algorithm.name=enac", "algorithm={name: enac} takes 'enac' with its defaults"),
+        ("name=1e5", "name: expected text, in quotes where it may be read as something else, got 100000.0"),
         ("algorithm.name=rkhs_nacc", "unknown algorithm.name 'rkhs_nacc', did you mean 'rkhs_nac'?"),
         ("kernel.form=rbg", "unknown kernel 'rbg', did you mean 'rbf'?"),
         ("algorithm.critic=stepp", "algorithm.critic: unknown choice 'stepp', did you mean 'step'?"),
@@ -131,10 +139,16 @@ def test_a_file_that_is_no_configuration_ends_with_one_line(
 
 
 def test_a_missing_file_ends_with_one_line(rkhs: Run, tmp_path: Path) -> None:
-    assert_refused(rkhs("train", "none.yaml", *SHORT), "none.yaml")
+    assert_refused(rkhs("train", "none.yaml", *SHORT), "none.yaml: no such configuration, nor one of a like name")
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config" / "toy_nac.yaml").touch()
+    for near in ("config/toy_nca.yaml", "toy_nac", "toynac.yaml"):
+        assert_refused(
+            rkhs("train", near, *SHORT), f"{near}: no such configuration, did you mean 'config/toy_nac.yaml'?"
+        )
     assert_refused(rkhs("train", tmp_path, *SHORT), str(tmp_path))
     assert_refused(rkhs("evaluate", "none.npz"), "none.npz")
-    assert list(tmp_path.iterdir()) == []
+    assert list(tmp_path.iterdir()) == [tmp_path / "config"]
 
 
 @pytest.mark.parametrize("out", ["used", "used/file", "used/file/below"])
@@ -337,3 +351,24 @@ def test_evaluate_measures_with_and_without_discount(
 def test_one_episode_has_no_interval(rkhs: Run, policy_file: Path) -> None:
     told = json.loads(rkhs("evaluate", policy_file, "--episodes", 1).out)
     assert (told["sd"], told["interval_95"], told["undiscounted"]["interval_95"]) == (0.0, None, None)
+
+
+@pytest.mark.parametrize("command", ["train", "evaluate", "render"])
+def test_a_path_that_is_not_utf_8_ends_with_one_line(rkhs: Run, tmp_path: Path, command: str) -> None:
+    assert_refused(rkhs(command, "a\udcffb"), r"argument: expected text in UTF-8, got 'a\udcffb'")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_option_that_cannot_go_over_topics_is_refused_before_a_folder_is_made(
+    rkhs: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(train, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
+    arguments = ("train", "--env", "Pendulum-v1", "--quiet", "--set", "environment.options={render_mode: null}")
+    assert_refused(rkhs(*arguments), "environment.options.render_mode: expected true or false, a 64-bit")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_horizon_in_place_of_the_environments_own_is_told(rkhs: Run) -> None:
+    arguments = ("train", "--env", "Pendulum-v1", "--runner", "inline", "--iterations", 1, "--set", *SHORT_EPISODES)
+    assert "note: horizon: 3 steps, in place of Pendulum-v1's own 200\n" in rkhs(*arguments, "--out", "run").err
+    assert "note: horizon" not in rkhs(*arguments, "--out", "quiet", "--quiet").err

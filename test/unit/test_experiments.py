@@ -150,6 +150,7 @@ def test_a_claim_fails_where_its_returns_do() -> None:
     ("arguments", "reason"),
     [
         (("reproduce", "fig22"), "unknown experiment 'fig22', did you mean 'fig2'?"),
+        (("reproduce", "fig3"), "unknown experiment 'fig3', did you mean 'fig3-pendulum' or 'fig3-toy'?"),
         (("reproduce", "fig1", "--runs", "0"), "--runs: expected at least 1, got 0"),
         (("reproduce", "fig1", "--jobs", "0"), "--jobs: expected at least 1, or -1 for all cores, got 0"),
         (("results", "nowhere"), "'rkhs reproduce fig1' makes it"),

@@ -13,6 +13,7 @@ from rkhs_ros.policies.policy import load
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.episode_files import load_episodes
+from test.unit.conftest import assert_refused
 
 Rkhs = Callable[..., Any]
 INLINE = ("--runner", "inline", "--quiet")
@@ -132,8 +133,4 @@ def test_episodes_of_others_need_to_say_of_what_environment_they_are(rkhs: Rkhs)
 def test_bad_input_ends_with_one_line(rkhs: Rkhs, arguments: tuple[str, ...], message: str) -> None:
     np.savez("few.npz", observations=np.zeros((1, 5, 2)), actions=np.zeros((1, 5, 1)))
     rkhs("imitate", "few.npz", "--out", "nowhere.npz")
-    result = rkhs(*arguments)
-    assert (result.code, result.out) == (2, "")
-    assert result.err.startswith("error: ")
-    assert result.err.count("\n") == 1
-    assert message in result.err
+    assert_refused(rkhs(*arguments), message)

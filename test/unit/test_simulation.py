@@ -140,3 +140,12 @@ def test_options_that_do_not_fit_are_refused_in_one_line(
 )
 def test_a_step_stands_for_seconds_of_the_task(environment: str, seconds: float) -> None:
     assert Simulation(environment).step_seconds == seconds
+
+
+class Camera(Walk):
+    observation_space = Box(0, 255, (8, 8, 3), np.uint8)
+
+
+def test_images_are_said_not_to_be_supported() -> None:
+    with pytest.raises(ValueError, match=r"Camera observations: expected a continuous .* got images, which"):
+        Simulation(Camera)

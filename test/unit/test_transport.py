@@ -27,3 +27,14 @@ def test_nodes_of_several_machines_find_each_other(given: dict[str, str]) -> Non
 )
 def test_what_was_chosen_otherwise_stays(given: dict[str, str]) -> None:
     assert by_udp(given) == given
+
+
+@pytest.mark.parametrize("domain", ["abc", "-1", "233", "1.5", "\u0663", "9" * 30])
+def test_a_domain_that_is_none_is_refused(domain: str) -> None:
+    with pytest.raises(ValueError, match="ROS_DOMAIN_ID: expected a whole number from 0 to 232, got"):
+        by_udp({"ROS_DOMAIN_ID": domain})
+
+
+@pytest.mark.parametrize("domain", ["", "0", "232"])
+def test_a_domain_stays(domain: str) -> None:
+    assert by_udp({"ROS_DOMAIN_ID": domain})["ROS_DOMAIN_ID"] == domain

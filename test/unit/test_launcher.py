@@ -1,0 +1,27 @@
+import pytest
+
+from rkhs_ros.app.launcher import for_all
+from rkhs_ros.base.yaml_text import loaded
+
+PARAMETERS = "simulator: {ros__parameters: {environment: {id: x}}}\nlearner: {ros__parameters: {seed: 1}}\n"
+
+
+@pytest.mark.parametrize(
+    "path", ["a #b", "a: b", "{x}", " trailing \n line ", "1e5", "on", "é \U0001f600 \\ \"'", "*a"]
+)
+def test_paths_of_any_name_travel_in_the_parameter_file(path: str) -> None:
+    document = loaded(for_all(PARAMETERS, 1, {"output": path, "resume": True}))
+    assert document["learner"]["ros__parameters"] == {"seed": 1, "output": path, "resume": True}
+
+
+def test_every_simulator_has_the_settings_of_the_one_in_the_file() -> None:
+    document = loaded(for_all(PARAMETERS, 2))
+    assert "simulator" not in document
+    assert document["/simulator_1/simulator"] == document["/simulator_2/simulator"]
+    assert document["policy"]["ros__parameters"] == {"simulators": 2}
+
+
+@pytest.mark.parametrize("path", ["\udcff", "a\0b"])
+def test_a_path_that_no_parameter_can_be_is_refused(path: str) -> None:
+    with pytest.raises(ValueError, match=r"learner\.output: expected .*text in UTF-8"):
+        for_all(PARAMETERS, 1, {"output": path})
