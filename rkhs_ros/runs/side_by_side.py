@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
 from joblib import Parallel, delayed
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.base.validation import require
+from rkhs_ros.runs.progress import bar_console
 
 ALL_CORES = -1
 T = TypeVar("T")
@@ -37,7 +36,7 @@ def side_by_side(
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     workers = {"inner_max_num_threads": 1, "initializer": terminate_with_parent}
     parallel = Parallel(jobs, "loky", return_as="generator_unordered", **workers)
-    console, hidden = Console(file=sys.stderr), quiet or not arguments
+    console, hidden = bar_console(), quiet or not arguments
     with Progress(*columns, TimeRemainingColumn(), console=console, disable=hidden) as progress:
         bar = progress.add_task(title, total=len(arguments))
         for result in parallel(delayed(call)(*each) for each in arguments):
