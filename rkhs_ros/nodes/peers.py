@@ -13,7 +13,7 @@ from rclpy.experimental import EventsExecutor
 from rkhs_ros.nodes.spin import SIGNAL_CHECK_S, PeerError, ReportingNode, StoppedError
 
 REFUSAL_STANDS_S = 2.0  # that a node must keep to its refusal
-FIRST_RETRY_S, LONGEST_RETRY_S = 0.5, 4.0  # without an answer before a request is sent again; back-off by two
+FIRST_RETRY_S, LONGEST_RETRY_S = 0.5, 2.0  # without an answer before a request is sent again; back-off by two
 
 
 class Peers:

@@ -1,4 +1,4 @@
-"""The progress bar of a run."""
+"""The progress bars of runs."""
 
 from __future__ import annotations
 
@@ -10,6 +10,15 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from rkhs_ros.learning.training import Iteration, Training
+
+ECHO = "^C"  # that a terminal shows at Ctrl-C; beside a bar as wide as itself it would do so on another line
+
+
+def bar_console(*, quiet: bool) -> Console:
+    """Return a console on standard error for a progress bar that a Ctrl-C does not double."""
+    console = Console(file=sys.stderr, quiet=quiet)
+    console.width -= len(ECHO) + 1
+    return console
 
 
 @contextmanager
@@ -29,7 +38,7 @@ def progress_bar(training: Training, done: int = 0, *, quiet: bool = False) -> I
         TimeRemainingColumn(),
     )
     text = TextColumn("return {task.fields[train]}, noise-free {task.fields[mean]}")
-    with Progress(*columns, text, console=Console(file=sys.stderr, quiet=quiet), disable=quiet) as progress:
+    with Progress(*columns, text, console=bar_console(quiet=quiet), disable=quiet) as progress:
         task = progress.add_task(training.name, total=training.iterations, completed=done, train="-", mean="-")
 
         def show(iteration: Iteration) -> None:

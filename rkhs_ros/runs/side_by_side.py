@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed
 from typing import Any, TypeVar
 
 from joblib import cpu_count
 from joblib.externals.loky import get_reusable_executor
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.base.validation import require
+from rkhs_ros.runs.progress import bar_console
 
 ALL_CORES = -1
 T = TypeVar("T")
@@ -39,7 +38,7 @@ def side_by_side(
     """
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     hidden = quiet or not arguments
-    console = Console(file=sys.stderr, quiet=hidden)
+    console = bar_console(quiet=hidden)
     with Progress(*columns, TimeRemainingColumn(), console=console, disable=hidden) as progress:
         bar = progress.add_task(title, total=len(arguments))
         for result in _results(call, arguments, cpu_count() if jobs == ALL_CORES else jobs):

@@ -178,6 +178,7 @@ def test_of_two_runs_begun_at_once_in_a_domain_one_at_least_learns(start: Start,
 
 def test_runs_choose_domains_of_their_own(start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ROS_DOMAIN_ID")
+    monkeypatch.setenv("COLUMNS", "250")
     config = ROOT / "config" / "toy_nac.yaml"
     runs = [start("rkhs", "train", config, "--quiet", "--out", tmp_path / name, "--iterations", 400) for name in "ab"]
     files = [tmp_path / name / "checkpoints" / "domain" for name in "ab"]

@@ -106,7 +106,7 @@ def test_terms_rebuild_the_kernel(kernel: Kernel) -> None:
         ([("rbf", (1.0,)), ("product", ())], "expected two kernels before it, got 1"),
         ([("rbf", (1.0,)), ("rbf", (1.0,)), ("sum", (1.0,))], "kernel 'sum' parameters: expected none, got 1 numbers"),
         ([("rbf", (1.0,))] * 1000 + [("sum", ())] * 999, "kernel terms: expected at most 100, got more"),
-        ([("x\n" * 10**6, ())], r"unknown kernel 'x x .*\.\.\.', known: polynomial, product, rbf, sum$"),
+        ([("x\n" * 10**6, ())], r"unknown kernel 'x x .*\.\.\.', known: (\w+, )+\w+$"),
         ([("rbf", ())], "rbf bandwidth: expected"),
         ([("rbf", (-1.0,))], "rbf bandwidth: expected"),
         ([("polynomial", (1.0,))], "polynomial parameters: expected 2 numbers"),

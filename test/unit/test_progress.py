@@ -1,0 +1,59 @@
+"""The progress bar of a run on a terminal: it shows the time left, and is there once, after a Ctrl-C too."""
+
+import fcntl
+import os
+import pty
+import signal
+import struct
+import subprocess
+import sys
+import termios
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rkhs_ros.learning.training import Training, train
+from rkhs_ros.runs.progress import ECHO, progress_bar
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.simulation import Simulation
+
+CONFIG = Path(__file__).parents[2] / "config" / "toy_nac.yaml"
+COLUMNS = 100
+
+
+def lines_on_terminal(text: str) -> list[str]:
+    """Return what a terminal shows of a text: without escapes, a carriage return begins the line again."""
+    plain = "".join(part[part.find("m") + 1 :] if k else part for k, part in enumerate(text.split("\x1b[")))
+    return [line.rpartition("\r")[2] for line in plain.replace("\r\n", "\n").splitlines()]
+
+
+def test_a_bar_leaves_room_for_the_echo_of_ctrl_c_and_shows_the_time_left(tmp_path: Path) -> None:
+    master, slave = pty.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 30, COLUMNS, 0, 0))
+    command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", str(CONFIG), "--runner", "inline"]
+    environment = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "NO_COLOR")} | {"TERM": "xterm"}
+    process = subprocess.Popen(
+        [*command, "--iterations", "100000", "--out", str(tmp_path / "run")],
+        stdout=subprocess.DEVNULL, stderr=slave, env=environment,
+    )  # fmt: skip
+    os.close(slave)
+    seen = ""
+    while "noise-free 1" not in seen:
+        seen += os.read(master, 65536).decode()
+    process.send_signal(signal.SIGINT)
+    process.wait()
+    bars = [part for part in seen.split("\x1b[2K") if "noise-free" in part]
+    widths = [len(lines_on_terminal(bar)[0]) for bar in bars if lines_on_terminal(bar)]
+    assert max(widths) <= COLUMNS - len(ECHO)
+    assert bars[-1].count(":") == 4  # the time that it took, and the time left
+    os.close(master)
+
+
+def test_a_return_of_any_size_fits_the_bar(capsys: pytest.CaptureFixture[str]) -> None:
+    training = Training(name="short", iterations=1, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
+    (iteration,) = train(training, InlineRunner(Simulation("rkhs/Toy-v0")))
+    with progress_bar(training) as show:
+        show(replace(iteration, train_returns=np.array([1.25e30]), mean_policy_returns=np.array([-1e-30])))
+    assert "return 1.25e+30, noise-free -1e-30" in " ".join(capsys.readouterr().err.split())
