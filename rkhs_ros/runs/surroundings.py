@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from functools import cache
 from hashlib import blake2b
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-
-import gymnasium
-import numpy
-import scipy
 
 from rkhs_ros import __version__
 from rkhs_ros.base.threads import use_one_thread
 
 CODE = tuple(f"rkhs_ros.{floor}" for floor in ("base", "rkhs", "policies", "learning", "runs"))
-LIBRARIES = {module.__name__: module.__version__ for module in (numpy, scipy, gymnasium)}
+LIBRARIES = {name: version(name) for name in ("numpy", "scipy", "gymnasium")}  # a learner imports no Gymnasium
 
 
 def surroundings(*packages: str) -> dict[str, str]:
