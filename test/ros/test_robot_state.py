@@ -15,7 +15,7 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.simulation import Simulation
 from test.ros.conftest import Probe, Process
 
-pytest.importorskip("pybullet", reason="PyBullet is not installed: pip install pybullet==3.2.7")
+pytest.importorskip("pybullet", reason="PyBullet is not installed: make pr2")
 
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
