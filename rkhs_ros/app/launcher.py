@@ -11,13 +11,13 @@ import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from copy import deepcopy
 from pathlib import Path
 from types import FrameType
 
 import yaml
 
 from rkhs_ros.app.exit_codes import FAILED
+from rkhs_ros.base.parameter_files import PARAMETERS
 from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.nodes.names import node_names
 from rkhs_ros.nodes.transport import by_udp
@@ -122,12 +122,8 @@ def launch(parameters: str, learner_parameters: Sequence[str] = (), *, simulator
 
 
 def for_all(parameters: str, simulators: int) -> str:
-    """Return the parameter file with the simulator's under the name of each one, and what the policy node needs."""
-    document = yaml.safe_load(parameters)
-    simulator = document.pop("simulator")
-    # Copies, since ROS reads no YAML with aliases.
-    document |= {f"/{name}": deepcopy(simulator) for name in node_names(simulators) if name.endswith("simulator")}
-    document["policy"] = {"ros__parameters": {"simulators": simulators}}
+    """Return the parameter file with what the policy node needs; its other sections are for any namespace."""
+    document = yaml.safe_load(parameters) | {"/**/policy": {PARAMETERS: {"simulators": simulators}}}
     return str(yaml.safe_dump(document))
 
 
