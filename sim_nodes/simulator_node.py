@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.settings import Entry
 from rkhs_ros.base.validation import require
+from rkhs_ros.nodes.arguments import require_section
 from rkhs_ros.nodes.diagnostics import Diagnostics
 from rkhs_ros.nodes.messages import (
     CLOCK_ENDS,
@@ -48,12 +50,15 @@ class SimulatorNode(ReportingNode):
     """
 
     def __init__(self) -> None:
+        super().__init__("simulator")
+
+    def open(self) -> None:
         """Make the environment and open topics and services.
 
         Raises:
             ValueError: an unknown parameter, or an environment that cannot be served.
         """
-        super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
+        require_section(self.get_fully_qualified_name(), sys.argv)
         tree = given(self)
         shown = declared(self, tree, "robot_state", False, "publish joint_states and robot_description for viewers")
         again = restarts(self, tree)
@@ -77,6 +82,7 @@ class SimulatorNode(ReportingNode):
         self.create_subscription(Action, "action", self._act, LOCKSTEP_QOS)
         self.create_service(StartEpisodes, "start_episodes", self._start)
         self.create_service(DescribeTask, "describe_task", self._describe)
+        self.get_logger().info(f"ready for episodes of {self._simulation.environment}")
 
     def heartbeat(self) -> float:
         """Report, and ask for the action again where it does not come; return the seconds until the next time."""
@@ -201,7 +207,7 @@ class SimulatorNode(ReportingNode):
 
 def main() -> None:
     """Run the simulator node."""
-    run(SimulatorNode, serve)
+    run(SimulatorNode, "simulator", serve)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,6 @@ from rkhs_ros.app.exit_codes import FAILED
 from rkhs_ros.base.parameter_files import PARAMETERS
 from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.nodes.names import node_names
-from rkhs_ros.nodes.transport import by_udp
 
 TERMINATION_TIMEOUT_S = 5.0  # for a node to end after SIGTERM, before it is killed
 POLL_INTERVAL_S = 0.05
@@ -89,7 +88,8 @@ class NodeProcess:
         namespace, _, kind = self.name.rpartition("/")
         more = [f"restarts:={self._restarts}"] if self._restarts else []
         more += ["resume:=true"] if self._restarts and kind == "learner" else []
-        ros = ["--ros-args", "-r", f"__ns:=/{namespace}", *self._arguments, *_assigned(more)]
+        quiet = ["--log-level", f"{self.name.replace('/', '.')}:=warn"]  # we say ourselves what is well
+        ros = ["--ros-args", *quiet, "-r", f"__ns:=/{namespace}", *self._arguments, *_assigned(more)]
         return subprocess.Popen(
             [sys.executable, "-m", MODULES[kind], *ros],
             stdin=subprocess.DEVNULL,
@@ -153,7 +153,7 @@ def _assigned(parameters: Iterable[str]) -> list[str]:
 
 def _environment() -> dict[str, str]:
     # The wheels of ROS 2 start Python once more to set the library path, unless this says that they did.
-    return by_udp({k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"})
+    return {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
 
 
 def _supervise(nodes: Nodes) -> int:

@@ -28,9 +28,9 @@ def read_sections(path: Path) -> dict[str, dict[str, Any]]:
         reason = " ".join(str(error).split())
         raise ValueError(f"{path}: expected a YAML file, got one that cannot be parsed ({reason})") from error
     require(isinstance(document, dict), f"{path}", "sections 'simulator' and 'learner'", type(document).__name__)
-    sections = {}
+    sections: dict[str, dict[str, Any]] = {}
     for name, section in _flat(document):
-        parameters = section[PARAMETERS] if isinstance(section, dict) and list(section) == [PARAMETERS] else None
+        parameters: Any = section[PARAMETERS] if isinstance(section, dict) and list(section) == [PARAMETERS] else None
         require(isinstance(parameters, dict), f"{path}: {name}", PARAMETERS, section)
         sections[name] = parameters
     return sections

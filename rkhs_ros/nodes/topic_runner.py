@@ -118,7 +118,7 @@ class TopicRunner:
         task, now = simulator.describe(), time.monotonic()
         moved = simulator.moved(task)
         if policy_is_new or simulator.lost(task):
-            self._node.get_logger().info(f"the batch of the {simulator.name} node begins anew")
+            self._node.get_logger().warning(f"the batch of the {simulator.name} node begins anew")
             self._begin([(simulator, batch)])
             self._progress_at = now
         elif moved:

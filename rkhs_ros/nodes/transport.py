@@ -10,21 +10,24 @@ from collections.abc import Mapping
 from pathlib import Path
 
 FAST_DDS = "rmw_fastrtps_cpp"  # the middleware that ROS 2 comes with
-RANGE, PROFILES = "ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+REACH = (RANGE, "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER", "FASTDDS_BUILTIN_TRANSPORTS")  # say how far nodes reach
+PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")  # older name, and newer
 LOOPBACK = Path(__file__).with_name("loopback.xml")
 
 
 def by_udp(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return the environment for nodes that are to use UDP only.
+    """Return the environment for nodes that are to use UDP only, on this machine unless told otherwise.
 
     ROS confines nodes to this machine by settings of its own, shared memory among them. They are replaced by a profile
     that confines them as well.
 
     Args:
-        environment: that of this process; where it says how Fast DDS is to be set, that stays.
+        environment: that of this process; what it says of how far nodes reach, and of how Fast DDS is to be set, stays.
     """
-    if environment.get("RMW_IMPLEMENTATION", FAST_DDS) != FAST_DDS or PROFILES in environment:
+    if environment.get("RMW_IMPLEMENTATION", FAST_DDS) != FAST_DDS or any(environment.get(name) for name in PROFILES):
         return dict(environment)
-    if environment.get(RANGE) == "LOCALHOST":
-        return {**environment, RANGE: "SUBNET", PROFILES: str(LOOPBACK)}
+    told = next((environment[name] for name in REACH if environment.get(name)), "LOCALHOST")
+    if told == "LOCALHOST":
+        return {**environment, RANGE: "SUBNET", PROFILES[0]: str(LOOPBACK)}
     return {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", **environment}
