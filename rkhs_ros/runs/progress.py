@@ -1,8 +1,9 @@
-"""The progress bar of a run."""
+"""The progress of a run: a bar where there is a terminal, else a line every few seconds."""
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -11,9 +12,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from rkhs_ros.learning.training import Iteration, Training
 
+LINE_PERIOD_S = 5.0  # between lines
+Show = Callable[[Iteration], None]
+
 
 @contextmanager
-def progress_bar(training: Training, done: int = 0, *, quiet: bool = False) -> Iterator[Callable[[Iteration], None]]:
+def progress_bar(training: Training, done: int = 0, *, quiet: bool = False) -> Iterator[Show]:
     """Show how far a run is, on standard error; yield what is told of each iteration.
 
     Args:
@@ -21,9 +25,19 @@ def progress_bar(training: Training, done: int = 0, *, quiet: bool = False) -> I
         done: iterations made before.
         quiet: show nothing.
     """
+    console = Console(file=sys.stderr)
+    if console.is_terminal or console.is_jupyter or quiet:
+        with _bar(training, done, console, quiet=quiet) as show:
+            yield show
+    else:
+        yield _lines(training)
+
+
+@contextmanager
+def _bar(training: Training, done: int, console: Console, *, quiet: bool) -> Iterator[Show]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     text = TextColumn("return {task.fields[train]}, noise-free {task.fields[mean]}")
-    with Progress(*columns, text, console=Console(file=sys.stderr), disable=quiet) as progress:
+    with Progress(*columns, text, console=console, disable=quiet) as progress:
         task = progress.add_task(training.name, total=training.iterations, completed=done, train="-", mean="-")
 
         def show(iteration: Iteration) -> None:
@@ -32,3 +46,17 @@ def progress_bar(training: Training, done: int = 0, *, quiet: bool = False) -> I
                 progress.update(task, mean=f"{iteration.mean_policy_return:.2f}")
 
         yield show
+
+
+def _lines(training: Training) -> Show:
+    due = 0.0  # monotonic time, seconds
+
+    def show(iteration: Iteration) -> None:
+        nonlocal due
+        if time.monotonic() >= due or iteration.number == training.iterations:
+            mean = f", noise-free {iteration.mean_policy_return:.2f}" if len(iteration.evaluation) else ""
+            line = f"{training.name}: iteration {iteration.number} of {training.iterations}, "
+            print(f"{line}return {iteration.train_return:.2f}{mean}", file=sys.stderr, flush=True)
+            due = time.monotonic() + LINE_PERIOD_S
+
+    return show
