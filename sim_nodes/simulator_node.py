@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from rkhs_ros.nodes.robot_state import RobotState
 
 MOST_STEPS = 2**40  # that a clock may have counted
+LISTENERS_PERIOD_S = 0.5  # between looks at whether the clock is heard
 PATIENCE, MOST_PATIENCE = 0.02, 1.0  # seconds without an action before an observation is said again, twice as many each
 
 
@@ -70,6 +71,7 @@ class SimulatorNode(ReportingNode):
         self._version = 0
         self._clock_steps = 0
         self._clock_is_heard = False
+        self._listeners_at = 0.0  # monotonic time, seconds
         self._last: Observation | None = None  # as long as it waits for its action
         self._patience = PATIENCE
         self._again_at = 0.0
@@ -88,9 +90,12 @@ class SimulatorNode(ReportingNode):
         """Report, and ask for the action again where it does not come; return the seconds until the next time."""
         self._uniqueness.check()
         wait = self.diagnostics.heartbeat()
+        now = time.monotonic()
+        if now >= self._listeners_at:
+            self._clock_is_heard = self._clock_ticks.get_subscription_count() > 0
+            self._listeners_at = now + LISTENERS_PERIOD_S
         if self._last is None:
             return wait
-        now = time.monotonic()
         if now >= self._again_at:
             self._observations.publish(self._last)
             self._patience = min(2 * self._patience, MOST_PATIENCE)
@@ -146,7 +151,6 @@ class SimulatorNode(ReportingNode):
         self._batch, self._identity, self._version = batch, request.batch, request.policy_version
         self._step, self._ended = 0, None
         self._clock_steps = max(self._clock_steps, request.clock)
-        self._clock_is_heard = self._clock_ticks.get_subscription_count() > 0
         self._recorder = EpisodeRecorder(batch, self._simulation.observation_dim, self._simulation.action_dim)
         self._publish(batch, frame)
         self._record(batch, frame)
