@@ -18,10 +18,12 @@ pytest.importorskip("rclpy", reason="ROS is not there")
 
 def colcon(*arguments: str, cwd: Path, interfaces: bool = False) -> subprocess.CompletedProcess[str]:
     """Run colcon with the ROS of this environment, without the workspace that is entered, but for its interfaces."""
-    environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")}
-    prefixes = environment.pop("AMENT_PREFIX_PATH", "").split(":")
-    kept = [p for p in prefixes if not p.startswith(str(ROOT / "install")) or (interfaces and "interfaces" in p)]
-    environment["AMENT_PREFIX_PATH"] = ":".join(kept)
+    environment = {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
+    ours = tuple(str(ROOT / folder) for folder in ("install", "build"))
+    for name in ("AMENT_PREFIX_PATH", "PYTHONPATH"):
+        paths = environment.pop(name, "").split(":")
+        kept = [p for p in paths if not p.startswith(ours) or (interfaces and "/rkhs_interfaces" in p)]
+        environment[name] = ":".join(kept)
     command = [
         sys.executable,
         "-c",
