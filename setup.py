@@ -1,5 +1,7 @@
 """Build of the ament_python package; run by colcon, see the Makefile."""
 
+import os
+import sys
 from pathlib import Path
 
 from setuptools import find_packages, setup
@@ -18,6 +20,18 @@ def requirements(name: str) -> list[str]:
     return [line for line in lines if line and not line.startswith("#")]
 
 
+def warn_of_missing_interfaces() -> None:
+    """Say what to do where colcon does not see the messages: it looks for no packages inside of one."""
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    found = any(Path(prefix, "share", "rkhs_interfaces", "package.xml").exists() for prefix in prefixes)
+    if {"develop", "install"} & set(sys.argv) and prefixes != [""] and not found:
+        here = Path(__file__).resolve().parent
+        print(
+            f"rkhs_interfaces is not in the workspace: ln -s {here.name}/rkhs_interfaces {here.parent}", file=sys.stderr
+        )
+
+
+warn_of_missing_interfaces()
 setup(
     name=NAME,
     version="0.1.0",
@@ -46,7 +60,7 @@ setup(
         "scipy>=1.11",
         "threadpoolctl>=3.1",
     ],
-    extras_require={"pr2": ["pybullet>=3.2.5"], "dev": requirements("dev")},
+    extras_require={"pr2": ["pybullet>=3.2.5"], "dev": requirements("dev"), "test": ["pytest"]},
     zip_safe=True,
     entry_points={
         "console_scripts": [

@@ -37,6 +37,7 @@ def episodes_per_second(simulators: int) -> float:
         rclpy.init(args=["--ros-args", "--params-file", str(parameters)])
         with started(node_names(simulators)[:-1], parameters):
             learner = LearnerNode()
+            learner.open()
             learner.connect()
             policy = first_policy(config.training, learner.spaces)
             rounds = [seconds_of(learner, policy, k) for k in range(ROUNDS + 1)]

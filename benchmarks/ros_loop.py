@@ -110,7 +110,9 @@ def main() -> None:
         rclpy.shutdown()
         rclpy.init(args=["--ros-args", "--params-file", str(parameters)])
         with started(("simulator", "policy"), parameters):
-            runner = LearnerNode().runner
+            learner = LearnerNode()
+            learner.open()
+            runner = learner.runner
             runner.connect()
             runner.collect(policy, batch)
             step = seconds_per_call(lambda: runner.collect(policy, batch), 5) / batch.horizon

@@ -1,30 +1,104 @@
-"""The three nodes of a run: ``ros2 launch rkhs_ros train.launch.py config:=FILE``."""
+"""The nodes of a run: ``ros2 launch rkhs_ros train.launch.py config:=FILE``."""
 
-from launch import LaunchDescription  # noqa: I001  # ruff takes it for the folder of this file
-from launch.actions import DeclareLaunchArgument, Shutdown
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from launch import LaunchContext, LaunchDescription
+from launch.action import Action
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch.events.process import ProcessExited
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
+from rkhs_ros.base.validation import require
+from rkhs_ros.nodes.names import namespaces, require_known_arguments
+from rkhs_ros.runs.config import load_config
+
+ABOUT = {
+    "config": "parameter file, see config/",
+    "output": "folder for the results; results/NAME/TIME where empty",
+    "resume": "true: go on with the run in the output folder, if one began there",
+    "simulators": "simulator nodes that share the episodes; as the configuration has it where empty",
+    "namespace": "of all nodes",
+}
 AGAIN = {"respawn": True, "respawn_delay": 1.0}
+OnExit = Callable[[ProcessExited, LaunchContext], list[Action]]
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Start simulator, policy and learner with one parameter file; all end with the learner.
+    """Start simulators, policy and learner; all end with the learner, by its exit code.
 
-    Simulator and policy node are started again where they die: the learner brings them back.
+    Simulators and policy node are started again where they are killed: the learner brings them back.
     """
-    default = PathJoinSubstitution([FindPackageShare("rkhs_ros"), "config", "pendulum_nac.yaml"])
-    config = LaunchConfiguration("config")
-    nodes = [
-        Node(
-            package="rkhs_ros",
-            executable=name,
-            output="screen",
-            parameters=[config],
-            **({"on_exit": Shutdown(reason="the learner ended")} if name == "learner" else AGAIN),
-        )
-        for name in ("simulator", "policy", "learner")
+    share = FindPackageShare("rkhs_ros")
+    defaults = {"config": PathJoinSubstitution([share, "config", "pendulum_nac.yaml"]), "resume": "false"}
+    arguments = [
+        DeclareLaunchArgument(name, default_value=defaults.get(name, ""), description=about)
+        for name, about in ABOUT.items()
     ]
-    argument = DeclareLaunchArgument("config", default_value=default, description="parameter file, see config/")
-    return LaunchDescription([argument, *nodes])
+    return LaunchDescription([*arguments, OpaqueFunction(function=nodes)])
+
+
+def nodes(context: LaunchContext) -> list[Action]:
+    """Return the nodes, by the arguments of the launch file.
+
+    Raises:
+        ValueError: an argument is unknown or does not fit.
+    """
+    require_known_arguments(sys.argv, Path(__file__).name, ABOUT)
+    given = {name: LaunchConfiguration(name).perform(context) for name in ABOUT}
+    require(given["resume"] in ("true", "false"), "resume", "true or false", given["resume"])
+    settings = [f"simulators={given['simulators']}"] if given["simulators"] else []
+    simulators = load_config(Path(given["config"]), settings).training.simulators
+    common = {"package": "rkhs_ros", "output": "screen"}
+    learner = {"output": given["output"], "resume": given["resume"] == "true", "simulators": simulators}
+    return [
+        *(
+            Node(
+                executable="simulator",
+                namespace="/".join(filter(None, (given["namespace"], namespace.rstrip("/")))),
+                parameters=[given["config"]],
+                on_exit=server_ended("simulator"),
+                **common,
+                **AGAIN,
+            )
+            for namespace in namespaces(simulators)
+        ),
+        Node(
+            executable="policy",
+            namespace=given["namespace"],
+            parameters=[given["config"], {"simulators": simulators}],
+            on_exit=server_ended("policy"),
+            **common,
+            **AGAIN,
+        ),
+        Node(
+            executable="learner",
+            namespace=given["namespace"],
+            parameters=[given["config"], learner],
+            on_exit=learner_ended,
+            **common,
+        ),
+    ]
+
+
+def learner_ended(event: ProcessExited, context: LaunchContext) -> list[Action]:
+    """End the others with the learner; what is raised here makes ``ros2 launch`` end with 1."""
+    if event.returncode != 0 and not context.is_shutdown:
+        raise RuntimeError(f"the learner ended with exit code {event.returncode}")
+    return [Shutdown(reason="the learner is done")]
+
+
+def server_ended(name: str) -> OnExit:
+    """Return what ends the run where a node that was not killed ended before the learner."""
+
+    def ended(event: ProcessExited, context: LaunchContext) -> list[Action]:
+        if event.returncode >= 0 and not context.is_shutdown:
+            raise RuntimeError(f"the {name} node ended before the learner, with exit code {event.returncode}")
+        return []
+
+    return ended

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeVar
@@ -14,6 +15,7 @@ from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import require
+from rkhs_ros.nodes.arguments import require_section
 from rkhs_ros.nodes.diagnostics import Diagnostics
 from rkhs_ros.nodes.messages import (
     CLOCK_ENDS,
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
 
 MOST_STEPS = 2**40  # that a clock may have counted
 Value = TypeVar("Value")
+LISTENERS_PERIOD_S = 0.5  # between looks at whether the clock is heard
 PATIENCE, MOST_PATIENCE = 0.02, 1.0  # seconds without an action before an observation is said again, twice as many each
 
 
@@ -51,12 +54,15 @@ class SimulatorNode(ReportingNode):
     """
 
     def __init__(self) -> None:
+        super().__init__("simulator")
+
+    def open(self) -> None:
         """Make the environment and open topics and services.
 
         Raises:
             ValueError: an unknown parameter, or an environment that cannot be served.
         """
-        super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
+        require_section(self.get_fully_qualified_name(), sys.argv)
         tree = given(self)
         shown = declared(self, tree, "robot_state", False, "publish joint_states and robot_description for viewers")
         again, number = restarts(self, tree), instance(self, tree)
@@ -69,6 +75,7 @@ class SimulatorNode(ReportingNode):
         self._failure = ""
         self._clock_steps = 0
         self._clock_is_heard = False
+        self._listeners_at = 0.0  # monotonic time, seconds
         self._last: Observation | None = None  # as long as it waits for its action
         self._patience = PATIENCE
         self._again_at = 0.0
@@ -81,14 +88,18 @@ class SimulatorNode(ReportingNode):
         self.create_subscription(Action, "action", self._act, LOCKSTEP_QOS)
         self.create_service(StartEpisodes, "start_episodes", self._start)
         self.create_service(DescribeTask, "describe_task", self._describe)
+        self.get_logger().info(f"ready for episodes of {self._simulation.environment}")
 
     def heartbeat(self) -> float:
         """Report, and ask for the action again where it does not come; return the seconds until the next time."""
         self._uniqueness.check()
         wait = self.diagnostics.heartbeat()
+        now = time.monotonic()
+        if now >= self._listeners_at:
+            self._clock_is_heard = self._clock_ticks.get_subscription_count() > 0
+            self._listeners_at = now + LISTENERS_PERIOD_S
         if self._last is None:
             return wait
-        now = time.monotonic()
         if now >= self._again_at:
             self._observations.publish(self._last)
             self._patience = min(2 * self._patience, MOST_PATIENCE)
@@ -144,7 +155,6 @@ class SimulatorNode(ReportingNode):
         self._batch, self._identity, self._version = batch, request.batch, request.policy_version
         self._step, self._ended = 0, None
         self._clock_steps = max(self._clock_steps, request.clock)
-        self._clock_is_heard = self._clock_ticks.get_subscription_count() > 0
         self._recorder = EpisodeRecorder(batch, self._simulation.observation_dim, self._simulation.action_dim)
         if frame is not None:
             self._publish(batch, frame)
@@ -219,7 +229,7 @@ class SimulatorNode(ReportingNode):
 
 def main() -> None:
     """Run the simulator node."""
-    run(SimulatorNode, serve)
+    run(SimulatorNode, "simulator", serve)
 
 
 if __name__ == "__main__":

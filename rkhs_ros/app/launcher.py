@@ -15,10 +15,10 @@ from pathlib import Path
 from types import FrameType
 
 from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED
+from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS, POLICY, SIMULATOR
 from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.base.yaml_text import dumped, loaded, require_ros_value
 from rkhs_ros.nodes.names import node_names
-from rkhs_ros.nodes.transport import by_udp
 
 TERMINATION_TIMEOUT_S = 2.0  # for a node to end after SIGTERM, before it is killed
 POLL_INTERVAL_S = 0.05
@@ -92,7 +92,8 @@ class NodeProcess:
         more = [f"restarts:={self._restarts}"] if self._restarts else []
         more += [f"instance:={self._began + self._restarts}"] if self._began else []
         more += ["resume:=true"] if self._restarts and kind == "learner" else []
-        ros = ["--ros-args", "-r", f"__ns:=/{namespace}", *self._arguments, *_assigned(more)]
+        quiet = ["--log-level", f"{self.name.replace('/', '.')}:=warn"]  # we say ourselves what is well
+        ros = ["--ros-args", *quiet, "-r", f"__ns:=/{namespace}", *self._arguments, *_assigned(more)]
         return subprocess.Popen(
             [sys.executable, "-m", MODULES[kind], *ros],
             stdin=subprocess.DEVNULL,
@@ -116,7 +117,7 @@ def launch(parameters: str, learner: Mapping[str, str | bool] | None = None, *, 
     Returns:
         The learner's exit code, or that of a node that ended before it.
     """
-    task = loaded(parameters)["simulator"]["ros__parameters"]["environment"]["id"]
+    task = loaded(parameters)[SIMULATOR][PARAMETERS]["environment"]["id"]
     with (
         _in_memory(for_all(parameters, simulators, learner)) as file,
         started(node_names(simulators), file) as nodes,
@@ -139,20 +140,18 @@ def for_all(parameters: str, simulators: int, learner: Mapping[str, str | bool] 
 
     Args:
         parameters: content of a ROS parameter file.
-        simulators: number of simulator nodes; the simulator's parameters go under the name of each one, and its
-            environment to the learner, which refuses simulators of another.
+        simulators: number of simulator nodes. Their environment goes to the learner, too, which refuses simulators of
+            another.
         learner: further parameters of the learner, such as paths: as arguments they would be read as YAML.
 
     Raises:
         ValueError: one of these can be no ROS parameter.
     """
     document = loaded(parameters)
-    simulator = document.pop("simulator")
-    document["learner"]["ros__parameters"]["environment"] = simulator["ros__parameters"]["environment"]
-    document |= {f"/{name}": simulator for name in node_names(simulators) if name.endswith("simulator")}
     require_ros_value(learner or {}, "learner")
-    document["learner"]["ros__parameters"] |= learner or {}
-    document["policy"] = {"ros__parameters": {"simulators": simulators}}
+    environment = {"environment": document[SIMULATOR][PARAMETERS]["environment"]}
+    document[LEARNER][PARAMETERS] |= environment | dict(learner or {})
+    document[POLICY] = {PARAMETERS: {"simulators": simulators}}
     return dumped(document)
 
 
@@ -181,7 +180,7 @@ def _assigned(parameters: Iterable[str]) -> list[str]:
 
 def _environment() -> dict[str, str]:
     # The wheels of ROS 2 start Python once more to set the library path, unless this says that they did.
-    return by_udp({k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"})
+    return {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
 
 
 def _supervise(nodes: Nodes, task: str) -> int:

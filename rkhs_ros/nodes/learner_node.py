@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from threading import Event
 from typing import Any
 
 from rkhs_ros.base.settings import Entry, entries
 from rkhs_ros.learning.training import training_from
+from rkhs_ros.nodes.arguments import require_section
 from rkhs_ros.nodes.diagnostics import Diagnostics
 from rkhs_ros.nodes.names import namespaces
 from rkhs_ros.nodes.parameters import declare, declared, given, instance, restarts
@@ -16,7 +18,7 @@ from rkhs_ros.nodes.spin import ReportingNode, run
 from rkhs_ros.nodes.topic_runner import TopicRunner
 from rkhs_ros.nodes.uniqueness import Uniqueness
 from rkhs_ros.runs.config import Config, Environment, environment_from
-from rkhs_ros.runs.report import is_begun
+from rkhs_ros.runs.report import is_begun, new_folder, old_folder
 from rkhs_ros.runs.run import run_training
 
 
@@ -27,12 +29,15 @@ class LearnerNode(ReportingNode):
     """
 
     def __init__(self) -> None:
+        super().__init__("learner")
+
+    def open(self) -> None:
         """Declare the parameters and open topics and services.
 
         Raises:
             ValueError: an unknown parameter or a value that does not fit.
         """
-        super().__init__("learner", automatically_declare_parameters_from_overrides=True)
+        require_section(self.get_fully_qualified_name(), sys.argv)
         tree = given(self)
         self.output = declared(self, tree, "output", "", "folder for the results; empty for results/NAME/TIME")
         self.quiet = declared(self, tree, "quiet", False, "no progress bar")
@@ -70,14 +75,16 @@ def learn(node: LearnerNode, stop: Event) -> None:
     node.peers.stop = stop
     with node.diagnostics.errors_reported():
         config = Config(node.runner.connect(node.environment), node.training)
-        folder = Path(node.output) if node.output else None
-        begun = folder is not None and is_begun(folder)
-        run_training(config, node.runner, folder, quiet=node.quiet, resume=node.resume and begun)
+        folder = Path(node.output).expanduser() if node.output else None
+        resume = node.resume and folder is not None and is_begun(folder)
+        folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
+        node.get_logger().info(f"learns {config.environment.id}; the results are in {folder.resolve()}")
+        run_training(config, node.runner, folder, quiet=node.quiet, resume=resume)
 
 
 def main() -> None:
     """Run the learner node."""
-    run(LearnerNode, learn)
+    run(LearnerNode, "learner", learn)
 
 
 if __name__ == "__main__":

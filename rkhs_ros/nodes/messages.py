@@ -61,6 +61,8 @@ def matrix(values: Any, rows: int, columns: int, what: str) -> Array:
 
 
 def _numbers(values: Any, shape: tuple[int, ...], what: str) -> Array:
+    if len(values) != prod(shape):  # seen before they are copied: there may be millions
+        raise ValueError(f"{what}: expected {shape} values, got {len(values)}")
     return finite_array(np.frombuffer(values, dtype=np.float64), shape, what)
 
 
@@ -90,6 +92,7 @@ def observations_of(message: msg.Observation, batch: Batch) -> Array:
         raise ValueError(f"step: expected {expected}, got {message.step}")
     matrix(message.rewards, batch.rows if message.step else 0, 1, "rewards")
     columns = max(len(message.observations) // batch.rows, 1)
+    require(columns <= MOST_INPUTS, "observations", f"at most {MOST_INPUTS} numbers a row", columns)
     return matrix(message.observations, batch.rows, columns, "observations")
 
 
@@ -147,10 +150,10 @@ def episodes_of(message: msg.Episodes, batch: Batch, spaces: Spaces) -> Episodes
     """
     shape = (batch.rows, batch.horizon)
     require((message.rows, message.horizon) == shape, "episodes", f"{shape}", f"{(message.rows, message.horizon)}")
-    lengths = np.array(message.lengths, dtype=np.int64)
     for name in ("lengths", "terminated"):
         size = len(getattr(message, name))
         require(size == batch.rows, f"episodes' {name}", f"{batch.rows} entries", size)
+    lengths = np.array(message.lengths, dtype=np.int64)
     good = bool(((lengths >= 1) & (lengths <= batch.horizon)).all())
     require(good, "episodes' lengths", f"1 to {batch.horizon} steps", lengths)
     return Episodes(
@@ -229,7 +232,7 @@ def policy_message(policy: GaussianPolicy, version: int) -> msg.Policy:
     mean = policy.mean
     return msg.Policy(
         version=version,
-        observation_dim=mean.input_dim,
+        input_dim=mean.input_dim,
         action_dim=mean.output_dim,
         kernel=_terms(mean.kernel),
         centres=doubles(mean.centres),
@@ -250,7 +253,7 @@ def policy_of(message: msg.Policy) -> GaussianPolicy:
     Raises:
         ValueError: it is not finite, misshapen or unknown; the message says what.
     """
-    d, n = message.observation_dim, message.action_dim
+    d, n = message.input_dim, message.action_dim
     good = 1 <= d <= MOST_INPUTS and 1 <= n <= MOST_ACTIONS
     require(good, "dimensions", f"at least 1 each, at most {MOST_INPUTS} and {MOST_ACTIONS}", f"{d} and {n}")
     require(len(message.centres) % d == 0, "centres", f"rows of {d} numbers", f"{len(message.centres)} numbers")

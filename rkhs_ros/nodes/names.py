@@ -1,8 +1,12 @@
-"""The names of a run's nodes."""
+"""The names of a run's nodes, and of what they are started with."""
 
 from __future__ import annotations
 
 import secrets
+from collections.abc import Mapping, Sequence
+from pathlib import PurePath
+
+from rkhs_ros.base.validation import pick
 
 NODES = ("simulator", "policy", "learner")
 
@@ -20,3 +24,21 @@ def namespaces(simulators: int) -> list[str]:
 def node_names(simulators: int) -> list[str]:
     """Return the names of all nodes of a run, the learner's last."""
     return [*(f"{namespace}simulator" for namespace in namespaces(simulators)), "policy", "learner"]
+
+
+def require_known_arguments(words: Sequence[str], file: str, known: Mapping[str, object]) -> None:
+    """Refuse arguments that a launch file does not have, which ``ros2 launch`` passes over in silence.
+
+    Args:
+        words: the command line. Where it starts another launch file, that includes this one, all may be meant for it.
+        file: name of the launch file.
+        known: its arguments.
+
+    Raises:
+        ValueError: there is one that it does not have.
+    """
+    names = [PurePath(word).name for word in words]
+    for word in words[names.index(file) + 1 :] if file in names else ():
+        name, assigned, _ = word.partition(":=")
+        if assigned:
+            pick(name, known, "argument")

@@ -75,12 +75,14 @@ class PolicyNode(ReportingNode):
     """
 
     def __init__(self) -> None:
+        super().__init__("policy")
+
+    def open(self) -> None:
         """Declare the parameters and open topics and service.
 
         Raises:
             ValueError: an unknown parameter, or a policy file that cannot be used.
         """
-        super().__init__("policy", automatically_declare_parameters_from_overrides=True)
         self._message = PolicyMessage()  # that the policy in service came by
         tree = given(self)
         simulators = declared(self, tree, "simulators", 1, "simulator nodes to serve")
@@ -93,6 +95,8 @@ class PolicyNode(ReportingNode):
         self.diagnostics = Diagnostics(self, again, self._report, topics)
         self._uniqueness = Uniqueness(self, number)
         self.create_service(SetPolicy, "set_policy", self._set_policy)
+        whose = "with the policy of a file, noise-free" if self.served else "for a learner's policy"
+        self.get_logger().info(f"ready {whose}; serves {simulators} simulator{'s' * (simulators > 1)}")
 
     def heartbeat(self) -> float:
         """Report; return the seconds until the next report."""
@@ -172,7 +176,7 @@ def _action_message(answer: Answer) -> Action:
 
 def main() -> None:
     """Run the policy node."""
-    run(PolicyNode, serve)
+    run(PolicyNode, "policy", serve)
 
 
 if __name__ == "__main__":

@@ -16,10 +16,10 @@ LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class RobotState:
-    """Publishes a robot's URDF once, and its motions all at once, stamped with when they are to be seen.
+    """Publishes a robot's URDF once, and motions all at once, stamped with when they are to be seen: from now on.
 
-    Owns the time at which the last motion ends. The next one begins then, or now if that is later: viewers drop
-    what is older than what they had.
+    Owns the time at which the last motion ends. Motions that are made before it are not shown: a simulator makes them
+    faster than they can be seen.
 
     Args:
         node: the simulator node.
@@ -40,11 +40,11 @@ class RobotState:
         self._description.publish(String(data=description))
 
     def publish(self) -> None:
-        """Publish what the robot did in the step just made, if it did something."""
-        states = self._simulation.joint_states()
+        """Publish what the robot did in the step just made, if it did something and no motion is being shown."""
+        now_ns = self._clock.now().nanoseconds
+        states = self._simulation.joint_states() if now_ns >= self._motion_end_ns else None
         if states is None:
             return
-        begin_ns = max(self._motion_end_ns, self._clock.now().nanoseconds)
-        for message in joint_state_messages(states, begin_ns):
+        for message in joint_state_messages(states, now_ns):
             self._joint_states.publish(message)
-        self._motion_end_ns = begin_ns + round(1e9 * states.period * len(states.positions))
+        self._motion_end_ns = now_ns + round(1e9 * states.period * len(states.positions))

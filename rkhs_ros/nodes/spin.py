@@ -6,23 +6,31 @@ import gc
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable
 from threading import Event
 from typing import TYPE_CHECKING, TypeVar
 
 import rclpy
+from rcl_interfaces.msg import Log
+from rclpy.duration import Duration
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 from rkhs_ros.base.endings import RunError, say
 from rkhs_ros.base.streams import messages_may_be_lost
-from rkhs_ros.nodes.transport import check_domain
+from rkhs_ros.base.validation import shown
+from rkhs_ros.nodes.arguments import check_arguments
+from rkhs_ros.nodes.transport import by_udp
 
 if TYPE_CHECKING:
     from rkhs_ros.nodes.diagnostics import Diagnostics
 
 SIGNAL_CHECK_S = 0.1  # between looks at whether a signal came
+LAST_WORDS_S = 0.5  # for listeners to be found and to take the reason before a node ends by an error
+ROSOUT_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 AnyNode = TypeVar("AnyNode", bound=Node)
 
 
@@ -37,11 +45,35 @@ class StoppedError(BaseException):
 class ReportingNode(Node):
     """A node that reports how it fares, and has work of its own between messages.
 
+    Args:
+        name: the node's.
+
     Attributes:
         diagnostics: its reports.
     """
 
     diagnostics: Diagnostics
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        self._rosout = self.create_publisher(Log, "/rosout", ROSOUT_QOS)
+
+    def open(self) -> None:
+        """Declare the parameters and open topics and services.
+
+        Raises:
+            ValueError: an unknown parameter or a value that does not fit.
+        """
+        raise NotImplementedError
+
+    def tell_fatal(self, reason: str) -> None:
+        """Tell those who listen to the log why the node ends; on standard error that is one line without this."""
+        deadline = time.monotonic() + LAST_WORDS_S
+        while not self._rosout.get_subscription_count() and time.monotonic() < deadline:
+            time.sleep(LAST_WORDS_S / 10)
+        stamp = self.get_clock().now().to_msg()
+        self._rosout.publish(Log(stamp=stamp, level=Log.FATAL, name=self.get_name(), msg=reason))
+        self._rosout.wait_for_all_acked(Duration(seconds=LAST_WORDS_S))
 
     def heartbeat(self) -> float:
         """Do the periodic work that is due, the report first of all; return the seconds until more may be due."""
@@ -57,30 +89,32 @@ def serve(node: ReportingNode, stop: Event) -> None:
             executor.spin_once(timeout_sec=min(node.heartbeat(), SIGNAL_CHECK_S))
 
 
-def run(make_node: Callable[[], AnyNode], work: Callable[[AnyNode, Event], None]) -> None:
+def run(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, Event], None]) -> None:
     """Run a node's process: make it, let it work, and end cleanly.
 
     Bad input ends with one line and exit code 2, a silent peer, a failed environment or a full disk with one line and
     exit code 1, a signal with exit code 0. A signal only sets the event that the work is given: ROS's own handlers
     would pull the context from under a callback that is about to publish.
+
+    Args:
+        make_node: makes it.
+        name: the node's.
+        work: what it does.
     """
     with messages_may_be_lost():
-        sys.exit(_code_of(make_node, work))
+        sys.exit(_code_of(make_node, name, work))
 
 
-def _code_of(make_node: Callable[[], AnyNode], work: Callable[[AnyNode, Event], None]) -> int:
+def _code_of(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, Event], None]) -> int:
     stop = Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, frame: stop.set())
     code = 0
     try:
-        check_domain(os.environ)
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        _begin(name)
         node = make_node()
-        gc.collect()
-        gc.freeze()  # what was imported need not be searched for garbage between messages
         try:
-            work(node, stop)
+            _work(node, work, stop)
         finally:
             node.destroy_node()
     except StoppedError:
@@ -92,3 +126,30 @@ def _code_of(make_node: Callable[[], AnyNode], work: Callable[[AnyNode, Event], 
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)  # Python would put back what kills it while it ends
     return code
+
+
+def _begin(name: str) -> None:
+    """Begin to speak ROS: on this machine, by UDP, unless the environment says otherwise.
+
+    Raises:
+        ValueError: the arguments are bad, or there is no such domain.
+    """
+    check_arguments(name, sys.argv[1:])
+    os.environ.update(by_udp(os.environ))
+    try:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        raise ValueError(f"arguments: expected those of ROS, got what it refuses: {shown(error)}") from error
+
+
+def _work(node: AnyNode, work: Callable[[AnyNode, Event], None], stop: Event) -> None:
+    try:
+        if isinstance(node, ReportingNode):
+            node.open()
+        gc.collect()
+        gc.freeze()  # what was imported need not be searched for garbage between messages
+        work(node, stop)
+    except (ValueError, RunError, OSError) as error:
+        if isinstance(node, ReportingNode):
+            node.tell_fatal(str(error))
+        raise

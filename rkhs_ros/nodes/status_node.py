@@ -68,7 +68,7 @@ def show(node: StatusNode, stop: Event) -> None:
 
 def main() -> None:
     """Run the status node."""
-    run(StatusNode, show)
+    run(StatusNode, "status", show)
 
 
 if __name__ == "__main__":

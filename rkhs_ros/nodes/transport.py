@@ -12,7 +12,9 @@ from pathlib import Path
 from rkhs_ros.base.validation import require
 
 FAST_DDS = "rmw_fastrtps_cpp"  # the middleware that ROS 2 comes with
-RANGE, PROFILES = "ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+REACH = (RANGE, "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER", "FASTDDS_BUILTIN_TRANSPORTS")  # say how far nodes reach
+PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")  # older name, and newer
 DOMAIN, LAST_DOMAIN = "ROS_DOMAIN_ID", 232  # with the next one UDP has no ports left
 LOOPBACK = Path(__file__).with_name("loopback.xml")
 
@@ -25,20 +27,21 @@ def check_domain(environment: Mapping[str, str]) -> None:
 
 
 def by_udp(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return the environment for nodes that are to use UDP only.
+    """Return the environment for nodes that are to use UDP only, on this machine unless told otherwise.
 
     ROS confines nodes to this machine by settings of its own, shared memory among them. They are replaced by a profile
     that confines them as well.
 
     Args:
-        environment: that of this process; where it says how Fast DDS is to be set, that stays.
+        environment: that of this process; what it says of how far nodes reach, and of how Fast DDS is to be set, stays.
 
     Raises:
         ValueError: it names no domain.
     """
     check_domain(environment)
-    if environment.get("RMW_IMPLEMENTATION", FAST_DDS) != FAST_DDS or PROFILES in environment:
+    if environment.get("RMW_IMPLEMENTATION", FAST_DDS) != FAST_DDS or any(environment.get(name) for name in PROFILES):
         return dict(environment)
-    if environment.get(RANGE) == "LOCALHOST":
-        return {**environment, RANGE: "SUBNET", PROFILES: str(LOOPBACK)}
+    told = next((environment[name] for name in REACH if environment.get(name)), "LOCALHOST")
+    if told == "LOCALHOST":
+        return {**environment, RANGE: "SUBNET", PROFILES[0]: str(LOOPBACK)}
     return {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", **environment}

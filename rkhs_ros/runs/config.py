@@ -9,13 +9,21 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+from rkhs_ros.base.parameter_files import PARAMETERS, read_sections
 from rkhs_ros.base.settings import Entry, entries
 from rkhs_ros.base.validation import hint, require, shown
-from rkhs_ros.base.yaml_text import loaded, read_yaml, require_ros_value
+from rkhs_ros.base.yaml_text import loaded, require_ros_value
 from rkhs_ros.learning.training import Training, training_from
 from rkhs_ros.policies.storage import Task
 
 MOST_ROWS = 10_000
+# Of each node, what is no setting of a run.
+OF_ANY_NODE = {"use_sim_time", "start_type_description_service", "qos_overrides", "restarts", "instance"}
+NODE_PARAMETERS = {
+    "simulator": OF_ANY_NODE | {"robot_state"},
+    "policy": OF_ANY_NODE | {"simulators", "policy_file"},
+    "learner": OF_ANY_NODE | {"output", "quiet", "resume"},
+}
 
 
 @dataclass(frozen=True)
@@ -86,8 +94,8 @@ class Config:
         for name, value, _ in entries(self.training):
             _insert(learner, name, list(value) if isinstance(value, tuple) else value)
         return {
-            "simulator": {"ros__parameters": {"environment": environment}},
-            "learner": {"ros__parameters": learner},
+            "/**/simulator": {PARAMETERS: {"environment": environment}},
+            "/**/learner": {PARAMETERS: learner},
         }
 
 
@@ -118,7 +126,8 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
     """Read a configuration file.
 
     Args:
-        path: a ROS parameter file with the sections ``simulator`` and ``learner``.
+        path: a ROS parameter file with the sections ``/**/simulator`` and ``/**/learner``; others that name these nodes
+            do as well.
         changes: settings that replace the file's, as ``algorithm.ridge=0.1``.
 
     Raises:
@@ -189,16 +198,18 @@ def tree_of(changes: Iterable[str], tree: Mapping[str, Any] | None = None) -> di
 
 
 def _sections(path: Path) -> dict[str, dict[str, Any]]:
-    document = read_yaml(path)
-    require(isinstance(document, dict), f"{path}", "sections 'simulator' and 'learner'", type(document).__name__)
-    sections: dict[str, dict[str, Any]] = {"simulator": {}, "learner": {}}
-    for node, section in document.items():
-        if node not in sections:
-            raise ValueError(f"{path}: unknown section '{node}', {hint(str(node), sections)}")
-        good = isinstance(section, dict) and list(section) == ["ros__parameters"]
-        require(good and isinstance(section["ros__parameters"], dict), f"{path}: {node}", "ros__parameters", section)
-        sections[node] = section["ros__parameters"]
-    return sections
+    """Return the settings of simulator and learner, whatever the namespaces that the file gives them.
+
+    Parameters that are a node's own, as ``ros2 param dump`` writes them, are left out.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for name, parameters in read_sections(path).items():
+        node = name.rpartition("/")[2]
+        if node not in NODE_PARAMETERS:
+            raise ValueError(f"{path}: unknown section '{shown(name)}', {hint(node, NODE_PARAMETERS)}")
+        settings = {key: value for key, value in parameters.items() if key not in NODE_PARAMETERS[node]}
+        require(found.setdefault(node, settings) == settings, f"{path}: {node}", "one task for all", "several")
+    return {"simulator": {}, "learner": {}} | found
 
 
 def _insert(tree: dict[str, Any], name: str, value: Any) -> None:

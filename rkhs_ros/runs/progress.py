@@ -1,8 +1,9 @@
-"""The progress bars of runs."""
+"""The progress of runs: a bar where there is a terminal, else a line every few seconds."""
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -12,6 +13,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rkhs_ros.learning.training import Iteration, Training
 
 ECHO = "^C"  # that a terminal shows at Ctrl-C; beside a bar as wide as itself it would do so on another line
+LINE_PERIOD_S = 5.0  # between lines
+Show = Callable[[Iteration], None]
 
 
 def bar_console(*, quiet: bool) -> Console:
@@ -22,7 +25,7 @@ def bar_console(*, quiet: bool) -> Console:
 
 
 @contextmanager
-def progress_bar(training: Training, done: int = 0, *, quiet: bool = False) -> Iterator[Callable[[Iteration], None]]:
+def progress_bar(training: Training, done: int = 0, *, quiet: bool = False) -> Iterator[Show]:
     """Show how far a run is, on standard error; yield what is told of each iteration.
 
     Args:
@@ -30,6 +33,16 @@ def progress_bar(training: Training, done: int = 0, *, quiet: bool = False) -> I
         done: iterations made before.
         quiet: show nothing.
     """
+    console = bar_console(quiet=quiet)
+    if console.is_terminal or console.is_jupyter or quiet:
+        with _bar(training, done, console, quiet=quiet) as show:
+            yield show
+    else:
+        yield _lines(training)
+
+
+@contextmanager
+def _bar(training: Training, done: int, console: Console, *, quiet: bool) -> Iterator[Show]:
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
@@ -38,7 +51,7 @@ def progress_bar(training: Training, done: int = 0, *, quiet: bool = False) -> I
         TimeRemainingColumn(),
     )
     text = TextColumn("return {task.fields[train]}, noise-free {task.fields[mean]}")
-    with Progress(*columns, text, console=bar_console(quiet=quiet), disable=quiet) as progress:
+    with Progress(*columns, text, console=console, disable=quiet) as progress:
         task = progress.add_task(training.name, total=training.iterations, completed=done, train="-", mean="-")
 
         def show(iteration: Iteration) -> None:
@@ -47,3 +60,17 @@ def progress_bar(training: Training, done: int = 0, *, quiet: bool = False) -> I
                 progress.update(task, mean=f"{iteration.mean_policy_return:.4g}")
 
         yield show
+
+
+def _lines(training: Training) -> Show:
+    due = 0.0  # monotonic time, seconds
+
+    def show(iteration: Iteration) -> None:
+        nonlocal due
+        if time.monotonic() >= due or iteration.number == training.iterations:
+            mean = f", noise-free {iteration.mean_policy_return:.4g}" if len(iteration.evaluation) else ""
+            line = f"{training.name}: iteration {iteration.number} of {training.iterations}, "
+            print(f"{line}return {iteration.train_return:.4g}{mean}", file=sys.stderr, flush=True)
+            due = time.monotonic() + LINE_PERIOD_S
+
+    return show

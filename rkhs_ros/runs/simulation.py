@@ -21,6 +21,7 @@ from rkhs_ros.runs.rows import AnyEnv, AnyVectorEnv, Flags
 from rkhs_ros.runs.shown import HasRobot, JointStates
 
 LARGEST = 1e100  # observation or reward: products of a few of them are still finite
+STEP_SECONDS = ("step_seconds", "dt", "tau")  # attributes of environments, the first one counts
 
 
 class Frame(NamedTuple):
@@ -171,8 +172,13 @@ def _bounds(space: Box) -> tuple[NDArray[Any], NDArray[Any]]:
 
 
 def _step_seconds(environment: AnyEnv | AnyVectorEnv) -> float:
-    """Return the seconds of the task's own time that a step stands for; 1 where it does not say."""
-    return float(getattr(environment, "step_seconds", 1.0 / environment.metadata.get("render_fps", 1.0)))
+    """Return the seconds of the task's own time that a step stands for; 1 where it does not say.
+
+    Gymnasium's own environments call it ``dt`` or ``tau``; their pictures may come at another rate.
+    """
+    rate = environment.metadata.get("render_fps")
+    said = [getattr(environment, name, None) for name in STEP_SECONDS] + ([1 / rate] if rate else [])
+    return next((float(seconds) for seconds in said if isinstance(seconds, int | float) and seconds > 0), 1.0)
 
 
 def _continuous(space: gymnasium.Space[Any], what: str) -> Box:

@@ -126,7 +126,7 @@ def variance_kernel(variance: Any) -> Strategy:
 NOT_POSITIVE = NOT_FINITE | st.sampled_from([0.0, -1.0])
 NEGATIVE = NOT_FINITE | st.just(-1.0)
 POLICY: dict[str, Spoiler] = {
-    "observation_dim": other("observation_dim", UINT32),
+    "input_dim": other("input_dim", UINT32),
     "action_dim": other("action_dim", UINT32),
     "kernel": terms(),
     "kernel.name": term_name,

@@ -21,7 +21,7 @@ from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
 from rkhs_ros.app.launcher import for_all
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS
-from rkhs_ros.nodes.transport import by_udp
+from rkhs_ros.nodes.transport import LOOPBACK, PROFILES, RANGE
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.report import resolved
 
@@ -50,8 +50,8 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A free domain; processes started in the test inherit it."""
     with domain_coordinator.domain_id() as number:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
-        for name, value in by_udp({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}).items():
-            monkeypatch.setenv(name, value)
+        monkeypatch.setenv(RANGE, "SUBNET")  # the probe is in this process, and talks as the nodes do by themselves
+        monkeypatch.setenv(PROFILES[0], str(LOOPBACK))
         monkeypatch.setenv("OMP_NUM_THREADS", "1")
         yield number
 
@@ -71,9 +71,10 @@ class Process:
         )
 
     def finish(self) -> tuple[int, str, str]:
-        """Wait for the end; return exit code, standard output and standard error."""
+        """Wait for the end; return exit code, standard output, and standard error without what is merely told."""
         out, err = self.popen.communicate(timeout=2 * PATIENCE)
-        return self.popen.returncode, out, err
+        self.told = [line for line in err.splitlines(keepends=True) if line.startswith("[INFO]")]
+        return self.popen.returncode, out, "".join(line for line in err.splitlines(True) if line not in self.told)
 
     def interrupt(self) -> None:
         self.popen.send_signal(signal.SIGINT)

@@ -9,17 +9,22 @@ from collections.abc import Callable
 from io import StringIO
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
 from rich.console import Console
 from rosgraph_msgs.msg import Clock
 
 from rkhs_interfaces.msg import Action, NodeInstance
+from rkhs_interfaces.srv import DescribeTask
 from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS, doubles, start_request
 from rkhs_ros.nodes.status_node import table
-from rkhs_ros.nodes.uniqueness import HEARER_QOS, TOPIC
+from rkhs_ros.nodes.uniqueness import HEARER_QOS, SENDER_QOS, TOPIC
+from rkhs_ros.policies.streams import Batch
 from test.ros.conftest import ROOT, Probe, Process, kill, nodes_of
 
 Start = Callable[..., Process]
@@ -144,3 +149,58 @@ def test_the_clock_never_goes_back(run: Process, probe: Probe, victim: str) -> N
     steps = [round(t / STEP, 6) for t in hearing.times]
     assert steps == sorted(set(steps))
     assert sum(after == before + 1 for before, after in pairwise(steps)) > 0.9 * len(steps)
+
+
+def test_who_listens_to_the_clock_after_a_batch_began_hears_it(start: Start, probe: Probe) -> None:
+    start("simulator", "--ros-args", "--params-file", PENDULUM)
+    probe.meet("observation")
+    probe.until(lambda: probe.ask("describe_task", DescribeTask.Request()).connected)
+    batch = Batch(seed=0, first_episode=0, rows=1, horizon=1000, explore=False)
+    task = probe.ask("describe_task", DescribeTask.Request())
+    assert probe.ask("start_episodes", start_request(1, 1, batch, task, 0)).accepted
+    hearing, step = Hearing(probe), 0
+
+    def act() -> bool:
+        nonlocal step
+        if probe.heard["observation"][-1].step == step:
+            probe.say("action", Action(batch=1, step=step, policy_version=1, actions=doubles(np.zeros(1))))
+            step += 1
+        return hearing.times != []
+
+    probe.until(act)
+    assert hearing.times[0] == pytest.approx(STEP * step, abs=2 * STEP)
+
+
+class Namesake:
+    """A process that publishes as if it were a policy node that was there before."""
+
+    def __init__(self, probe: Probe, name: str) -> None:
+        self.node = Node(name, context=probe.context)
+        self.said = self.node.create_publisher(NodeInstance, TOPIC, SENDER_QOS)
+        probe.create_subscription(NodeInstance, TOPIC, self._hear, HEARER_QOS)
+        self.heard: list[Any] = []
+
+    def _hear(self, message: NodeInstance) -> None:
+        self.heard.append(message)
+
+    def say(self, answers: int) -> None:
+        self.said.publish(NodeInstance(node="/policy", instance=1, answers=answers))
+
+
+@pytest.mark.parametrize(
+    ("name", "answers", "ends"), [("policy", False, False), ("forger", True, False), ("policy", True, True)]
+)
+def test_a_node_ends_for_one_before_it_only_where_that_is_there_and_answers(
+    start: Start, probe: Probe, name: str, answers: bool, ends: bool
+) -> None:
+    other = Namesake(probe, name)
+    policy = start("policy")
+    probe.until(lambda: other.heard != [])
+    other.say(answers=other.heard[0].instance if answers else 0)
+    if ends:
+        probe.until(lambda: policy.popen.poll() is not None)
+        assert "error: expected one policy node, got another that was there before" in policy.finish()[2]
+    else:
+        probe.settle(1.5)
+        assert policy.popen.poll() is None
+    other.node.destroy_node()

@@ -185,7 +185,7 @@ def spoil(name: str) -> SetPolicy.Request:
     elif name == "variance unknown":
         p.variance.name = "constnt"
     elif name == "no dimensions":
-        p.observation_dim = 0
+        p.input_dim = 0
     elif name == "no window":
         p.inputs.history = 0
     elif name == "window too long":

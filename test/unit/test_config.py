@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 import yaml
 
+from rkhs_ros.base.parameter_files import is_for
 from rkhs_ros.base.settings import entries
 from rkhs_ros.learning.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.steps import KLStep
@@ -36,14 +37,19 @@ def test_every_configuration_loads_and_comes_back_from_its_resolved_text(path: P
     config = load_config(path)
     assert config.training.name == path.stem
     assert load_config(write(resolved(config))) == config
-    if path.stem.startswith("pr2"):
-        pytest.importorskip("pybullet", reason="PyBullet is not installed")
-    Simulation(config.environment.id, config.environment.options)  # its task can be served
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_the_task_of_every_configuration_can_be_served(path: Path) -> None:
+    environment = load_config(path).environment
+    if "PR2" in environment.id:
+        pytest.importorskip("pybullet", reason="PyBullet is not installed: make pr2")
+    Simulation(environment.id, environment.options)
 
 
 def test_the_resolved_text_holds_every_setting_of_the_learner(write: Any) -> None:
     config = load_config(write(MINIMAL))
-    learner = yaml.safe_load(resolved(config))["learner"]["ros__parameters"]
+    learner = yaml.safe_load(resolved(config))["/**/learner"]["ros__parameters"]
     for name, value, _ in entries(config.training):
         found = learner
         for part in name.split("."):
@@ -107,7 +113,7 @@ def test_a_bad_change_is_refused(write: Any, change: str, message: str) -> None:
         ("\x00", "expected a YAML file"),
         ("", "expected sections 'simulator' and 'learner', got NoneType"),
         ("- 1", "expected sections 'simulator' and 'learner', got list"),
-        ("simulater: {}", r"unknown section 'simulater', did you mean 'simulator'\?"),
+        ("simulater: {ros__parameters: {}}", r"unknown section 'simulater', did you mean 'simulator'\?"),
         ("simulator: {}", "simulator: expected ros__parameters"),
         ("simulator: {ros__parameters: 3}", "simulator: expected ros__parameters"),
         ("learner: {ros__parameters: {}}", "environment: expected a key 'id'"),
@@ -119,6 +125,66 @@ def test_a_file_that_is_no_configuration_is_refused_in_one_line(write: Any, text
     with pytest.raises(ValueError, match=message) as refusal:
         load_config(write(text))
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("simulator", "learner"),
+    [
+        ("/simulator", "/learner"),
+        ("/**/simulator", "/**/learner"),
+        ("/a/simulator", "a/learner"),
+        ("/*/simulator", "learner"),
+    ],
+)
+def test_the_sections_may_name_the_nodes_in_any_namespace(write: Any, simulator: str, learner: str) -> None:
+    text = MINIMAL.replace("simulator", simulator) + learner + ": {ros__parameters: {seed: 5}}\n"
+    assert load_config(write(text)) == load_config(write(MINIMAL), ["seed=5"])
+
+
+def test_sections_within_that_of_a_namespace_are_found(write: Any) -> None:
+    inner = MINIMAL + "learner: {ros__parameters: {seed: 5}}\n"
+    text = "robot:\n  left:\n" + "".join(f"    {line}\n" for line in inner.splitlines())
+    assert load_config(write(text)) == load_config(write(inner))
+
+
+def test_several_simulators_are_of_one_task(write: Any) -> None:
+    two = "".join(MINIMAL.replace("simulator", f"/simulator_{k}/simulator") for k in (1, 2))
+    assert load_config(write(two)) == load_config(write(MINIMAL))
+    with pytest.raises(ValueError, match="simulator: expected one task for all, got several"):
+        load_config(write(two.replace("Toy", "Pendulum", 1)))
+
+
+def test_what_a_running_node_dumps_is_a_configuration(write: Any) -> None:
+    of_any = {"use_sim_time": False, "start_type_description_service": True, "restarts": 0}
+    of_any |= {"qos_overrides": {"/parameter_events": {"publisher": {"depth": 1000}}}}
+    config = load_config(CONFIGS[0])
+    document = yaml.safe_load(resolved(config))
+    learner = {**document["/**/learner"]["ros__parameters"], **of_any, "output": "", "quiet": True, "resume": False}
+    simulator = {**document["/**/simulator"]["ros__parameters"], **of_any, "robot_state": False}
+    policy = {**of_any, "simulators": 1, "policy_file": ""}
+    nodes = {"/learner": learner, "/simulator": simulator, "/policy": policy}
+    dump = {name: {"ros__parameters": parameters} for name, parameters in nodes.items()}
+    assert load_config(write(yaml.safe_dump(dump))) == config
+
+
+@pytest.mark.parametrize(
+    ("section", "node", "expected"),
+    [
+        ("simulator", "/simulator", True),
+        ("simulator", "/a/simulator", False),
+        ("/a/simulator", "/a/simulator", True),
+        ("/*/simulator", "/a/simulator", True),
+        ("/*/simulator", "/simulator", False),
+        ("/*/simulator", "/a/b/simulator", False),
+        ("/**/simulator", "/simulator", True),
+        ("/**/simulator", "/a/b/simulator", True),
+        ("/**/simulator", "/a/learner", False),
+        ("/**", "/a/learner", True),
+        ("/a.c/simulator", "/abc/simulator", False),
+    ],
+)
+def test_a_section_is_for_the_nodes_that_its_name_fits(section: str, node: str, expected: bool) -> None:
+    assert is_for(section, node) is expected
 
 
 def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@ import pytest
 from rkhs_ros.app.launcher import for_all
 from rkhs_ros.base.yaml_text import loaded
 
-PARAMETERS = "simulator: {ros__parameters: {environment: {id: x}}}\nlearner: {ros__parameters: {seed: 1}}\n"
+PARAMETERS = "/**/simulator: {ros__parameters: {environment: {id: x}}}\n/**/learner: {ros__parameters: {seed: 1}}\n"
 
 
 @pytest.mark.parametrize(
@@ -11,14 +11,19 @@ PARAMETERS = "simulator: {ros__parameters: {environment: {id: x}}}\nlearner: {ro
 )
 def test_paths_of_any_name_travel_in_the_parameter_file(path: str) -> None:
     document = loaded(for_all(PARAMETERS, 1, {"output": path, "resume": True}))
-    assert document["learner"]["ros__parameters"] == {"seed": 1, "output": path, "resume": True}
+    assert document["/**/learner"]["ros__parameters"] == {
+        "seed": 1,
+        "environment": {"id": "x"},
+        "output": path,
+        "resume": True,
+    }
 
 
-def test_every_simulator_has_the_settings_of_the_one_in_the_file() -> None:
+def test_all_nodes_find_their_settings_and_the_learner_its_task() -> None:
     document = loaded(for_all(PARAMETERS, 2))
-    assert "simulator" not in document
-    assert document["/simulator_1/simulator"] == document["/simulator_2/simulator"]
-    assert document["policy"]["ros__parameters"] == {"simulators": 2}
+    assert document["/**/simulator"]["ros__parameters"] == {"environment": {"id": "x"}}
+    assert document["/**/learner"]["ros__parameters"] == {"seed": 1, "environment": {"id": "x"}}
+    assert document["/**/policy"]["ros__parameters"] == {"simulators": 2}
 
 
 @pytest.mark.parametrize("path", ["\udcff", "a\0b"])

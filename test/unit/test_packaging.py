@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
@@ -73,3 +74,20 @@ def test_the_packages_asked_for_are_those_pinned_and_named_to_rosdep() -> None:
     pinned = set(re.findall(r"^([\w-]+)==", (ROOT / "requirements" / "core.txt").read_text(), flags=re.MULTILINE))
     assert len(needed) > 5
     assert needed == pinned - {"pybullet"}
+
+
+@pytest.mark.parametrize("package", [ROOT, ROOT / "rkhs_interfaces"], ids=["rkhs_ros", "rkhs_interfaces"])
+def test_each_package_has_its_licence_and_a_changelog_of_its_name(package: Path) -> None:
+    name = ET.parse(package / "package.xml").findtext("name")
+    assert (package / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
+    title = (package / "CHANGELOG.rst").read_text().splitlines()[1]
+    assert title == f"Changelog for package {name}"
+
+
+def test_every_ros_package_that_is_imported_is_named_in_the_manifest() -> None:
+    named = {depend.text for depend in ET.parse(ROOT / "package.xml").iter("exec_depend")}
+    sources = [*(ROOT / "rkhs_ros").rglob("*.py"), *(ROOT / "sim_nodes").rglob("*.py"), *(ROOT / "launch").glob("*.py")]
+    pattern = re.compile(r"^\s*(?:from|import) ((?:rclpy|launch|launch_ros|\w+_msgs|\w+_interfaces))\b", re.MULTILINE)
+    imported = {name for source in sources for name in pattern.findall(source.read_text())}
+    assert len(imported) > 5
+    assert imported <= named

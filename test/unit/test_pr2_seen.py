@@ -18,7 +18,7 @@ from rkhs_ros.rkhs.kernels import RBF
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.simulation import Simulation
 
-pytest.importorskip("pybullet", reason="PyBullet is not installed: pip install pybullet==3.2.7")
+pytest.importorskip("pybullet", reason="PyBullet is not installed: make pr2")
 
 from sim_nodes.pr2 import environment, robot, world
 from sim_nodes.pr2.environment import PR2Door

@@ -14,12 +14,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rkhs_ros.app.inline import iterations
 from rkhs_ros.learning.training import Training, train
+from rkhs_ros.runs import progress
+from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.progress import ECHO, progress_bar
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.simulation import Simulation
 
 CONFIG = Path(__file__).parents[2] / "config" / "toy_nac.yaml"
+TOY = CONFIG
 COLUMNS = 100
 
 
@@ -57,3 +61,29 @@ def test_a_return_of_any_size_fits_the_bar(capsys: pytest.CaptureFixture[str]) -
     with progress_bar(training) as show:
         show(replace(iteration, train_returns=np.array([1.25e30]), mean_policy_returns=np.array([-1e-30])))
     assert "return 1.25e+30, noise-free -1e-30" in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize(("period", "numbers"), [(0.0, ["1", "2", "3", "4"]), (1000.0, ["1", "4"])])
+def test_without_a_terminal_a_line_comes_every_few_seconds_and_with_the_last_iteration(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, period: float, numbers: list[str]
+) -> None:
+    monkeypatch.setattr(progress, "LINE_PERIOD_S", period)
+    config = load_config(TOY, ["iterations=4", "episodes_per_iteration=2"])
+    with progress_bar(config.training) as show:
+        returns = []
+        for iteration in iterations(config):
+            show(iteration)
+            returns.append(iteration.train_return)
+    out, err = capsys.readouterr()
+    lines = err.splitlines()
+    assert out == ""
+    assert [line.split()[2] for line in lines] == numbers
+    assert f"toy_nac: iteration 4 of 4, return {returns[-1]:.4g}, noise-free " in lines[-1]
+
+
+def test_nothing_is_shown_of_a_quiet_run(capsys: pytest.CaptureFixture[str]) -> None:
+    config = load_config(TOY, ["iterations=1", "episodes_per_iteration=2"])
+    with progress_bar(config.training, quiet=True) as show:
+        for iteration in iterations(config):
+            show(iteration)
+    assert capsys.readouterr() == ("", "")

@@ -136,7 +136,8 @@ def test_options_that_do_not_fit_are_refused_in_one_line(
 
 
 @pytest.mark.parametrize(
-    ("environment", "seconds"), [("rkhs/Toy-v0", 1.0), ("rkhs/Pendulum-v0", 0.1), ("Pendulum-v1", 1 / 30)]
+    ("environment", "seconds"),
+    [("rkhs/Toy-v0", 1.0), ("rkhs/Pendulum-v0", 0.1), ("Pendulum-v1", 0.05), ("MountainCarContinuous-v0", 1 / 30)],
 )
 def test_a_step_stands_for_seconds_of_the_task(environment: str, seconds: float) -> None:
     assert Simulation(environment).step_seconds == seconds

@@ -1,0 +1,53 @@
+"""ROS parameter files: the sections that they hold, and the nodes that each is for."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from rkhs_ros.base.validation import require
+from rkhs_ros.base.yaml_text import read_yaml
+
+PARAMETERS = "ros__parameters"  # the key below the name of a node
+SIMULATOR, POLICY, LEARNER = "/**/simulator", "/**/policy", "/**/learner"  # sections of these nodes in any namespace
+WILDCARDS = {"*": "/[^/]+", "**": "(/[^/]+)*"}  # for one part of a node's full name, and for any number of parts
+
+
+def read_sections(path: Path) -> dict[str, dict[str, Any]]:
+    """Return the sections of a ROS parameter file by the names of their nodes, as the file has them.
+
+    Raises:
+        ValueError: it is no such file; one line says why.
+        OSError: it cannot be read.
+    """
+    document = read_yaml(path)
+    require(isinstance(document, dict), f"{path}", "sections 'simulator' and 'learner'", type(document).__name__)
+    sections: dict[str, dict[str, Any]] = {}
+    for name, section in _flat(document):
+        parameters: Any = section[PARAMETERS] if isinstance(section, dict) and list(section) == [PARAMETERS] else None
+        require(isinstance(parameters, dict), f"{path}: {name}", PARAMETERS, section)
+        sections[name] = parameters
+    return sections
+
+
+def is_for(section: str, node: str) -> bool:
+    """Return whether a section is for a node.
+
+    Args:
+        section: its name in the file, perhaps with wildcards, as ``/**/simulator``.
+        node: full name, as ``/simulator_1/simulator``.
+    """
+    parts = section.strip("/").split("/")
+    return re.fullmatch("".join(WILDCARDS.get(part, "/" + re.escape(part)) for part in parts), node) is not None
+
+
+def _flat(document: Mapping[Any, Any], namespace: str = "") -> Iterator[tuple[str, Any]]:
+    """Walk through the sections; those in the section of a namespace are named after it."""
+    for name, section in document.items():
+        inner = isinstance(section, dict) and section and all(isinstance(value, dict) for value in section.values())
+        if inner and PARAMETERS not in section:
+            yield from _flat(section, f"{namespace}{name}/")
+        else:
+            yield f"{namespace}{name}", section

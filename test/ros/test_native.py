@@ -1,0 +1,135 @@
+"""Nodes started by hand, as on an installation of ROS: their arguments, parameter files, namespaces and sockets."""
+
+import os
+import re
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rcl_interfaces.msg import Log
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from rkhs_ros.nodes.transport import PROFILES, RANGE
+from test.ros.conftest import ROOT, Probe, Process, of_process
+
+Start = Callable[..., Process]
+DISCOVERY_GROUP = "239.255.0.1"  # joined on the loopback interface
+TOY = ROOT / "config" / "toy_nac.yaml"
+
+
+def refusal(process: Process) -> str:
+    """Return the one line that a process says when it refuses its arguments."""
+    code, out, err = process.finish()
+    assert (code, out, err.count("\n")) == (2, "", 1), err
+    return err
+
+
+def test_help_says_how_a_node_is_started(start: Start) -> None:
+    code, out, err = start("simulator", "--help").finish()
+    assert (code, err) == (0, "")
+    assert "ros2 run rkhs_ros simulator --ros-args" in out
+
+
+def test_arguments_that_are_not_for_ros_are_refused(start: Start) -> None:
+    assert "--ros-args --params-file run.yaml" in refusal(start("learner", "run.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("learner", None, "expected a parameter file, got: No such file"),
+        ("policy", "a: [1", "expected a YAML file"),
+        ("simulator", "3", "expected sections"),
+    ],
+)
+def test_a_parameter_file_that_cannot_be_read_is_refused_in_one_line(
+    start: Start, tmp_path: Path, name: str, content: str | None, reason: str
+) -> None:
+    file = tmp_path / "run.yaml"
+    if content is not None:
+        file.write_text(content)
+    assert f"error: {file}: {reason}" in refusal(start(name, "--ros-args", "--params-file", file))
+
+
+def test_what_ros_refuses_is_refused_in_one_line(start: Start) -> None:
+    assert "error: arguments: expected those of ROS" in refusal(start("policy", "--ros-args", "--bogus"))
+
+
+@pytest.mark.parametrize("name", ["simulator", "learner"])
+def test_a_node_without_a_section_does_not_go_with_defaults(start: Start, tmp_path: Path, name: str) -> None:
+    file = tmp_path / "run.yaml"
+    file.write_text(TOY.read_text().replace("/**/", "/b/"))
+    process = start(name, "--ros-args", "--params-file", file, "-r", "__ns:=/a", "-p", "quiet:=true")
+    assert f"error: no parameters for /a/{name} in {file}" in refusal(process)
+
+
+@pytest.fixture
+def home(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    return tmp_path
+
+
+def test_two_simulators_in_a_namespace_learn_by_one_file(start: Start, home: Path) -> None:
+    def begin(name: str, namespace: str, *more: object) -> Process:
+        return start(name, "--ros-args", "--params-file", TOY, "-r", f"__ns:={namespace}", *more)
+
+    for k in (1, 2):
+        begin("simulator", f"/a/simulator_{k}")
+    begin("policy", "/a", "-p", "simulators:=2")
+    results = ("-p", "output:=~/run", "-p", "quiet:=true")
+    learner = begin("learner", "/a", "-p", "simulators:=2", "-p", "iterations:=3", *results)
+    assert learner.finish() == (0, "", "")
+    assert (home / "run" / "policy.npz").is_file()
+    (told,) = learner.told
+    assert f"learns rkhs/Toy-v0; the results are in {home / 'run'}\n" in told
+
+
+def test_a_node_says_when_it_is_ready_and_for_what(start: Start, probe: Probe) -> None:
+    nodes = {
+        "ready for episodes of rkhs/Toy-v0": start("simulator", "--ros-args", "--params-file", TOY),
+        "ready for a learner's policy; serves 1 simulator": start("policy"),
+    }
+    for topic in ("observation", "action"):
+        probe.meet(topic)
+    for said, node in nodes.items():
+        node.interrupt()
+        assert node.finish() == (0, "", "")
+        assert [line.partition("]: ")[2] for line in node.told] == [said + "\n"]
+
+
+@pytest.mark.parametrize("failure", ["parameter", "peer"])
+def test_why_a_node_ended_is_in_the_log_of_all(start: Start, probe: Probe, tmp_path: Path, failure: str) -> None:
+    logs: list[Any] = []
+    qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    probe.create_subscription(Log, "/rosout", logs.append, qos)
+    parameter = {"parameter": "sead:=3", "peer": "timeout:=1.0"}[failure]
+    learner = start("learner", "--ros-args", "-p", parameter)
+    probe.until(lambda: learner.popen.poll() is not None)
+    probe.settle()
+    _, _, err = learner.finish()
+    fatal = [(log.name, log.msg) for log in logs if log.level == Log.FATAL]
+    assert fatal == [("learner", err.removeprefix("error: ").rstrip("\n"))]
+
+
+def bound(pid: int) -> set[str]:
+    """Return the addresses that a process has bound UDP sockets to."""
+    links = [os.readlink(link) for link in Path(f"/proc/{pid}/fd").iterdir() if link.is_symlink()]
+    inodes = {match[1] for link in links if (match := re.fullmatch(r"socket:\[(\d+)\]", link))}
+    rows = [line.split() for line in of_process(pid, "net/udp").splitlines()[1:]]
+    packed = {row[1].partition(":")[0] for row in rows if row[9] in inodes and not row[1].endswith(":0000")}
+    return {socket.inet_ntoa(bytes.fromhex(address)[::-1]) for address in packed}
+
+
+@pytest.mark.parametrize("given", [{}, {RANGE: "LOCALHOST"}], ids=["nothing", "LOCALHOST"])
+def test_a_node_by_hand_keeps_to_the_loopback_interface(
+    start: Start, probe: Probe, monkeypatch: pytest.MonkeyPatch, given: dict[str, str]
+) -> None:
+    for name in (RANGE, *PROFILES):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in given.items():
+        monkeypatch.setenv(name, value)
+    node = start("simulator", "--ros-args", "--params-file", TOY)
+    probe.meet("observation")
+    assert bound(node.popen.pid) - {DISCOVERY_GROUP} == {"127.0.0.1"}
