@@ -85,7 +85,7 @@ class Diagnostics:
     def _look_for_strangers(self) -> None:
         before, self.crowded = self.crowded, self._publishers.crowded()
         if self.crowded and self.crowded != before:
-            self._node.get_logger().warning(f"expected one publisher, got {self.crowded}; set ROS_DOMAIN_ID apart")
+            self._node.get_logger().warning(f"expected one publisher, got {self.crowded}; set ROS_DOMAIN_ID")
 
     def _state(self) -> tuple[bytes, str]:
         refused, self._refusals_reported = self.refusals > self._refusals_reported, self.refusals

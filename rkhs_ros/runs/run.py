@@ -14,7 +14,7 @@ from rkhs_ros.learning.training import Runner, first_state, train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.runs.checkpoint import Checkpoints
-from rkhs_ros.runs.config import Config
+from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.report import FIRST_POLICY, Report, new_folder, old_folder
@@ -48,6 +48,8 @@ def run_training(
         lines, iterations = len(curve.rows()), config.training.iterations
         require(lines <= iterations, "iterations", f"at least {lines}, which the run has made", iterations)
         state = checkpoints.newest(lines) if resume else None
+        if resume and state is None:
+            _check_environment(folder, config.environment)
         if resume and state is None and curve.path.exists():
             print(f"note: {folder}: no checkpoint to go on from: the run begins again", file=sys.stderr)
         done = state.iterations if state else 0
@@ -59,6 +61,13 @@ def run_training(
                 checkpoints.write(iteration.state)
                 show(iteration)
     return folder
+
+
+def _check_environment(folder: Path, environment: Environment) -> None:
+    """Raise ValueError where the run in the folder began in another environment, as no checkpoint may tell."""
+    began = load_config(folder / "config.yaml").environment
+    expected, got = (f"{each.id} with options {dict(each.options)}" for each in (began, environment))
+    require(expected == got, f"{folder}: environment", f"{expected}, in which the run began", got)
 
 
 def _given(folder: Path) -> GaussianPolicy | None:

@@ -481,3 +481,15 @@ def test_a_second_process_is_kept_out_until_the_first_was_killed(tmp_path: Path)
     killed(first, run, 5, 0.0)
     third = started("--resume", run, "--iterations", lines(run) + 5)
     assert (third.communicate()[1], third.returncode) == ("", 0)
+
+
+def test_a_run_without_checkpoints_is_not_begun_again_in_another_environment(tmp_path: Path) -> None:
+    folder = stopped(tmp_path / "run", 4)
+    for path in (folder / "checkpoints").iterdir():
+        path.unlink()
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    other = replace(CONFIG, environment=Environment("rkhs/Pendulum-v0", {"angle": "wrap"}))
+    expected = r"environment: expected rkhs/Toy-v0 with options \{\}, in which the run began, got rkhs/Pendulum-v0"
+    with pytest.raises(ValueError, match=expected):
+        run_training(other, Stopping(), folder, quiet=True, resume=True)
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
