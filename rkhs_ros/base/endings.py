@@ -28,6 +28,6 @@ def say(error: Exception) -> int:
 
 
 def _told(error: Exception) -> str:
-    if isinstance(error, FileNotFoundError):
+    if isinstance(error, FileNotFoundError) and error.filename is not None:
         return f"{error.filename}: expected a file or folder that exists, got none"
     return str(error)

@@ -7,6 +7,7 @@ import yaml
 
 from rkhs_ros.base.parameter_files import is_for
 from rkhs_ros.base.settings import entries
+from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.steps import KLStep
 from rkhs_ros.learning.training import Training
@@ -164,7 +165,7 @@ def test_what_a_running_node_dumps_is_a_configuration(write: Any) -> None:
     policy = {**of_any, "simulators": 1, "policy_file": ""}
     nodes = {"/learner": learner, "/simulator": simulator, "/policy": policy}
     dump = {name: {"ros__parameters": parameters} for name, parameters in nodes.items()}
-    assert load_config(write(yaml.safe_dump(dump))) == config
+    assert load_config(write(dumped(dump))) == config
 
 
 @pytest.mark.parametrize(
