@@ -61,12 +61,13 @@ pr2: build ## install what the PR2 needs; but for Python 3.11 that is built, in 
 demo: build ## learn to swing up the pendulum
 	@$(ENTER) rkhs train config/pendulum_nac.yaml
 
-test: lint types ## lint, types and every test
-	@$(ENTER) python -m pytest -n auto -m "not faults"
+WORKERS ?= $(shell expr $$(nproc) + 1) # tests of nodes wait more than they compute
+test: lint types ## lint, types and the tests, but for those of faults
+	@$(ENTER) python -m pytest -n $(WORKERS) -m "not faults"
 
 KILLS ?= 40
 test-faults: build ## kill nodes, lose messages, send malformed ones, run for long; KILLS=N: kills in all
-	@$(ENTER) python -m pytest -n auto -rP -m faults test/faults test/ros --kills $(KILLS)
+	@$(ENTER) python -m pytest -n auto -rP -m faults --kills $(KILLS) test/faults test/ros test/unit
 
 test-fast: build ## the tests that start no nodes and take under a minute in all
 	@$(ENTER) python -m pytest -n auto -m "not ros and not slow and not faults"

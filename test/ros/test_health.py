@@ -85,6 +85,7 @@ def test_every_node_reports_and_says_how_often_it_was_started_again(run: Process
     assert [len(hearing.instances[name]) for name in ("/simulator", "/learner")] == [1, 1]
 
 
+@pytest.mark.faults
 def test_a_learner_that_is_stuck_says_so_and_at_its_end_why(start: Start, probe: Probe, tmp_path: Path) -> None:
     hearing = Hearing(probe)
     arguments = ("--quiet", "--iterations", 10_000, "--out", tmp_path / "out", "--set", "timeout=8")
@@ -111,6 +112,7 @@ def test_a_refusal_is_counted_and_told(run: Process, probe: Probe) -> None:
     assert hearing.value("/simulator", "last refusal").startswith("an action: expected batch ")
 
 
+@pytest.mark.faults
 def test_status_shows_the_nodes_and_says_where_there_are_none(
     run: Process, probe: Probe, start: Start, domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

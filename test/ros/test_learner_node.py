@@ -59,6 +59,7 @@ def test_a_refusal_that_does_not_stand_is_got_over(learn: Learner, probe: Probe)
     assert len(policy.asked) == 4
 
 
+@pytest.mark.faults
 def test_a_batch_without_a_step_is_begun_anew_before_it_ends_the_run(learn: Learner, probe: Probe) -> None:
     states: set[tuple[bytes, str]] = set()
 

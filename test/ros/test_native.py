@@ -82,7 +82,7 @@ def test_two_simulators_in_a_namespace_learn_by_one_file(start: Start, home: Pat
     learner = begin("learner", "/a", "-p", "simulators:=2", "-p", "iterations:=3", *results)
     assert learner.finish() == (0, "", "")
     assert (home / "run" / "policy.npz").is_file()
-    (told,) = learner.told
+    told = "".join(learner.told)
     assert f"learns rkhs/Toy-v0; the results are in {home / 'run'}\n" in told
 
 

@@ -16,6 +16,7 @@ def lines(folder: Path) -> int:
     return len(Curve(folder / "curve.csv").rows())
 
 
+@pytest.mark.faults
 @pytest.mark.parametrize("name", NAMES)
 def test_a_run_over_topics_is_where_it_was_asked_for(
     start: Callable[..., Process], tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch

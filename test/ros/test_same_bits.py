@@ -95,7 +95,7 @@ def test_an_algorithm_on_a_task_learns_the_same_over_topics_as_in_process(
 @pytest.mark.parametrize(
     ("config", "changes"),
     [
-        ("toy_power", ("kernel.form=rbf + polynomial", "discount=0.9")),
+        ("toy_power", ("kernel.form=rbf + polynomial", "kernel.degree=2", "discount=0.9")),
         ("pendulum_v1", ("horizon=30", "episodes_per_iteration=5")),
     ],
 )
@@ -105,7 +105,7 @@ def test_a_run_over_topics_equals_the_run_in_process(
     assert_same_bits(start, tmp_path, (ROOT / "config" / f"{config}.yaml", *SHORT, "--set", *changes), 3)
 
 
-@pytest.mark.parametrize("simulators", [2, 3])
+@pytest.mark.parametrize("simulators", [pytest.param(2, marks=pytest.mark.faults), 3])
 def test_the_number_of_simulators_changes_no_bit(start: Start, tmp_path: Path, simulators: int) -> None:
     config = ROOT / "config" / "pendulum_pomdp_nac.yaml"
     small = ("algorithm.centres=20", "horizon=20", "episodes_per_iteration=5", "evaluation_episodes=2", "timeout=60")
@@ -113,7 +113,7 @@ def test_the_number_of_simulators_changes_no_bit(start: Start, tmp_path: Path, s
     assert_same_bits(start, tmp_path, (config, *SHORT, "--simulators", simulators, "--set", *small), 3)
 
 
-@pytest.mark.parametrize("simulators", [1, 2])
+@pytest.mark.parametrize("simulators", [pytest.param(1, marks=pytest.mark.faults), 2])
 def test_the_robot_does_the_same_over_topics_and_in_process(start: Start, tmp_path: Path, simulators: int) -> None:
     pytest.importorskip("pybullet", reason="the PR2 needs PyBullet")
     config = ROOT / "config" / "pr2_door_contextual.yaml"
@@ -121,6 +121,7 @@ def test_the_robot_does_the_same_over_topics_and_in_process(start: Start, tmp_pa
     assert_same_bits(start, tmp_path, (config, *SHORT, "--simulators", simulators, "--set", *small), 3)
 
 
+@pytest.mark.faults
 def test_runs_side_by_side_in_different_domains_do_not_meet(
     start: Start, tmp_path: Path, domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

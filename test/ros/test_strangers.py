@@ -172,9 +172,9 @@ def test_a_learner_without_environment_learns_in_the_simulators_and_says_so(
     start("simulator", "--ros-args", "--params-file", file)
     start("policy")
     document = yaml.safe_load(file.read_text())
-    del document["learner"]["ros__parameters"]["environment"]
+    del document["/**/learner"]["ros__parameters"]["environment"]
     alone = tmp_path / "learner.yaml"
-    alone.write_text(yaml.safe_dump({"learner": document["learner"]}))
+    alone.write_text(yaml.safe_dump({"learner": document["/**/learner"]}))
     folder = tmp_path / "out"
     code, _, err = start(
         "learner", "--ros-args", "--params-file", alone, "-p", f"output:={folder}", "-p", "quiet:=true"

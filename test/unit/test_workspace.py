@@ -55,6 +55,7 @@ def test_both_packages_are_found_in_a_workspace_and_in_the_repository(workspace:
     assert found(workspace / "src" / "rkhs") == PACKAGES
 
 
+@pytest.mark.faults
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_a_workspace_is_built_and_tested_by_plain_colcon(workspace: Path) -> None:
