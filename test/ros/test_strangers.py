@@ -176,9 +176,9 @@ def test_a_learner_without_environment_learns_in_the_simulators_and_says_so(
     alone = tmp_path / "learner.yaml"
     alone.write_text(yaml.safe_dump({"learner": document["/**/learner"]}))
     folder = tmp_path / "out"
-    code, _, err = start(
-        "learner", "--ros-args", "--params-file", alone, "-p", f"output:={folder}", "-p", "quiet:=true"
-    ).finish()
-    assert code == 0, err
-    assert err.endswith("no environment is given: that of the first simulator is learnt in\n")
+    more = ("-p", f"output:={folder}", "-p", "quiet:=true")
+    learner = start("learner", "--ros-args", "--params-file", alone, *more)
+    code, _, err = learner.finish()
+    assert (code, err) == (0, "")
+    assert "no environment is given: that of the first simulator is learnt in" in "".join(learner.told)
     assert "id: rkhs/Toy-v0" in (folder / "config.yaml").read_text()
