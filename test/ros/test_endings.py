@@ -112,6 +112,7 @@ def test_a_node_that_stalls_ends_the_run_by_name(run: Process, name: str) -> Non
     assert not any(map(alive, nodes))
 
 
+@pytest.mark.faults
 def test_a_learner_alone_names_who_is_missing(start: Start, parameters: Parameters, tmp_path: Path) -> None:
     out = f"output:={tmp_path / 'out'}"
     file = parameters("toy_nac", "timeout=1")

@@ -118,6 +118,7 @@ def newest(folder: Path, config: Config = CONFIG, lines: int = 99) -> int | None
     return None if state is None else state.iterations
 
 
+@pytest.mark.faults
 @pytest.mark.slow
 @pytest.mark.usefixtures("quick_disk")
 def test_a_checkpoint_cut_short_anywhere_is_passed_over_by_name(

@@ -452,6 +452,7 @@ def killed(process: subprocess.Popen[str], folder: Path, line: int, delay: float
     return said
 
 
+@pytest.mark.faults
 @pytest.mark.slow
 def test_a_run_killed_at_any_moment_goes_on_to_the_same_bits(tmp_path: Path, rng: np.random.Generator) -> None:
     run, settings = tmp_path / "run", ("--iterations", 400, "--set", "algorithm.reuse=4")
@@ -469,6 +470,7 @@ def test_a_run_killed_at_any_moment_goes_on_to_the_same_bits(tmp_path: Path, rng
     assert results(run) == results(tmp_path / "whole")
 
 
+@pytest.mark.faults
 @pytest.mark.slow
 def test_a_second_process_is_kept_out_until_the_first_was_killed(tmp_path: Path) -> None:
     run = tmp_path / "run"

@@ -182,6 +182,7 @@ def is_running(pid: int) -> bool:
         return False
 
 
+@pytest.mark.faults
 @pytest.mark.slow
 def test_an_interrupted_training_can_be_gone_on_with(rkhs: Run, tmp_path: Path) -> None:
     many, whole = tmp_path / "many", tmp_path / "whole"
@@ -195,6 +196,7 @@ def test_an_interrupted_training_can_be_gone_on_with(rkhs: Run, tmp_path: Path) 
     assert [results(path) for path in seed_folders(many)] == [results(path) for path in seed_folders(whole)]
 
 
+@pytest.mark.faults
 @pytest.mark.slow
 def test_a_worker_that_is_killed_ends_with_lines_not_a_traceback(tmp_path: Path) -> None:
     many = tmp_path / "many"
@@ -206,6 +208,7 @@ def test_a_worker_that_is_killed_ends_with_lines_not_a_traceback(tmp_path: Path)
     assert err.splitlines() == [f"error: seed_{k}: its process was killed, or one beside it" for k in (0, 1)]
 
 
+@pytest.mark.faults
 @pytest.mark.slow
 def test_workers_end_with_a_training_that_is_killed(tmp_path: Path) -> None:
     many = tmp_path / "many"
