@@ -63,7 +63,7 @@ demo: build ## learn to swing up the pendulum
 
 WORKERS ?= $(shell expr $$(nproc) + 1) # tests of nodes wait more than they compute
 test: lint types ## lint, types and the tests, but for those of faults
-	@$(ENTER) python -m pytest -n $(WORKERS) -m "not faults"
+	@$(ENTER) python -m pytest -n $(WORKERS) --dist worksteal -m "not faults"
 
 KILLS ?= 40
 test-faults: build ## kill nodes, lose messages, send malformed ones, run for long; KILLS=N: kills in all
