@@ -140,6 +140,7 @@ def test_status_shows_a_refusal_to_the_letter() -> None:
     assert refusal.value in console.export_text()
 
 
+@pytest.mark.faults
 @pytest.mark.parametrize("victim", ["simulator", "policy", "learner"])
 def test_the_clock_never_goes_back(run: Process, probe: Probe, victim: str) -> None:
     hearing = Hearing(probe)

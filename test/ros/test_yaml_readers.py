@@ -37,7 +37,7 @@ WORDS += [
     "\t",
 ]
 texts = st.sampled_from(WORDS) | st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=30)
-numbers = st.floats(allow_nan=False, allow_infinity=False)
+numbers = st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=False)
 scalars = (st.booleans(), st.integers(-(2**63) + 1, 2**63 - 1), numbers, texts)
 values = st.one_of(*scalars, *(st.lists(scalar, min_size=1, max_size=4) for scalar in scalars))
 

@@ -32,6 +32,7 @@ def run(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.faults
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_pip_installs_the_library_and_the_command_without_ros(tmp_path: Path) -> None:
