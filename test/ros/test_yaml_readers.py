@@ -70,7 +70,13 @@ def written(parameters: Mapping[str, Any]) -> str:
     return dumped({"reader": {"ros__parameters": parameters}})
 
 
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=15,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 @given(st.lists(values, min_size=10, max_size=40))
 def test_ros_reads_what_was_written(file: Path, domain: int, these: list[Any]) -> None:
     tree = {f"p{i}": value for i, value in enumerate(these)}
