@@ -66,8 +66,9 @@ test: lint types ## lint, types and the tests, but for those of faults
 	@$(ENTER) python -m pytest -n $(WORKERS) --dist worksteal -m "not faults"
 
 KILLS ?= 40
-test-faults: build ## kill nodes, lose messages, send malformed ones, run for long; KILLS=N: kills in all
-	@$(ENTER) python -m pytest -n auto -rP -m faults --kills $(KILLS) test/faults test/ros test/unit
+FAULTS ?= test/faults test/ros test/unit
+test-faults: build ## kill nodes, lose messages, send malformed ones, run for long; KILLS=N kills, FAULTS=what
+	@$(ENTER) python -m pytest -n auto -rP -m faults --kills $(KILLS) $(FAULTS)
 
 test-fast: build ## the tests that start no nodes and take under a minute in all
 	@$(ENTER) python -m pytest -n auto -m "not ros and not slow and not faults"

@@ -183,6 +183,8 @@ ALWAYS: dict[Any, dict[str, Spoiler]] = {
         "observations": numbers("observations"),
         "actions": numbers("actions"),
         "rewards": numbers("rewards"),
+        "final_observations": numbers("final_observations"),
+        "terminated": lambda message: st.integers(0, 50).filter(lambda n: n != message.rows).map(lambda n: [True] * n),
     },
     StartEpisodes.Request: {
         "environment": strange("environment"),
