@@ -84,7 +84,6 @@ test-noble: .venv-noble/.installed ## the unit tests with the versions of Ubuntu
 	@.venv-noble/bin/python -m pip install -qq --disable-pip-version-check -r requirements/noble.txt
 	@touch $@
 
-
 test-pythons: ## the fast tests and the demo with each Python that is there, in copies of the tree
 	@for python in $(foreach version,$(VERSIONS),$(call python,$(version))); do \
 	  copy=build/$$("$$python" -c 'import sys; print("python%d.%d" % sys.version_info[:2])') && echo "$$copy ..." && \

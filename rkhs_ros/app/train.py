@@ -101,11 +101,20 @@ def _configuration(options: argparse.Namespace, file: Path | None) -> Config:
     return config_for(options.env, own_horizon(options.env), changes)
 
 
+def _learnable(config: Config, first_policy: Path | None) -> InlineRunner:
+    """Return where policies can act in the environment of a run that can be begun.
+
+    Raises:
+        ValueError: the environment cannot be served, or the settings or the first policy do not fit it.
+    """
+    runner = runner_of(config.environment)
+    first_state(config.training, runner.spaces, load_policy(first_policy)[0] if first_policy else None)
+    return runner
+
+
 def _train_one(options: argparse.Namespace) -> int:
     config = _configuration(options, old_folder(options.resume) / "config.yaml" if options.resume else options.config)
-    runner = runner_of(config.environment)  # refuses what cannot be served
-    given = load_policy(options.policy)[0] if options.policy else None
-    first_state(config.training, runner.spaces, given)  # refuses what cannot be learnt
+    runner = _learnable(config, options.policy)
     if not options.quiet:
         _tell_of_horizon(config, runner.simulation.own_horizon)
     over_topics = _is_over_topics(options.runner)
@@ -203,7 +212,6 @@ def _runs_to_go_on_with(options: argparse.Namespace) -> tuple[Path, dict[Path, C
 
 def _new_runs(options: argparse.Namespace) -> tuple[Path, dict[Path, Config]]:
     seeds, config = parse_seeds(options.seeds), _configuration(options, options.config)
-    given = load_policy(options.policy)[0] if options.policy else None
-    first_state(config.training, runner_of(config.environment).spaces, given)  # refuses what cannot be learnt
+    _learnable(config, options.policy)
     folder = new_folder(options.out, config.training.name)
     return folder, begin_seeds(folder, config, seeds, options.policy)

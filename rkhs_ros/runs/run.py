@@ -50,8 +50,8 @@ def run_training(
         state = checkpoints.newest(lines) if resume else None
         if resume and state is None:
             _check_environment(folder, config.environment)
-        if resume and state is None and curve.path.exists():
-            print(f"note: {folder}: no checkpoint to go on from: the run begins again", file=sys.stderr)
+            if curve.path.exists():
+                print(f"note: {folder}: no checkpoint to go on from: the run begins again", file=sys.stderr)
         done = state.iterations if state else 0
         report = Report(folder, config, runner.spaces, done)
         with _finished(report), progress_bar(config.training, done, quiet=quiet) as show:

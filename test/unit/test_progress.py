@@ -23,7 +23,6 @@ from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.simulation import Simulation
 
 CONFIG = Path(__file__).parents[2] / "config" / "toy_nac.yaml"
-TOY = CONFIG
 COLUMNS = 100
 
 
@@ -68,7 +67,7 @@ def test_without_a_terminal_a_line_comes_every_few_seconds_and_with_the_last_ite
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, period: float, numbers: list[str]
 ) -> None:
     monkeypatch.setattr(progress, "LINE_PERIOD_S", period)
-    config = load_config(TOY, ["iterations=4", "episodes_per_iteration=2"])
+    config = load_config(CONFIG, ["iterations=4", "episodes_per_iteration=2"])
     with progress_bar(config.training) as show:
         returns = []
         for iteration in iterations(config):
@@ -82,7 +81,7 @@ def test_without_a_terminal_a_line_comes_every_few_seconds_and_with_the_last_ite
 
 
 def test_nothing_is_shown_of_a_quiet_run(capsys: pytest.CaptureFixture[str]) -> None:
-    config = load_config(TOY, ["iterations=1", "episodes_per_iteration=2"])
+    config = load_config(CONFIG, ["iterations=1", "episodes_per_iteration=2"])
     with progress_bar(config.training, quiet=True) as show:
         for iteration in iterations(config):
             show(iteration)
