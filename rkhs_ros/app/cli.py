@@ -54,12 +54,6 @@ def _exit_code(arguments: Sequence[str]) -> int:
         return INTERRUPTED
 
 
-def _told(error: ValueError | OSError) -> str:
-    if isinstance(error, FileNotFoundError):
-        return f"{error.filename}: expected a file or folder that exists, got none"
-    return str(error)
-
-
 def _check_encoding(arguments: Sequence[str]) -> None:
     """Raise ValueError where an argument, such as a path, is no text that files and nodes can hold."""
     for word in arguments:

@@ -5,11 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from rich.console import Console
+from rich.text import Text
+
 import rkhs_ros.app.inline  # noqa: F401  # registers the tasks, whose known returns are drawn
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.pictures.comparison import draw_comparison, format_of
-from rkhs_ros.runs.comparison import compare
-from rkhs_ros.runs.comparison_table import as_csv, as_markdown
+from rkhs_ros.runs.comparison import Comparison, compare
+from rkhs_ros.runs.comparison_table import CAPTION, as_csv, as_markdown, as_table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,12 +26,24 @@ def run(options: argparse.Namespace) -> int:
     """Draw the picture, write the tables beside it, and print them."""
     format_of(options.out)  # refused before anything is written
     comparison = compare(options.folders)
-    table = as_markdown(comparison)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     draw_comparison(options.out, comparison)
-    tables = {options.out.with_suffix(".csv"): as_csv(comparison), options.out.with_suffix(".md"): table}
+    tables = {
+        options.out.with_suffix(".csv"): as_csv(comparison),
+        options.out.with_suffix(".md"): as_markdown(comparison),
+    }
     for path, content in tables.items():
         write_whole(path, content.encode())
-    print(table)
+    _show(comparison)
     print(f"Picture and tables: {', '.join(map(str, [options.out, *tables]))}")
     return 0
+
+
+def _show(comparison: Comparison) -> None:
+    """Print the table: for a terminal in its width, else as Markdown."""
+    console = Console()
+    if not console.is_terminal:
+        print(as_markdown(comparison))
+        return
+    about = [CAPTION.replace("\n", " "), *comparison.notes]
+    console.print(as_table(comparison), *(Text(f"\n{each}") for each in about), "", sep="\n")

@@ -51,7 +51,7 @@ def domain_of(folder: Path) -> str:
     Raises:
         ValueError: none is under way in the folder.
     """
-    require(_file(folder).is_file(), f"{folder}", "the folder of a run under way over topics", "another")
+    require(_file(folder).is_file(), f"{folder}", "the folder of a run under way over topics", "none")
     return _file(folder).read_text().strip()
 
 

@@ -11,6 +11,7 @@ from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import Task, load_policy
 from rkhs_ros.runs.config import Config, Environment
+from rkhs_ros.runs.report import last_policy
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.simulation import Simulation
 
@@ -36,10 +37,10 @@ def load_acting(path: Path) -> tuple[GaussianPolicy, Task, InlineRunner]:
         path: a policy file, or a run's folder, of which it is the last policy.
 
     Raises:
-        ValueError: the file is damaged, or its policy does not fit its task.
+        ValueError: the folder holds no policy yet, the file is damaged, or its policy does not fit its task.
         OSError: the file cannot be read.
     """
-    path = path / "policy.npz" if path.is_dir() else path
+    path = last_policy(path) if path.is_dir() else path
     policy, task = load_policy(path)
     require(task.environment != "", f"{path}", "a policy that names its environment", "one of none (see imitate --env)")
     runner = runner_of(Environment(task.environment, task.options))

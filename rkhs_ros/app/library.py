@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -145,7 +145,7 @@ def _prepared(
     known = {f.name: f for f in fields(Training)}
     for name in given:
         if name not in known:
-            raise ValueError(f"unknown setting '{name}', {hint(name, dict.fromkeys([*known, *OTHERS]))}")
+            raise ValueError(f"unknown setting '{name}', {_meant(name, known)}")
     given = {"name": simulation.environment, "horizon": simulation.own_horizon or Training.horizon, **given}
     if isinstance(algorithm, str):
         algorithm = pick(algorithm, ALGORITHMS, "algorithm")()
@@ -156,8 +156,16 @@ def _prepared(
     warm_start = load(start) if isinstance(start, str | Path) else start
     good = warm_start is None or isinstance(warm_start, Policy)
     require(good, "policy", "a Policy or the file of one", warm_start)
+    require(not isinstance(algorithm, type), "algorithm", "one with its settings, as RKHSNAC()", algorithm)
     chosen = RKHSNAC() if algorithm is None else algorithm
     return Training(algorithm=chosen, **given), InlineRunner(simulation), warm_start
+
+
+def _meant(name: str, known: Iterable[str]) -> str:
+    """Return a hint for an unknown setting: the first algorithm that has it, or the nearest name."""
+    algorithms: list[type[Algorithm]] = [RKHSNAC, *ALGORITHMS.values()]
+    having = [each.__name__ for each in algorithms if name in {f.name for f in fields(each)}]
+    return f"did you mean {having[0]}({name}=...)?" if having else hint(name, dict.fromkeys([*known, *OTHERS]))
 
 
 def _results(training: Training, runner: InlineRunner, warm_start: Policy | None) -> Iterator[Result]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import rkhs_ros.app.inline  # noqa: F401  # registers the tasks, whose known returns are drawn
 from rkhs_ros.pictures.run_pictures import draw_run
-from rkhs_ros.runs.report import old_folder
+from rkhs_ros.runs.report import last_policy
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,6 +17,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Draw curve.png and policy.png, and print where they are."""
-    for picture in draw_run(old_folder(options.folder)):
+    for picture in draw_run(last_policy(options.folder).parent):
         print(picture)
     return 0

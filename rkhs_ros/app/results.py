@@ -11,7 +11,7 @@ from rkhs_ros.paper.results import results
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder with the figures' csv files")
-    parser.add_argument("--out", type=Path, default=Path("results.md"), metavar="FILE", help="(%(default)s)")
+    parser.add_argument("--out", type=Path, default=Path("results.md"), metavar="FILE", help="the page (%(default)s)")
 
 
 def run(options: argparse.Namespace) -> int:

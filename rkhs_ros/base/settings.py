@@ -84,15 +84,15 @@ def build(cls: type[T], values: Tree, path: str = "") -> T:
     known = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]  # a dataclass
     for key in values:
         if key not in known:
-            raise UnknownKeyError(f"unknown key '{path}{key}', {_meant(str(key), cls, known)}")
+            raise UnknownKeyError(f"unknown key '{path}{key}', {_meant(str(key), cls, known, path)}")
     types = _types(cls)  # type: ignore[arg-type]  # a class can be hashed
     return cls(**{k: _convert(f, types[k], values[k], path + k) for k, f in known.items() if k in values})
 
 
-def _meant(key: str, cls: type, known: Mapping[str, Any]) -> str:
-    """Return a hint for an unknown key: settings of that name in a section within, or the nearest name."""
-    within = [entry.name for entry in entries(cls()) if entry.name.rpartition(".")[2] == key]
-    return hint(key, known) if not within else f"did you mean {' or '.join(map(repr, within))}?"
+def _meant(key: str, cls: type, known: Mapping[str, Any], path: str) -> str:
+    """Return a hint for an unknown key: settings of that name in a section within, or the nearest name, in full."""
+    within = [path + entry.name for entry in entries(cls()) if entry.name.rpartition(".")[2] == key]
+    return hint(key, known, path) if not within else f"did you mean {' or '.join(map(repr, within))}?"
 
 
 @cache
@@ -104,15 +104,16 @@ def _build_variant(f: Field[Any], values: Tree, path: str) -> Any:
     """Make the settings dataclass that the values name, or another one of the default's class."""
     table, key = f.metadata["table"], f.metadata["key"]
     require(isinstance(values, Mapping), path.rstrip("."), "a section of keys", repr(values))
-    cls = pick(str(values[key]), table, path + key) if key in values else type(f.default)
+    cls: Any = pick(str(values[key]), table, path + key) if key in values else type(f.default)
     try:
         return build(cls, {k: v for k, v in values.items() if k != key}, path)
     except UnknownKeyError as error:  # as where another variant is named beside the settings of the one before
-        if key not in values:
+        of_others = {name for other in table.values() for name in _types(other)} - set(_types(cls))
+        if key not in values or not of_others.intersection(map(str, values)):
             raise
         section = path.rstrip(".")
         remedy = f"{section}={{{key}: {values[key]}}} takes '{values[key]}' with its defaults"
-        raise UnknownKeyError(f"{error} {remedy}") from error
+        raise UnknownKeyError(f"{error} ({remedy})") from error
 
 
 def _convert(f: Field[Any], kind: Any, value: Any, name: str) -> Any:

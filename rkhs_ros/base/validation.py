@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from math import prod
 from typing import Any, TypeVar
@@ -40,13 +40,30 @@ def pick(name: str, table: Mapping[str, T], kind: str) -> T:
     return table[name]
 
 
-def hint(name: str, known: Mapping[str, Any]) -> str:
-    """Return "did you mean 'x'?" for names that begin alike, or the nearest one, else the names if they are few."""
+def hint(name: str, known: Mapping[str, Any], path: str = "") -> str:
+    """Return "did you mean 'x'?" for names that begin alike, or the nearest one, else the names if they are few.
+
+    Args:
+        name: the unknown one.
+        known: those that there are.
+        path: what goes before each of them where it is meant.
+    """
     begun = sorted(each for each in known if name and each.startswith(name))
-    near = begun[:MOST_MEANT] or get_close_matches(shown(name), known, n=1)
+    near = begun[:MOST_MEANT] or _like(shown(name), known)
     if near:
-        return f"did you mean {' or '.join(map(repr, near))}?"
+        return f"did you mean {' or '.join(repr(path + each) for each in near)}?"
     return f"known: {', '.join(sorted(known))}" if len(known) <= MOST_LISTED else f"none of {len(known)} is like it"
+
+
+def _like(name: str, known: Iterable[str]) -> list[str]:
+    """Return names of which this is the last word, or that differ in case and punctuation only, and the nearest one."""
+    plain = {each: _plain(each) for each in known}
+    same = [each for each in sorted(plain) if name and (each.endswith(f"_{name}") or plain[each] == _plain(name))]
+    return list(dict.fromkeys([*same[:MOST_MEANT], *get_close_matches(name, plain, n=1)]))
+
+
+def _plain(name: str) -> str:
+    return "".join(filter(str.isalnum, name)).lower()
 
 
 def numbers(*counts: int) -> str:

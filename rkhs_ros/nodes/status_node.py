@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from threading import Event
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -17,7 +18,18 @@ from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS, REPORT_PERIOD_S, TOPIC
 from rkhs_ros.nodes.spin import SIGNAL_CHECK_S, PeerError, run
 
 LISTEN_S = 3 * REPORT_PERIOD_S  # without word of another node, after which all are taken to have reported
-KEYS = ("serving version", "batch", "step", "steps per second", "refusals", "passed over", "restarts", "last refusal")
+COLUMNS = {  # of what is reported: their heads, which leave a terminal of 80 characters room for all
+    "serving version": "version",
+    "batch": "batch",
+    "step": "step",
+    "steps per second": "steps\nper s",
+    "refusals": "refused",
+    "passed over": "passed\nover",
+    "restarts": "restarts",
+}
+LAST_REFUSAL = "last refusal"
+RANDOM = ("serving version", "batch")  # numbers that say no more than which are the same
+DIGITS = 4  # of these
 COLOURS = {DiagnosticStatus.OK: "green", DiagnosticStatus.WARN: "yellow", DiagnosticStatus.ERROR: "red"}
 
 
@@ -35,7 +47,7 @@ class StatusNode(Node):
         self.create_subscription(DiagnosticArray, TOPIC, self._hear, DIAGNOSTICS_QOS)
 
     def _hear(self, message: DiagnosticArray) -> None:
-        ours = [status for status in message.status if KEYS[0] in {value.key for value in status.values}]
+        ours = [status for status in message.status if RANDOM[0] in {value.key for value in status.values}]
         if {status.name for status in ours} - set(self.heard):
             self.heard_new_at = time.monotonic()
         self.heard |= {status.name: status for status in ours}
@@ -43,12 +55,30 @@ class StatusNode(Node):
 
 def table(statuses: dict[str, DiagnosticStatus]) -> Table:
     """Return the reports, a node a row."""
-    result = Table("node", "state", *KEYS)
+    result = Table(box=None, pad_edge=False, collapse_padding=True)
+    for head in ("node", "state", *COLUMNS.values()):
+        result.add_column(head, overflow="fold", no_wrap=head not in ("state", "batch"))
     for name, status in sorted(statuses.items()):
-        values = {value.key: value.value for value in status.values}
+        values = _values(status)
         state = Text(shown(status.message), COLOURS.get(status.level, "red"))
-        result.add_row(Text(shown(name)), state, *(Text(shown(values.get(key, ""))) for key in KEYS))
+        result.add_row(Text(shown(name)), state, *(Text(_cell(key, values.get(key, ""))) for key in COLUMNS))
     return result
+
+
+def reasons(statuses: dict[str, DiagnosticStatus]) -> Iterator[Text]:
+    """Yield why a node last refused a message or passed it over, a line for each that did."""
+    for name, status in sorted(statuses.items()):
+        if reason := _values(status).get(LAST_REFUSAL):
+            yield Text(f"{shown(name)} last refused or passed over {shown(reason)}")
+
+
+def _values(status: DiagnosticStatus) -> dict[str, str]:
+    return {value.key: value.value for value in status.values}
+
+
+def _cell(key: str, value: str) -> str:
+    """Return a value as it is shown: of random numbers the last digits."""
+    return " ".join(number[-DIGITS:] for number in shown(value).split()) if key in RANDOM else shown(value)
 
 
 def show(node: StatusNode, stop: Event) -> None:
@@ -62,8 +92,10 @@ def show(node: StatusNode, stop: Event) -> None:
     while time.monotonic() < node.heard_new_at + LISTEN_S and not stop.is_set():
         executor.spin_once(timeout_sec=SIGNAL_CHECK_S)
     if not node.heard:
-        raise PeerError(f"expected nodes at work, got none within {LISTEN_S:g} s; is ROS_DOMAIN_ID theirs?")
-    Console().print(table(node.heard))
+        raise PeerError(
+            f"expected nodes at work, got none within {LISTEN_S:g} s; name their run's folder, or set ROS_DOMAIN_ID"
+        )
+    Console().print(table(node.heard), *reasons(node.heard), sep="\n")
 
 
 def main() -> None:

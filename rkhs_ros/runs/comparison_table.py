@@ -8,7 +8,10 @@ from io import StringIO
 from typing import Any
 
 import numpy as np
+from rich.table import Table
+from rich.text import Text
 
+from rkhs_ros.base.validation import shown
 from rkhs_ros.runs.aggregates import Estimate
 from rkhs_ros.runs.comparison import Comparison, LearningCurve
 
@@ -39,6 +42,18 @@ def as_markdown(comparison: Comparison) -> str:
     return "\n".join([*lines, "", CAPTION, *(f"\n{note}" for note in comparison.notes), ""])
 
 
+def as_table(comparison: Comparison) -> Table:
+    """Return the table for a terminal: as narrow as it can be, for 80 characters."""
+    rows = [_row(curve) for curve in comparison.curves]
+    table = Table(box=None, pad_edge=False)
+    for name in rows[0]:
+        table.add_column(name.replace("_", "\n"), no_wrap=name != "curve", overflow="fold")
+    for row in rows:
+        label, *values = row.values()
+        table.add_row(Text(shown(label)), *(Text(_plain(value).replace(" ", "\n")) for value in values))
+    return table
+
+
 def _row(curve: LearningCurve) -> dict[str, Any]:
     runs, episodes = len(curve.returns), float(curve.episodes[-1])
     return {"curve": curve.label, "runs": runs, "episodes": episodes, **vars(curve.aggregates())}
@@ -56,9 +71,12 @@ def _numbers(row: dict[str, Any]) -> Iterator[tuple[str, object]]:
             yield f"{name}_{bound}", "" if np.isnan(number) else number
 
 
+def _plain(value: object) -> str:
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
 def _text(value: object) -> str:
-    text = f"{value:.5g}" if isinstance(value, float) else str(value)
-    return text.replace("|", "\\|")
+    return _plain(value).replace("|", "\\|")
 
 
 def _line(words: Sequence[str], widths: Sequence[int]) -> str:

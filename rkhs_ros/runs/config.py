@@ -117,7 +117,7 @@ def environment_from(tree: Mapping[str, Any]) -> Environment:
     known = {f.name: f for f in fields(Environment)}
     for key in tree:
         if key not in known:
-            raise ValueError(f"unknown key 'environment.{key}', {hint(str(key), known)}")
+            raise ValueError(f"unknown key 'environment.{key}', {hint(str(key), known, 'environment.')}")
     require("id" in tree, "environment", "a key 'id' with a Gymnasium id", dict(tree))
     return Environment(tree["id"], tree.get("options", {}), tree.get("rows_at_once", 0))
 
@@ -134,6 +134,9 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
         ValueError: not such a file, or settings that are unknown or do not fit.
         OSError: the file cannot be read.
     """
+    if path.is_dir():
+        remedy = f"; go on with a run by --resume {path}" * (path / "config.yaml").is_file()
+        raise ValueError(f"{path}: expected a configuration's file, got a folder{remedy}")
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such configuration, {_nearest(path)}")
     sections = _sections(path)

@@ -51,8 +51,25 @@ def old_folder(folder: Path | None) -> Path:
         ValueError: there is no config.yaml in it, or no folder.
     """
     if folder is None or not is_begun(folder):
-        raise ValueError(f"{folder}: expected the folder of a run, got none with a config.yaml")
+        runs = sorted(file.parent for file in folder.glob("*/config.yaml")) if folder else []
+        remedy = f"; name one of those in it, as {runs[0]}" if runs else ""
+        raise ValueError(f"{folder}: expected the folder of a run, got none with a config.yaml{remedy}")
     return folder
+
+
+def last_policy(folder: Path) -> Path:
+    """Return the file of the last policy of a run that came to an end.
+
+    Raises:
+        ValueError: there is none yet, or the folder is none of a run.
+    """
+    file = folder / "policy.npz"
+    if file.is_file():
+        return file
+    old_folder(folder)
+    best = folder / "best_policy.npz"
+    remedy = f"; the best one so far is {best}" * best.is_file()
+    raise ValueError(f"{file}: expected the last policy, got none as the run has not ended{remedy}")
 
 
 class Report:
@@ -133,7 +150,7 @@ def summary(folder: Path, config: Config) -> str:
     evaluations = f", and {last.evaluation_episodes} noise-free ones to measure it" if last.evaluation_episodes else ""
     lines = [
         f"Learnt {config.environment.id} in {last.episodes} episodes{evaluations}, {last.seconds:.1f} s.",
-        f"Return: {first.train_return:.4g} of the first exploring episodes, {_end(rows)} ({last.centres} centres).",
+        f"Return: {first.train_return:.4g} of the first exploring episodes, {_end(rows)}; {last.centres} centres.",
         f"Pictures: {folder / 'curve.png'} and {folder / 'policy.png'}",
     ]
     return "\n".join(lines)

@@ -199,7 +199,7 @@ def test_runs_choose_domains_of_their_own(start: Start, tmp_path: Path, monkeypa
     code, _, err = start("rkhs", "status", tmp_path / "a").finish()
     assert (code, err) == (
         2,
-        f"error: {tmp_path / 'a'}: expected the folder of a run under way over topics, got another\n",
+        f"error: {tmp_path / 'a'}: expected the folder of a run under way over topics, got none\n",
     )
 
 
@@ -219,7 +219,7 @@ def test_a_kill_is_got_over_without_standard_error(domain: int, tmp_path: Path, 
 @pytest.mark.parametrize(
     ("name", "assignment", "reason"),
     [
-        ("learner", "algorithm.rigde:=0.1", "unknown key 'algorithm.rigde', did you mean 'ridge'?"),
+        ("learner", "algorithm.rigde:=0.1", "unknown key 'algorithm.rigde', did you mean 'algorithm.ridge'?"),
         ("learner", "discount:=1.5", "discount: expected a number in [0.0, 1.0], got 1.5"),
         ("learner", "algorithm.name:=nca", "unknown algorithm.name 'nca'"),
         ("simulator", "environment.id:=rkhs/Pendulm-v0", "did you mean 'rkhs/Pendulum-v0'?"),

@@ -22,7 +22,7 @@ from rkhs_interfaces.msg import Action, NodeInstance
 from rkhs_interfaces.srv import DescribeTask
 from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS, doubles, start_request
-from rkhs_ros.nodes.status_node import table
+from rkhs_ros.nodes.status_node import reasons
 from rkhs_ros.nodes.uniqueness import HEARER_QOS, SENDER_QOS, TOPIC
 from rkhs_ros.policies.streams import Batch
 from test.ros.conftest import ROOT, Probe, Process, kill, nodes_of
@@ -122,21 +122,21 @@ def test_status_shows_the_nodes_and_says_where_there_are_none(
     monkeypatch.setenv("COLUMNS", "250")
     code, out, err = start("rkhs", "status").finish()
     assert (code, err) == (0, "")
-    rows = [line for line in out.splitlines() if line.startswith("│ /")]
-    assert [row.split()[1] for row in rows] == ["/learner", "/policy", "/simulator"]
+    rows = [line for line in out.splitlines() if line.startswith("/") and "last refused" not in line]
+    assert [row.split()[0] for row in rows] == ["/learner", "/policy", "/simulator"]
     assert all("well" in row for row in rows)
     run.interrupt()
     assert "incompatible" not in run.finish()[2]
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain + 101))
     code, out, err = start("rkhs", "status").finish()
     assert (code, out) == (1, "")
-    assert err == "error: expected nodes at work, got none within 3 s; is ROS_DOMAIN_ID theirs?\n"
+    assert err == "error: expected nodes at work, got none within 3 s; name their run's folder, or set ROS_DOMAIN_ID\n"
 
 
 def test_status_shows_a_refusal_to_the_letter() -> None:
     refusal = KeyValue(key="last refusal", value="unknown kernel '[/red]'")
     console = Console(width=250, record=True, file=StringIO())
-    console.print(table({"/policy": DiagnosticStatus(level=DiagnosticStatus.OK, values=[refusal])}))
+    console.print(*reasons({"/policy": DiagnosticStatus(level=DiagnosticStatus.OK, values=[refusal])}))
     assert refusal.value in console.export_text()
 
 

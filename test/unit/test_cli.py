@@ -103,7 +103,8 @@ def test_evaluate_measures_the_policy_of_the_file(
         ("environment.id=Pendulu", "unknown environment 'Pendulu', did you mean 'Pendulum-v1'?"),
         ("centres=20", "unknown key 'centres', did you mean 'algorithm.centres'?"),
         ("bandwidth=[1]", "unknown key 'bandwidth', did you mean 'kernel.bandwidth'?"),
-        ("algorithm.name=enac", "algorithm={name: enac} takes 'enac' with its defaults"),
+        ("algorithm.name=enac", " (algorithm={name: enac} takes 'enac' with its defaults)"),
+        ("algorithm.centers=9", "unknown key 'algorithm.centers', did you mean 'algorithm.centres'?\n"),
         ("name=1e5", "name: expected text, in quotes where it may be read as something else, got 100000.0"),
         ("algorithm.name=rkhs_nacc", "unknown algorithm.name 'rkhs_nacc', did you mean 'rkhs_nac'?"),
         ("kernel.form=rbg", "unknown kernel 'rbg', did you mean 'rbf'?"),
@@ -146,9 +147,23 @@ def test_a_missing_file_ends_with_one_line(rkhs: Run, tmp_path: Path) -> None:
         assert_refused(
             rkhs("train", near, *SHORT), f"{near}: no such configuration, did you mean 'config/toy_nac.yaml'?"
         )
-    assert_refused(rkhs("train", tmp_path, *SHORT), str(tmp_path))
+    assert_refused(rkhs("train", tmp_path, *SHORT), f"{tmp_path}: expected a configuration's file, got a folder\n")
     assert_refused(rkhs("evaluate", "none.npz"), "none.npz")
     assert list(tmp_path.iterdir()) == [tmp_path / "config"]
+
+
+@pytest.mark.parametrize("command", ["evaluate", "render", "plot"])
+def test_a_folder_without_a_last_policy_is_refused_with_what_it_has(rkhs: Run, tmp_path: Path, command: str) -> None:
+    run = tmp_path / "runs" / "one"
+    run.mkdir(parents=True)
+    (run / "config.yaml").touch()
+    named = f"runs: expected the folder of a run, got none with a config.yaml; name one of those in it, as {run}"
+    assert_refused(rkhs(command, tmp_path / "runs"), named)
+    refusal = "policy.npz: expected the last policy, got none as the run has not ended"
+    assert_refused(rkhs(command, run), f"{refusal}\n")
+    (run / "best_policy.npz").touch()
+    assert_refused(rkhs(command, run), f"{refusal}; the best one so far is {run / 'best_policy.npz'}")
+    assert_refused(rkhs("train", run), f"got a folder; go on with a run by --resume {run}")
 
 
 @pytest.mark.parametrize("out", ["used", "used/file", "used/file/below"])
@@ -264,6 +279,7 @@ def test_every_command_explains_itself(rkhs: Run, command: str) -> None:
         (("train", "a.yaml", "b\nc.yaml"), "unrecognized arguments: b c.yaml"),
         (("train", "--runner", "on\nfoot"), "argument --runner: invalid choice"),
         (("evaluate",), "the following arguments are required: DIR|FILE (see 'rkhs evaluate --help')"),
+        (("train", "x.yaml", "--algorithm", "RKHSNAC"), "unknown algorithm 'RKHSNAC', did you mean 'rkhs_nac'?"),
         (("plot", "none"), "none: expected the folder of a run, got none with a config.yaml"),
     ],
 )
@@ -328,7 +344,7 @@ def test_plot_draws_the_pictures_of_a_run_again(rkhs: Run, tmp_path: Path) -> No
 
 def test_evaluate_takes_the_policy_of_a_run(rkhs: Run, policy_file: Path, tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
-    assert_refused(rkhs("evaluate", "run"), "run/policy.npz")
+    assert_refused(rkhs("evaluate", "run"), "run: expected the folder of a run, got none with a config.yaml\n")
     policy_file.rename(tmp_path / "run" / "policy.npz")
     assert rkhs("evaluate", "run", "--episodes", 3) == rkhs("evaluate", "run/policy.npz", "--episodes", 3)
 

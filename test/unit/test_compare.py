@@ -1,12 +1,15 @@
 import csv
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from rich.console import Console
 
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.training import Training
@@ -14,7 +17,7 @@ from rkhs_ros.pictures.comparison import COLOURS, draw_comparison
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.runs.aggregates import aggregates, mean_over_runs
 from rkhs_ros.runs.comparison import Comparison, LearningCurve, compare
-from rkhs_ros.runs.comparison_table import as_markdown
+from rkhs_ros.runs.comparison_table import as_markdown, as_table
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.report import resolved
@@ -250,6 +253,17 @@ def test_the_command_writes_picture_and_tables_and_prints_the_table(rkhs: Run, t
     again = (tmp_path / "made" / "here.png").read_bytes()
     rkhs("compare", "a", "b|b", "--out", "made/here.png")
     assert (tmp_path / "made" / "here.png").read_bytes() == again
+
+
+def test_the_table_of_a_terminal_has_every_number_in_80_characters() -> None:
+    comparison = Comparison(TOY, (curve(4, label="one [of] two"), curve(1, label="x" * 30)), ())
+    out = StringIO()
+    Console(file=out, width=80).print(as_table(comparison))
+    printed = out.getvalue()
+    markdown = as_markdown(comparison).partition("\n\n")[0]
+    numbers = re.findall(r"-?[\d.]+", markdown)
+    assert sorted(re.findall(r"-?[\d.]+", printed)) == sorted(numbers)
+    assert {"interquartile", "one", "[of]", "two"} <= set(printed.split())
 
 
 @pytest.mark.parametrize("name", ["c.pdf", "c.svg"])

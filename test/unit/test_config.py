@@ -94,7 +94,7 @@ def test_options_reach_the_environment(write: Any) -> None:
         ("sead=1", r"unknown key 'sead', did you mean 'seed'\?"),
         ("seed.x=1", "seed: expected"),
         ("environment=1", "environment: expected a section of keys, got 1"),
-        ("environment.idd=a", r"unknown key 'environment\.idd', did you mean 'id'\?"),
+        ("environment.idd=a", r"unknown key 'environment\.idd', did you mean 'environment\.id'\?"),
         ("environment.id=5", r"environment\.id: expected text, got 5"),
         ("environment.options=5", r"environment\.options: expected a section of keys, got 5"),
         ("kernel.form=rbff", r"unknown kernel 'rbff', did you mean 'rbf'\?"),

@@ -139,6 +139,12 @@ def test_a_kernel_is_given_by_its_form_its_choice_or_itself(kernel: Any) -> None
         (("Pendulum-v1",), {"kernel": 3}, r"^kernel: expected KernelChoice, got 3$"),
         (("Pendulum-v1",), {"policy": 3}, r"^policy: expected a Policy or the file of one, got 3$"),
         (("Pendulum-v1", "rkhs_nacc"), {}, r"^unknown algorithm 'rkhs_nacc', did you mean 'rkhs_nac'\?$"),
+        (("Pendulum-v1",), {"centres": 9}, r"^unknown setting 'centres', did you mean RKHSNAC\(centres=\.\.\.\)\?$"),
+        (
+            ("Pendulum-v1", rkhs_ros.PoWER),
+            {},
+            r"^algorithm: expected one with its settings, as RKHSNAC\(\), got <class",
+        ),
         (("Pendulum-v1", 3), {}, r"^algorithm: expected Algorithm, got 3$"),
         (("Pendulum-v1", 0), {}, r"^algorithm: expected Algorithm, got 0$"),
         (("Pendulum-v1",), {"horizon": np.array(3)}, r"^horizon: expected a whole number, got array\(3\)$"),

@@ -117,7 +117,7 @@ def test_episodes_of_others_need_to_say_of_what_environment_they_are(rkhs: Rkhs)
         (("train", "--env", "no_slide:Slide-v0"), "expected a module 'no_slide' to import, got ModuleNotFoundError"),
         (
             ("train", "--env", "my_slide:Slide-v0", "--algorithm", "nac"),
-            "unknown algorithm 'nac', did you mean 'enac'?",
+            "unknown algorithm 'nac', did you mean 'rkhs_nac' or 'enac'?",
         ),
         (("train", "x.yaml", "--env", "Slide-v0"), "expected one of CONFIG, --env ID and --resume DIR, got CONFIG and"),
         (("train", "--env", "my_slide:Slide-v0", "--policy", "none.npz"), "none.npz"),

@@ -56,7 +56,7 @@ def test_a_whole_number_serves_as_a_number(tree: dict[str, Any], expected: objec
     [
         ({"coumt": 1}, r"^unknown key 'coumt', did you mean 'count'\?$"),
         ({"zzz": 1}, r"^unknown key 'zzz', known: count, either, inner, label, widths$"),
-        ({"inner": {"rat": 1}}, r"^unknown key 'inner\.rat', did you mean 'rate'\?$"),
+        ({"inner": {"rat": 1}}, r"^unknown key 'inner\.rat', did you mean 'inner\.rate'\?$"),
         ({1: 1}, r"^unknown key '1'"),
         ({"count": 2.0}, r"^count: expected a whole number, got 2\.0$"),
         ({"count": True}, r"^count: expected a whole number, got True$"),
