@@ -19,13 +19,13 @@ from rkhs_ros.nodes.spin import SIGNAL_CHECK_S, PeerError, run
 
 LISTEN_S = 3 * REPORT_PERIOD_S  # without word of another node, after which all are taken to have reported
 COLUMNS = {  # of what is reported: their heads, which leave a terminal of 80 characters room for all
-    "serving version": "version",
+    "serving version": "policy",
     "batch": "batch",
     "step": "step",
     "steps per second": "steps\nper s",
     "refusals": "refused",
     "passed over": "passed\nover",
-    "restarts": "restarts",
+    "restarts": "started\nagain",
 }
 LAST_REFUSAL = "last refusal"
 RANDOM = ("serving version", "batch")  # numbers that say no more than which are the same
@@ -57,7 +57,8 @@ def table(statuses: dict[str, DiagnosticStatus]) -> Table:
     """Return the reports, a node a row."""
     result = Table(box=None, pad_edge=False, collapse_padding=True)
     for head in ("node", "state", *COLUMNS.values()):
-        result.add_column(head, overflow="fold", no_wrap=head not in ("state", "batch"))
+        wraps = head in ("state", "batch", "step")
+        result.add_column(head, overflow="fold", no_wrap=not wraps, min_width=len(head) if wraps else None)
     for name, status in sorted(statuses.items()):
         values = _values(status)
         state = Text(shown(status.message), COLOURS.get(status.level, "red"))

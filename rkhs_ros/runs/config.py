@@ -16,6 +16,7 @@ from rkhs_ros.base.yaml_text import loaded, require_ros_value
 from rkhs_ros.learning.training import Training, training_from
 from rkhs_ros.policies.storage import Task
 
+ENVIRONMENT = re.compile(r"-v\d+$")  # as ids of Gymnasium end
 MOST_ROWS = 10_000
 # Of each node, what is no setting of a run.
 OF_ANY_NODE = {"use_sim_time", "start_type_description_service", "qos_overrides", "restarts", "instance"}
@@ -150,8 +151,9 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
 def _nearest(path: Path) -> str:
     """Return a hint at the configurations with the nearest names, beside the one asked for or in config/."""
     found = {file.stem: file for folder in (Path("config"), path.parent) for file in folder.glob("*.yaml")}
-    near = get_close_matches(path.stem, found, n=1)
-    return f"did you mean '{found[near[0]]}'?" if near else "nor one of a like name"
+    if near := get_close_matches(path.stem, found, n=1):
+        return f"did you mean '{found[near[0]]}'?"
+    return "nor one of a like name" + f"; an environment is given as --env {path}" * bool(ENVIRONMENT.search(str(path)))
 
 
 def config_for(environment: str, horizon: int | None, changes: Iterable[str] = ()) -> Config:

@@ -34,7 +34,9 @@ def spec_of(environment: str) -> EnvSpec:
     try:
         return gymnasium.spec(name)
     except gymnasium.error.Error as error:
-        raise ValueError(f"unknown environment '{shown(environment)}', {hint(name, gymnasium.registry)}") from error
+        meant = hint(name, gymnasium.registry, f"{module}:" if module else "")
+        remedy = "" if module else f"; one of a module of your own is named MODULE:{shown(name)}"
+        raise ValueError(f"unknown environment '{shown(environment)}', {meant}{remedy * ('?' not in meant)}") from error
 
 
 def rows_of(source: Source, options: Mapping[str, Any] | None = None, rows_at_once: int = 0) -> Rows:
@@ -130,6 +132,6 @@ def _import(module: str, environment: str) -> None:
         importlib.import_module(module)
     except (Exception, SystemExit) as error:  # the module is somebody's code
         raise ValueError(
-            f"unknown environment '{shown(environment)}': expected a module '{module}' to import, got "
-            f"{type(error).__name__}: {shown(error)}"
+            f"unknown environment '{shown(environment)}': expected a module '{module}' to import, "
+            f"installed or in this folder, got {type(error).__name__}: {shown(error)}"
         ) from error
