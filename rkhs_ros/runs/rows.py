@@ -130,9 +130,11 @@ class SeparateRows:
         result = Step(self._observations, np.zeros(rows), np.zeros(rows, dtype=bool), np.zeros(rows, dtype=bool))
         for row in np.flatnonzero(active).tolist():
             self.current = row
-            observation, reward, terminated, truncated, _ = self._copies[row].step(actions[row])
+            # With the dots a single number is an array, too, as its space has it.
+            observation, reward, terminated, truncated, _ = self._copies[row].step(actions[row, ...])
             self._observations[row] = self._row(observation)
-            result.rewards[row], result.terminated[row], result.truncated[row] = reward, terminated, truncated
+            result.rewards[row] = np.asarray(reward, dtype=np.float64).item()  # some have it as an array of one
+            result.terminated[row], result.truncated[row] = terminated, truncated
         return result._replace(observations=self._observations.copy())
 
     def _row(self, observation: Any) -> Array:
