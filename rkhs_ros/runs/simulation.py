@@ -71,16 +71,6 @@ class Simulation:
         self.step_seconds = _step_seconds(self.shown)
 
     @property
-    def observation_dim(self) -> int:
-        """Number of numbers in an observation."""
-        return self.spaces.observation_dim
-
-    @property
-    def action_dim(self) -> int:
-        """Number of numbers in an action."""
-        return self.spaces.action_dim
-
-    @property
     def own_horizon(self) -> int | None:
         """Steps after which the environment cuts its episodes off itself; None where it does not say."""
         return own_horizon(self.environment if self._registered else self._rows.shown)
