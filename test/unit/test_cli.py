@@ -271,12 +271,12 @@ def test_what_cannot_be_parsed_ends_with_one_line(rkhs: Run, arguments: tuple[st
     assert_refused(rkhs(*arguments), message)
 
 
-def test_an_interrupt_ends_with_its_code_and_without_words(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupt_ends_with_its_code_and_one_line(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(options: object) -> int:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("rkhs_ros.app.list.run", interrupted)
-    assert rkhs("list") == (130, "", "")
+    assert rkhs("list") == (130, "", "interrupted\n")
 
 
 # Where a run is made
