@@ -1,4 +1,5 @@
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -277,6 +278,15 @@ def test_an_interrupt_ends_with_its_code_and_one_line(rkhs: Run, monkeypatch: py
 
     monkeypatch.setattr("rkhs_ros.app.list.run", interrupted)
     assert rkhs("list") == (130, "", "interrupted\n")
+
+
+def test_an_interrupt_while_a_command_is_imported_ends_with_one_line(tmp_path: Path) -> None:
+    interrupting = "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n"
+    (tmp_path / "gymnasium.py").write_text(interrupting)  # in place of what the command needs
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}"}
+    command = [sys.executable, "-m", "rkhs_ros.app.cli", "list"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
 
 
 # Where a run is made
