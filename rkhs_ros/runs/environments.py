@@ -113,11 +113,11 @@ def _registered(environment: str, options: dict[str, Any], rows_at_once: int) ->
             f"environment.options: expected what {environment} takes, got {shown(options)} ({shown(error)}); "
             "environment.options={} leaves all of them out"
         ) from error
+    except KeyboardInterrupt:
+        raise
     except (gymnasium.error.DependencyNotInstalled, ImportError) as error:
         raise ValueError(f"{environment}: expected its packages to be installed, got: {shown(error)}") from error
-    except ValueError:
-        raise
-    except (Exception, SystemExit) as error:  # it is somebody's code
+    except BaseException as error:  # it is somebody's code
         raise ValueError(
             f"{environment}: expected an environment that can be made, got {type(error).__name__}: {shown(error)}"
         ) from error
@@ -128,7 +128,9 @@ def _import(module: str, environment: str) -> None:
         sys.path.append(os.getcwd())
     try:
         importlib.import_module(module)
-    except (Exception, SystemExit) as error:  # the module is somebody's code
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # the module is somebody's code
         raise ValueError(
             f"unknown environment '{shown(environment)}': expected a module '{module}' to import, got "
             f"{type(error).__name__}: {shown(error)}"
