@@ -125,7 +125,8 @@ class Simulation:
     def _asked(self, doing: str, call: Callable[..., Answer], *arguments: Any) -> Answer:
         """Return what the environment answers; where it, which is somebody's code, fails, name it, row and step."""
         try:
-            return call(*arguments)
+            with np.errstate():  # that it sets what numpy raises shall not matter to us
+                return call(*arguments)
         except KeyboardInterrupt:
             raise
         except BaseException as error:

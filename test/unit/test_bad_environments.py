@@ -126,3 +126,34 @@ def test_spaces_and_metadata_that_cannot_be_served_are_refused(
     monkeypatch.setattr(Still, name, value)
     with pytest.raises(ValueError, match=message):
         Simulation(Still)
+
+
+SELFISH = """
+import gymnasium, numpy as np, os
+from test.unit.test_bad_environments import Still
+
+class Selfish(Still):
+    def __init__(self):
+        self.change()
+    def reset(self, *, seed=None, options=None):
+        self.change()
+        return super().reset()
+    def change(self):
+        np.seterr(all="raise")
+        os.chdir("/")
+
+np.seterr(all="raise")
+gymnasium.register("Selfish-v0", Selfish, max_episode_steps=3)
+"""
+
+
+def test_what_an_environment_sets_for_itself_is_put_back(tmp_path: Path) -> None:
+    Path("selfish.py").write_text(SELFISH)
+    before = np.geterr()
+    try:
+        simulation = Simulation("selfish:Selfish-v0")
+        assert Path.cwd() == tmp_path
+        simulation.start(Batch(0, 0, 2, 3, explore=False))
+        assert np.geterr() == before
+    finally:
+        np.seterr(**before)
