@@ -155,7 +155,7 @@ class SimulatorNode(ReportingNode):
         self._batch, self._identity, self._version = batch, request.batch, request.policy_version
         self._step, self._ended = 0, None
         self._clock_steps = max(self._clock_steps, request.clock)
-        self._recorder = EpisodeRecorder(batch, self._simulation.observation_dim, self._simulation.action_dim)
+        self._recorder = EpisodeRecorder(batch, self._simulation.spaces)
         if frame is not None:
             self._publish(batch, frame)
             self._record(batch, frame)
@@ -186,7 +186,7 @@ class SimulatorNode(ReportingNode):
             self.diagnostics.pass_over(f"an action: expected {expected}, got {got}")
             return
         try:
-            actions = matrix(message.actions, batch.rows, self._simulation.action_dim, "actions")
+            actions = matrix(message.actions, batch.rows, self._simulation.spaces.action_dim, "actions")
         except ValueError as error:
             self.diagnostics.refuse(f"an action: {error}")
             return

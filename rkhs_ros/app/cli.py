@@ -11,7 +11,7 @@ from typing import NoReturn
 
 from rkhs_ros import __version__
 from rkhs_ros.base.endings import INTERRUPTED, RunError, say
-from rkhs_ros.base.streams import messages_may_be_lost
+from rkhs_ros.base.streams import messages_may_be_lost, readers_may_leave
 
 # Each module has add_arguments(parser), and run(options), which returns the exit code.
 COMMANDS = {
@@ -45,12 +45,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _exit_code(arguments: Sequence[str]) -> int:
     try:
-        _check_encoding(arguments)
-        options = _parser(_called(arguments)).parse_args(arguments)
-        return int(options.run(options))
+        with readers_may_leave():
+            _check_encoding(arguments)
+            options = _parser(_called(arguments)).parse_args(arguments)
+            return int(options.run(options))
     except (ValueError, OSError, RunError) as error:
         return say(error)
     except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
         return INTERRUPTED
 
 

@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rkhs_ros.base.endings import RunError
+from rkhs_ros.base.lock import locked
 from rkhs_ros.base.validation import require
 
 VARIABLE = "ROS_DOMAIN_ID"
@@ -28,15 +29,16 @@ def own_domain(folder: Path) -> Iterator[None]:
 
     Raises:
         RunError: all domains are taken.
+        ValueError: another process is in the folder.
         OSError: the folder cannot be written.
     """
     given = os.environ.get(VARIABLE)
     with socket.socket() as claim:
         domain = given or str(_claimed(claim))
+        with locked(folder):  # else the run under way could not be found any more
+            _file(folder).write_text(f"{domain}\n")
         os.environ[VARIABLE] = domain
         try:
-            _file(folder).parent.mkdir(exist_ok=True)
-            _file(folder).write_text(f"{domain}\n")
             yield
         finally:
             if given is None:

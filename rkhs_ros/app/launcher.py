@@ -25,6 +25,7 @@ POLL_INTERVAL_S = 0.05
 MOST_DEATHS, DEATHS_WINDOW_S = 10, 300.0  # of a node in that time; with one more the run is given up
 SHORTEST_BACKOFF_S, LONGEST_BACKOFF_S = 0.05, 5.0  # before a node is started again; doubled with each death
 OWN_CODES = (0, FAILED, BAD_INPUT)  # that a node ends with itself; with any other it died
+ENDING = (signal.SIGINT, signal.SIGTERM)
 MODULES = {
     "simulator": "sim_nodes.simulator_node",
     "policy": "rkhs_ros.nodes.policy_node",
@@ -94,13 +95,28 @@ class NodeProcess:
         more += ["resume:=true"] if self._restarts and kind == "learner" else []
         quiet = ["--log-level", f"{self.name.replace('/', '.')}:=warn"]  # we say ourselves what is well
         ros = ["--ros-args", *quiet, "-r", f"__ns:=/{namespace}", *self._arguments, *_assigned(more)]
-        return subprocess.Popen(
-            [sys.executable, "-m", MODULES[kind], *ros],
-            stdin=subprocess.DEVNULL,
-            process_group=0,
-            env=_environment(),
-            preexec_fn=partial(terminate_with_parent, os.getpid()),
-        )
+        with signals_held():
+            return subprocess.Popen(
+                [sys.executable, "-m", MODULES[kind], *ros],
+                stdin=subprocess.DEVNULL,
+                process_group=0,
+                env=_environment(),
+                preexec_fn=partial(terminate_with_parent, os.getpid()),
+            )
+
+
+@contextmanager
+def signals_held() -> Iterator[None]:
+    """Handle signals that come meanwhile at the end: Python loses what a handler raises while it forks."""
+    held: list[int] = []
+    handlers = {number: signal.signal(number, lambda number, frame: held.append(number)) for number in ENDING}
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        if held:
+            signal.raise_signal(held[0])
 
 
 Nodes = dict[str, NodeProcess]
@@ -223,7 +239,7 @@ def _signals_passed_to(learner: NodeProcess) -> Iterator[None]:
             raise KeyboardInterrupt
         learner.interrupt()
 
-    previous = {number: signal.signal(number, pass_on) for number in (signal.SIGINT, signal.SIGTERM)}
+    previous = {number: signal.signal(number, pass_on) for number in ENDING}
     try:
         yield
     finally:

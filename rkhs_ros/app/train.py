@@ -26,6 +26,7 @@ from rkhs_ros.runs.environments import own_horizon
 from rkhs_ros.runs.report import (
     FIRST_POLICY,
     Report,
+    how_to_go_on,
     is_begun,
     new_folder,
     old_folder,
@@ -195,7 +196,11 @@ def _train_several(options: argparse.Namespace) -> int:
     require(options.seed is None, "--seed", "either it or --seeds", "both")
     folder, runs = _runs_to_go_on_with(options) if options.resume else _new_runs(options)
     title = next(iter(runs.values())).training.name
-    failures = go_on(runs, jobs=jobs, title=title, quiet=options.quiet)
+    try:
+        failures = go_on(runs, jobs=jobs, title=title, quiet=options.quiet)
+    except KeyboardInterrupt:
+        print(f"interrupted; {how_to_go_on(folder)}", file=sys.stderr)
+        return INTERRUPTED
     for path, why in failures.items():
         print(f"error: {path.name}: {why}", file=sys.stderr)
     done = [path for path in runs if path not in failures]

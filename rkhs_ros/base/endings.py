@@ -23,11 +23,13 @@ def exit_code(error: Exception) -> int:
 
 def say(error: Exception) -> int:
     """Say in one line on stderr what went wrong; return the exit code."""
-    print("error:", " ".join(_told(error).splitlines()), file=sys.stderr, flush=True)
+    print("error:", told(error), file=sys.stderr, flush=True)
     return exit_code(error)
 
 
-def _told(error: Exception) -> str:
+def told(error: Exception) -> str:
+    """Return in one line what an error says."""
+    text = str(error)
     if isinstance(error, FileNotFoundError) and error.filename is not None:
-        return f"{error.filename}: expected a file or folder that exists, got none"
-    return str(error)
+        text = f"{error.filename}: expected a file or folder that exists, got none"
+    return " ".join(text.splitlines())

@@ -16,6 +16,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import Task, load_policy
@@ -36,10 +37,27 @@ def draw_run(folder: Path) -> list[Path]:
     """
     policy, task = load_policy(folder / "policy.npz")
     rows = Curve(folder / "curve.csv").rows()
+    episodes = _episodes(folder / "episodes.npz", policy)
     pictures = [folder / "curve.png", folder / "policy.png"]
     _save(pictures[0], curve_figure(columns(rows), task))
-    draw_policy(pictures[1], policy, load_episodes(folder / "episodes.npz")[0].seen_through(policy.inputs))
+    draw_policy(pictures[1], policy, episodes)
     return pictures
+
+
+def _episodes(path: Path, policy: GaussianPolicy) -> Episodes:
+    """Return the episodes in a file as the policy sees them.
+
+    Raises:
+        ValueError: there is no step to draw, or they are of other dimensions than the policy.
+        OSError: the file cannot be read.
+    """
+    episodes = load_episodes(path).episodes
+    require(bool(episodes.mask[:1].any()), f"{path}", "an episode of at least one step", "none")
+    widths = (episodes.observations.shape[2], episodes.actions.shape[2])
+    expected = (policy.mean.input_dim, policy.mean.output_dim)
+    got = (policy.inputs.dimension(*widths), widths[1])
+    require(got == expected, f"{path}", f"episodes of a policy from {expected[0]} to {expected[1]} dimensions", got)
+    return episodes.seen_through(policy.inputs)
 
 
 def curve_figure(curve: Mapping[str, NDArray[Any]], task: Task) -> Figure:

@@ -124,7 +124,8 @@ class Acting:
 
     def _act(self, step: int, points: Array) -> Array:
         policy = self.policy
-        actions = policy.act(points, self._exploration[:, step]) if self._explore else policy.mean(points)
+        with np.errstate(over="ignore", invalid="ignore"):  # told by row and step instead
+            actions = policy.act(points, self._exploration[:, step]) if self._explore else policy.mean(points)
         finite = np.isfinite(actions).all(axis=1)
         if not finite.all():
             row = int(finite.argmin())

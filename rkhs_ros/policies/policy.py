@@ -53,7 +53,7 @@ class Policy:
         rows, one = self.spaces.rows(observation)
         require(bool(np.isfinite(rows).all()), "observation", "finite numbers", rows)
         actions = self.spaces.shaped(self._mean(rows))
-        return actions[0] if one else actions
+        return actions[0, ...] if one else actions
 
     def __repr__(self) -> str:
         """Return what the policy is of in one line."""

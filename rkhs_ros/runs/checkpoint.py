@@ -16,6 +16,7 @@ import numpy as np
 
 from rkhs_ros import __version__
 from rkhs_ros.base.files import sync_to_disk, write_whole
+from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.training import State
 from rkhs_ros.policies.storage import packed, policy_arrays, policy_of, unpacked
@@ -119,6 +120,8 @@ class Checkpoints:
             _check_same_run(path, about, self._config.settings | self._surroundings)
             memory = Episodes(*(arrays[f"memory_{name}"] for name in MEMORY))
             counts = {name: about[name] for name in COUNTS}
+            good = all(type(count) is int and count >= 0 for count in counts.values())
+            require(good, "counts", "whole numbers >= 0", counts)
             return State(policy=policy_of(arrays), memory=memory, **counts), about["curve"]
         except OtherRunError:
             raise

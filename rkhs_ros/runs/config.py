@@ -109,13 +109,14 @@ def _leaves(tree: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
             yield name, value
 
 
-def environment_from(tree: Mapping[str, Any]) -> Environment:
+def environment_from(tree: Any) -> Environment:
     """Return the simulator's settings from a tree of values.
 
     Raises:
-        ValueError: an unknown key, or no id.
+        ValueError: an unknown key, no id, or no section at all.
     """
     known = {f.name: f for f in fields(Environment)}
+    require(isinstance(tree, Mapping), "environment", "a section of keys", repr(tree))
     for key in tree:
         if key not in known:
             raise ValueError(f"unknown key 'environment.{key}', {hint(str(key), known, 'environment.')}")
@@ -128,7 +129,7 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
 
     Args:
         path: a ROS parameter file with the sections ``/**/simulator`` and ``/**/learner``; others that name these nodes
-            do as well.
+            do as well. The learner's may hold the environment, too, as that of a learner which was told what to expect.
         changes: settings that replace the file's, as ``algorithm.ridge=0.1``.
 
     Raises:
@@ -141,11 +142,23 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such configuration, {_nearest(path)}")
     sections = _sections(path)
-    require("environment" not in sections["learner"], f"{path}: learner", "the environment under simulator", "it here")
-    tree = {"name": path.stem, **sections["learner"], "environment": sections["simulator"].get("environment", {})}
+    tree = {"name": path.stem, **sections["learner"], "environment": _environment(path, sections)}
     unknown = [key for key in sections["simulator"] if key != "environment"]
     require(not unknown, f"{path}: simulator", "the key 'environment'", ", ".join(map(str, unknown)))
     return _changed(tree, changes)
+
+
+def _environment(path: Path, sections: Mapping[str, Mapping[str, Any]]) -> Any:
+    """Return the environment's section, of the simulator or of the learner.
+
+    Raises:
+        ValueError: both have one, and they differ.
+    """
+    given = [sections[node]["environment"] for node in ("simulator", "learner") if "environment" in sections[node]]
+    if len(given) == 2:
+        simulated, expected = map(environment_from, given)
+        require(simulated == expected, f"{path}: learner: environment", f"the simulator's, {simulated}", expected)
+    return given[0] if given else {}
 
 
 def _nearest(path: Path) -> str:
@@ -175,9 +188,8 @@ def config_for(environment: str, horizon: int | None, changes: Iterable[str] = (
 def _changed(tree: dict[str, Any], changes: Iterable[str]) -> Config:
     """Return the configuration of a tree of settings with some of them replaced."""
     tree = tree_of(changes, tree)
-    environment = tree.pop("environment")
-    require(isinstance(environment, Mapping), "environment", "a section of keys", repr(environment))
-    return Config(environment_from(environment), training_from(tree))
+    environment = environment_from(tree.pop("environment"))
+    return Config(environment, training_from(tree))
 
 
 def tree_of(changes: Iterable[str], tree: Mapping[str, Any] | None = None) -> dict[str, Any]:

@@ -6,10 +6,12 @@ import importlib
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import chdir, contextmanager
 from functools import partial
 from typing import Any
 
 import gymnasium
+import numpy as np
 from gymnasium import Env
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import VectorEnv
@@ -95,14 +97,23 @@ def _copies(first: AnyEnv, make: Callable[[], Any]) -> Iterator[AnyEnv]:
         yield make()
 
 
+@contextmanager
+def _surroundings_kept() -> Iterator[None]:
+    """Put back, after somebody's code, the folder that we are in, and of what numpy raises errors."""
+    with chdir("."), np.errstate():
+        yield
+
+
 def _registered(environment: str, options: dict[str, Any], rows_at_once: int) -> Rows:
     spec = spec_of(environment)
 
+    @_surroundings_kept()
     def vector(rows: int, horizon: int) -> AnyVectorEnv:
         return gymnasium.make_vec(
             spec, rows, max_episode_steps=horizon, vectorization_mode="vector_entry_point", **options
         )
 
+    @_surroundings_kept()
     def single() -> AnyEnv:  # without a time limit: the horizon of a batch is the limit
         return gymnasium.make(spec, max_episode_steps=-1, disable_env_checker=True, **options)
 
@@ -115,11 +126,11 @@ def _registered(environment: str, options: dict[str, Any], rows_at_once: int) ->
             f"environment.options: expected what {environment} takes, got {shown(options)} ({shown(error)}); "
             "environment.options={} leaves all of them out"
         ) from error
+    except KeyboardInterrupt:
+        raise
     except (gymnasium.error.DependencyNotInstalled, ImportError) as error:
         raise ValueError(f"{environment}: expected its packages to be installed, got: {shown(error)}") from error
-    except ValueError:
-        raise
-    except (Exception, SystemExit) as error:  # it is somebody's code
+    except BaseException as error:  # it is somebody's code
         raise ValueError(
             f"{environment}: expected an environment that can be made, got {type(error).__name__}: {shown(error)}"
         ) from error
@@ -129,8 +140,11 @@ def _import(module: str, environment: str) -> None:
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
     try:
-        importlib.import_module(module)
-    except (Exception, SystemExit) as error:  # the module is somebody's code
+        with _surroundings_kept():
+            importlib.import_module(module)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # the module is somebody's code
         raise ValueError(
             f"unknown environment '{shown(environment)}': expected a module '{module}' to import, "
             f"installed or in this folder, got {type(error).__name__}: {shown(error)}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.simulation import Frame
@@ -15,15 +16,14 @@ class EpisodeRecorder:
 
     Args:
         batch: the batch that is recorded.
-        observation_dim: d.
-        action_dim: n.
+        spaces: of its task.
     """
 
-    def __init__(self, batch: Batch, observation_dim: int, action_dim: int) -> None:
+    def __init__(self, batch: Batch, spaces: Spaces) -> None:
         shape = (batch.rows, batch.horizon)
         self._horizon = batch.horizon
-        self._observations = np.zeros((*shape, observation_dim))
-        self._actions = np.zeros((*shape, action_dim))
+        self._observations = np.zeros((*shape, spaces.observation_dim))
+        self._actions = np.zeros((*shape, spaces.action_dim))
         self._rewards = np.zeros(shape)
         self._mask = np.zeros(shape, dtype=bool)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import sys
 import time
 from collections.abc import Iterable
 from datetime import datetime
@@ -10,16 +11,18 @@ from math import inf, isnan
 from pathlib import Path
 from shlex import quote
 
+from rkhs_ros.base.endings import told
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.policies.storage import save_policy
+from rkhs_ros.policies.storage import read_policy, save_policy
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.episode_files import save_episodes
 from rkhs_ros.runs.surroundings import LIBRARIES, surroundings
 
+BEST_POLICY = "best_policy.npz"
 FIRST_POLICY = "first_policy.npz"  # of a run that began from a given policy
 BEFORE_A_RUN = {"checkpoints", "config.yaml.part", FIRST_POLICY}  # what a run killed before it began may leave
 
@@ -96,7 +99,7 @@ class Report:
         self._last: Iteration | None = None
         self._spaces = spaces
         rows = self._curve.rows()[:done]
-        self._best = best_return(rows)
+        self._best = self._best_of(rows)
         self._began = time.monotonic() - (rows[-1].seconds if rows else 0.0)
         write_whole(folder / "config.yaml", resolved(config).encode())
         self._curve.begin(rows)
@@ -111,11 +114,23 @@ class Report:
         self._keep_best(iteration)
         self._last = iteration
 
+    def _best_of(self, rows: list[Row]) -> float:
+        """Return the return of best_policy.npz; minus infinity where it is damaged or missing, which is said."""
+        best = best_return(rows)
+        if best == -inf:
+            return best
+        try:
+            read_policy(self.folder / BEST_POLICY)
+        except (ValueError, OSError) as error:
+            print(f"warning: {told(error)}; the best policy of the iterations to come replaces it", file=sys.stderr)
+            return -inf
+        return best
+
     def _keep_best(self, iteration: Iteration) -> None:
         """Write the policy beside the last one if it earned more than all before it."""
         if iteration.mean_policy_return > self._best:
             self._best = iteration.mean_policy_return
-            save_policy(self.folder / "best_policy.npz", iteration.policy, self._config.task, self._spaces)
+            save_policy(self.folder / BEST_POLICY, iteration.policy, self._config.task, self._spaces)
 
     def finish(self) -> None:
         """Write the policy learnt so far, and its last noise-free episodes, or exploring ones where there are none.
@@ -162,8 +177,13 @@ def what_was_kept(folder: Path, config: Config) -> str:
     kept = [str(folder / name) for name in ("curve.csv", "policy.npz") if (folder / name).is_file()]
     return (
         f"interrupted after {done} of {config.training.iterations} iterations; kept: {', '.join(kept) or 'nothing'}; "
-        f"go on with: rkhs train --resume {quote(str(folder))}"
+        f"{how_to_go_on(folder)}"
     )
+
+
+def how_to_go_on(folder: Path) -> str:
+    """Return what to type for a run to go on."""
+    return f"go on with: rkhs train --resume {quote(str(folder))}"
 
 
 def _end(rows: list[Row]) -> str:

@@ -36,7 +36,7 @@ class InlineRunner:
 
     def _together(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         acting = Acting(policy, batch, explore=batch.explore)
-        recorder = EpisodeRecorder(batch, self.spaces.observation_dim, self.spaces.action_dim)
+        recorder = EpisodeRecorder(batch, self.spaces)
         frame = self.simulation.start(batch)
         recorder.observed(0, frame)
         step = 0

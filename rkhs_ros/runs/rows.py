@@ -16,7 +16,7 @@ from gymnasium.wrappers.vector import FlattenObservation as FlattenObservations
 from numpy.typing import NDArray
 
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.base.validation import shown
+from rkhs_ros.base.validation import REAL_KINDS, require, shown
 from rkhs_ros.rkhs.kernels import Array
 
 Flags = NDArray[np.bool_]
@@ -86,8 +86,7 @@ class SeparateRows:
         self._name = name
         self._copies = [_flat(make())]
         self.current: int | None = None
-        metadata = self.shown.metadata or {}
-        self._most = most or int(metadata.get("rows_at_once", 0)) or MOST_COPIES
+        self._most = most or _rows_at_once(self.shown) or MOST_COPIES
         self.observation_space = self._copies[0].observation_space
         self.action_space = self._copies[0].action_space
 
@@ -101,7 +100,9 @@ class SeparateRows:
         while len(self._copies) < min(rows, self._most):
             try:
                 self._copies.append(self._another())
-            except (Exception, SystemExit) as error:
+            except KeyboardInterrupt:
+                raise
+            except BaseException as error:
                 self._most = len(self._copies)
                 print(
                     f"warning: {self._name}: no more than {self._most} at a time, as another copy could not be made "
@@ -130,13 +131,15 @@ class SeparateRows:
         result = Step(self._observations, np.zeros(rows), np.zeros(rows, dtype=bool), np.zeros(rows, dtype=bool))
         for row in np.flatnonzero(active).tolist():
             self.current = row
-            observation, reward, terminated, truncated, _ = self._copies[row].step(actions[row])
+            # With the dots a single number is an array, too, as its space has it.
+            observation, reward, terminated, truncated, _ = self._copies[row].step(actions[row, ...])
             self._observations[row] = self._row(observation)
-            result.rewards[row], result.terminated[row], result.truncated[row] = reward, terminated, truncated
+            result.rewards[row] = np.asarray(reward, dtype=np.float64).item()  # some have it as an array of one
+            result.terminated[row], result.truncated[row] = terminated, truncated
         return result._replace(observations=self._observations.copy())
 
     def _row(self, observation: Any) -> Array:
-        row = np.asarray(observation, dtype=self.observation_space.dtype)
+        row = _real(observation, self.observation_space.dtype)
         _check_size(row.shape, self.observation_space)
         return row.astype(np.float64).ravel()
 
@@ -202,7 +205,7 @@ class VectorRows:
         return kept
 
     def _flat(self, observations: Any) -> Array:
-        array = np.asarray(observations, dtype=np.float64)
+        array = _real(observations, np.float64)
         _check_size(array.shape[1:], self.observation_space)
         return array.reshape(len(array), -1)[: self._rows]
 
@@ -214,6 +217,26 @@ class VectorRows:
                 self._vectors.pop(oldest).close()
             self._vectors[key] = _flat_vector(self._make(rows, horizon))
         return self._vectors[key]
+
+
+def _real(observation: Any, kind: Any) -> NDArray[Any]:
+    """Return an observation as real numbers of that type, infinite where they are too large for it.
+
+    Raises:
+        RunError: they are something else.
+    """
+    array = np.asarray(observation)
+    if array.dtype.kind not in REAL_KINDS:
+        raise RunError(f"expected an observation of real numbers, got {array.dtype}")
+    with np.errstate(over="ignore"):  # what is infinite is refused by its row and step
+        return array.astype(kind, copy=False)
+
+
+def _rows_at_once(env: AnyEnv) -> int:
+    """Return how many copies an environment can have, as its metadata say; 0 for any number."""
+    most = (env.metadata or {}).get("rows_at_once", 0)
+    require(type(most) is int and most >= 0, "metadata: rows_at_once", "a whole number, 0 for any number", repr(most))
+    return int(most)
 
 
 def _check_size(shape: tuple[int, ...], space: Space[Any]) -> None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from math import inf
+from typing import Any, NamedTuple, TypeVar
 
 import gymnasium
 import numpy as np
@@ -21,6 +21,7 @@ from rkhs_ros.runs.rows import AnyEnv, AnyVectorEnv, Flags
 from rkhs_ros.runs.shown import HasRobot, JointStates
 
 LARGEST = 1e100  # observation or reward: products of a few of them are still finite
+Answer = TypeVar("Answer")
 STEP_SECONDS = ("step_seconds", "dt", "tau")  # attributes of environments, the first one counts
 
 
@@ -71,16 +72,6 @@ class Simulation:
         self.step_seconds = _step_seconds(self.shown)
 
     @property
-    def observation_dim(self) -> int:
-        """Number of numbers in an observation."""
-        return self.spaces.observation_dim
-
-    @property
-    def action_dim(self) -> int:
-        """Number of numbers in an action."""
-        return self.spaces.action_dim
-
-    @property
     def own_horizon(self) -> int | None:
         """Steps after which the environment cuts its episodes off itself; None where it does not say."""
         return own_horizon(self.environment if self._registered else self._rows.shown)
@@ -104,8 +95,7 @@ class Simulation:
         room = self.room(batch.rows)
         require(batch.rows <= room, f"{self.environment}: rows", f"at most {room} at a time", batch.rows)
         self._horizon, self._step = batch.horizon, 0
-        with self._failures_named("reset"):
-            observations = self._rows.reset(batch.environment_seeds(), batch.horizon)
+        observations = self._asked("reset", self._rows.reset, batch.environment_seeds(), batch.horizon)
         self._frame = Frame(
             observations=observations,
             rewards=np.zeros(0),
@@ -122,8 +112,7 @@ class Simulation:
         """
         before = self._frame
         self._step += 1
-        with self._failures_named(f"step {self._step}"):
-            seen = self._rows.step(self.spaces.shaped(actions), before.active)
+        seen = self._asked(f"step {self._step}", self._rows.step, self.spaces.shaped(actions), before.active)
         over = seen.terminated | seen.truncated | (self._step == self._horizon)
         self._frame = Frame(
             observations=np.where(before.active[:, None], seen.observations, before.observations),
@@ -133,12 +122,14 @@ class Simulation:
         )
         return self._checked(self._frame)
 
-    @contextmanager
-    def _failures_named(self, doing: str) -> Iterator[None]:
-        """Name environment, row and step where the environment, which is somebody's code, fails."""
+    def _asked(self, doing: str, call: Callable[..., Answer], *arguments: Any) -> Answer:
+        """Return what the environment answers; where it, which is somebody's code, fails, name it, row and step."""
         try:
-            yield
-        except (Exception, SystemExit) as error:
+            with np.errstate():  # that it sets what numpy raises shall not matter to us
+                return call(*arguments)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             row = "" if self._rows.current is None else f" of row {self._rows.current}"
             kind = "" if isinstance(error, RunError) else f"{type(error).__name__}: "
             raise RunError(f"{self.environment}: {doing}{row}: {kind}{shown(error)}") from error
@@ -176,9 +167,10 @@ def _step_seconds(environment: AnyEnv | AnyVectorEnv) -> float:
 
     Gymnasium's own environments call it ``dt`` or ``tau``; their pictures may come at another rate.
     """
-    rate = environment.metadata.get("render_fps")
-    said = [getattr(environment, name, None) for name in STEP_SECONDS] + ([1 / rate] if rate else [])
-    return next((float(seconds) for seconds in said if isinstance(seconds, int | float) and seconds > 0), 1.0)
+    said = [getattr(environment, name, None) for name in STEP_SECONDS]
+    rate = (environment.metadata or {}).get("render_fps")
+    said += [1 / rate] if isinstance(rate, int | float) and rate else []
+    return next((float(seconds) for seconds in said if isinstance(seconds, int | float) and 0 < seconds < inf), 1.0)
 
 
 def _continuous(space: gymnasium.Space[Any], what: str) -> Box:
@@ -186,4 +178,5 @@ def _continuous(space: gymnasium.Space[Any], what: str) -> Box:
         image = isinstance(space, Box) and len(space.shape) >= 2
         kind = "images, which are not supported" if image else space
         raise ValueError(f"{what}: expected a continuous space (a Box of numbers), got {shown(kind)}")
+    require(0 not in space.shape, what, "at least one number", f"the shape {space.shape}")
     return space

@@ -16,6 +16,10 @@ MENDED = Path("mended")  # exists once the environment behaves
 CRASHED = Path("crashed")  # exists once its process died of it, from when on it dies again and again
 
 
+class Stranger(BaseException):
+    """What `except Exception` lets pass."""
+
+
 class Bad(gymnasium.Env[np.ndarray, np.ndarray]):
     """A point on a line; its fault shows after some steps."""
 
@@ -50,6 +54,10 @@ class Bad(gymnasium.Env[np.ndarray, np.ndarray]):
                 self.x = np.nan
             case "raise":
                 raise RuntimeError("the motor is hot")
+            case "stop iteration":
+                raise StopIteration
+            case "no exception":
+                raise Stranger("who")
             case "hang":
                 time.sleep(60)
             case "sys.exit":
@@ -64,7 +72,9 @@ class Bad(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def seen(self) -> np.ndarray:
         numbers = 3 if self.fault == "wrong shape" and self.is_bad() else 2
-        return np.array([self.x, 1.0, 0.0][:numbers], np.float32)
+        kind = {"complex": np.complex128, "too large": np.float64}.get(self.fault if self.is_bad() else "", np.float32)
+        scale = 1e99 if kind == np.float64 else 1.0
+        return np.array([self.x, scale, 0.0][:numbers], kind)
 
     def is_bad(self) -> bool:
         return self.steps > (5 if CRASHED.exists() else GOOD_STEPS) and not MENDED.exists()

@@ -10,7 +10,7 @@ import pytest
 
 from rkhs_interfaces.msg import Observation
 from rkhs_interfaces.srv import SetPolicy
-from rkhs_ros.nodes.messages import set_policy_request
+from rkhs_ros.nodes.policy_messages import set_policy_request
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import Task, save_policy

@@ -1,4 +1,5 @@
 import os
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -256,6 +257,20 @@ def test_a_checkpoint_of_another_schema_is_refused(folder: Path, states: list[St
     path.write_bytes(packed({"about": np.array(about)}))
     with pytest.raises(ValueError, match=r"a checkpoint of schema 3, got schema 4; go on with rkhs_ros 9\.8\.7"):
         newest(folder)
+
+
+@pytest.mark.parametrize("count", [b'"3"', b"null", b"-1", b"3.0"])
+def test_a_checkpoint_with_no_numbers_for_counts_is_passed_over(
+    folder: Path, states: list[State], capsys: pytest.CaptureFixture[str], count: bytes
+) -> None:
+    *_, path = write(folder, *states[:3])
+    for name in (b"iterations", b"explored"):
+        arrays = unpacked(path.read_bytes())
+        about = re.sub(b'("%s": )\\d+([,}](?!.*"%s"))' % (name, name), rb"\g<1>%s\g<2>" % count, arrays["about"].item())
+        assert about != arrays["about"].item()
+        path.write_bytes(packed({**arrays, "about": np.array(about)}))
+        assert newest(folder) == 2
+        assert "counts: expected whole numbers >= 0, got" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

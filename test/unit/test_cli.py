@@ -1,4 +1,5 @@
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -287,12 +288,21 @@ def test_what_cannot_be_parsed_ends_with_one_line(rkhs: Run, arguments: tuple[st
     assert_refused(rkhs(*arguments), message)
 
 
-def test_an_interrupt_ends_with_its_code_and_without_words(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupt_ends_with_its_code_and_one_line(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(options: object) -> int:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("rkhs_ros.app.list.run", interrupted)
-    assert rkhs("list") == (130, "", "")
+    assert rkhs("list") == (130, "", "interrupted\n")
+
+
+def test_an_interrupt_while_a_command_is_imported_ends_with_one_line(tmp_path: Path) -> None:
+    interrupting = "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n"
+    (tmp_path / "gymnasium.py").write_text(interrupting)  # in place of what the command needs
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}"}
+    command = [sys.executable, "-m", "rkhs_ros.app.cli", "list"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
 
 
 # Where a run is made

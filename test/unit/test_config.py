@@ -168,6 +168,28 @@ def test_what_a_running_node_dumps_is_a_configuration(write: Any) -> None:
     assert load_config(write(dumped(dump))) == config
 
 
+def test_a_learner_may_say_the_environment_that_it_expects(write: Any) -> None:
+    told = MINIMAL.replace("simulator", "learner")
+    assert load_config(write(told)) == load_config(write(MINIMAL))
+    rows = told.replace("v0}", "v0, rows_at_once: 0}")  # as it is anyway
+    assert load_config(write(MINIMAL + rows)) == load_config(write(MINIMAL))
+
+
+@pytest.mark.parametrize(
+    ("learner", "message"),
+    [
+        ("{id: rkhs/Pendulum-v0}", "learner: environment: expected the simulator's, .*Toy-v0.*, got .*Pendulum-v0"),
+        ("{id: rkhs/Toy-v0, options: {a: 1}}", "learner: environment: expected the simulator's"),
+        ("rkhs/Toy-v0", "environment: expected a section of keys, got 'rkhs/Toy-v0'"),
+        ("{ids: 3}", "unknown key 'environment.ids', did you mean 'id'"),
+    ],
+)
+def test_a_learner_that_expects_another_environment_is_refused(write: Any, learner: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message) as refusal:
+        load_config(write(f"{MINIMAL}learner: {{ros__parameters: {{environment: {learner}}}}}\n"))
+    assert "\n" not in str(refusal.value)
+
+
 @pytest.mark.parametrize(
     ("section", "node", "expected"),
     [

@@ -1,6 +1,9 @@
+import os
+import signal
+
 import pytest
 
-from rkhs_ros.app.launcher import for_all
+from rkhs_ros.app.launcher import for_all, signals_held
 from rkhs_ros.base.yaml_text import loaded
 
 PARAMETERS = "/**/simulator: {ros__parameters: {environment: {id: x}}}\n/**/learner: {ros__parameters: {seed: 1}}\n"
@@ -30,3 +33,18 @@ def test_all_nodes_find_their_settings_and_the_learner_its_task() -> None:
 def test_a_path_that_no_parameter_can_be_is_refused(path: str) -> None:
     with pytest.raises(ValueError, match=r"learner\.output: expected .*text in UTF-8"):
         for_all(PARAMETERS, 1, {"output": path})
+
+
+def test_an_interrupt_while_a_process_is_forked_is_not_lost() -> None:
+    done = []
+
+    def interrupted() -> None:
+        with signals_held():
+            os.kill(os.getpid(), signal.SIGINT)
+            done.append("all the rest")
+
+    handler = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert done
+    assert signal.getsignal(signal.SIGINT) is handler

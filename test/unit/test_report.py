@@ -11,6 +11,7 @@ from rkhs_ros.learning.training import Training, train
 from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.runs.config import Config, Environment, load_config
+from rkhs_ros.runs.episode_files import load_episodes, save_episodes
 from rkhs_ros.runs.report import Report, new_folder, summary
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.run import run_training
@@ -82,6 +83,21 @@ def test_a_run_cut_short_keeps_what_was_learnt(tmp_path: Path, runner: InlineRun
     policy, _ = load_policy(tmp_path / "run" / "policy.npz")
     first = next(iter(train(TRAINING, runner)))
     assert np.array_equal(policy.mean.weights, first.policy.mean.weights)
+
+
+def test_without_episodes_nothing_is_drawn_and_that_is_said(tmp_path: Path, runner: InlineRunner) -> None:
+    folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
+    episodes = load_episodes(folder / "episodes.npz").episodes
+    over = replace(episodes, mask=np.zeros_like(episodes.mask))
+    for none in (episodes.take(slice(0)), over):
+        save_episodes(folder / "episodes.npz", none, CONFIG.task)
+        with pytest.raises(ValueError, match=r"episodes\.npz: expected an episode of at least one step, got none"):
+            draw_run(folder)
+    wide = replace(episodes, observations=np.zeros((2, 8, 3)), final_observations=np.zeros((2, 3)))
+    save_episodes(folder / "episodes.npz", wide, CONFIG.task)
+    with pytest.raises(ValueError, match="expected episodes of a policy from 1 to 1 dimensions, got"):
+        draw_run(folder)
+    assert not (folder / "curve.png").exists()
 
 
 def test_the_curve_grows_line_by_line(tmp_path: Path, runner: InlineRunner) -> None:

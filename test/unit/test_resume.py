@@ -15,7 +15,7 @@ import pytest
 from rkhs_ros.app import train
 from rkhs_ros.base.lock import locked
 from rkhs_ros.learning.training import Training
-from rkhs_ros.policies.storage import unpacked
+from rkhs_ros.policies.storage import read_policy, unpacked
 from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.rollout import InlineRunner
@@ -99,6 +99,24 @@ def test_a_run_stopped_again_and_again_goes_on_to_the_same_bits(tmp_path: Path, 
         with pytest.raises(KeyboardInterrupt):
             run_training(CONFIG, Stopping(3), folder, quiet=True, resume=True)
     assert results(resumed(folder)) == whole
+
+
+@pytest.mark.parametrize("content", [b"damaged", None])
+def test_a_best_policy_that_is_lost_is_named_and_another_takes_its_place(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None
+) -> None:
+    folder = stopped(tmp_path / "run", 4)
+    best = folder / "best_policy.npz"
+    best.unlink()
+    if content is not None:
+        best.write_bytes(content)
+    resumed(folder)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"warning: {best}: expected ")
+    assert line.endswith("; the best policy of the iterations to come replaces it")
+    assert read_policy(best).task == CONFIG.task
+    resumed(folder)
+    assert capsys.readouterr().err == ""
 
 
 def test_a_run_that_is_done_makes_its_last_iteration_again(tmp_path: Path, whole: dict[str, object]) -> None:

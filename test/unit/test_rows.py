@@ -10,6 +10,7 @@ import pytest
 from gymnasium.spaces import Box, Dict, Tuple
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
+import rkhs_ros
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.environments import name_of, own_horizon, rows_of, spec_of
@@ -166,6 +167,33 @@ def test_composed_observations_are_flat(policy: GaussianPolicy, kind: str, vecto
     assert np.array_equal(episodes.observations, expected.observations)
 
 
+class Scalar(gymnasium.Env[Any, Any]):
+    """Takes a number without a dimension, and shows one; its reward is an array of one."""
+
+    observation_space = Box(-2.0, 2.0, (), np.float64)
+    action_space = Box(-1.0, 1.0, (), np.float32)
+    taken: list[Any] = []
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+        super().reset(seed=seed)
+        return self.np_random.uniform(-2.0, 2.0), {}
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        self.taken.append(action)
+        return np.float64(action), np.array([-float(action)]), False, False, {}
+
+
+def test_an_action_without_a_dimension_is_an_array_as_its_space_has_it() -> None:
+    (result,) = rkhs_ros.learn(Scalar, iterations=1, horizon=3, discount=1.0)
+    played = result.policy(1.0)
+    Scalar.taken.append(played)
+    assert {type(action) for action in Scalar.taken} == {np.ndarray}
+    assert {(action.shape, action.dtype) for action in Scalar.taken} == {((), np.dtype(np.float32))}
+    assert all(Scalar.action_space.contains(action) for action in Scalar.taken)
+    exploring = np.array(Scalar.taken[: 10 * 3]).reshape(3, 10)
+    assert np.allclose(result.iteration.train_returns, -exploring.sum(axis=0))
+
+
 MODULE = """
 import gymnasium, numpy as np
 from gymnasium.spaces import Box
@@ -187,7 +215,7 @@ def test_a_module_beside_is_imported_for_its_environment(tmp_path: Path, monkeyp
     monkeypatch.setattr("sys.path", list(__import__("sys").path))
     (tmp_path / "still_life.py").write_text(MODULE % "still_life")
     simulation = Simulation("still_life:Still-v0")
-    assert (simulation.observation_dim, simulation.action_dim) == (3, 2)
+    assert (simulation.spaces.observation_dim, simulation.spaces.action_dim) == (3, 2)
     assert simulation.environment == "still_life:Still-v0"
     assert own_horizon("still_life:Still-v0") == 7
     with pytest.raises(

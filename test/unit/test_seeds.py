@@ -190,7 +190,8 @@ def test_an_interrupted_training_can_be_gone_on_with(rkhs: Run, tmp_path: Path) 
     process = started(many, CONFIG, *long, "--out", many)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=30)
-    assert (process.returncode, out, err) == (130, "", "")
+    assert (process.returncode, out) == (130, "")
+    assert err == f"interrupted; go on with: rkhs train --resume {many}\n"
     assert rkhs("train", "--resume", many, "--quiet", "--jobs", 1).code == 0
     assert rkhs("train", CONFIG, *long, "--out", whole, "--jobs", 1).code == 0
     assert [results(path) for path in seed_folders(many)] == [results(path) for path in seed_folders(whole)]

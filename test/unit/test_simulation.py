@@ -43,7 +43,7 @@ def batch(rows: int, horizon: int, first: int = 0) -> Batch:
 
 
 def test_any_environment_is_flat_rows_of_numbers(walk: Simulation) -> None:
-    assert (walk.observation_dim, walk.action_dim) == (4, 2)
+    assert (walk.spaces.observation_dim, walk.spaces.action_dim) == (4, 2)
     assert (walk.spaces.action_low.tolist(), walk.spaces.action_high.tolist()) == ([[-1, -1]], [[2, 2]])
     frame = walk.start(batch(3, 5))
     assert frame.observations.shape == (3, 4)
@@ -79,7 +79,8 @@ def test_an_episode_follows_from_its_number_alone(walk: Simulation) -> None:
 
 def test_an_environment_of_gymnasium_is_served() -> None:
     simulation = Simulation("Pendulum-v1", {"g": 9.0})
-    assert (simulation.observation_dim, simulation.action_dim, simulation.spaces.action_high.tolist()) == (3, 1, [2.0])
+    spaces = simulation.spaces
+    assert (spaces.observation_dim, spaces.action_dim, spaces.action_high.tolist()) == (3, 1, [2.0])
     simulation.start(batch(2, 210))  # longer than its own time limit of 200
     frames = [simulation.step(np.zeros((2, 1))) for _ in range(210)]
     assert [frame.active.all() for frame in frames] == [True] * 209 + [False]

@@ -36,4 +36,14 @@ def test_a_reader_that_goes_away_does_not_end_a_run(tmp_path: Path) -> None:
 
 def test_what_a_command_is_asked_for_must_not_be_lost(tmp_path: Path) -> None:
     command = ["bash", "-c", '"$@" >/dev/full', "bash", *COMMAND, "list"]
-    assert subprocess.run(command, stderr=subprocess.DEVNULL, check=False).returncode != 0
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (1, "error: [Errno 28] No space left on device: '<stdout>'\n")
+
+
+@pytest.mark.parametrize("arguments", [("list",), ("train", "--help"), ("--version",)])
+def test_a_reader_that_has_seen_enough_is_no_error(arguments: tuple[str, ...]) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run([*COMMAND, *arguments], stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (0, "")

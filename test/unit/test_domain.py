@@ -1,0 +1,41 @@
+"""The ROS domain of a run, and the file in its folder that says which."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from rkhs_ros.app.domain import VARIABLE, domain_of, own_domain
+from rkhs_ros.base.lock import locked
+
+
+@pytest.fixture(autouse=True)
+def undecided(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(VARIABLE, raising=False)
+
+
+def test_runs_side_by_side_have_domains_of_their_own_and_say_which(tmp_path: Path) -> None:
+    one, other = tmp_path / "one", tmp_path / "other"
+    one.mkdir()
+    other.mkdir()
+    with own_domain(one):
+        assert domain_of(one) == os.environ.pop(VARIABLE)
+        with own_domain(other):
+            assert domain_of(other) == os.environ[VARIABLE] != domain_of(one)
+        os.environ[VARIABLE] = ""  # taken away at the end
+    assert VARIABLE not in os.environ
+    for folder in (one, other):
+        with pytest.raises(ValueError, match="expected the folder of a run under way over topics, got another"):
+            domain_of(folder)
+
+
+def test_a_run_that_is_refused_leaves_the_domain_of_the_one_under_way(tmp_path: Path) -> None:
+    with own_domain(tmp_path):
+        domain = domain_of(tmp_path)
+        with (
+            locked(tmp_path),  # as the run's learner has it
+            pytest.raises(ValueError, match="expected a folder of its own, got one in use by another process"),
+            own_domain(tmp_path),
+        ):
+            pass
+        assert domain_of(tmp_path) == domain
