@@ -1,0 +1,94 @@
+"""Imagined episodes: a policy that acts in a model of its task, every row in a model drawn from the posterior."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.world_model import WorldModel, points_of
+from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.streams import Batch, stream
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rkhs.posterior import DrawnFunctions, Posterior
+
+SAMPLES_AT_ONCE = 4096  # so that the kernel's matrix stays in the cache
+
+
+class ImaginedRunner:
+    """Lets policies act in a model; a `Runner` like a simulation.
+
+    A row draws its functions once and the noise of each step, all from the stream of its episode.
+
+    Args:
+        model: of the task.
+    """
+
+    def __init__(self, model: WorldModel) -> None:
+        self._model = model
+
+    @property
+    def spaces(self) -> Spaces:
+        """Shape of an observation, and bounds of the actions."""
+        return self._model.spaces
+
+    def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
+        """Return the episodes of a batch under the policy."""
+        model = self._model
+        streams = [stream(batch.seed, "imagination", episode) for episode in batch.episodes]
+        starts = model.starts[[int(own.integers(len(model.starts))) for own in streams]]
+        changes, rewards = (_drawn(posterior, streams) for posterior in (model.changes, model.rewards))
+        shape = (batch.horizon, model.spaces.observation_dim)
+        noise = np.stack([own.standard_normal(shape) for own in streams]) * model.changes.noise
+        observations, actions, points = self._roll_out(policy, batch, starts, changes, noise)
+        return self._cut(observations, actions, self._rewards(points, rewards))
+
+    def _roll_out(
+        self, policy: GaussianPolicy, batch: Batch, starts: Array, changes: DrawnFunctions, noise: Array
+    ) -> tuple[Array, Array, Array]:
+        """Return observations, shape (rows, H + 1, d), actions and points, shape (rows, H, .), whatever may end."""
+        model, inputs = self._model, policy.inputs
+        acting = Acting(policy, batch, explore=batch.explore)
+        rows, horizon, n = batch.rows, batch.horizon, policy.mean.output_dim
+        observations = np.empty((rows, horizon + 1, starts.shape[1]))
+        actions, points = np.zeros((rows, horizon, n)), np.empty((rows, horizon, len(model.changes.points.centre)))
+        observations[:, 0] = starts
+        for step in range(horizon):
+            now = observations[:, step]
+            actions[:, step] = acting(step, now)
+            seen = inputs.features(now)
+            if inputs.history > 1:
+                seen = inputs.at(np.array([step]), observations[:, : step + 1], actions[:, : step + 1])[:, 0]
+            points[:, step] = points_of(seen, actions[:, step], model.spaces)
+            observations[:, step + 1] = model.following(now, changes(points[:, step]) + noise[:, step])
+        return observations, actions, points
+
+    def _rewards(self, points: Array, drawn: DrawnFunctions) -> Array:
+        """Return the rewards of all steps within the range seen, shape (rows, H)."""
+        rewards = np.stack([drawn.of_row(row, points[row])[:, 0] for row in range(len(points))])
+        return np.clip(rewards, *self._model.reward_range)
+
+    def _cut(self, observations: Array, actions: Array, rewards: Array) -> Episodes:
+        """Return the episodes, each up to where the model ends it."""
+        model = self._model
+        before, after = observations[:, :-1], observations[:, 1:]
+        rows, horizon = rewards.shape
+        ended = np.zeros((rows, horizon), dtype=bool)
+        if model.ends is not None:
+            flat = model.inputs.features(after.reshape(rows * horizon, -1))
+            parts = range(0, len(flat), SAMPLES_AT_ONCE)
+            values = np.concatenate([model.ends.mean(flat[i : i + SAMPLES_AT_ONCE])[:, 0] for i in parts])
+            ended = (values > 0).reshape(rows, horizon)
+        terminated = ended.any(axis=1)
+        last = np.where(terminated, ended.argmax(axis=1), horizon - 1)
+        mask = np.arange(horizon) <= last[:, None]
+        each = np.arange(rows)
+        rewards[each[terminated], last[terminated]] += model.last_reward
+        episodes = Episodes(before, actions, np.where(mask, rewards, 0.0), mask, after[each, last], terminated)
+        return replace(episodes, observations=np.where(mask[:, :, None], before, after[each, last][:, None]))
+
+
+def _drawn(posterior: Posterior, streams: list[np.random.Generator]) -> DrawnFunctions:
+    return posterior.draw(np.stack([own.standard_normal(posterior.coefficients.mean.shape) for own in streams]))

@@ -1,0 +1,154 @@
+r"""A model of a task, learnt from its episodes: how observations change, what is earned, and when an episode ends.
+
+.. math:: o_{t+1} = o_t + f(x_t, a_t) + \epsilon, \qquad r_t = g(x_t, a_t), \qquad
+    \text{over after } t \Leftrightarrow e(o_{t+1}) > 0
+
+x is what the policy is given of the history, a the action within its bounds. f, g and e are posteriors over
+functions, so that the model knows what it does not know (as PILCO's, Deisenroth and Rasmussen, 2011).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rkhs.posterior import Posterior
+
+MARGIN = 0.25  # part of the range seen by which observations may leave it
+
+
+@dataclass(frozen=True)
+class Steps:
+    """The steps of episodes as the model sees them, one row each.
+
+    Attributes:
+        points: inputs and action within its bounds, shape (n, p).
+        observations: before the step, shape (n, d).
+        following: after it, shape (n, d).
+        rewards: shape (n,).
+        ended: True where the task ended the episode then, shape (n,).
+    """
+
+    points: Array
+    observations: Array
+    following: Array
+    rewards: Array
+    ended: np.ndarray
+
+    @classmethod
+    def of(cls, episodes: Episodes, inputs: Inputs, spaces: Spaces) -> Steps:
+        """Return the steps of episodes, whose observations are as they were seen."""
+        last = episodes.mask.sum(axis=1) - 1
+        rows = np.arange(len(episodes))
+        following = np.roll(episodes.observations, -1, axis=1)
+        following[rows, last] = episodes.final_observations
+        ended = np.zeros(episodes.mask.shape, dtype=bool)
+        ended[rows, last] = episodes.terminated
+        points = points_of(inputs.unfold(episodes.observations, episodes.actions), episodes.actions, spaces)
+        every = (points, episodes.observations, following, episodes.rewards, ended)
+        return cls(*(episodes.flat(values) for values in every))
+
+
+def points_of(inputs: Array, actions: Array, spaces: Spaces) -> Array:
+    """Return inputs, shape (..., q), beside actions within their bounds, shape (..., n)."""
+    clipped = spaces.clip(actions.reshape(-1, actions.shape[-1])).reshape(actions.shape)
+    return np.concatenate([inputs, clipped], axis=-1)
+
+
+@dataclass(frozen=True)
+class WorldModel:
+    """A model of a task.
+
+    Attributes:
+        inputs: what changes and rewards are functions of, beside the action.
+        spaces: of the task.
+        changes: of the observation in a step; of an angle the short way round.
+        rewards: of a step after which the episode goes on.
+        ends: above 0 where an observation ends the episode; None where no episode was ended by the task.
+        last_reward: what the last step of an episode that the task ends earns beside that, in the mean.
+        low: least observation that is imagined, shape (d,).
+        high: greatest observation that is imagined, shape (d,).
+        reward_range: least and greatest reward seen.
+        starts: first observations seen, shape (N, d).
+    """
+
+    inputs: Inputs
+    spaces: Spaces
+    changes: Posterior
+    rewards: Posterior
+    ends: Posterior | None
+    last_reward: float
+    low: Array
+    high: Array
+    reward_range: tuple[float, float]
+    starts: Array
+
+    @classmethod
+    def fit(cls, episodes: Episodes, inputs: Inputs, spaces: Spaces, centres: int) -> WorldModel:
+        """Return the model of a task of which episodes were seen.
+
+        Args:
+            episodes: N at least 1, their observations as they were seen.
+            inputs: of the policy.
+            spaces: of the task.
+            centres: kernel functions of each posterior at most.
+        """
+        steps = Steps.of(episodes, inputs, spaces)
+        going_on = ~steps.ended if not steps.ended.all() else np.ones_like(steps.ended)
+        rewards = Posterior.fit(steps.points[going_on], steps.rewards[going_on, None], centres)
+        changes = turn(steps.following - steps.observations, inputs)
+        return cls(
+            inputs=inputs,
+            spaces=spaces,
+            changes=Posterior.fit(steps.points, changes, centres),
+            rewards=rewards,
+            ends=_ends(steps, inputs, centres),
+            last_reward=_last_reward(steps, rewards),
+            **_bounds(steps, inputs),
+            reward_range=(float(steps.rewards[going_on].min()), float(steps.rewards[going_on].max())),
+            starts=episodes.observations[:, 0],
+        )
+
+    def following(self, observations: Array, changes: Array) -> Array:
+        """Return observations, shape (rows, d), after changes of that shape, within what can be imagined."""
+        moved = turn(observations + changes, self.inputs)
+        return np.minimum(np.maximum(moved, self.low), self.high)
+
+
+def turn(values: Array, inputs: Inputs) -> Array:
+    """Return values, shape (rows, d), with the angles among them turned into [-pi, pi)."""
+    if not inputs.columns:
+        return values
+    turned = values.copy()
+    turned[:, inputs.columns] = np.remainder(values[:, inputs.columns] + np.pi, 2.0 * np.pi) - np.pi
+    return turned
+
+
+def _ends(steps: Steps, inputs: Inputs, centres: int) -> Posterior | None:
+    """Return the regression on +1 where the episode ended and -1 elsewhere, either counting for half."""
+    ended = steps.ended
+    if not ended.any() or ended.all():
+        return None
+    shares = np.where(ended, 0.5 / ended.sum(), 0.5 / (~ended).sum()) * len(ended)
+    points = inputs.features(steps.following)
+    return Posterior.fit(points, np.where(ended, 1.0, -1.0)[:, None], centres, shares)
+
+
+def _last_reward(steps: Steps, rewards: Posterior) -> float:
+    if not steps.ended.any() or steps.ended.all():
+        return 0.0
+    return float((steps.rewards[steps.ended] - rewards.mean(steps.points[steps.ended])[:, 0]).mean())
+
+
+def _bounds(steps: Steps, inputs: Inputs) -> dict[str, Array]:
+    """Return the range of the observations seen, a little wider; angles have none."""
+    seen = np.concatenate([steps.observations, steps.following])
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    margin = MARGIN * (high - low)
+    margin[inputs.columns] = np.inf
+    return {"low": low - margin, "high": high + margin}
