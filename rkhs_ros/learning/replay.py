@@ -24,7 +24,7 @@ def check_actions(episodes: Episodes, policy: GaussianPolicy, batch: Batch) -> N
     """
     rows, steps = np.nonzero(episodes.mask)
     points = policy.inputs.unfold(episodes.observations, episodes.actions)[rows, steps]
-    exploration = batch.exploration(policy.mean.output_dim)[rows, steps] if batch.explore else None
+    exploration = policy.exploration(batch)[rows, steps] if batch.explore else None
     actions = episodes.actions[rows, steps]
     for begin in range(0, len(points), SAMPLES_AT_ONCE):
         part = slice(begin, begin + SAMPLES_AT_ONCE)

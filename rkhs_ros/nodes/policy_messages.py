@@ -38,6 +38,7 @@ def policy_message(policy: GaussianPolicy, version: int) -> msg.Policy:
             degree=policy.inputs.degree,
             offset=policy.inputs.offset,
         ),
+        noise=policy.noise,
     )
 
 
@@ -54,7 +55,7 @@ def policy_of(message: msg.Policy) -> GaussianPolicy:
     m = len(message.centres) // d
     kernel = _kernel(message.kernel, d)
     mean = Function(kernel, matrix(message.centres, m, d, "centres"), matrix(message.weights, m, n, "weights"))
-    return GaussianPolicy(mean, _variance_of(message.variance, d, n), _inputs_of(message.inputs, d))
+    return GaussianPolicy(mean, _variance_of(message.variance, d, n), _inputs_of(message.inputs, d), message.noise)
 
 
 def set_policy_request(policy: GaussianPolicy, version: int) -> SetPolicy.Request:

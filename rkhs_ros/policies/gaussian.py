@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.base.validation import require, shown
+from rkhs_ros.base.validation import pick, require, shown
 from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.noise import FILTERS
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance, Variance
 from rkhs_ros.rkhs.function import Function
@@ -26,14 +27,18 @@ class GaussianPolicy:
         mean: the function h.
         variance: the diagonal of Sigma.
         inputs: what mean and variance are given of the history; the methods take it as ``observations``.
+        noise: how the exploration of an episode is correlated over time, one of ``NOISES``; the distribution of each
+            action by itself is the same.
     """
 
     mean: Function
     variance: Variance
     inputs: Inputs = Inputs()
+    noise: str = "white"
 
     def __post_init__(self) -> None:
-        """Raise ValueError where mean and variance differ in their dimensions."""
+        """Raise ValueError where mean and variance differ in their dimensions, or the noise is unknown."""
+        pick(self.noise, FILTERS, "noise")
         require(
             self.mean.output_dim == self.variance.output_dim,
             "variance",
@@ -47,6 +52,10 @@ class GaussianPolicy:
     def act(self, observations: Array, exploration: Array) -> Array:
         """Return actions, shape (batch, n), from standard normal draws of that shape."""
         return self.mean(observations) + np.sqrt(self.variance(observations)) * exploration
+
+    def exploration(self, batch: Batch) -> Array:
+        """Return the standard normal draws of all steps of a batch, shape (rows, horizon, n), for `act`."""
+        return FILTERS[self.noise](batch.exploration(self.mean.output_dim))
 
     def score(self, observations: Array, actions: Array) -> Array:
         r"""Return the coefficients :math:`u = \Sigma^{-1}(a - h(s))`, shape (batch, n), of Eq 8."""
@@ -137,4 +146,4 @@ class Acting:
     @cached_property
     def _exploration(self) -> Array:
         """The draws of the whole batch, made once it is known that the policy fits what is observed."""
-        return self.batch.exploration(self.policy.mean.output_dim)
+        return self.policy.exploration(self.batch)

@@ -174,6 +174,7 @@ def policy_arrays(policy: GaussianPolicy) -> Arrays:
         "weights": policy.mean.weights,
         **_variance_arrays(policy.variance),
         "inputs": np.array(json.dumps(asdict(policy.inputs))),
+        "noise": np.array(policy.noise),
     }
 
 
@@ -186,7 +187,7 @@ def policy_of(arrays: Arrays) -> GaussianPolicy:
     """
     mean = Function(_kernel(arrays, "kernel"), arrays["centres"], arrays["weights"])
     inputs = build(Inputs, json.loads(str(arrays["inputs"])), "inputs.")
-    return GaussianPolicy(mean, _variance(arrays), inputs)
+    return GaussianPolicy(mean, _variance(arrays), inputs, str(arrays.get("noise", "white")))
 
 
 def _kernel_arrays(prefix: str, kernel: Kernel) -> Arrays:

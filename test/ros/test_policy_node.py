@@ -10,7 +10,7 @@ import pytest
 
 from rkhs_interfaces.msg import Observation
 from rkhs_interfaces.srv import SetPolicy
-from rkhs_ros.nodes.policy_messages import set_policy_request
+from rkhs_ros.nodes.policy_messages import policy_message, policy_of, set_policy_request
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import Task, save_policy
@@ -78,12 +78,21 @@ def node(start: Start, probe: Probe) -> Process:
 
 
 @pytest.mark.parametrize(
-    ("variance", "inputs"),
-    [("constant", WINDOW), ("kernel", PLAIN), ("kernel", WINDOW), ("function", PLAIN), ("function", WINDOW)],
-    ids=["constant, window", "kernel", "kernel, window", "function", "function, window"],
+    ("variance", "inputs", "noise"),
+    [
+        ("constant", WINDOW, "white"),
+        ("kernel", PLAIN, "white"),
+        ("kernel", WINDOW, "pink"),
+        ("function", PLAIN, "pink"),
+        ("function", WINDOW, "white"),
+    ],
+    ids=["constant, window", "kernel", "kernel, window, pink", "function, pink", "function, window"],
 )
-def test_any_policy_acts_over_topics_as_in_process(node: Process, probe: Probe, variance: str, inputs: Inputs) -> None:
-    served = policy(4, variance, inputs)
+def test_any_policy_acts_over_topics_as_in_process(
+    node: Process, probe: Probe, variance: str, inputs: Inputs, noise: str
+) -> None:
+    served = replace(policy(4, variance, inputs), noise=noise)
+    assert policy_of(policy_message(served, 2)).noise == noise
     response = probe.ask("set_policy", set_policy_request(served, 2))
     assert (response.accepted, response.version, response.message) == (True, 2, "")
     acting = Acting(served, BATCH, explore=True)
@@ -194,6 +203,8 @@ def spoil(name: str) -> SetPolicy.Request:
         p.inputs.degree = 21
     elif name == "offset not finite":
         p.inputs.offset = float("nan")
+    elif name == "unknown noise":
+        p.noise = "pnk"
     elif name.startswith("function"):
         p.variance = set_policy_request(policy(1, "function"), 2).policy.variance
         if name == "function with crossed bounds":
@@ -222,6 +233,7 @@ def spoil(name: str) -> SetPolicy.Request:
         ("window too long", "inputs.history: expected a number in [1, 1000], got 1001"),
         ("degree too high", "inputs.degree: expected a number in [0, 20], got 21"),
         ("offset not finite", "inputs.offset: expected a number in"),
+        ("unknown noise", "unknown noise 'pnk', did you mean 'pink'?"),
         ("function with crossed bounds", "variance minimum: expected at most the maximum"),
         ("function with too few values", "variance values: expected"),
         ("function over other points", "variance centres: expected"),

@@ -11,6 +11,7 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.replay import SAMPLES_AT_ONCE, check_actions
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.noise import NOISES
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance
 from rkhs_ros.rkhs.function import Function
@@ -24,7 +25,7 @@ KERNELS: list[Kernel] = [
 ]
 
 
-def make_policy(rng: np.random.Generator, inputs: Inputs, d: int, n: int) -> GaussianPolicy:
+def make_policy(rng: np.random.Generator, inputs: Inputs, d: int, n: int, noise: str = "white") -> GaussianPolicy:
     size, m = inputs.dimension(d, n), int(rng.choice([1, 2, 20]))
     kernel = KERNELS[rng.integers(4 if inputs.history == 1 else 1)]  # in a window a polynomial goes to infinity
     mean = Function(kernel, rng.normal(size=(m, size)), rng.normal(size=(m, n)))
@@ -34,7 +35,7 @@ def make_policy(rng: np.random.Generator, inputs: Inputs, d: int, n: int) -> Gau
         KernelVariance(RBF((1.0,)), centres, rng.uniform(0.1, 1.0, m), rng.uniform(0.1, 2.0, (m, n)), low, high),
         FunctionVariance(Function(kernel, centres, rng.normal(size=(m, n))), low, high),
     ]
-    return GaussianPolicy(mean, variances[rng.integers(3)], inputs)
+    return GaussianPolicy(mean, variances[rng.integers(3)], inputs, noise)
 
 
 def make_episodes(rng: np.random.Generator, policy: GaussianPolicy, batch: Batch, d: int) -> Episodes:
@@ -52,24 +53,30 @@ def make_episodes(rng: np.random.Generator, policy: GaussianPolicy, batch: Batch
 
 @settings(max_examples=150)
 @given(
-    st.integers(0, 10**6), st.booleans(), st.sampled_from([1, 1, 2, 4]), st.sampled_from([0, 0, 2]), st.integers(0, 3)
+    st.integers(0, 10**6),
+    st.booleans(),
+    st.sampled_from([1, 1, 2, 4]),
+    st.sampled_from([0, 0, 2]),
+    st.integers(0, 3),
+    st.sampled_from(NOISES),
 )
 def test_the_policy_that_acted_is_found_to_have_acted(
-    seed: int, explore: bool, history: int, degree: int, angles: int
+    seed: int, explore: bool, history: int, degree: int, angles: int, noise: str
 ) -> None:
     rng = np.random.default_rng(seed)
     d, n = int(rng.integers(3, 5)), int(rng.integers(1, 3))
     columns = tuple(float(column) for column in rng.permutation(d)[:angles])
-    policy = make_policy(rng, Inputs(history, columns or "none", degree), d, n)
+    policy = make_policy(rng, Inputs(history, columns or "none", degree), d, n, noise)
     batch = Batch(seed, 3, int(rng.integers(1, 9)), int(rng.integers(1, 20)), explore=explore)
     check_actions(make_episodes(rng, policy, batch, d), policy, batch)
 
 
 @pytest.mark.parametrize("history", [1, 3])
-@pytest.mark.parametrize("explore", [True, False])
-def test_one_bit_of_one_action_is_found_and_named(history: int, explore: bool) -> None:
+@pytest.mark.parametrize(("explore", "noise"), [(True, "white"), (True, "pink"), (False, "white")])
+def test_one_bit_of_one_action_is_found_and_named(history: int, explore: bool, noise: str) -> None:
     rng = np.random.default_rng(0)
-    policy, batch = make_policy(rng, Inputs(history), 3, 2), Batch(1, 40, 6, SAMPLES_AT_ONCE // 3, explore=explore)
+    policy = make_policy(rng, Inputs(history), 3, 2, noise)
+    batch = Batch(1, 40, 6, SAMPLES_AT_ONCE // 3, explore=explore)
     episodes = make_episodes(rng, policy, batch, 3)
     for row, step in ((0, 0), (5, int(episodes.mask[5].sum()) - 1), (3, 1)):
         actions = episodes.actions.copy()
@@ -78,13 +85,15 @@ def test_one_bit_of_one_action_is_found_and_named(history: int, explore: bool) -
             check_actions(replace(episodes, actions=actions), policy, batch)
 
 
-@pytest.mark.parametrize("change", ["policy", "seed", "episodes", "kind"])
+@pytest.mark.parametrize("change", ["policy", "noise", "seed", "episodes", "kind"])
 def test_the_actions_of_another_policy_or_batch_are_found(change: str) -> None:
     rng = np.random.default_rng(1)
     policy, batch = make_policy(rng, Inputs(), 3, 2), Batch(1, 40, 6, 5, explore=True)
     episodes = make_episodes(rng, policy, batch, 3)
     if change == "policy":
         policy = policy.with_mean(policy.mean.scale(1 + 1e-12))
+    elif change == "noise":
+        policy = replace(policy, noise="pink")
     else:
         others = {"seed": {"seed": 2}, "episodes": {"first_episode": 41}, "kind": {"explore": False}}
         batch = replace(batch, **others[change])

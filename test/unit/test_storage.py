@@ -38,7 +38,7 @@ KERNELS: list[Kernel] = [RBF((0.1, 1 / 3)), Polynomial(0.25, 2), RBF((1.0,)) * (
     "inputs", [Inputs(), Inputs(history=3, angles=(1.0, 0.0), degree=2, offset=0.1)], ids=["plain", "inputs"]
 )
 @pytest.mark.parametrize("kernel", KERNELS, ids=str)
-@pytest.mark.parametrize("variance", ["constant", "kernel", "function"])
+@pytest.mark.parametrize(("variance", "noise"), [("constant", "pink"), ("kernel", "white"), ("function", "white")])
 def test_a_policy_comes_back_bit_for_bit(
     tmp_path: Path,
     random_policy: Make,
@@ -46,9 +46,10 @@ def test_a_policy_comes_back_bit_for_bit(
     arrays_of: Callable[[Any], dict[str, np.ndarray]],
     kernel: Kernel,
     variance: str,
+    noise: str,
     inputs: Inputs,
 ) -> None:
-    policy = replace(random_policy(kernel=kernel, learnt=variance == "kernel"), inputs=inputs)
+    policy = replace(random_policy(kernel=kernel, learnt=variance == "kernel"), inputs=inputs, noise=noise)
     if variance == "function":
         g = Function(kernel, rng.normal(size=(4, 2)), rng.normal(size=(4, 2)))
         policy = replace(policy, variance=FunctionVariance(g, np.full(2, 0.1), np.full(2, 1.5)))
@@ -56,13 +57,22 @@ def test_a_policy_comes_back_bit_for_bit(
     loaded, task = load_policy(tmp_path / "policy.npz")
     assert task == TASK
     assert loaded.mean.kernel == policy.mean.kernel
-    assert loaded.inputs == inputs
+    assert (loaded.inputs, loaded.noise) == (inputs, noise)
     assert type(loaded.variance) is type(policy.variance)
     expected, got = arrays_of(policy), arrays_of(loaded)
     assert expected.keys() == got.keys()
     assert all(expected[name].tobytes() == got[name].tobytes() for name in expected)
     x, exploration = rng.normal(size=(11, 2)), rng.standard_normal((11, 2))
     assert np.array_equal(loaded.act(x, exploration), policy.act(x, exploration))
+
+
+def test_a_file_without_noise_is_of_a_policy_whose_noise_is_white(tmp_path: Path, random_policy: Make) -> None:
+    path = tmp_path / "policy.npz"
+    save_policy(path, replace(random_policy(), noise="pink"), TASK)
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files if name != "noise"}
+    np.savez(path, **arrays)
+    assert load_policy(path)[0].noise == "white"
 
 
 def test_a_file_of_the_first_schema_is_refused_by_its_number(tmp_path: Path, random_policy: Make) -> None:
@@ -154,6 +164,8 @@ def test_arrays_that_say_they_are_smaller_are_refused(tmp_path: Path, random_pol
         {"kernel_parameters": np.array([-1.0])},
         {"variance": np.array([1.0, -1.0])},
         {"inputs": None},
+        {"noise": np.array("brown")},
+        {"noise": np.array(["pink"])},
         {"inputs": np.array("no json")},
         {"task": np.array("no json")},
         {"task": np.array(json.dumps([1]))},
