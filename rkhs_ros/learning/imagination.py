@@ -24,10 +24,12 @@ class ImaginedRunner:
 
     Args:
         model: of the task.
+        caution: factor on how far the functions drawn stray from their mean.
     """
 
-    def __init__(self, model: WorldModel) -> None:
+    def __init__(self, model: WorldModel, caution: float = 1.0) -> None:
         self._model = model
+        self._caution = caution
 
     @property
     def spaces(self) -> Spaces:
@@ -39,11 +41,15 @@ class ImaginedRunner:
         model = self._model
         streams = [stream(batch.seed, "imagination", episode) for episode in batch.episodes]
         starts = model.starts[[int(own.integers(len(model.starts))) for own in streams]]
-        changes, rewards = (_drawn(posterior, streams) for posterior in (model.changes, model.rewards))
+        changes, rewards = (self._drawn(posterior, streams) for posterior in (model.changes, model.rewards))
         shape = (batch.horizon, model.spaces.observation_dim)
         noise = np.stack([own.standard_normal(shape) for own in streams]) * model.changes.noise
         observations, actions, points = self._roll_out(policy, batch, starts, changes, noise)
         return self._cut(observations, actions, self._rewards(points, rewards))
+
+    def _drawn(self, posterior: Posterior, streams: list[np.random.Generator]) -> DrawnFunctions:
+        shape = posterior.coefficients.mean.shape
+        return posterior.draw(self._caution * np.stack([own.standard_normal(shape) for own in streams]))
 
     def _roll_out(
         self, policy: GaussianPolicy, batch: Batch, starts: Array, changes: DrawnFunctions, noise: Array
@@ -89,6 +95,3 @@ class ImaginedRunner:
         episodes = Episodes(before, actions, np.where(mask, rewards, 0.0), mask, after[each, last], terminated)
         return replace(episodes, observations=np.where(mask[:, :, None], before, after[each, last][:, None]))
 
-
-def _drawn(posterior: Posterior, streams: list[np.random.Generator]) -> DrawnFunctions:
-    return posterior.draw(np.stack([own.standard_normal(posterior.coefficients.mean.shape) for own in streams]))

@@ -13,13 +13,15 @@ from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.rkhs.fixed import grid
+from rkhs_ros.rkhs.fixed import FixedBasis, grid
 from rkhs_ros.rkhs.function import Function
-from rkhs_ros.rkhs.kernels import Array, Polynomial
-from rkhs_ros.rkhs.pursuit import sparsify
+from rkhs_ros.rkhs.kernels import Array, Kernel, Polynomial
+from rkhs_ros.rkhs.pursuit import pursue, sparsify
+from rkhs_ros.rkhs.regression import ridge_regression
 
 LINEAR = Polynomial(0.0, 1)
 MAX_GRID_CENTRES = 100_000
+FIT_RIDGE = 1e-6  # on the norm of a function fitted to values, beside their mean squared residual
 
 
 class Space(Protocol):
@@ -36,6 +38,9 @@ class Space(Protocol):
             direction: of the space.
             points: where the mean's values matter, shape (samples, d).
         """
+
+    def fit(self, kernel: Kernel, points: Array, values: Array) -> Function:
+        """Return a function of the space with another kernel that has about these values, shape (n, k), at points."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +73,10 @@ class Sparse:
         fit = sparsify(mean, points, budget=self.centres, tolerance=self.tolerance)
         return policy.with_mean(fit.function), fit.error
 
+    def fit(self, kernel: Kernel, points: Array, values: Array) -> Function:
+        """Return a function with few centres that has about these values, by kernel matching pursuit."""
+        return pursue(kernel, points, values, points, budget=self.centres, ridge=FIT_RIDGE).function
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -90,6 +99,12 @@ class Grid:
     def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
         """Return the policy with the direction's weights added, which leaves no error."""
         return policy.with_mean(policy.mean + direction), 0.0
+
+    def fit(self, kernel: Kernel, points: Array, values: Array) -> Function:
+        """Return a function with the grid's centres that has about these values."""
+        basis = FixedBasis(kernel, self.centres(points.shape[1]))
+        features = basis(points)
+        return basis.function(ridge_regression(features, values, np.full(features.shape[1], FIT_RIDGE)))
 
     def centres(self, d: int) -> Array:
         """Return the points of the grid over d inputs, shape (m, d).

@@ -13,6 +13,7 @@ from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.learning.algorithm import Algorithm, Experience, Metrics
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.kernel_choice import KernelChoice
+from rkhs_ros.learning.practice import PRACTICES, ModelPractice, NoPractice, Practice, Practised, RealExperience, practise
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.rkhs_nac import RKHSNAC
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -22,6 +23,10 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Array
+
+
+MOST_COMPARED = 300  # points at which two kernels are compared
+SAME_KERNEL = 0.95  # alignment above which two kernels are as good as one
 
 
 @dataclass(frozen=True)
@@ -38,8 +43,13 @@ class Training(Settings):
     )
     horizon: int = setting(100, "steps of an episode", minimum=1, maximum=10**6)
     discount: float = setting(0.99, "discount factor of the return, per step", minimum=0.0, maximum=1.0)
-    exploration_sd: tuple[float, ...] = setting(
-        (1.0,), "first standard deviation of the actions, one or one per dimension", minimum=1e-6, maximum=1e6
+    exploration_sd: str | tuple[float, ...] = setting(
+        (1.0,),
+        "first standard deviation of the actions, one or one per dimension; or 'range': half the range of each action, "
+        "1 where it has no bounds",
+        minimum=1e-6,
+        maximum=1e6,
+        choices=("range",),
     )
     simulators: int = setting(
         1, "simulator nodes that share the episodes of a batch; no result depends on it", minimum=1, maximum=64
@@ -48,6 +58,7 @@ class Training(Settings):
     inputs: Inputs = Inputs()
     kernel: KernelChoice = KernelChoice()
     algorithm: Algorithm = variant(RKHSNAC(), ALGORITHMS, "name")
+    practice: Practice = variant(NoPractice(), PRACTICES, "form")
 
 
 def training_from(tree: Mapping[str, Any]) -> Training:
@@ -80,7 +91,7 @@ class State:
     Attributes:
         iterations: number of iterations done.
         policy: the policy after them.
-        memory: episodes that the algorithm asked to keep; none at first.
+        memory: episodes that the algorithm asked to keep, or all of them for practice in a model; none at first.
         explored: number of exploring episodes so far, which is the number of the next one.
         evaluated: number of noise-free episodes so far.
     """
@@ -102,7 +113,9 @@ class Iteration:
         train_returns: their returns, shape (N,).
         evaluation: noise-free episodes after the update; none, of number 0, in an iteration without evaluation.
         mean_policy_returns: their returns.
-        metrics: what the update did.
+        metrics: what the update did, the last one of practice.
+        imagined_return: mean return of the last exploring episodes in the model; nan without practice.
+        model_error: of the model that came before, at this iteration's episodes; nan where there was none.
     """
 
     state: State
@@ -111,6 +124,8 @@ class Iteration:
     evaluation: Episodes
     mean_policy_returns: Array
     metrics: Metrics
+    imagined_return: float = float("nan")
+    model_error: float = float("nan")
 
     @property
     def number(self) -> int:
@@ -144,12 +159,22 @@ def first_policy(training: Training, spaces: Spaces) -> GaussianPolicy:
     Raises:
         ValueError: the standard deviations are not one, or one per action dimension; or inputs or kernel do not fit.
     """
-    sd, action_dim = training.exploration_sd, spaces.action_dim
-    require(len(sd) in (1, action_dim), "exploration_sd", numbers(1, action_dim), len(sd))
-    variance = ConstantVariance(np.broadcast_to(np.square(sd), (action_dim,)))
+    action_dim = spaces.action_dim
+    variance = ConstantVariance(_first_variance(training, spaces))
     input_dim = training.inputs.dimension(spaces.observation_dim, action_dim)
     _check_kernel(training, input_dim)
-    return GaussianPolicy(Function.zero(RBF((1.0,)), input_dim, action_dim), variance, training.inputs)
+    noise = training.practice.noise if isinstance(training.practice, ModelPractice) else "white"
+    return GaussianPolicy(Function.zero(RBF((1.0,)), input_dim, action_dim), variance, training.inputs, noise)
+
+
+def _first_variance(training: Training, spaces: Spaces) -> Array:
+    """Return the variance of the first policy, shape (n,)."""
+    sd, action_dim = training.exploration_sd, spaces.action_dim
+    if isinstance(sd, str):
+        low, high = (bound.ravel().astype(np.float64) for bound in (spaces.action_low, spaces.action_high))
+        return np.where(np.isfinite(high - low) & (high > low), 0.5 * (high - low), 1.0) ** 2
+    require(len(sd) in (1, action_dim), "exploration_sd", numbers(1, action_dim), len(sd))
+    return np.broadcast_to(np.square(sd), (action_dim,))
 
 
 def _check_kernel(training: Training, input_dim: int) -> None:
@@ -175,7 +200,8 @@ def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy |
     if warm_start is not None:
         policy = policy.with_mean(_fitting_mean(warm_start, policy))
     memory = Episodes.none(training.horizon, spaces.observation_dim, spaces.action_dim)
-    return State(0, policy, memory.seen_through(policy.inputs), 0, 0)
+    practises = isinstance(training.practice, ModelPractice)
+    return State(0, policy, memory if practises else memory.seen_through(policy.inputs), 0, 0)
 
 
 def _fitting_mean(given: GaussianPolicy, first: GaussianPolicy) -> Function:
@@ -242,14 +268,20 @@ def train(training: Training, runner: Runner, state: State | None = None) -> Ite
 
 
 def _iteration_after(state: State, training: Training, runner: Runner) -> Iteration:
-    policy, collector = state.policy, Collector(training, runner, state)
-    exploration = collector.explore(policy, training.episodes_per_iteration)
-    episodes = exploration.seen_through(policy.inputs)
-    if state.iterations == 0 and len(policy.mean.centres) == 0:  # a policy given has its kernel
-        kernel = training.kernel.fit(episodes.flat(episodes.observations), policy.inputs.ages)
-        policy = policy.with_mean(replace(policy.mean, kernel=kernel))
-    experience = Experience(episodes, training.discount, state.memory, collector.explore_inputs, state.iterations)
-    policy, metrics, memory = training.algorithm.update(policy, experience)
+    collector = Collector(training, runner, state)
+    exploration = collector.explore(state.policy, training.episodes_per_iteration)
+    policy = _with_kernel(state, training, exploration)
+    if isinstance(training.practice, ModelPractice):
+        memory = state.memory + exploration
+        policy = _in_wider_space(policy, training, memory, runner.spaces)
+        practised = _practised(training, runner, policy, memory, state.iterations)
+        policy, metrics = practised.policy, practised.metrics
+        told = {"imagined_return": practised.imagined_return, "model_error": practised.model_error}
+    else:
+        episodes = exploration.seen_through(policy.inputs)
+        experience = Experience(episodes, training.discount, state.memory, collector.explore_inputs, state.iterations)
+        policy, metrics, memory = training.algorithm.update(policy, experience)
+        told = {}
     every = training.evaluate_every
     due = every > 0 and (state.iterations + 1) % every == 0
     evaluation = collector.evaluate(policy) if due else exploration.take(slice(0))
@@ -260,4 +292,52 @@ def _iteration_after(state: State, training: Training, runner: Runner) -> Iterat
         evaluation=evaluation,
         mean_policy_returns=evaluation.returns(training.discount),
         metrics=metrics,
+        **told,
     )
+
+
+def _with_kernel(state: State, training: Training, exploration: Episodes) -> GaussianPolicy:
+    """Return the policy with the kernel that the first episodes settle; a policy given has its own."""
+    policy = state.policy
+    if state.iterations > 0 or len(policy.mean.centres) > 0:
+        return policy
+    episodes = exploration.seen_through(policy.inputs)
+    kernel = training.kernel.fit(episodes.flat(episodes.observations), policy.inputs.ages)
+    return policy.with_mean(replace(policy.mean, kernel=kernel))
+
+
+def _in_wider_space(policy: GaussianPolicy, training: Training, episodes: Episodes, spaces: Spaces) -> GaussianPolicy:
+    """Return the policy with the kernel that all episodes so far settle, where its own has become another.
+
+    The first episodes may have seen little. The mean keeps its values, within the bounds of the actions.
+    """
+    seen = episodes.seen_through(policy.inputs)
+    points = seen.flat(seen.observations)
+    few = points[:: -(-len(points) // MOST_COMPARED)]
+    kernel = training.kernel.fit(points, policy.inputs.ages)
+    if len(policy.mean.centres) == 0:
+        return policy.with_mean(replace(policy.mean, kernel=kernel))
+    if alignment(kernel(few, few), policy.mean.kernel(few, few)) > SAME_KERNEL:
+        return policy
+    return policy.with_mean(training.algorithm.space.fit(kernel, points, spaces.clip(policy.mean(points))))
+
+
+def alignment(gram: Array, other: Array) -> float:
+    r"""Return :math:`\langle K, K' \rangle_F / (\|K\|_F \|K'\|_F)` of two Gram matrices, 1 where they agree."""
+    return float(np.sum(gram * other) / (np.linalg.norm(gram) * np.linalg.norm(other)))
+
+
+def _practised(
+    training: Training, runner: Runner, policy: GaussianPolicy, episodes: Episodes, iteration: int
+) -> Practised:
+    """Return what becomes of the policy by practice in a model of all real episodes so far."""
+    experience = RealExperience(
+        episodes=episodes,
+        newest=training.episodes_per_iteration,
+        discount=training.discount,
+        spaces=runner.spaces,
+        first_variance=_first_variance(training, runner.spaces),
+        seed=training.seed,
+        iteration=iteration,
+    )
+    return practise(training.practice, training.algorithm, policy, experience)

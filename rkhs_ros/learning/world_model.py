@@ -16,10 +16,11 @@ import numpy as np
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rkhs.kernels import Array, deviations
 from rkhs_ros.rkhs.posterior import Posterior
 
-MARGIN = 0.25  # part of the range seen by which observations may leave it
+NORMAL_MEDIAN = 0.4549  # of the square of a standard normal number
+MOST_OVERCONFIDENCE = 3.0
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,19 @@ def points_of(inputs: Array, actions: Array, spaces: Spaces) -> Array:
     """Return inputs, shape (..., q), beside actions within their bounds, shape (..., n)."""
     clipped = spaces.clip(actions.reshape(-1, actions.shape[-1])).reshape(actions.shape)
     return np.concatenate([inputs, clipped], axis=-1)
+
+
+@dataclass(frozen=True)
+class ModelTest:
+    """How a model predicted steps that it had not seen.
+
+    Attributes:
+        error: root mean square of the errors in the observations' changes, in standard deviations of these.
+        overconfidence: how many times larger than expected the errors were, at least 1.
+    """
+
+    error: float
+    overconfidence: float
 
 
 @dataclass(frozen=True)
@@ -114,6 +128,16 @@ class WorldModel:
             starts=episodes.observations[:, 0],
         )
 
+    def test(self, episodes: Episodes) -> ModelTest:
+        """Return how the model predicts the steps of episodes that it was not learnt from."""
+        steps = Steps.of(episodes, self.inputs, self.spaces)
+        changes = turn(steps.following - steps.observations, self.inputs)
+        errors = turn(changes - self.changes.mean(steps.points), self.inputs)
+        expected = np.hypot(self.changes.sd(steps.points), self.changes.noise)
+        sizes = np.sqrt(np.mean(errors**2, axis=0)) / deviations(changes)
+        surprise = float(np.sqrt(np.mean(np.median((errors / expected) ** 2, axis=0) / NORMAL_MEDIAN)))
+        return ModelTest(float(np.sqrt(np.mean(sizes**2))), min(max(surprise, 1.0), MOST_OVERCONFIDENCE))
+
     def following(self, observations: Array, changes: Array) -> Array:
         """Return observations, shape (rows, d), after changes of that shape, within what can be imagined."""
         moved = turn(observations + changes, self.inputs)
@@ -146,9 +170,8 @@ def _last_reward(steps: Steps, rewards: Posterior) -> float:
 
 
 def _bounds(steps: Steps, inputs: Inputs) -> dict[str, Array]:
-    """Return the range of the observations seen, a little wider; angles have none."""
+    """Return the range of the observations seen; angles have none. What was never seen is not to be exploited."""
     seen = np.concatenate([steps.observations, steps.following])
     low, high = seen.min(axis=0), seen.max(axis=0)
-    margin = MARGIN * (high - low)
-    margin[inputs.columns] = np.inf
-    return {"low": low - margin, "high": high + margin}
+    low[inputs.columns], high[inputs.columns] = -np.inf, np.inf
+    return {"low": low, "high": high}

@@ -140,6 +140,38 @@ class Polynomial(Kernel):
 
 
 @dataclass(frozen=True)
+class Linear(Kernel):
+    r"""Linear kernel about a centre, with one scale per dimension.
+
+    .. math:: \kappa(x, y) = 1 + \textstyle\sum_j (x_j - o_j)(y_j - o_j) / b_j^2
+    """
+
+    centre: tuple[float, ...]
+    scale: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where a number is not finite, a scale not positive, or their numbers differ."""
+        for name in ("centre", "scale"):
+            object.__setattr__(self, name, tuple(np.asarray(getattr(self, name), dtype=float).tolist()))
+        good = len(self.centre) == len(self.scale) > 0 and all(np.isfinite([*self.centre, *self.scale]))
+        require(good and min(self.scale) > 0, "linear scale", "positive finite numbers, one per centre's", self.scale)
+
+    def __call__(self, x: Array, y: Array) -> Array:  # noqa: D102
+        return 1.0 + rowwise_matmul(self._standardise(x), self._standardise(y).T)
+
+    def diagonal(self, x: Array) -> Array:  # noqa: D102
+        z = self._standardise(x)
+        return np.asarray(1.0 + np.einsum("ij,ij->i", z, z))
+
+    def _standardise(self, x: Array) -> Array:
+        require(x.shape[1] == len(self.centre), "linear points", f"{len(self.centre)} columns", x.shape[1])
+        return (x - np.array(self.centre)) / np.array(self.scale)
+
+    def terms(self) -> tuple[Term, ...]:  # noqa: D102
+        return (Term("linear", (*self.centre, *self.scale)),)
+
+
+@dataclass(frozen=True)
 class Sum(Kernel):
     """Sum of two kernels."""
 
@@ -202,7 +234,13 @@ def _polynomial(parameters: tuple[float, ...]) -> Kernel:
     return Polynomial(parameters[0], parameters[1])  # type: ignore[arg-type]  # checked to be whole
 
 
-LEAVES: dict[str, Callable[[tuple[float, ...]], Kernel]] = {"rbf": RBF, "polynomial": _polynomial}
+def _linear(parameters: tuple[float, ...]) -> Kernel:
+    require(len(parameters) % 2 == 0, "linear parameters", "as many centres as scales", f"{len(parameters)} numbers")
+    half = len(parameters) // 2
+    return Linear(parameters[:half], parameters[half:])
+
+
+LEAVES: dict[str, Callable[[tuple[float, ...]], Kernel]] = {"rbf": RBF, "polynomial": _polynomial, "linear": _linear}
 COMPOSITIONS: dict[str, Callable[[Kernel, Kernel], Kernel]] = {"sum": Sum, "product": Product}
 
 
@@ -245,3 +283,9 @@ def median_bandwidth(points: ArrayLike, most: int = 1000) -> tuple[float, ...]:
     spreads = ((float(np.median(pdist(column[:, None], "cityblock"))), float(column.std())) for column in array.T)
     least = ROUNDING * np.abs(array).max(axis=0)
     return tuple(spread if spread > low else 1.0 for spread, low in zip(map(max, spreads), least, strict=True))
+
+
+def deviations(points: Array) -> Array:
+    """Return the standard deviation of each column of points, shape (n, d), 1 where it is constant but for rounding."""
+    sd = points.std(axis=0)
+    return np.where(sd > ROUNDING * np.abs(points).max(axis=0), sd, 1.0)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from rkhs_ros.rkhs.kernels import RBF, ROUNDING, Array
+from rkhs_ros.rkhs.kernels import RBF, Array, deviations
 from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky
 
 LINEAR_SD = 3.0  # tau: of the linear part's coefficients, beside the kernel part's values
@@ -44,9 +44,7 @@ class Units:
     @classmethod
     def of(cls, values: Array) -> Units:
         """Return the units of the columns of values, shape (n, d), n at least 1."""
-        sd = values.std(axis=0)
-        varies = sd > ROUNDING * np.abs(values).max(axis=0)
-        return cls(values.mean(axis=0), np.where(varies, sd, 1.0))
+        return cls(values.mean(axis=0), deviations(values))
 
     def standardise(self, values: Array) -> Array:
         """Return values in these units."""

@@ -1,0 +1,155 @@
+"""Practice: between two real iterations the algorithm learns in a model of the task, from the policy so far.
+
+Real episodes cost; imagined ones do not. The algorithms are those that learn without a model, and know of none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rkhs_ros.base.settings import Settings, setting
+from rkhs_ros.learning.algorithm import Algorithm, Experience, Metrics
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.imagination import ImaginedRunner
+from rkhs_ros.learning.world_model import ModelTest, WorldModel
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.noise import NOISES
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.streams import Batch, stream_seed
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.kernels import Array
+
+HORIZONS_AHEAD = 3.0  # times 1 / (1 - discount): beyond that 5 % of the return is left
+
+
+@dataclass(frozen=True)
+class NoPractice(Settings):
+    """Each update learns from its real episodes alone."""
+
+
+@dataclass(frozen=True)
+class ModelPractice(Settings):
+    """Each iteration fits a model to all real episodes so far, and its updates are made in that."""
+
+    iterations: int = setting(20, "updates of the policy in the model for each real iteration", minimum=1, maximum=1000)
+    episodes: int = setting(50, "imagined exploring episodes before each of them", minimum=1, maximum=10_000)
+    centres: int = setting(200, "kernel functions of the model at most", minimum=1, maximum=2000)
+    noise: str = setting(
+        "pink", "exploration of the real episodes: white, or correlated over time, which sees more", choices=NOISES
+    )
+    exploration_decay: float = setting(
+        0.95, "factor on the standard deviation at each update in the model", minimum=0.0, maximum=1.0
+    )
+    restart_decay: float = setting(
+        0.85, "factor on the standard deviation that practice begins with, each iteration", minimum=0.0, maximum=1.0
+    )
+    exploration_minimum: float = setting(
+        0.1, "least standard deviation, as a part of the first one", minimum=1e-6, maximum=1.0
+    )
+
+
+Practice = NoPractice | ModelPractice
+PRACTICES: dict[str, type] = {"none": NoPractice, "model": ModelPractice}
+
+
+@dataclass(frozen=True)
+class RealExperience:
+    """All that practice follows from, beside its settings and the policy.
+
+    Attributes:
+        episodes: all real episodes so far, their observations as they were seen.
+        newest: how many of them are the last iteration's.
+        discount: of the return.
+        spaces: of the task.
+        first_variance: of the first policy, shape (n,).
+        seed: of all that is drawn.
+        iteration: number of real iterations before this one.
+    """
+
+    episodes: Episodes
+    newest: int
+    discount: float
+    spaces: Spaces
+    first_variance: Array
+    seed: int
+    iteration: int
+
+
+@dataclass(frozen=True)
+class Practised:
+    """What came of practice.
+
+    Attributes:
+        policy: the policy after it, which explores as the next real episodes are to.
+        metrics: of its last update.
+        imagined_return: mean return of the exploring episodes before that, in the model.
+        model_error: of the model before the newest real episodes, at their steps; nan at first.
+    """
+
+    policy: GaussianPolicy
+    metrics: Metrics
+    imagined_return: float
+    model_error: float
+
+
+def practise(
+    practice: ModelPractice, algorithm: Algorithm, policy: GaussianPolicy, experience: RealExperience
+) -> Practised:
+    """Return what becomes of a policy that practises in a model of all episodes so far.
+
+    The model before the newest episodes is asked to predict them. Where it was surer than it ought to have been, the
+    functions drawn now stray further from their mean, and practice is shorter.
+    """
+    episodes, inputs, spaces = experience.episodes, policy.inputs, experience.spaces
+    test = _test_before(practice, policy, experience)
+    runner = ImaginedRunner(WorldModel.fit(episodes, inputs, spaces, practice.centres), test.overconfidence)
+    rounds = max(1, round(practice.iterations / test.overconfidence))
+    least = practice.exploration_minimum * np.sqrt(experience.first_variance)
+    deviation = _first_deviation(practice, experience, experience.iteration)
+    policy = replace(policy, variance=ConstantVariance(deviation**2), noise="white")
+    memory = Episodes.none(_horizon(experience), policy.mean.input_dim, spaces.action_dim)
+    for number in range(rounds):
+        imagined = runner.collect(policy, _batch(practice, experience, number)).seen_through(inputs)
+        update = Experience(imagined, experience.discount, memory, _no_fresh_episodes, number)
+        policy, metrics, memory = algorithm.update(policy, update)
+        deviation = np.maximum(deviation * practice.exploration_decay, least)
+        if isinstance(policy.variance, ConstantVariance):  # else the algorithm learns it
+            policy = replace(policy, variance=ConstantVariance(deviation**2))
+    last = float(imagined.returns(experience.discount).mean())
+    real = ConstantVariance(_first_deviation(practice, experience, experience.iteration + 1) ** 2)
+    return Practised(replace(policy, variance=real, noise=practice.noise), metrics, last, test.error)
+
+
+def _first_deviation(practice: ModelPractice, experience: RealExperience, iteration: int) -> Array:
+    """Return the standard deviation of an iteration's real episodes, and of the first imagined ones, shape (n,)."""
+    share = max(practice.restart_decay**iteration, practice.exploration_minimum)
+    return np.asarray(share * np.sqrt(experience.first_variance))
+
+
+def _test_before(practice: ModelPractice, policy: GaussianPolicy, experience: RealExperience) -> ModelTest:
+    """Return how the model of the episodes before the newest ones predicts these."""
+    old = len(experience.episodes) - experience.newest
+    if old == 0:
+        return ModelTest(float("nan"), 1.0)
+    before, newest = (experience.episodes.take(part) for part in (slice(old), slice(old, None)))
+    model = WorldModel.fit(before, policy.inputs, experience.spaces, practice.centres)
+    return model.test(newest)
+
+
+def _horizon(experience: RealExperience) -> int:
+    """Return the steps of an imagined episode: as many as the discount lets count."""
+    horizon = experience.episodes.horizon
+    if experience.discount == 1.0:
+        return horizon
+    return min(horizon, int(np.ceil(HORIZONS_AHEAD / (1.0 - experience.discount))))
+
+
+def _batch(practice: ModelPractice, experience: RealExperience, number: int) -> Batch:
+    seed = stream_seed(experience.seed, "practice", experience.iteration)
+    return Batch(seed, number * practice.episodes, practice.episodes, _horizon(experience), explore=True)
+
+
+def _no_fresh_episodes(policy: GaussianPolicy, episodes: int) -> Episodes:
+    raise ValueError("algorithm.step.rule: expected one that tries no steps out, for practice in a model")
