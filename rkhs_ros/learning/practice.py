@@ -118,8 +118,14 @@ def practise(
         if isinstance(policy.variance, ConstantVariance):  # else the algorithm learns it
             policy = replace(policy, variance=ConstantVariance(deviation**2))
     last = float(imagined.returns(experience.discount).mean())
-    real = ConstantVariance(_first_deviation(practice, experience, experience.iteration + 1) ** 2)
+    real = ConstantVariance(_real_deviation(practice, experience, experience.iteration + 1) ** 2)
     return Practised(replace(policy, variance=real, noise=practice.noise), metrics, last, test.error)
+
+
+def _real_deviation(practice: ModelPractice, experience: RealExperience, iteration: int) -> Array:
+    import os
+    share = max(float(os.environ.get("REAL", "1.0"))**iteration, 0.1)
+    return np.asarray(share * np.sqrt(experience.first_variance))
 
 
 def _first_deviation(practice: ModelPractice, experience: RealExperience, iteration: int) -> Array:

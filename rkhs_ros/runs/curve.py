@@ -29,6 +29,8 @@ class Row(NamedTuple):
     step_size: float
     kl: float
     sparsification_error: float
+    imagined_return: float
+    model_error: float
     seconds: float
 
     @classmethod
@@ -46,6 +48,8 @@ class Row(NamedTuple):
             step_size=float(metrics.step_size),
             kl=float(metrics.kl),
             sparsification_error=float(metrics.sparsification_error),
+            imagined_return=iteration.imagined_return,
+            model_error=iteration.model_error,
             seconds=seconds,
         )
 

@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from math import isnan
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -50,14 +51,15 @@ def _bar(training: Training, done: int, console: Console, *, quiet: bool) -> Ite
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
-    text = TextColumn("return {task.fields[train]}, noise-free {task.fields[mean]}")
+    text = TextColumn("return {task.fields[train]}, noise-free {task.fields[mean]}{task.fields[imagined]}")
     with Progress(*columns, text, console=console, disable=quiet) as progress:
-        task = progress.add_task(training.name, total=training.iterations, completed=done, train="-", mean="-")
+        task = progress.add_task(training.name, total=training.iterations, completed=done, train="-", mean="-", imagined="")
 
         def show(iteration: Iteration) -> None:
             progress.update(task, advance=1, train=f"{iteration.train_return:.4g}")
             if len(iteration.evaluation):
                 progress.update(task, mean=f"{iteration.mean_policy_return:.4g}")
+            progress.update(task, imagined=_imagined(iteration))
 
         yield show
 
@@ -70,7 +72,16 @@ def _lines(training: Training) -> Show:
         if time.monotonic() >= due or iteration.number == training.iterations:
             mean = f", noise-free {iteration.mean_policy_return:.4g}" if len(iteration.evaluation) else ""
             line = f"{training.name}: iteration {iteration.number} of {training.iterations}, "
-            print(f"{line}return {iteration.train_return:.4g}{mean}", file=sys.stderr, flush=True)
+            text = f"{line}return {iteration.train_return:.4g}{mean}{_imagined(iteration)}"
+            print(text, file=sys.stderr, flush=True)
             due = time.monotonic() + LINE_PERIOD_S
 
     return show
+
+
+def _imagined(iteration: Iteration) -> str:
+    """Return what the model promises, and how far off the one before it was; nothing without practice."""
+    if isnan(iteration.imagined_return):
+        return ""
+    error = "" if isnan(iteration.model_error) else f" (model error {iteration.model_error:.2g})"
+    return f", imagined {iteration.imagined_return:.4g}{error}"
