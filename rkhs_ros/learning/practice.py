@@ -40,10 +40,10 @@ class ModelPractice(Settings):
         "pink", "exploration of the real episodes: white, or correlated over time, which sees more", choices=NOISES
     )
     exploration_decay: float = setting(
-        0.95, "factor on the standard deviation at each update in the model", minimum=0.0, maximum=1.0
+        0.95, "factor on the standard deviation of the imagined episodes at each update", minimum=0.0, maximum=1.0
     )
     restart_decay: float = setting(
-        0.85, "factor on the standard deviation that practice begins with, each iteration", minimum=0.0, maximum=1.0
+        0.8, "factor on the standard deviation that practice begins with, each real iteration", minimum=0.0, maximum=1.0
     )
     exploration_minimum: float = setting(
         0.1, "least standard deviation, as a part of the first one", minimum=1e-6, maximum=1.0
@@ -82,7 +82,7 @@ class Practised:
     """What came of practice.
 
     Attributes:
-        policy: the policy after it, which explores as the next real episodes are to.
+        policy: the policy after it, which explores as the first one did: wide, for the model's sake.
         metrics: of its last update.
         imagined_return: mean return of the exploring episodes before that, in the model.
         model_error: of the model before the newest real episodes, at their steps; nan at first.
@@ -107,7 +107,8 @@ def practise(
     runner = ImaginedRunner(WorldModel.fit(episodes, inputs, spaces, practice.centres), test.overconfidence)
     rounds = max(1, round(practice.iterations / test.overconfidence))
     least = practice.exploration_minimum * np.sqrt(experience.first_variance)
-    deviation = _first_deviation(practice, experience, experience.iteration)
+    share = max(practice.restart_decay**experience.iteration, practice.exploration_minimum)
+    deviation = share * np.sqrt(experience.first_variance)
     policy = replace(policy, variance=ConstantVariance(deviation**2), noise="white")
     memory = Episodes.none(_horizon(experience), policy.mean.input_dim, spaces.action_dim)
     for number in range(rounds):
@@ -118,20 +119,8 @@ def practise(
         if isinstance(policy.variance, ConstantVariance):  # else the algorithm learns it
             policy = replace(policy, variance=ConstantVariance(deviation**2))
     last = float(imagined.returns(experience.discount).mean())
-    real = ConstantVariance(_real_deviation(practice, experience, experience.iteration + 1) ** 2)
+    real = ConstantVariance(experience.first_variance)
     return Practised(replace(policy, variance=real, noise=practice.noise), metrics, last, test.error)
-
-
-def _real_deviation(practice: ModelPractice, experience: RealExperience, iteration: int) -> Array:
-    import os
-    share = max(float(os.environ.get("REAL", "1.0"))**iteration, 0.1)
-    return np.asarray(share * np.sqrt(experience.first_variance))
-
-
-def _first_deviation(practice: ModelPractice, experience: RealExperience, iteration: int) -> Array:
-    """Return the standard deviation of an iteration's real episodes, and of the first imagined ones, shape (n,)."""
-    share = max(practice.restart_decay**iteration, practice.exploration_minimum)
-    return np.asarray(share * np.sqrt(experience.first_variance))
 
 
 def _test_before(practice: ModelPractice, policy: GaussianPolicy, experience: RealExperience) -> ModelTest:

@@ -58,7 +58,7 @@ def test_train_writes_its_results_and_says_where(rkhs: Run, tmp_path: Path) -> N
     header, *rows = (tmp_path / "run" / "curve.csv").read_text().splitlines()
     assert header.split(",") == [
         *("iteration", "episodes", "evaluation_episodes", "train_return", "train_return_sd", "mean_policy_return"),
-        *("centres", "step_size", "kl", "sparsification_error", "seconds"),
+        *("centres", "step_size", "kl", "sparsification_error", "imagined_return", "model_error", "seconds"),
     ]
     assert len(rows) == 2
 

@@ -21,7 +21,7 @@ TRAINING = Training(name="short", iterations=2, episodes_per_iteration=3, evalua
 CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
 COLUMNS = [
     *("iteration", "episodes", "evaluation_episodes", "train_return", "train_return_sd", "mean_policy_return"),
-    *("centres", "step_size", "kl", "sparsification_error", "seconds"),
+    *("centres", "step_size", "kl", "sparsification_error", "imagined_return", "model_error", "seconds"),
 ]
 
 
