@@ -2,7 +2,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help build pr2 demo test test-fast test-faults test-noble test-pythons lint types bench docs pictures pictures-pr2 clean
+.PHONY: help build pr2 demo test test-fast test-faults test-noble test-pythons lint types bench tasks docs pictures pictures-pr2 clean
 
 # Where ROS 2 Jazzy is installed and sourced it is used; elsewhere it comes as wheels for Python 3.11 to 3.13, of which
 # the first that is there is taken: 3.11, for which PyBullet has a wheel as well, then the newest. PYTHON=... chooses.
@@ -98,7 +98,11 @@ types: build ## static types
 	@$(ENTER) mypy
 
 bench: build ## measure speed
-	@$(ENTER) for script in benchmarks/*.py; do python "$$script"; done
+	@$(ENTER) for script in $(filter-out benchmarks/tasks.py,$(shell grep -l __main__ benchmarks/*.py)); do \
+	  python "$$script"; done
+
+tasks: build ## learn a table of tasks in results/tasks: hours; goes on where it was interrupted
+	@$(ENTER) python benchmarks/tasks.py
 
 docs: build .venv/.docs ## build the documentation site in docs/_build/html
 	@$(ENTER) python -m sphinx -q -E -W --keep-going -b html docs docs/_build/html

@@ -60,7 +60,13 @@ setup(
         "scipy>=1.11",
         "threadpoolctl>=3.1",
     ],
-    extras_require={"pr2": ["pybullet>=3.2.5"], "dev": requirements("dev"), "test": ["pytest"]},
+    extras_require={
+        "pr2": ["pybullet>=3.2.5"],
+        "mujoco": ["gymnasium[mujoco]>=1.1"],
+        "peers": ["stable-baselines3>=2.6", "sb3-contrib>=2.6"],
+        "dev": requirements("dev"),
+        "test": ["pytest"],
+    },
     zip_safe=True,
     entry_points={
         "console_scripts": [

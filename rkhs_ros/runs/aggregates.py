@@ -78,6 +78,11 @@ def mean_over_runs(values: Array) -> Estimate:
     return _estimate(np.mean, values)
 
 
+def median_over_runs(values: Array) -> Estimate:
+    """Return the median over the first axis, the runs."""
+    return _estimate(np.median, values)
+
+
 def _interquartile_mean(values: Array, axis: int) -> Any:
     return trim_mean(values, 0.25, axis=axis)
 

@@ -22,11 +22,11 @@ def surroundings(*packages: str) -> dict[str, str]:
         packages: names of those whose code the run depends on, beside that which learns.
     """
     threads = {"threads of linear algebra": str(use_one_thread())}
-    return {"rkhs_ros": f"{__version__}+{_digest((*CODE, *packages))}", **LIBRARIES, **threads}
+    return {"rkhs_ros": f"{__version__}+{code_digest((*CODE, *packages))}", **LIBRARIES, **threads}
 
 
 @cache
-def _digest(packages: tuple[str, ...]) -> str:
+def code_digest(packages: tuple[str, ...]) -> str:
     """Return a few letters that follow from the packages' source files."""
     digest = blake2b(digest_size=4)
     for package in packages:

@@ -277,7 +277,7 @@ def test_a_checkpoint_with_no_numbers_for_counts_is_passed_over(
     ("name", "value", "message"),
     [
         ("__version__", "9.9.9", r"rkhs_ros: expected .*, with which the run began, got 9\.9\.9\+"),
-        ("_digest", lambda packages: "other", r"rkhs_ros: expected .*, with which the run began, got .*\+other; "),
+        ("code_digest", lambda packages: "other", r"rkhs_ros: expected .*, with which the run began, got .*\+other; "),
         ("LIBRARIES", {"numpy": "1.2.3"}, r"numpy: expected .*, with which the run began, got 1\.2\.3; "),
         ("use_one_thread", lambda: 2, "threads of linear algebra: expected 1, with which the run began, got 2; "),
     ],
@@ -299,7 +299,7 @@ def test_the_code_is_told_by_its_source(tmp_path: Path, monkeypatch: pytest.Monk
     told = []
     for text in ("x = 1\n", "x = 2\n", "x = 1\n"):
         (package / "module.py").write_text(text)
-        surroundings._digest.cache_clear()
+        surroundings.code_digest.cache_clear()
         told.append(surroundings.surroundings("a_package")["rkhs_ros"])
     assert told[0] == told[2] != told[1]
     assert surroundings.surroundings()["rkhs_ros"] not in told

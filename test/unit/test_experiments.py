@@ -99,7 +99,8 @@ def test_runs_of_other_code_are_made_anew(
         return len(list((tmp_path / "runs").iterdir()))
 
     assert [made(), made()] == [3, 3]
-    for name, value in (("__version__", "9.9.9"), ("_digest", lambda packages: "other"), ("LIBRARIES", {"numpy": "1"})):
+    other_code = ("code_digest", lambda packages: "other")
+    for name, value in (("__version__", "9.9.9"), other_code, ("LIBRARIES", {"numpy": "1"})):
         monkeypatch.setattr(surroundings, name, value)
         before = made()
     assert before == 12

@@ -1,0 +1,160 @@
+"""Search for linear policies by whole episodes: CMA-ES, and augmented random search (ARS).
+
+A candidate is the weights of a policy linear in its inputs, which are standardised by what was seen in the generations
+before; its actions are in units of half their range, and kept within it. One real episode judges it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from cmaes import CMA
+
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.streams import Batch, stream
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import Array, Linear
+from trial import Meter, MeteredRunner, Point, Trial
+
+FIRST_SD = 0.5  # of the weights, by CMA-ES
+DIRECTIONS, BEST = 8, 4  # tried, and gone along, by ARS
+PROBE, STEP_SIZE = 0.1, 0.1  # how far ARS looks, and how far it goes
+NOISE_FREE = 1e-18  # variance: all but
+CONSTANT = 1e-8  # standard deviation below which an input says nothing
+
+
+class Search(Protocol):
+    """A search for the point with the greatest score."""
+
+    @property
+    def mean(self) -> Array:
+        """The point found so far, shape (d,)."""
+
+    def ask(self) -> Array:
+        """Return the candidates of a generation, shape (candidates, d)."""
+
+    def tell(self, candidates: Array, scores: Array) -> None:
+        """Learn from the scores of the candidates, shape (candidates,)."""
+
+
+class CMAES:
+    """CMA-ES of the package ``cmaes``, with its own population. Owns its state.
+
+    Args:
+        size: number of weights, at least 2.
+        seed: of all that is drawn.
+    """
+
+    def __init__(self, size: int, seed: int) -> None:
+        self._search = CMA(np.zeros(size), FIRST_SD, seed=seed)
+
+    @property
+    def mean(self) -> Array:
+        """The mean of the distribution."""
+        return np.asarray(self._search.mean)
+
+    def ask(self) -> Array:
+        """Return as many draws as the population has."""
+        return np.array([self._search.ask() for _ in range(self._search.population_size)])
+
+    def tell(self, candidates: Array, scores: Array) -> None:
+        """Move the distribution."""
+        self._search.tell([(x, -score) for x, score in zip(candidates, scores, strict=True)])
+
+
+class ARS:
+    """Augmented random search, version V2-t (Mania, Guy and Recht, 2018). Owns its point and its random stream.
+
+    Finite differences along random directions, of which those with the best scores count, each by its difference; the
+    step is measured by the standard deviation of their scores. The inputs are standardised by `learn`.
+
+    Args:
+        size: number of weights.
+        seed: of all that is drawn.
+    """
+
+    def __init__(self, size: int, seed: int) -> None:
+        self.mean = np.zeros(size)
+        self._stream = stream(seed, "random search", 0)
+
+    def ask(self) -> Array:
+        """Return two candidates for each direction, first all on one side and then all on the other."""
+        directions = self._stream.standard_normal((DIRECTIONS, len(self.mean)))
+        return self.mean + PROBE * np.concatenate([directions, -directions])
+
+    def tell(self, candidates: Array, scores: Array) -> None:
+        """Take a step."""
+        ahead, behind = scores.reshape(2, DIRECTIONS)
+        best = np.argsort(-np.maximum(ahead, behind), kind="stable")[:BEST]
+        sd = np.concatenate([ahead[best], behind[best]]).std()
+        directions = (candidates[best] - self.mean) / PROBE
+        if sd > 0:
+            self.mean = self.mean + STEP_SIZE / (BEST * sd) * (ahead - behind)[best] @ directions
+
+
+@dataclass(frozen=True)
+class Bounded(Function):
+    """A function whose values are kept within bounds, each of shape (n,): those that are fed back stay finite."""
+
+    low: Array
+    high: Array
+
+    def __call__(self, x: Array) -> Array:
+        """Evaluate at points of shape (batch, d): shape (batch, n)."""
+        return np.clip(super().__call__(x), self.low, self.high)
+
+
+def linear(weights: Array, seen: Array, spaces: Spaces) -> Function:
+    """Return a linear function of standardised inputs.
+
+    Args:
+        weights: the constant and the slopes of each action in turn, shape (n (d + 1),).
+        seen: inputs by which to standardise, shape (samples, d); no samples: as they are.
+        spaces: of the task.
+    """
+    d = seen.shape[1]
+    centre, scale = (seen.mean(axis=0), seen.std(axis=0)) if len(seen) else (np.zeros(d), np.ones(d))
+    scale = np.where(scale > CONSTANT, scale, 1.0)
+    low, high = (bound.ravel().astype(np.float64) for bound in (spaces.action_low, spaces.action_high))
+    unit = np.where(np.isfinite(high - low), 0.5 * (high - low), 1.0)
+    constant, *slopes = weights.reshape(-1, d + 1).T * unit
+    # The kernel is 1 at the first centre, and 1 more than the input j at the centre j.
+    centres = centre + np.concatenate([np.zeros((1, d)), np.diag(scale)])
+    coefficients = np.array([constant - np.sum(slopes, axis=0), *slopes])
+    return Bounded(Linear(tuple(centre), tuple(scale)), centres, coefficients, low, high)
+
+
+def learn(make: Callable[[int, int], Search], trial: Trial) -> Iterator[Point]:
+    """Search, and evaluate what was found after each generation.
+
+    Args:
+        make: makes the search from the number of weights and a seed.
+        trial: the task.
+    """
+    training, inputs = trial.config.training, trial.config.training.inputs
+    meter = Meter(training.discount)
+    runner = MeteredRunner(trial.config, meter)
+    spaces = runner.spaces
+    seen = np.zeros((0, inputs.dimension(spaces.observation_dim, spaces.action_dim)))
+    search = make(spaces.action_dim * (seen.shape[1] + 1), training.seed)
+    variance = ConstantVariance(np.full(spaces.action_dim, NOISE_FREE))
+    evaluated, rows = 0, training.evaluation_episodes
+    while meter.episodes < trial.episodes:
+        candidates, scores, generation = search.ask(), [], [seen]
+        for weights in candidates:
+            policy = GaussianPolicy(linear(weights, seen, spaces), variance, inputs)
+            batch = Batch(training.seed, meter.episodes, 1, training.horizon, explore=True)
+            episode = runner.collect(policy, batch).seen_through(inputs)
+            scores.append(episode.returns(trial.judged_by)[0])
+            generation.append(episode.flat(episode.observations))
+        search.tell(candidates, np.array(scores))
+        seen = np.concatenate(generation)
+        policy = GaussianPolicy(linear(search.mean, seen, spaces), variance, inputs)
+        batch = Batch(training.seed, evaluated, rows, training.horizon, explore=False)
+        evaluated += rows
+        yield meter.point(runner.collect(policy, batch).rewards)

@@ -1,0 +1,173 @@
+"""How many episodes learners need on a table of tasks.
+
+Each curve goes to a file of its own as soon as it is learnt, named by a hash of all that it follows from: the same
+command goes on where it was interrupted, and learns anew what another setting or other code has changed.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from argparse import ArgumentParser, Namespace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+os.environ["OMP_NUM_THREADS"] = "1"
+
+from rkhs_ros.app.seeds import parse_seeds
+from rkhs_ros.base.endings import FAILED, INTERRUPTED, say
+from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.validation import pick, require
+from rkhs_ros.runs.config import config_for
+from rkhs_ros.runs.environments import own_horizon
+from rkhs_ros.runs.side_by_side import check_jobs, side_by_side
+from task_learners import LEARNERS, learn_into, missing
+from tasks_table import Cell, as_csv, as_markdown
+from trial import Trial, read_curve
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be learnt.
+
+    Attributes:
+        environment: Gymnasium id.
+        thresholds: of the noise-free return.
+        episodes: budget of each learner.
+        changes: settings that the task needs beside its own horizon.
+        discounted: whether the thresholds are of the discounted return.
+        packages: that must be installed.
+    """
+
+    environment: str
+    thresholds: tuple[float, ...]
+    episodes: int = 100
+    changes: tuple[str, ...] = ()
+    discounted: bool = False
+    packages: tuple[str, ...] = ()
+
+    def trial(self, learner: str, seed: int, episodes: int | None) -> Trial:
+        """Return what a learner is given, by its name."""
+        budget = episodes or self.episodes
+        changes = (*self.changes, *LEARNERS[learner].changes, f"seed={seed}", f"iterations={budget}")  # at most
+        config = config_for(self.environment, own_horizon(self.environment), changes)
+        return Trial(config, budget, self.discounted)
+
+
+CLIP, WRAP = (f"environment.options.angle={at_the_ends}" for at_the_ends in ("clip", "wrap"))
+ANGLE, WINDOW = "inputs.angles=[0]", "inputs.history=5"
+SWUNG_UP = (45.0, 50.0)  # of 51.8 at best
+TASKS = {
+    "Pendulum-v1": Task("Pendulum-v1", (-150.0, -138.0), episodes=150),
+    "MountainCarContinuous-v0": Task("MountainCarContinuous-v0", (0.0, 90.0)),
+    "InvertedPendulum-v5": Task("InvertedPendulum-v5", (900.0, 999.0), packages=("mujoco",)),
+    "Reacher-v5": Task("Reacher-v5", (-7.0, -6.0, -5.3), episodes=300, packages=("mujoco",)),
+    "Swimmer-v5": Task("Swimmer-v5", (30.0, 100.0), packages=("mujoco",)),
+    "toy": Task("rkhs/Toy-v0", (14.0, 14.2), discounted=True),
+    "pendulum-clip": Task("rkhs/Pendulum-v0", SWUNG_UP, changes=(CLIP,), discounted=True),
+    "pendulum-wrap": Task("rkhs/Pendulum-v0", SWUNG_UP, changes=(WRAP, ANGLE), discounted=True),
+    "pendulum-pomdp": Task("rkhs/PendulumPOMDP-v0", SWUNG_UP, changes=(ANGLE, WINDOW), discounted=True),
+    "pr2-door": Task(
+        "rkhs/PR2Door-v0", (0.5, 0.8), changes=("environment.options.pose=per_episode",), packages=("pybullet",)
+    ),
+}
+
+
+class Place(NamedTuple):
+    """Where a curve is in the table, and in which file."""
+
+    task: str
+    learner: str
+    seed: int
+    path: Path
+    trial: Trial
+
+
+def places(options: Namespace) -> Iterator[Place]:
+    """Yield the curves that are asked for and can be learnt, and say which cannot."""
+    for name in options.tasks:
+        for learner in options.learners:
+            task, chosen = TASKS[name], LEARNERS[learner]
+            if absent := missing((*task.packages, *chosen.packages)):
+                print(f"skipped: {name} by {learner}: expected {', '.join(absent)} to be installed", file=sys.stderr)
+                continue
+            for seed in options.seeds:
+                trial = task.trial(learner, seed, options.episodes)
+                key = chosen.key(trial, task.packages)
+                yield Place(name, learner, seed, options.out / "curves" / f"{name}_{learner}_{seed}_{key}.csv", trial)
+
+
+def write_table(out: Path, asked: Sequence[Place]) -> None:
+    """Write summary.csv and table.md of the curves that are there, and print the second."""
+    curves: dict[tuple[str, str], list[Place]] = {}
+    for place in asked:
+        if place.path.exists():
+            curves.setdefault((place.task, place.learner), []).append(place)
+    cells = [
+        Cell(task, learner, TASKS[task].thresholds, TASKS[task].discounted, [read_curve(p.path) for p in found])
+        for (task, learner), found in curves.items()
+    ]
+    write_whole(out / "summary.csv", as_csv(cells).encode())
+    write_whole(out / "table.md", as_markdown(cells).encode())
+    print(as_markdown(cells), end="")
+
+
+def run(options: Namespace) -> int:
+    """Learn what is missing and write the table; return the exit code."""
+    asked = list(places(options))
+    (options.out / "curves").mkdir(parents=True, exist_ok=True)
+    work = [(place.path, place.learner, place.trial) for place in asked if not place.path.exists()]
+    failed = False
+    try:
+        for path, why in side_by_side(learn_into, work, jobs=options.jobs, title="tasks", quiet=options.quiet):
+            if why is not None:
+                failed = True
+                print(f"failed: {path.stem}: {why}", file=sys.stderr)
+    finally:
+        write_table(options.out, asked)
+    return FAILED if failed else 0
+
+
+def parsed(arguments: Sequence[str] | None) -> Namespace:
+    """Return the options.
+
+    Raises:
+        ValueError: a name is unknown, or a number does not fit.
+    """
+    parser = ArgumentParser(description="How many episodes learners need on a table of tasks.")
+    parser.add_argument("--tasks", nargs="+", default=list(TASKS), help="default: all, " + ", ".join(TASKS))
+    parser.add_argument("--learners", nargs="+", default=list(LEARNERS), help="default: all, " + ", ".join(LEARNERS))
+    parser.add_argument("--seeds", default="0-9", help="as 0-9 or 0,2,5; default: 0-9")
+    parser.add_argument("--episodes", type=int, help="budget of each learner; default: the task's")
+    parser.add_argument("--jobs", type=int, default=-1, help="processes; default: one per core")
+    parser.add_argument("--out", type=Path, default=Path("results/tasks"), help="folder; default: results/tasks")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    options = parser.parse_args(arguments)
+    for kind, table in (("task", TASKS), ("learner", LEARNERS)):
+        names = list(dict.fromkeys(getattr(options, f"{kind}s")))
+        for name in names:
+            pick(name, table, kind)
+        setattr(options, f"{kind}s", names)
+    require(options.episodes is None or options.episodes >= 1, "--episodes", "at least 1", options.episodes)
+    check_jobs(options.jobs)
+    options.seeds = parse_seeds(options.seeds)
+    return options
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit code."""
+    try:
+        return run(parsed(arguments))
+    except (ValueError, OSError) as error:
+        return say(error)
+    except KeyboardInterrupt:
+        print("interrupted; the same command goes on", file=sys.stderr)
+        return INTERRUPTED
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
+    sys.exit(main())

@@ -1,0 +1,292 @@
+"""The table of tasks in benchmarks/: its searches, what they count, and what is kept and told of their curves."""
+
+import csv
+from collections.abc import Iterator
+from dataclasses import replace
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+
+import linear_search
+import task_learners
+import tasks
+from deep_peers import SeenThrough
+from rkhs_ros.learning.training import first_policy
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.runs.config import config_for
+from task_learners import LEARNERS, Learner, missing
+from tasks_table import Cell, as_csv, as_markdown
+from trial import Meter, MeteredRunner, Point, Trial, read_curve, write_curve
+
+STEPS = 3  # of an episode
+RIVALS = ("linear-cma-es", "linear-ars")
+over_searches = pytest.mark.parametrize("make", [linear_search.CMAES, linear_search.ARS])
+
+
+class Quadratic(gymnasium.Env[Any, Any]):
+    """The best action is linear in the observation; another one costs its squared distance from that."""
+
+    observation_space = Box(-np.inf, np.inf, (2,), np.float64)
+    action_space = Box(-2.0, 2.0, (1,), np.float64)
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+        super().reset(seed=seed)
+        self._step = 0
+        return self._observed(), {}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        best = 0.3 + self._seen @ [0.05, -0.4]
+        self._step += 1
+        return self._observed(), -float((action[0] - best) ** 2), self._step == STEPS, False, {}
+
+    def _observed(self) -> Any:
+        self._seen = self.np_random.normal([10.0, 0.0], [10.0, 1.0])
+        return self._seen
+
+
+@pytest.fixture
+def quadratic() -> Iterator[str]:
+    gymnasium.register("Quadratic-v0", Quadratic)
+    yield "Quadratic-v0"
+    del gymnasium.registry["Quadratic-v0"]
+
+
+def curve_of(learner: str, environment: str, episodes: int, *changes: str) -> list[Point]:
+    config = config_for(environment, None, [*changes, *LEARNERS[learner].changes])
+    return list(LEARNERS[learner].learn(Trial(config, episodes, discounted=False)))
+
+
+@over_searches
+def test_a_search_climbs_a_quadratic(make: Any) -> None:
+    best = np.array([0.5, -0.3, 0.2])
+    search = make(3, 0)
+    for _ in range(40):
+        candidates = search.ask()
+        search.tell(candidates, -np.sum((candidates - best) ** 2, axis=1))
+    assert np.sum((search.mean - best) ** 2) < 0.1 * np.sum(best**2)
+
+
+@over_searches
+def test_a_search_that_is_told_nothing_stays_finite(make: Any) -> None:
+    search = make(2, 0)
+    for _ in range(3):
+        candidates = search.ask()
+        search.tell(candidates, np.zeros(len(candidates)))
+    assert np.isfinite(search.mean).all()
+
+
+@pytest.mark.parametrize("learner", RIVALS)
+def test_a_linear_policy_learns_a_linear_task(learner: str, quadratic: str) -> None:
+    curve = curve_of(learner, quadratic, 200, f"horizon={STEPS}")
+    assert curve[-1].undiscounted_return > 0.3 * curve[0].undiscounted_return  # of costs
+
+
+def test_weights_are_constant_and_slopes_of_standardised_inputs() -> None:
+    stream = np.random.default_rng(0)
+    seen, x, weights = (stream.normal(size=shape) * 5 + 3 for shape in ((50, 3), (7, 3), (2, 4)))
+    seen[:, 2] = 1.0  # says nothing: it is shifted, not scaled
+    spaces = Spaces((3,), np.array([-100.0, -np.inf]), np.array([100.0, np.inf]))
+    z = (x - seen.mean(axis=0)) / [seen[:, 0].std(), seen[:, 1].std(), 1.0]
+    expected = (weights[:, 0] + z @ weights[:, 1:].T) * [100.0, 1.0]
+    expected[:, 0] = np.clip(expected[:, 0], -100.0, 100.0)
+    np.testing.assert_allclose(linear_search.linear(weights.ravel(), seen, spaces)(x), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize(("learner", "generation"), [("linear-ars", 16), ("linear-cma-es", 7), ("no-practice", 10)])
+def test_every_exploring_episode_counts_and_no_other(learner: str, generation: int, quadratic: str) -> None:
+    curve = curve_of(learner, quadratic, 2 * generation + 1, "horizon=9", "evaluation_episodes=4")
+    assert [point.episodes for point in curve] == [generation, 2 * generation, 3 * generation]
+    assert [point.steps for point in curve] == [STEPS * point.episodes for point in curve]
+
+
+def test_evaluation_costs_no_cpu_seconds(quadratic: str) -> None:
+    config, meter = config_for(quadratic, STEPS), Meter(0.99)
+    runner = MeteredRunner(config, meter)
+    policy = first_policy(config.training, runner.spaces)
+    before = meter.point(np.zeros((1, 1))).cpu_seconds
+    runner.collect(policy, Batch(0, 0, 300, STEPS, explore=False))
+    evaluated = meter.point(np.zeros((1, 1))).cpu_seconds - before
+    runner.collect(policy, Batch(0, 0, 300, STEPS, explore=True))
+    assert evaluated < 0.5 * (meter.point(np.zeros((1, 1))).cpu_seconds - before)
+    assert (meter.episodes, meter.steps) == (300, 900)
+
+
+def test_a_point_has_the_return_with_and_without_discount() -> None:
+    point = Meter(0.5).point(np.array([[1.0, 2.0, 4.0], [1.0, 0.0, 0.0]]))
+    assert (point.undiscounted_return, point.discounted_return) == (4.0, 2.0)
+
+
+def test_others_are_shown_what_our_policies_see() -> None:
+    inputs = Inputs(history=3, angles=(0,))
+    env = SeenThrough(Quadratic(), inputs, STEPS)
+    actions = np.arange(1.0, STEPS + 1)[None, :, None]
+    observations = [env.reset(seed=0)[0], *(env.step(action)[0] for action in actions[0])]
+    plain = Quadratic()
+    seen = np.array([[plain.reset(seed=0)[0], *(plain.step(action)[0] for action in actions[0])]])
+    np.testing.assert_array_equal(observations[:-1], inputs.unfold(seen[:, :-1], actions)[0])
+    assert env.observation_space.shape == observations[-1].shape
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("learner", ["sac", "crossq"])
+def test_deep_learners_count_alike(learner: str, quadratic: str) -> None:
+    if missing(LEARNERS[learner].packages):
+        pytest.skip("not installed")
+    curve = curve_of(learner, quadratic, 7, f"horizon={STEPS}")
+    assert [(point.episodes, point.steps) for point in curve] == [(5, 15), (7, 21)]
+
+
+class Counted:
+    """A learner of hand-made curves that is interrupted once."""
+
+    def __init__(self, interrupted_at: int) -> None:
+        self.seeds: list[int] = []
+        self._interrupted_at = interrupted_at
+
+    def __call__(self, trial: Trial) -> list[Point]:
+        seed = trial.config.training.seed
+        if len(self.seeds) == self._interrupted_at:
+            self._interrupted_at = -1
+            raise KeyboardInterrupt
+        self.seeds.append(seed)
+        return [Point(10, 200, 0.1, 15.0 + seed, 14.0 + seed)]
+
+
+@pytest.fixture
+def counted(monkeypatch: pytest.MonkeyPatch) -> Counted:
+    learn = Counted(interrupted_at=2)
+    monkeypatch.setitem(LEARNERS, "counted", Learner(learn))
+    return learn
+
+
+def table(out: Path, *arguments: str) -> int:
+    return tasks.main(["--tasks", "toy", "--seeds", "0-3", "--jobs", "1", "--quiet", "--out", str(out), *arguments])
+
+
+def test_an_interrupted_table_goes_on(tmp_path: Path, counted: Counted, capsys: pytest.CaptureFixture[str]) -> None:
+    assert table(tmp_path, "--learners", "counted") == 130
+    assert "interrupted" in capsys.readouterr().err
+    assert counted.seeds == [0, 1]
+    assert table(tmp_path, "--learners", "counted") == 0
+    assert counted.seeds == [0, 1, 2, 3]
+    assert "| counted | 4 |" in (tmp_path / "table.md").read_text()
+    table(tmp_path, "--learners", "counted")
+    assert counted.seeds == [0, 1, 2, 3]
+
+
+def test_what_has_changed_is_learnt_again(tmp_path: Path, counted: Counted, monkeypatch: pytest.MonkeyPatch) -> None:
+    table(tmp_path, "--learners", "counted")
+    table(tmp_path, "--learners", "counted")
+    for change in ("--episodes=7", "code", "changes"):
+        before = len(counted.seeds)
+        if change == "code":
+            monkeypatch.setattr(task_learners, "code_digest", lambda packages: "other")
+        if change == "changes":
+            monkeypatch.setitem(LEARNERS, "counted", replace(LEARNERS["counted"], changes=("discount=0.9",)))
+        table(tmp_path, "--learners", "counted", *([change] if change.startswith("--") else []))
+        assert counted.seeds[before:] == [0, 1, 2, 3], change
+
+
+def test_a_rival_does_not_follow_our_settings() -> None:
+    def key(learner: str, change: str) -> str:
+        return LEARNERS[learner].key(Trial(config_for("rkhs/Toy-v0", 20, [change]), 10, discounted=True), ())
+
+    assert key("linear-ars", "algorithm.ridge=0.5") == key("linear-ars", "algorithm.ridge=0.1")
+    assert key("ours", "algorithm.ridge=0.5") != key("ours", "algorithm.ridge=0.1")
+    assert key("linear-ars", "horizon=10") != key("linear-ars", "horizon=20")
+
+
+def test_a_learner_that_fails_ends_no_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def fails(trial: Trial) -> list[Point]:
+        if trial.config.training.seed == 1:
+            raise ValueError("out of luck")
+        return [Point(10, 200, 0.1, 15.0, 14.0)]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(LEARNERS, "fails", Learner(fails))
+        assert table(tmp_path, "--learners", "fails") == 1
+    assert "ValueError: out of luck" in capsys.readouterr().err
+    assert len(list((tmp_path / "curves").iterdir())) == 3
+
+
+def test_what_is_not_installed_is_skipped_by_name(
+    tmp_path: Path, counted: Counted, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(LEARNERS, "absent", Learner(counted, packages=("no-such-package",)))
+    assert table(tmp_path, "--learners", "absent") == 0
+    assert "skipped: toy by absent: expected no-such-package" in capsys.readouterr().err
+    assert not counted.seeds
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--tasks", "Pendulm-v1"], "unknown task 'Pendulm-v1', did you mean 'Pendulum-v1'?"),
+        (["--learners", "linear-arz"], "unknown learner 'linear-arz', did you mean 'linear-ars'?"),
+        (["--seeds", "0..9"], "--seeds: expected"),
+        (["--episodes", "0"], "--episodes: expected at least 1, got 0"),
+    ],
+)
+def test_a_bad_argument_is_refused_in_one_line(
+    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tasks.main(arguments) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", tasks.TASKS)
+def test_every_task_has_settings_that_fit(name: str) -> None:
+    for learner in LEARNERS:
+        trial = tasks.TASKS[name].trial(learner, 3, None)
+        assert trial.config.training.seed == 3
+        assert trial.episodes >= 100
+    assert tasks.TASKS["toy"].trial("ours", 0, None).config.training.horizon == 20
+
+
+def point(episodes: int, value: float) -> Point:
+    return Point(episodes, 20 * episodes, 0.01 * episodes, -1.0, value)
+
+
+def summary(curves: list[list[Point]], *thresholds: float) -> dict[tuple[str, str], tuple[str, str, str]]:
+    lines = csv.DictReader(StringIO(as_csv([Cell("toy", "hand", thresholds, True, curves)])))
+    return {(line["quantity"], line["at"]): (line["value"], line["low"], line["high"]) for line in lines}
+
+
+def test_summary_of_hand_made_curves() -> None:
+    curves = [
+        [point(10, 1.0), point(20, 5.0), point(100, 2.0)],
+        [point(10, 5.0), point(30, 6.0), point(100, 8.0)],
+        [point(5, 0.0), point(50, 5.0), point(105, 6.0)],
+    ]
+    told = summary(curves, 5.0, 8.0)
+    assert told["episodes to", "5.0"] == ("20.0", "10.0", "50.0")  # the second drop does not count
+    assert told["steps to", "5.0"] == ("400.0", "200.0", "1000.0")
+    assert told["episodes to", "8.0"] == ("inf", "100.0", "inf")
+    assert float(told["return after", "10"][0]) == pytest.approx(2.0)
+    assert float(told["return after", "30"][0]) == pytest.approx((5.0 + 6.0 + 0.0) / 3)
+    assert float(told["return after", "100"][0]) == pytest.approx((2.0 + 8.0 + 5.0) / 3)
+    assert float(told["CPU seconds", ""][0]) == pytest.approx(1.0)
+
+
+def test_summary_says_what_is_not_known() -> None:
+    curves = [[point(16, 3.0), point(32, 4.0)]]
+    told = summary(curves, 4.0)
+    assert told["return after", "10"] == told["return after", "100"] == ("", "", "")
+    assert told["return after", "30"] == ("3.0", "", "")  # of a single run there is no interval
+    text = as_markdown([Cell("toy", "hand", (4.0, 9.0), True, curves)])
+    assert "| hand | 1 | 32 | 640 | not reached | not reached | - | 3 | - | 0.32 |" in text
+
+
+def test_a_curve_is_read_as_it_was_written(tmp_path: Path) -> None:
+    curve = [Point(10, 200, 0.1, 1 / 3, -2e-300), Point(20, 400, 0.2, -np.inf, 5.0)]
+    write_curve(tmp_path / "curve.csv", curve)
+    assert read_curve(tmp_path / "curve.csv") == curve
