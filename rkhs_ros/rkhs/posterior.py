@@ -11,12 +11,12 @@ With all points as centres this is the Gaussian process itself; with m of them i
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from rkhs_ros.rkhs.kernels import RBF, Array, deviations
 from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky
@@ -118,13 +118,13 @@ class Posterior:
     def sd(self, points: Array) -> Array:
         """Return the standard deviations of the functions' values at points of shape (n, d), shape (n, k).
 
-        What the centres' span leaves out counts: far from all centres the prior's is returned.
+        What the centres' span leaves out counts: far from all centres the kernel part is as uncertain as before.
         """
         features = self.features(points)
         kernel_part = features[:, self.linear_size :]
         left = np.maximum(1.0 - np.sum(kernel_part**2, axis=1), 0.0)  # of kappa(x, x) = 1
         inside = (features @ self.coefficients.axes) ** 2 @ self.coefficients.sd**2
-        return np.sqrt(inside + left[:, None] * self.coefficients.signal**2) * self.targets.scale
+        return np.asarray(np.sqrt(inside + left[:, None] * self.coefficients.signal**2) * self.targets.scale)
 
     @property
     def noise(self) -> Array:
@@ -140,44 +140,48 @@ class Posterior:
         """Return functions drawn from the posterior.
 
         Args:
-            normals: standard normal draws, shape (rows, p, k); 0 for the mean.
+            normals: standard normal draws, shape (rows, k, p); 0 for the mean.
         """
         axes, mean, sd, _, _ = self.coefficients
-        drawn = mean + np.matmul(axes, sd * normals)
-        linear, kernel = drawn[:, : self.linear_size], drawn[:, self.linear_size :]
-        rows, m, k = kernel.shape
-        flat = kernel.transpose(1, 0, 2).reshape(m, rows * k)
-        weights = flat
-        if m > 0:
-            weights = solve_triangular(self.basis.factor, flat, lower=True, trans="T", check_finite=False)
-        weights = weights.reshape(m, rows, k).transpose(1, 0, 2)
-        return DrawnFunctions(self, np.concatenate([LINEAR_SD * linear, weights], axis=1))
+        weights = np.matmul((axes.T @ mean).T + sd.T * normals, self._directions.T) * self.targets.scale[:, None]
+        weights[:, :, 0] += self.targets.centre
+        return DrawnFunctions(self.points, self.basis.kernel.with_centres(self.basis.centres), weights)
+
+    @cached_property
+    def _directions(self) -> Array:
+        """The coefficients' axes as weights of 1, x and the kernel functions, one axis a column, shape (p, p)."""
+        linear, kernel = np.split(self.coefficients.axes, [self.linear_size])
+        return np.concatenate([LINEAR_SD * linear, self.basis.weights(kernel)])
 
 
 @dataclass(frozen=True)
 class DrawnFunctions:
-    """Functions drawn from a posterior, one set of k for each row.
+    """Functions drawn from a posterior, k for each row.
 
     Attributes:
-        posterior: where they come from.
-        weights: of constant, inputs and kernel functions, shape (rows, 1 + d + m, k).
+        points: the units of points.
+        kernel: from points in their units to their kernel with m centres.
+        weights: of 1, of points in their units and of the kernel, shape (rows, k, 1 + d + m).
     """
 
-    posterior: Posterior
+    points: Units
+    kernel: Callable[[Array], Array]
     weights: Array
 
     def __call__(self, points: Array) -> Array:
-        """Evaluate each row's functions at its point, points of shape (rows, d): shape (rows, k)."""
-        return self.posterior.targets.restore(np.matmul(self._features(points)[:, None, :], self.weights)[:, 0])
+        """Evaluate each row's functions at its point, points of shape (rows, d): shape (rows, k).
+
+        The values of a row depend on that row alone, to the last bit.
+        """
+        return np.asarray(np.matmul(self.weights, self._features(points)[:, :, None])[:, :, 0])
 
     def of_row(self, row: int, points: Array) -> Array:
         """Evaluate one row's functions at points of shape (n, d): shape (n, k)."""
-        return self.posterior.targets.restore(self._features(points) @ self.weights[row])
+        return np.asarray(self._features(points) @ self.weights[row].T)
 
     def _features(self, points: Array) -> Array:
-        basis = self.posterior.basis
-        x = self.posterior.points.standardise(points)
-        return np.concatenate([np.ones((len(x), 1)), x, basis.kernel(x, basis.centres)], axis=1)
+        x = self.points.standardise(points)
+        return np.concatenate([np.ones((len(x), 1)), x, self.kernel(x)], axis=1)
 
 
 def _features(x: Array, values: Array) -> Array:
@@ -244,4 +248,3 @@ def _regress(basis: NewtonBasis, features: Array, targets: Array, roots: Array) 
     mean = axes @ (along / (values + noise))
     total = float(np.array(evidences)[best, columns].sum())
     return Fit(basis, total, Coefficients(axes, mean, sd, np.sqrt(signal * noise), np.sqrt(signal)))
-
