@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -94,5 +92,5 @@ class ImaginedRunner:
         mask = np.arange(horizon) <= last[:, None]
         each = np.arange(rows)
         rewards[each[terminated], last[terminated]] += self._model.last_reward
-        episodes = Episodes(before, actions, np.where(mask, rewards, 0.0), mask, after[each, last], terminated)
-        return replace(episodes, observations=np.where(mask[:, :, None], before, after[each, last][:, None]))
+        kept = (np.where(mask[:, :, None], values, 0.0) for values in (before, actions))  # as those that are recorded
+        return Episodes(*kept, np.where(mask, rewards, 0.0), mask, after[each, last], terminated)

@@ -316,7 +316,19 @@ def median_bandwidth(points: ArrayLike, most: int = 1000) -> tuple[float, ...]:
     return tuple(spread if spread > low else 1.0 for spread, low in zip(map(max, spreads), least, strict=True))
 
 
-def deviations(points: Array) -> Array:
-    """Return the standard deviation of each column of points, shape (n, d), 1 where it is constant but for rounding."""
-    sd = points.std(axis=0)
-    return np.where(sd > ROUNDING * np.abs(points).max(axis=0), sd, 1.0)
+def spreads(points: Array, weights: Array | None = None) -> Array:
+    """Return the standard deviation of each column of points, shape (n, d), 0 where it is constant but for rounding.
+
+    Args:
+        points: n at least 1.
+        weights: how often each point counts, shape (n,); once where None.
+    """
+    squares = (points - np.average(points, axis=0, weights=weights)) ** 2
+    sd = np.sqrt(np.average(squares, axis=0, weights=weights))
+    return np.where(sd > ROUNDING * np.abs(points).max(axis=0), sd, 0.0)
+
+
+def deviations(points: Array, weights: Array | None = None) -> Array:
+    """Return the spreads of points, but 1 where they are 0."""
+    sd = spreads(points, weights)
+    return np.where(sd > 0, sd, 1.0)

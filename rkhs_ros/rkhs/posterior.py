@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rkhs_ros.rkhs.kernels import RBF, Array, deviations
+from rkhs_ros.rkhs.kernels import RBF, Array, deviations, spreads
 from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky
 
 LINEAR_SD = 3.0  # tau: of the linear part's coefficients, beside the kernel part's values
@@ -42,9 +42,9 @@ class Units:
     scale: Array
 
     @classmethod
-    def of(cls, values: Array) -> Units:
-        """Return the units of the columns of values, shape (n, d), n at least 1."""
-        return cls(values.mean(axis=0), deviations(values))
+    def of(cls, values: Array, weights: Array | None = None) -> Units:
+        """Return the units of the columns of values, shape (n, d), n at least 1, each counted as often as it weighs."""
+        return cls(np.average(values, axis=0, weights=weights), deviations(values, weights))
 
     def standardise(self, values: Array) -> Array:
         """Return values in these units."""
@@ -93,14 +93,17 @@ class Posterior:
     def fit(cls, points: Array, targets: Array, centres: int, weights: Array | None = None) -> Posterior:
         """Return the posterior with the bandwidth and the noises of the greatest evidence.
 
+        Constant targets have no say in the bandwidth.
+
         Args:
             points: shape (n, d), n at least 1.
             targets: shape (n, k).
             centres: of the kernel part at most.
-            weights: how much each point counts, shape (n,); 1 where None.
+            weights: how often each point counts, shape (n,); once where None.
         """
-        units, target_units = Units.of(points), Units.of(targets)
-        x, y = units.standardise(points), target_units.standardise(targets)
+        units, target_units = Units.of(points, weights), Units.of(targets, weights)
+        x = units.standardise(points)
+        y = np.where(spreads(targets, weights) > 0, target_units.standardise(targets), 0.0)
         root = np.ones(len(x)) if weights is None else np.sqrt(weights)
         fits = (_regress(basis, _features(x, values), y, root[:, None]) for basis, values in _bases(x, centres))
         best = max(fits, key=lambda fit: fit.evidence)
@@ -137,7 +140,7 @@ class Posterior:
         return 1 + len(self.points.centre)
 
     def draw(self, normals: Array) -> DrawnFunctions:
-        """Return functions drawn from the posterior.
+        """Return functions drawn from the posterior; what the centres' span leaves out is 0, its mean.
 
         Args:
             normals: standard normal draws, shape (rows, k, p); 0 for the mean.
@@ -224,12 +227,12 @@ def _regress(basis: NewtonBasis, features: Array, targets: Array, roots: Array) 
 
     Args:
         basis: of the kernel part.
-        features: shape (n, p).
-        targets: shape (n, k).
-        roots: of how much each point counts, shape (n, 1).
+        features: shape (points, p).
+        targets: shape (points, k).
+        roots: of how often each point counts, shape (points, 1); n is the sum of their squares.
     """
     features, targets = roots * features, roots * targets
-    n, p = features.shape
+    n, p = float(np.sum(roots**2)), features.shape[1]
     values, axes = np.linalg.eigh(features.T @ features)
     values = np.maximum(values, 0.0)[:, None]
     along = axes.T @ (features.T @ targets)
@@ -246,5 +249,5 @@ def _regress(basis: NewtonBasis, features: Array, targets: Array, roots: Array) 
     noise, signal = NOISES[best], np.array(signals)[best, columns]
     sd = np.sqrt(signal * noise / (values + noise))
     mean = axes @ (along / (values + noise))
-    total = float(np.array(evidences)[best, columns].sum())
+    total = float(np.array(evidences)[best, columns][squares > 0].sum())  # of targets that tell something
     return Fit(basis, total, Coefficients(axes, mean, sd, np.sqrt(signal * noise), np.sqrt(signal)))
