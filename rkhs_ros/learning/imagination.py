@@ -92,5 +92,12 @@ class ImaginedRunner:
         mask = np.arange(horizon) <= last[:, None]
         each = np.arange(rows)
         rewards[each[terminated], last[terminated]] += self._model.last_reward
-        kept = (np.where(mask[:, :, None], values, 0.0) for values in (before, actions))  # as those that are recorded
-        return Episodes(*kept, np.where(mask, rewards, 0.0), mask, after[each, last], terminated)
+        going = mask[:, :, None]
+        return Episodes(
+            observations=np.where(going, before, 0.0),
+            actions=np.where(going, actions, 0.0),
+            rewards=np.where(mask, rewards, 0.0),
+            mask=mask,
+            final_observations=after[each, last],
+            terminated=terminated,
+        )
