@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
+from numpy.typing import NDArray
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.world_model import WorldModel, points_of
@@ -14,13 +13,12 @@ from rkhs_ros.policies.streams import Batch, stream
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.posterior import DrawnFunctions, Posterior
 
-SAMPLES_AT_ONCE = 4096  # so that the kernel's matrix stays in the cache
-
 
 class ImaginedRunner:
     """Lets policies act in a model; a `Runner` like a simulation.
 
-    A row draws its functions once and the noise of each step, all from the stream of its episode.
+    A row draws its functions once and the noise of each step, all from the stream of its episode, and depends on no
+    other row: split batches have the same bits.
 
     Args:
         model: of the task.
@@ -48,7 +46,7 @@ class ImaginedRunner:
         return self._cut(observations, actions, self._rewards(points, rewards))
 
     def _drawn(self, posterior: Posterior, streams: list[np.random.Generator]) -> DrawnFunctions:
-        shape = posterior.coefficients.mean.shape
+        shape = posterior.coefficients.mean.T.shape
         return posterior.draw(self._caution * np.stack([own.standard_normal(shape) for own in streams]))
 
     def _roll_out(
@@ -73,25 +71,33 @@ class ImaginedRunner:
 
     def _rewards(self, points: Array, drawn: DrawnFunctions) -> Array:
         """Return the rewards of all steps within the range seen, shape (rows, H)."""
-        rewards = np.stack([drawn.of_row(row, points[row])[:, 0] for row in range(len(points))])
+        rewards = np.stack([drawn.of_row(row, its_points)[:, 0] for row, its_points in enumerate(points)])
         return np.clip(rewards, *self._model.reward_range)
+
+    def _ended(self, observations: Array) -> NDArray[np.bool_]:
+        """Return whether the task ends an episode with each of the observations, shape (rows, H, d): (rows, H)."""
+        ends = self._model.ends
+        if ends is None:
+            return np.zeros(observations.shape[:2], dtype=bool)
+        expected = ends.draw(np.zeros((1, *ends.coefficients.mean.T.shape)))
+        return np.stack([expected.of_row(0, seen)[:, 0] > 0 for seen in self._model.inputs.features(observations)])
 
     def _cut(self, observations: Array, actions: Array, rewards: Array) -> Episodes:
         """Return the episodes, each up to where the model ends it."""
-        model = self._model
         before, after = observations[:, :-1], observations[:, 1:]
         rows, horizon = rewards.shape
-        ended = np.zeros((rows, horizon), dtype=bool)
-        if model.ends is not None:
-            flat = model.inputs.features(after.reshape(rows * horizon, -1))
-            parts = range(0, len(flat), SAMPLES_AT_ONCE)
-            values = np.concatenate([model.ends.mean(flat[i : i + SAMPLES_AT_ONCE])[:, 0] for i in parts])
-            ended = (values > 0).reshape(rows, horizon)
-        terminated = ended.any(axis=1)
+        ended = self._ended(after)
+        terminated = np.asarray(ended.any(axis=1))
         last = np.where(terminated, ended.argmax(axis=1), horizon - 1)
         mask = np.arange(horizon) <= last[:, None]
         each = np.arange(rows)
-        rewards[each[terminated], last[terminated]] += model.last_reward
-        episodes = Episodes(before, actions, np.where(mask, rewards, 0.0), mask, after[each, last], terminated)
-        return replace(episodes, observations=np.where(mask[:, :, None], before, after[each, last][:, None]))
-
+        rewards[each[terminated], last[terminated]] += self._model.last_reward
+        going = mask[:, :, None]
+        return Episodes(
+            observations=np.where(going, before, 0.0),
+            actions=np.where(going, actions, 0.0),
+            rewards=np.where(mask, rewards, 0.0),
+            mask=mask,
+            final_observations=after[each, last],
+            terminated=terminated,
+        )

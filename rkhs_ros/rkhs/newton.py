@@ -89,7 +89,10 @@ class NewtonBasis:
 
     def function(self, coefficients: Array) -> Function:
         """Return the function with those coefficients, shape (m, n), as centres and weights."""
+        return Function(self.kernel, self.centres, self.weights(coefficients))
+
+    def weights(self, coefficients: Array) -> Array:
+        """Return the weights of the centres' kernel functions, shape (m, n), for coefficients of that shape."""
         if len(self.centres) == 0:
-            return Function(self.kernel, self.centres, np.empty((0, coefficients.shape[1])))
-        weights = solve_triangular(self.factor, coefficients, lower=True, trans="T", check_finite=False)
-        return Function(self.kernel, self.centres, weights)
+            return np.empty((0, coefficients.shape[1]))
+        return np.asarray(solve_triangular(self.factor, coefficients, lower=True, trans="T", check_finite=False))

@@ -11,14 +11,14 @@ With all points as centres this is the Gaussian process itself; with m of them i
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
-from rkhs_ros.rkhs.kernels import RBF, Array, deviations
+from rkhs_ros.rkhs.kernels import RBF, Array, deviations, spreads
 from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky
 
 LINEAR_SD = 3.0  # tau: of the linear part's coefficients, beside the kernel part's values
@@ -42,9 +42,9 @@ class Units:
     scale: Array
 
     @classmethod
-    def of(cls, values: Array) -> Units:
-        """Return the units of the columns of values, shape (n, d), n at least 1."""
-        return cls(values.mean(axis=0), deviations(values))
+    def of(cls, values: Array, weights: Array | None = None) -> Units:
+        """Return the units of the columns of values, shape (n, d), n at least 1, each counted as often as it weighs."""
+        return cls(np.average(values, axis=0, weights=weights), deviations(values, weights))
 
     def standardise(self, values: Array) -> Array:
         """Return values in these units."""
@@ -93,14 +93,17 @@ class Posterior:
     def fit(cls, points: Array, targets: Array, centres: int, weights: Array | None = None) -> Posterior:
         """Return the posterior with the bandwidth and the noises of the greatest evidence.
 
+        Constant targets have no say in the bandwidth.
+
         Args:
             points: shape (n, d), n at least 1.
             targets: shape (n, k).
             centres: of the kernel part at most.
-            weights: how much each point counts, shape (n,); 1 where None.
+            weights: how often each point counts, shape (n,); once where None.
         """
-        units, target_units = Units.of(points), Units.of(targets)
-        x, y = units.standardise(points), target_units.standardise(targets)
+        units, target_units = Units.of(points, weights), Units.of(targets, weights)
+        x = units.standardise(points)
+        y = np.where(spreads(targets, weights) > 0, target_units.standardise(targets), 0.0)
         root = np.ones(len(x)) if weights is None else np.sqrt(weights)
         fits = (_regress(basis, _features(x, values), y, root[:, None]) for basis, values in _bases(x, centres))
         best = max(fits, key=lambda fit: fit.evidence)
@@ -118,13 +121,13 @@ class Posterior:
     def sd(self, points: Array) -> Array:
         """Return the standard deviations of the functions' values at points of shape (n, d), shape (n, k).
 
-        What the centres' span leaves out counts: far from all centres the prior's is returned.
+        What the centres' span leaves out counts: far from all centres the kernel part is as uncertain as before.
         """
         features = self.features(points)
         kernel_part = features[:, self.linear_size :]
         left = np.maximum(1.0 - np.sum(kernel_part**2, axis=1), 0.0)  # of kappa(x, x) = 1
         inside = (features @ self.coefficients.axes) ** 2 @ self.coefficients.sd**2
-        return np.sqrt(inside + left[:, None] * self.coefficients.signal**2) * self.targets.scale
+        return np.asarray(np.sqrt(inside + left[:, None] * self.coefficients.signal**2) * self.targets.scale)
 
     @property
     def noise(self) -> Array:
@@ -137,47 +140,51 @@ class Posterior:
         return 1 + len(self.points.centre)
 
     def draw(self, normals: Array) -> DrawnFunctions:
-        """Return functions drawn from the posterior.
+        """Return functions drawn from the posterior; what the centres' span leaves out is 0, its mean.
 
         Args:
-            normals: standard normal draws, shape (rows, p, k); 0 for the mean.
+            normals: standard normal draws, shape (rows, k, p); 0 for the mean.
         """
         axes, mean, sd, _, _ = self.coefficients
-        drawn = mean + np.matmul(axes, sd * normals)
-        linear, kernel = drawn[:, : self.linear_size], drawn[:, self.linear_size :]
-        rows, m, k = kernel.shape
-        flat = kernel.transpose(1, 0, 2).reshape(m, rows * k)
-        weights = flat
-        if m > 0:
-            weights = solve_triangular(self.basis.factor, flat, lower=True, trans="T", check_finite=False)
-        weights = weights.reshape(m, rows, k).transpose(1, 0, 2)
-        return DrawnFunctions(self, np.concatenate([LINEAR_SD * linear, weights], axis=1))
+        weights = np.matmul((axes.T @ mean).T + sd.T * normals, self._directions.T) * self.targets.scale[:, None]
+        weights[:, :, 0] += self.targets.centre
+        return DrawnFunctions(self.points, self.basis.kernel.with_centres(self.basis.centres), weights)
+
+    @cached_property
+    def _directions(self) -> Array:
+        """The coefficients' axes as weights of 1, x and the kernel functions, one axis a column, shape (p, p)."""
+        linear, kernel = np.split(self.coefficients.axes, [self.linear_size])
+        return np.concatenate([LINEAR_SD * linear, self.basis.weights(kernel)])
 
 
 @dataclass(frozen=True)
 class DrawnFunctions:
-    """Functions drawn from a posterior, one set of k for each row.
+    """Functions drawn from a posterior, k for each row.
 
     Attributes:
-        posterior: where they come from.
-        weights: of constant, inputs and kernel functions, shape (rows, 1 + d + m, k).
+        points: the units of points.
+        kernel: from points in their units to their kernel with m centres.
+        weights: of 1, of points in their units and of the kernel, shape (rows, k, 1 + d + m).
     """
 
-    posterior: Posterior
+    points: Units
+    kernel: Callable[[Array], Array]
     weights: Array
 
     def __call__(self, points: Array) -> Array:
-        """Evaluate each row's functions at its point, points of shape (rows, d): shape (rows, k)."""
-        return self.posterior.targets.restore(np.matmul(self._features(points)[:, None, :], self.weights)[:, 0])
+        """Evaluate each row's functions at its point, points of shape (rows, d): shape (rows, k).
+
+        The values of a row depend on that row alone, to the last bit.
+        """
+        return np.asarray(np.matmul(self.weights, self._features(points)[:, :, None])[:, :, 0])
 
     def of_row(self, row: int, points: Array) -> Array:
         """Evaluate one row's functions at points of shape (n, d): shape (n, k)."""
-        return self.posterior.targets.restore(self._features(points) @ self.weights[row])
+        return np.asarray(self._features(points) @ self.weights[row].T)
 
     def _features(self, points: Array) -> Array:
-        basis = self.posterior.basis
-        x = self.posterior.points.standardise(points)
-        return np.concatenate([np.ones((len(x), 1)), x, basis.kernel(x, basis.centres)], axis=1)
+        x = self.points.standardise(points)
+        return np.concatenate([np.ones((len(x), 1)), x, self.kernel(x)], axis=1)
 
 
 def _features(x: Array, values: Array) -> Array:
@@ -220,12 +227,12 @@ def _regress(basis: NewtonBasis, features: Array, targets: Array, roots: Array) 
 
     Args:
         basis: of the kernel part.
-        features: shape (n, p).
-        targets: shape (n, k).
-        roots: of how much each point counts, shape (n, 1).
+        features: shape (points, p).
+        targets: shape (points, k).
+        roots: of how often each point counts, shape (points, 1); n is the sum of their squares.
     """
     features, targets = roots * features, roots * targets
-    n, p = features.shape
+    n, p = float(np.sum(roots**2)), features.shape[1]
     values, axes = np.linalg.eigh(features.T @ features)
     values = np.maximum(values, 0.0)[:, None]
     along = axes.T @ (features.T @ targets)
@@ -242,6 +249,5 @@ def _regress(basis: NewtonBasis, features: Array, targets: Array, roots: Array) 
     noise, signal = NOISES[best], np.array(signals)[best, columns]
     sd = np.sqrt(signal * noise / (values + noise))
     mean = axes @ (along / (values + noise))
-    total = float(np.array(evidences)[best, columns].sum())
+    total = float(np.array(evidences)[best, columns][squares > 0].sum())  # of targets that tell something
     return Fit(basis, total, Coefficients(axes, mean, sd, np.sqrt(signal * noise), np.sqrt(signal)))
-

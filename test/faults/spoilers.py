@@ -15,7 +15,7 @@ Strategy = st.SearchStrategy[Any]
 Spoiler = Callable[[Any], Strategy]  # from the message that has the field to malformed values of it
 
 UINT32, UINT64 = 2**32 - 1, 2**64 - 1
-KERNELS, VARIANCES = ("rbf", "polynomial", "sum", "product"), ("constant", "kernel", "function")
+KERNELS, VARIANCES = ("rbf", "polynomial", "linear", "sum", "product"), ("constant", "kernel", "function")
 NOT_FINITE = st.sampled_from([np.nan, np.inf, -np.inf])
 MANY, SAMPLES = 200_000, 10**7
 NAMES = st.one_of(

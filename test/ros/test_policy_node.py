@@ -17,7 +17,7 @@ from rkhs_ros.policies.storage import Task, save_policy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance
 from rkhs_ros.rkhs.function import Function
-from rkhs_ros.rkhs.kernels import RBF, Polynomial
+from rkhs_ros.rkhs.kernels import RBF, Linear, Polynomial
 from test.ros.conftest import Probe, Process
 
 Start = Callable[..., Process]
@@ -31,8 +31,9 @@ PLAIN, WINDOW = Inputs(), Inputs(history=3, angles=(1.0,), degree=2, offset=0.25
 def policy(seed: int, variance: str = "constant", inputs: Inputs = PLAIN) -> GaussianPolicy:
     rng = np.random.default_rng(seed)
     d = inputs.dimension(2, 1)
+    linear = Linear(tuple(rng.normal(size=d)), tuple(rng.uniform(1, 2, d)))
     kernel = RBF(tuple(rng.uniform(1, 2, d))) + Polynomial(0.5, 2)
-    mean = Function(kernel, rng.normal(size=(3, d)), 0.1 * rng.normal(size=(3, 1)))
+    mean = Function(kernel + linear, rng.normal(size=(3, d)), 0.1 * rng.normal(size=(3, 1)))
     if variance == "constant":
         return GaussianPolicy(mean, ConstantVariance(np.array([0.5])), inputs)
     centres, values, low, high = rng.normal(size=(2, d)), rng.uniform(1, 2, (2, 1)), np.array([0.5]), np.array([1.5])

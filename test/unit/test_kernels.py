@@ -1,3 +1,5 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,13 +10,16 @@ from sklearn.gaussian_process import kernels as sklearn_kernels
 from rkhs_ros.rkhs.kernels import (
     RBF,
     Kernel,
+    Linear,
     Polynomial,
     Product,
     Sum,
     Term,
+    deviations,
     kernel_from_terms,
     median_bandwidth,
     rowwise_matmul,
+    spreads,
 )
 
 KERNELS: list[Kernel] = [
@@ -22,7 +27,9 @@ KERNELS: list[Kernel] = [
     RBF((0.5, 1.0, 2.0)),
     Polynomial(1.0, 1),
     Polynomial(0.5, 3),
+    Linear((0.5, -1.0, 2.0), (0.3, 1.0, 4.0)),
     RBF((1.0,)) + Polynomial(1.0, 2),
+    RBF((1.0,)) * Linear((0.0, 1.0, 0.0), (1.0, 2.0, 1.0)),
     RBF((1.0,)) * Polynomial(0.2, 2),
     RBF((1.0,)) * (RBF((2.0,)) + Polynomial(0.0, 4)) + Polynomial(1.0, 1),
 ]
@@ -59,6 +66,15 @@ def test_rows_taken_one_by_one_are_those_of_the_matrix(kernel: Kernel, x: np.nda
     assert all(np.array_equal(row_of(i), gram[i]) for i in range(len(x)))
 
 
+@given(x=points, centres=points, bandwidth=bandwidths, place=st.sampled_from([-1e9, -1e3, 1e6]))
+def test_centres_far_from_the_origin_cost_no_digits(
+    x: np.ndarray, centres: np.ndarray, bandwidth: tuple[float, ...], place: float
+) -> None:
+    kernel = RBF(bandwidth)
+    x, centres = np.round(x * 1024) / 1024 + place, np.round(centres * 1024) / 1024 + place  # exact sums
+    np.testing.assert_allclose(kernel.with_centres(centres)(x), kernel(x, centres), rtol=1e-5, atol=1e-300)
+
+
 @given(x=points, y=points, bandwidth=bandwidths)
 def test_rbf_is_that_of_scikit_learn_with_a_length_scale_per_dimension(
     x: np.ndarray, y: np.ndarray, bandwidth: tuple[float, ...]
@@ -76,6 +92,17 @@ def test_one_bandwidth_serves_all_dimensions(rng: np.random.Generator) -> None:
 def test_polynomial_is_its_closed_form(x: np.ndarray, y: np.ndarray, offset: float, degree: int) -> None:
     expected = [[(sum(a * b for a, b in zip(p, q, strict=True)) + offset) ** degree for q in y] for p in x]
     np.testing.assert_allclose(Polynomial(offset, degree)(x, y), expected, rtol=1e-9, atol=1e-9)
+
+
+@given(x=points, y=points, scale=bandwidths, centre=st.tuples(numbers, numbers, numbers))
+def test_linear_is_its_closed_form(
+    x: np.ndarray, y: np.ndarray, scale: tuple[float, ...], centre: tuple[float, ...]
+) -> None:
+    expected = [
+        [1.0 + sum((a - o) * (b - o) / s**2 for a, b, o, s in zip(p, q, centre, scale, strict=True)) for q in y]
+        for p in x
+    ]
+    np.testing.assert_allclose(Linear(centre, scale)(x, y), expected, rtol=1e-9, atol=1e-9)
 
 
 @given(x=points, y=points)
@@ -113,6 +140,13 @@ def test_terms_rebuild_the_kernel(kernel: Kernel) -> None:
         ([("polynomial", (-1.0, 2.0))], "polynomial offset: expected"),
         ([("polynomial", (1.0, 2.5))], "polynomial degree: expected"),
         ([("polynomial", (1.0, float("nan")))], "polynomial degree: expected"),
+        ([("linear", ())], "linear scale: expected positive finite numbers, one per centre's"),
+        ([("linear", (1.0,))], "linear parameters: expected as many centres as scales, got 1 numbers"),
+        ([("linear", (1.0, 2.0, 3.0))], "linear parameters: expected as many centres as scales, got 3 numbers"),
+        ([("linear", (1.0, 0.0))], "linear scale: expected positive"),
+        ([("linear", (1.0, -1.0))], "linear scale: expected positive"),
+        ([("linear", (float("nan"), 1.0))], "linear scale: expected positive finite numbers"),
+        ([("linear", (0.0, float("inf")))], "linear scale: expected positive finite numbers"),
     ],
 )
 def test_bad_terms_are_refused(terms: list[Term], message: str) -> None:
@@ -131,16 +165,33 @@ def test_bandwidths_for_other_dimensions_are_refused() -> None:
         RBF((1.0, 2.0))(np.zeros((2, 3)), np.zeros((2, 3)))
 
 
+def test_points_of_another_dimension_than_the_centre_are_refused() -> None:
+    with pytest.raises(ValueError, match="linear points: expected 2 columns, got 3"):
+        Linear((0.0, 1.0), (1.0, 1.0))(np.zeros((2, 3)), np.zeros((2, 3)))
+
+
 @pytest.mark.parametrize("dimension", [1, 2, 3, 5, 17, 40])
-@pytest.mark.parametrize("kernel", [RBF((0.9,)), Polynomial(0.3, 3), RBF((1.1,)) + Polynomial(1.0, 2)], ids=str)
-def test_a_row_does_not_depend_on_the_rows_beside_it(kernel: Kernel, dimension: int, rng: np.random.Generator) -> None:
-    x, y = rng.normal(size=(37, dimension)), rng.normal(size=(43, dimension))
-    together = kernel(x, y)
-    for size in (1, 2, 3, 8, 20):
-        parts = [kernel(x[start : start + size], y) for start in range(0, len(x), size)]
-        assert np.array_equal(np.concatenate(parts), together)
-    order = rng.permutation(len(x))
-    assert np.array_equal(kernel(x[order], y), together[order])
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda d: RBF((0.9,)),
+        lambda d: Polynomial(0.3, 3),
+        lambda d: Linear((0.3,) * d, (0.7,) * d),
+        lambda d: RBF((1.1,)) + Polynomial(1.0, 2),
+    ],
+    ids=["rbf", "polynomial", "linear", "sum"],
+)
+def test_a_row_does_not_depend_on_the_rows_beside_it(
+    make: Callable[[int], Kernel], dimension: int, rng: np.random.Generator
+) -> None:
+    x, y, kernel = rng.normal(size=(37, dimension)), rng.normal(size=(43, dimension)), make(dimension)
+    for of in (lambda points: kernel(points, y), kernel.with_centres(y)):
+        together = of(x)
+        for size in (1, 2, 3, 8, 20):
+            parts = [of(x[start : start + size]) for start in range(0, len(x), size)]
+            assert np.array_equal(np.concatenate(parts), together)
+        order = rng.permutation(len(x))
+        assert np.array_equal(of(x[order]), together[order])
 
 
 @given(rows=st.integers(1, 30), inner=st.integers(1, 50), columns=st.integers(1, 5), seed=st.integers(0, 99))
@@ -190,6 +241,25 @@ def test_a_small_spread_around_a_large_value_is_kept_in_any_units(size: float, p
     assert median_bandwidth(size * (1.0 + part * noise))[0] == pytest.approx(expected, rel=1e-6)
 
 
+@given(
+    arrays(np.float64, st.tuples(st.integers(1, 12), st.integers(1, 3)), elements=numbers),
+    st.integers(0, 99),
+)
+def test_spreads_are_standard_deviations_and_weights_count_as_repeats(x: np.ndarray, seed: int) -> None:
+    times = np.random.default_rng(seed).integers(1, 4, len(x))
+    np.testing.assert_allclose(spreads(x), x.std(axis=0), atol=1e-12)
+    np.testing.assert_allclose(spreads(x, times), np.repeat(x, times, axis=0).std(axis=0), atol=1e-12)
+    np.testing.assert_array_equal(deviations(x), np.where(spreads(x) > 0, spreads(x), 1.0))
+
+
+@pytest.mark.parametrize("value", [0.0, 0.1, -1e8 / 3, 1e-30 / 7])
+def test_a_column_that_varies_by_rounding_alone_has_no_spread(value: float) -> None:
+    rounded = np.nextafter(value, np.tile([-np.inf, value, np.inf], 100)) if value else np.zeros(300)
+    still = np.column_stack([np.full(300, value), rounded])
+    assert spreads(still).tolist() == [0.0, 0.0]
+    assert deviations(still).tolist() == [1.0, 1.0]
+
+
 @over_all_kernels
 @given(x=points, y=points)
 def test_a_kernel_that_says_so_has_no_negative_value(kernel: Kernel, x: np.ndarray, y: np.ndarray) -> None:
@@ -197,7 +267,8 @@ def test_a_kernel_that_says_so_has_no_negative_value(kernel: Kernel, x: np.ndarr
 
 
 def test_the_sign_of_a_kernels_values_follows_from_its_parts() -> None:
-    odd, even, rbf = Polynomial(1.0, 3), Polynomial(1.0, 2), RBF((1.0,))
-    assert odd(np.array([[2.0]]), np.array([[-2.0]])) < 0.0
-    kernels = (rbf, even, rbf + even, rbf * even, odd, rbf + odd, even * odd)
-    assert [kernel.is_positive for kernel in kernels] == [True] * 4 + [False] * 3
+    odd, even, rbf, linear = Polynomial(1.0, 3), Polynomial(1.0, 2), RBF((1.0,)), Linear((0.0,), (1.0,))
+    for kernel in (odd, linear):
+        assert kernel(np.array([[2.0]]), np.array([[-2.0]])) < 0.0
+    kernels = (rbf, even, rbf + even, rbf * even, odd, rbf + odd, even * odd, linear, rbf * linear)
+    assert [kernel.is_positive for kernel in kernels] == [True] * 4 + [False] * 5

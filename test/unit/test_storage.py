@@ -16,7 +16,7 @@ from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import Task, load_policy, save_policy
 from rkhs_ros.policies.variance import FunctionVariance
 from rkhs_ros.rkhs.function import Function
-from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
+from rkhs_ros.rkhs.kernels import RBF, Kernel, Linear, Polynomial
 from rkhs_ros.runs.episode_files import load_episodes
 
 Make = Callable[..., GaussianPolicy]
@@ -31,7 +31,12 @@ WRONG_TASKS: list[dict[str, object]] = [
     {"environment": 3},
 ]
 TASK = Task("rkhs/Toy-v0", {"angle": "clip", "nested": [1, 2.5]}, 20, 0.99)
-KERNELS: list[Kernel] = [RBF((0.1, 1 / 3)), Polynomial(0.25, 2), RBF((1.0,)) * (Polynomial(1.0, 2) + RBF((2.0,)))]
+KERNELS: list[Kernel] = [
+    RBF((0.1, 1 / 3)),
+    Polynomial(0.25, 2),
+    Linear((-0.1, 1 / 3), (0.7, 1e5)),
+    RBF((1.0,)) * (Polynomial(1.0, 2) + RBF((2.0,))),
+]
 
 
 @pytest.mark.parametrize(
@@ -49,7 +54,9 @@ def test_a_policy_comes_back_bit_for_bit(
     noise: str,
     inputs: Inputs,
 ) -> None:
-    policy = replace(random_policy(kernel=kernel, learnt=variance == "kernel"), inputs=inputs, noise=noise)
+    weighing = kernel if kernel.is_positive else None
+    policy = replace(random_policy(kernel=weighing, learnt=variance == "kernel"), inputs=inputs, noise=noise)
+    policy = policy.with_mean(replace(policy.mean, kernel=kernel))
     if variance == "function":
         g = Function(kernel, rng.normal(size=(4, 2)), rng.normal(size=(4, 2)))
         policy = replace(policy, variance=FunctionVariance(g, np.full(2, 0.1), np.full(2, 1.5)))

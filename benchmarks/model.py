@@ -1,0 +1,111 @@
+"""A model of a task: how long fits take at growing numbers of steps, and how many steps are imagined in a second.
+
+Time is the median over repeats on one core.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Callable
+from functools import partial
+from statistics import median
+
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import numpy as np
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.imagination import ImaginedRunner
+from rkhs_ros.learning.world_model import WorldModel
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF
+
+HORIZON, ROWS = 100, (50, 200)
+STEPS = (1_250, 2_500, 5_000, 10_000)
+MODEL_CENTRES, POLICY_CENTRES = 200, 80
+TASKS = {"pendulum": (2, 1), "hopper": (11, 3), "cheetah": (17, 6)}  # numbers in an observation and an action
+
+
+def seconds_of(call: Callable[[], object], repeats: int) -> float:
+    """Return the median time of a call, after one that is not counted."""
+    call()
+    times = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - begin)
+    return median(times)
+
+
+def spaces_of(d: int, n: int) -> Spaces:
+    """Return a task's spaces, with actions between -1 and 1."""
+    return Spaces((d,), np.full(n, -1.0), np.full(n, 1.0))
+
+
+def episodes_of(d: int, n: int, steps: int) -> Episodes:
+    """Return episodes of a nonlinear system with d numbers in an observation and n in an action."""
+    rng = np.random.default_rng(0)
+    rows = -(-steps // HORIZON)
+    by_state, by_action = rng.normal(size=(d, d)) / np.sqrt(d), rng.normal(size=(n, d))
+    observations = np.empty((rows, HORIZON + 1, d))
+    observations[:, 0] = rng.normal(size=(rows, d))
+    actions = rng.uniform(-1.0, 1.0, (rows, HORIZON, n))
+    for t in range(HORIZON):
+        now = observations[:, t]
+        change = np.tanh(2.0 * now @ by_state + actions[:, t] @ by_action) - 0.2 * now
+        observations[:, t + 1] = now + 0.1 * change + 0.01 * rng.normal(size=now.shape)
+    rewards = np.exp(-np.mean(observations[:, :-1] ** 2, axis=2)) - 0.1 * np.mean(actions**2, axis=2)
+    mask = np.ones((rows, HORIZON), dtype=bool)
+    return Episodes(observations[:, :-1], actions, rewards, mask, observations[:, -1], np.zeros(rows, dtype=bool))
+
+
+def policy_of(d: int, n: int) -> GaussianPolicy:
+    """Return a policy with as many centres as it may have."""
+    rng = np.random.default_rng(1)
+    mean = Function(
+        RBF((np.sqrt(d),)), rng.normal(size=(POLICY_CENTRES, d)), 0.1 * rng.normal(size=(POLICY_CENTRES, n))
+    )
+    return GaussianPolicy(mean, ConstantVariance(np.full(n, 0.1)))
+
+
+def fits(name: str) -> None:
+    """Print the time of a fit at growing numbers of steps."""
+    d, n = TASKS[name]
+    seconds = {}
+    for steps in STEPS:
+        episodes = episodes_of(d, n, steps)
+        seconds[steps] = seconds_of(partial(WorldModel.fit, episodes, Inputs(), spaces_of(d, n), MODEL_CENTRES), 3)
+        aim = "   (aim 2 s)" if steps == 5_000 else ""
+        print(f"fit, {name:<9} {d:>2} + {n} numbers, {steps:>6} steps   {seconds[steps]:6.2f} s{aim}", flush=True)
+    growth = math.log(seconds[STEPS[-1]] / seconds[STEPS[0]]) / math.log(STEPS[-1] / STEPS[0])
+    print(f"fit, {name:<9} growth {growth:.2f}   (aim at most 1)", flush=True)
+
+
+def imagined(name: str) -> None:
+    """Print how many steps are imagined in a second."""
+    d, n = TASKS[name]
+    model = WorldModel.fit(episodes_of(d, n, 2_000), Inputs(), spaces_of(d, n), MODEL_CENTRES)
+    runner, policy = ImaginedRunner(model), policy_of(d, n)
+    for rows in ROWS:
+        batch = Batch(2, 0, rows, HORIZON, explore=True)
+        rate = rows * HORIZON / seconds_of(partial(runner.collect, policy, batch), 9)
+        aim = "   (aim 200000)" if name == "pendulum" else ""
+        print(f"imagined, {name:<9} {d:>2} + {n} numbers, {rows:>4} rows   {rate:9.0f} steps/s{aim}", flush=True)
+
+
+def main() -> None:
+    """Print the tables."""
+    for name in TASKS:
+        imagined(name)
+    fits("cheetah")
+
+
+if __name__ == "__main__":
+    main()
