@@ -13,6 +13,7 @@ from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.learning.algorithm import Algorithm, Experience, Metrics
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.imagination import ImaginedRunner
+from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.world_model import ModelTest, WorldModel
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.noise import NOISES
@@ -21,6 +22,8 @@ from rkhs_ros.policies.streams import Batch, stream_seed
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.kernels import Array
 
+MOST_COMPARED = 300  # points at which two kernels are compared
+SAME_KERNEL = 0.95  # alignment above which two kernels are as good as one
 HORIZONS_AHEAD = 3.0  # times 1 / (1 - discount): beyond that 5 % of the return is left
 
 
@@ -63,6 +66,7 @@ class RealExperience:
         newest: how many of them are the last iteration's.
         discount: of the return.
         spaces: of the task.
+        kernel: how the policy's kernel is chosen.
         first_variance: of the first policy, shape (n,).
         seed: of all that is drawn.
         iteration: number of real iterations before this one.
@@ -72,6 +76,7 @@ class RealExperience:
     newest: int
     discount: float
     spaces: Spaces
+    kernel: KernelChoice
     first_variance: Array
     seed: int
     iteration: int
@@ -103,6 +108,7 @@ def practise(
     functions drawn now stray further from their mean, and practice is shorter.
     """
     episodes, inputs, spaces = experience.episodes, policy.inputs, experience.spaces
+    policy = _in_wider_space(policy, algorithm, experience)
     test = _test_before(practice, policy, experience)
     runner = ImaginedRunner(WorldModel.fit(episodes, inputs, spaces, practice.centres), test.overconfidence)
     rounds = max(1, round(practice.iterations / test.overconfidence))
@@ -121,6 +127,28 @@ def practise(
     last = float(imagined.returns(experience.discount).mean())
     real = ConstantVariance(experience.first_variance)
     return Practised(replace(policy, variance=real, noise=practice.noise), metrics, last, test.error)
+
+
+def _in_wider_space(policy: GaussianPolicy, algorithm: Algorithm, experience: RealExperience) -> GaussianPolicy:
+    """Return the policy with the kernel that all episodes so far settle, where its own has become another.
+
+    The first episodes may have seen little. The mean keeps its values, within the bounds of the actions.
+    """
+    seen = experience.episodes.seen_through(policy.inputs)
+    points = seen.flat(seen.observations)
+    few = points[:: -(-len(points) // MOST_COMPARED)]
+    kernel = experience.kernel.fit(points, policy.inputs.ages)
+    if len(policy.mean.centres) == 0:
+        return policy.with_mean(replace(policy.mean, kernel=kernel))
+    if _alignment(kernel(few, few), policy.mean.kernel(few, few)) > SAME_KERNEL:
+        return policy
+    values = experience.spaces.clip(policy.mean(points))
+    return policy.with_mean(algorithm.space.fit(kernel, points, values))
+
+
+def _alignment(gram: Array, other: Array) -> float:
+    r"""Return :math:`\langle K, K' \rangle_F / (\|K\|_F \|K'\|_F)` of two Gram matrices, 1 where they agree."""
+    return float(np.sum(gram * other) / (np.linalg.norm(gram) * np.linalg.norm(other)))
 
 
 def _test_before(practice: ModelPractice, policy: GaussianPolicy, experience: RealExperience) -> ModelTest:

@@ -34,7 +34,7 @@ class RKHSPoWER(SparseSettings, WeightedExploration):
             change = printed_regression(samples, q, self.ridge)  # Eq 23 to the letter
         else:
             q = self.weights(samples, experience.discount)
-            change = weighted_regression(samples, q, self.ridge)  # Eq 23 as mended
+            change = weighted_regression(samples, q, self.ridge, self.ridge_unit)  # Eq 23 as mended
         return self.advance(policy, change, samples, q, experience)  # h + change; the variance by Eq 24
 
 

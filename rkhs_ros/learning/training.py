@@ -13,7 +13,15 @@ from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.learning.algorithm import Algorithm, Experience, Metrics
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.learning.practice import PRACTICES, ModelPractice, NoPractice, Practice, Practised, RealExperience, practise
+from rkhs_ros.learning.practice import (
+    PRACTICES,
+    ModelPractice,
+    NoPractice,
+    Practice,
+    Practised,
+    RealExperience,
+    practise,
+)
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.rkhs_nac import RKHSNAC
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -23,10 +31,6 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Array
-
-
-MOST_COMPARED = 300  # points at which two kernels are compared
-SAME_KERNEL = 0.95  # alignment above which two kernels are as good as one
 
 
 @dataclass(frozen=True)
@@ -270,18 +274,20 @@ def train(training: Training, runner: Runner, state: State | None = None) -> Ite
 def _iteration_after(state: State, training: Training, runner: Runner) -> Iteration:
     collector = Collector(training, runner, state)
     exploration = collector.explore(state.policy, training.episodes_per_iteration)
-    policy = _with_kernel(state, training, exploration)
+    policy = state.policy
     if isinstance(training.practice, ModelPractice):
         memory = state.memory + exploration
-        policy = _in_wider_space(policy, training, memory, runner.spaces)
-        practised = _practised(training, runner, policy, memory, state.iterations)
+        practised = _practised(training.practice, training, policy, memory, runner.spaces, state.iterations)
         policy, metrics = practised.policy, practised.metrics
-        told = {"imagined_return": practised.imagined_return, "model_error": practised.model_error}
+        imagined_return, model_error = practised.imagined_return, practised.model_error
     else:
         episodes = exploration.seen_through(policy.inputs)
+        if state.iterations == 0 and len(policy.mean.centres) == 0:  # a policy given has its kernel
+            kernel = training.kernel.fit(episodes.flat(episodes.observations), policy.inputs.ages)
+            policy = policy.with_mean(replace(policy.mean, kernel=kernel))
         experience = Experience(episodes, training.discount, state.memory, collector.explore_inputs, state.iterations)
         policy, metrics, memory = training.algorithm.update(policy, experience)
-        told = {}
+        imagined_return = model_error = float("nan")
     every = training.evaluate_every
     due = every > 0 and (state.iterations + 1) % every == 0
     evaluation = collector.evaluate(policy) if due else exploration.take(slice(0))
@@ -292,52 +298,28 @@ def _iteration_after(state: State, training: Training, runner: Runner) -> Iterat
         evaluation=evaluation,
         mean_policy_returns=evaluation.returns(training.discount),
         metrics=metrics,
-        **told,
+        imagined_return=imagined_return,
+        model_error=model_error,
     )
 
 
-def _with_kernel(state: State, training: Training, exploration: Episodes) -> GaussianPolicy:
-    """Return the policy with the kernel that the first episodes settle; a policy given has its own."""
-    policy = state.policy
-    if state.iterations > 0 or len(policy.mean.centres) > 0:
-        return policy
-    episodes = exploration.seen_through(policy.inputs)
-    kernel = training.kernel.fit(episodes.flat(episodes.observations), policy.inputs.ages)
-    return policy.with_mean(replace(policy.mean, kernel=kernel))
-
-
-def _in_wider_space(policy: GaussianPolicy, training: Training, episodes: Episodes, spaces: Spaces) -> GaussianPolicy:
-    """Return the policy with the kernel that all episodes so far settle, where its own has become another.
-
-    The first episodes may have seen little. The mean keeps its values, within the bounds of the actions.
-    """
-    seen = episodes.seen_through(policy.inputs)
-    points = seen.flat(seen.observations)
-    few = points[:: -(-len(points) // MOST_COMPARED)]
-    kernel = training.kernel.fit(points, policy.inputs.ages)
-    if len(policy.mean.centres) == 0:
-        return policy.with_mean(replace(policy.mean, kernel=kernel))
-    if alignment(kernel(few, few), policy.mean.kernel(few, few)) > SAME_KERNEL:
-        return policy
-    return policy.with_mean(training.algorithm.space.fit(kernel, points, spaces.clip(policy.mean(points))))
-
-
-def alignment(gram: Array, other: Array) -> float:
-    r"""Return :math:`\langle K, K' \rangle_F / (\|K\|_F \|K'\|_F)` of two Gram matrices, 1 where they agree."""
-    return float(np.sum(gram * other) / (np.linalg.norm(gram) * np.linalg.norm(other)))
-
-
 def _practised(
-    training: Training, runner: Runner, policy: GaussianPolicy, episodes: Episodes, iteration: int
+    practice: ModelPractice,
+    training: Training,
+    policy: GaussianPolicy,
+    episodes: Episodes,
+    spaces: Spaces,
+    iteration: int,
 ) -> Practised:
     """Return what becomes of the policy by practice in a model of all real episodes so far."""
     experience = RealExperience(
         episodes=episodes,
         newest=training.episodes_per_iteration,
         discount=training.discount,
-        spaces=runner.spaces,
-        first_variance=_first_variance(training, runner.spaces),
+        spaces=spaces,
+        kernel=training.kernel,
+        first_variance=_first_variance(training, spaces),
         seed=training.seed,
         iteration=iteration,
     )
-    return practise(training.practice, training.algorithm, policy, experience)
+    return practise(practice, training.algorithm, policy, experience)

@@ -20,8 +20,10 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array, Kernel
 from rkhs_ros.rkhs.regression import ridge_regression
 
+RIDGE_UNITS = ("action", "variance")
 
-def weighted_regression(samples: Samples, weights: Array, ridge: float) -> Function:
+
+def weighted_regression(samples: Samples, weights: Array, ridge: float, unit: str = "action") -> Function:
     r"""Return h' - h, the regression of the exploration weighted by q (Eq 23), on the dictionary of the centres.
 
     .. math:: h' = h + \sum_t \kappa(s_t, \cdot)\,\alpha_t, \qquad
@@ -31,10 +33,15 @@ def weighted_regression(samples: Samples, weights: Array, ridge: float) -> Funct
         samples: samples of the iteration, and of the episodes remembered.
         weights: q, shape (samples,), not negative: signed advantages, as printed, make the system indefinite.
         ridge: lambda.
+        unit: one of `RIDGE_UNITS`: lambda as it is, or over the mean variance, so that the actions' units do not matter.
     """
     columns = zip(samples.exploration.T, samples.variance.T, strict=True)
     penalty = np.full(samples.features.shape[1], ridge / len(weights))
-    coefficients = [ridge_regression(samples.features, e[:, None], penalty, weights / g) for e, g in columns]
+    scales = (1.0 if unit == "action" else 1.0 / g.mean() for g in samples.variance.T)
+    coefficients = [
+        ridge_regression(samples.features, e[:, None], penalty * scale, weights / g)
+        for (e, g), scale in zip(columns, scales, strict=True)
+    ]
     return samples.basis.function(np.concatenate(coefficients, axis=1))
 
 
@@ -44,6 +51,12 @@ class WeightedExploration(Algorithm):
 
     weighting: str = setting("positive", "how the exploration of a step is weighted", choices=tuple(WEIGHTINGS))
     ridge: float = setting(1.0, "penalty lambda on the step's squared norm in the RKHS", minimum=1e-12, maximum=1e6)
+    ridge_unit: str = setting(
+        "action",
+        "what the ridge is measured in: action, as Eq 23 has it; or variance, over the policy's, so that the units of "
+        "actions do not matter",
+        choices=RIDGE_UNITS,
+    )
     value_ridge: float = setting(0.01, "penalty on the value's squared norm in the RKHS", minimum=1e-12, maximum=1e6)
     reuse: int = setting(0, "best episodes so far that are learnt from again", minimum=0, maximum=10_000)
     variance: str = setting(

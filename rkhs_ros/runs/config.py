@@ -15,6 +15,7 @@ from rkhs_ros.base.validation import hint, require, shown
 from rkhs_ros.base.yaml_text import loaded, require_ros_value
 from rkhs_ros.learning.training import Training, training_from
 from rkhs_ros.policies.storage import Task
+from rkhs_ros.runs.any_task import settings_for
 
 ENVIRONMENT = re.compile(r"-v\d+$")  # as ids of Gymnasium end
 MOST_ROWS = 10_000
@@ -170,7 +171,7 @@ def _nearest(path: Path) -> str:
 
 
 def config_for(environment: str, horizon: int | None, changes: Iterable[str] = ()) -> Config:
-    """Return the configuration of a run on an environment, all settings but the horizon being the defaults.
+    """Return the configuration of a run on an environment that nobody tuned the settings for.
 
     Args:
         environment: Gymnasium id.
@@ -181,7 +182,10 @@ def config_for(environment: str, horizon: int | None, changes: Iterable[str] = (
         ValueError: settings that are unknown or do not fit.
     """
     name = re.sub(r"\W+", "_", environment.rpartition(":")[2]).strip("_").lower()
-    tree: dict[str, Any] = {"name": name or "run", "environment": {"id": environment}}
+    changes = list(changes)
+    algorithm = tree_of(changes).get("algorithm", {})
+    chosen = algorithm.get("name", "rkhs_nac") if isinstance(algorithm, Mapping) else "rkhs_nac"
+    tree = {"name": name or "run", "environment": {"id": environment}, **settings_for(str(chosen))}
     return _changed(tree | ({"horizon": horizon} if horizon else {}), changes)
 
 

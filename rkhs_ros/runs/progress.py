@@ -53,7 +53,9 @@ def _bar(training: Training, done: int, console: Console, *, quiet: bool) -> Ite
     )
     text = TextColumn("return {task.fields[train]}, noise-free {task.fields[mean]}{task.fields[imagined]}")
     with Progress(*columns, text, console=console, disable=quiet) as progress:
-        task = progress.add_task(training.name, total=training.iterations, completed=done, train="-", mean="-", imagined="")
+        task = progress.add_task(
+            training.name, total=training.iterations, completed=done, train="-", mean="-", imagined=""
+        )
 
         def show(iteration: Iteration) -> None:
             progress.update(task, advance=1, train=f"{iteration.train_return:.4g}")
