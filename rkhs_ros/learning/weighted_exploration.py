@@ -33,7 +33,7 @@ def weighted_regression(samples: Samples, weights: Array, ridge: float, unit: st
         samples: samples of the iteration, and of the episodes remembered.
         weights: q, shape (samples,), not negative: signed advantages, as printed, make the system indefinite.
         ridge: lambda.
-        unit: one of `RIDGE_UNITS`: lambda as it is, or over the mean variance, so that the actions' units do not matter.
+        unit: one of `RIDGE_UNITS`: lambda as it is, or over the mean variance: no unit.
     """
     columns = zip(samples.exploration.T, samples.variance.T, strict=True)
     penalty = np.full(samples.features.shape[1], ridge / len(weights))
