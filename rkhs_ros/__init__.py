@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from rkhs_ros.learning.enac import ENAC as ENAC
     from rkhs_ros.learning.kernel_choice import KernelChoice as KernelChoice
     from rkhs_ros.learning.power import PoWER as PoWER
+    from rkhs_ros.learning.practice import ModelPractice as ModelPractice
+    from rkhs_ros.learning.practice import NoPractice as NoPractice
     from rkhs_ros.learning.rkhs_ac import RKHSAC as RKHSAC
     from rkhs_ros.learning.rkhs_nac import RKHSNAC as RKHSNAC
     from rkhs_ros.learning.rkhs_npg import RKHSNPG as RKHSNPG
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
     from rkhs_ros.policies.policy import Policy as Policy
     from rkhs_ros.policies.policy import load as load
     from rkhs_ros.rkhs.kernels import RBF as RBF
+    from rkhs_ros.rkhs.kernels import Linear as Linear
     from rkhs_ros.rkhs.kernels import Polynomial as Polynomial
 
 _HOMES = {
@@ -44,6 +47,7 @@ _HOMES = {
     "learning.enac": ("ENAC",),
     "learning.kernel_choice": ("KernelChoice",),
     "learning.power": ("PoWER",),
+    "learning.practice": ("ModelPractice", "NoPractice"),
     "learning.rkhs_ac": ("RKHSAC",),
     "learning.rkhs_nac": ("RKHSNAC",),
     "learning.rkhs_npg": ("RKHSNPG",),
@@ -51,7 +55,7 @@ _HOMES = {
     "learning.steps": ("FixedStep", "KLStep", "LineSearch"),
     "policies.inputs": ("Inputs",),
     "policies.policy": ("Policy", "load"),
-    "rkhs.kernels": ("RBF", "Polynomial"),
+    "rkhs.kernels": ("RBF", "Linear", "Polynomial"),
 }
 _MODULES = {name: f"rkhs_ros.{module}" for module, names in _HOMES.items() for name in names}
 __all__ = sorted(_MODULES)

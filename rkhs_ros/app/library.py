@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,13 +15,14 @@ from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import hint, pick, require
 from rkhs_ros.learning.algorithm import Algorithm
 from rkhs_ros.learning.kernel_choice import KernelChoice
+from rkhs_ros.learning.practice import PRACTICES
 from rkhs_ros.learning.registry import ALGORITHMS
-from rkhs_ros.learning.rkhs_nac import RKHSNAC
-from rkhs_ros.learning.training import Iteration, Training, first_state
+from rkhs_ros.learning.training import Iteration, Training, first_state, training_from
 from rkhs_ros.learning.training import train as iterations_of
 from rkhs_ros.policies.policy import Policy, load
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.rkhs.kernels import Array, Kernel
+from rkhs_ros.runs.any_task import settings_for
 from rkhs_ros.runs.curve import Row, columns
 from rkhs_ros.runs.environments import Source
 from rkhs_ros.runs.progress import progress_bar
@@ -99,7 +100,8 @@ def train(
     Args:
         environment: a Gymnasium id (``module:Id-v0`` imports the module that registers it), an environment, a vector
             environment, or a function or class that makes one. Observations and actions must be continuous.
-        algorithm: such as ``RKHSNAC(centres=80)``, or the name of one; RKHS-NAC where None.
+        algorithm: such as ``RKHSNAC(centres=80)``, or the name of one with settings for a task that nobody tuned;
+            RKHS-NAC where None.
         progress: show a progress bar on standard error.
         **settings: those of `learn`.
 
@@ -125,8 +127,9 @@ def learn(environment: Source, algorithm: Algorithm | str | None = None, **setti
         **settings: fields of `Training`: ``iterations``, ``seed``, ``episodes_per_iteration``, ``horizon`` (the
             environment's own where it has one, otherwise 100), ``discount``, ``exploration_sd``, ``evaluate_every``,
             ``evaluation_episodes``, ``inputs`` (an `Inputs`), ``kernel`` (a `KernelChoice`, its form as text, or a
-            kernel); ``policy``: a `Policy`, or the file of one, to begin from; ``options`` of an id, a mapping; and
-            ``rows_at_once``, the number of copies of an environment side by side at most.
+            kernel), ``practice`` (a `ModelPractice`, "model" or "none"); ``policy``: a `Policy`, or the file of one, to
+            begin from; ``options`` of an id, a mapping; and ``rows_at_once``, the number of copies of an environment
+            side by side at most. Those not given are those for a task that nobody tuned, `any_task`.
 
     Raises:
         ValueError: a setting is unknown or does not fit, or the environment cannot be used.
@@ -148,22 +151,26 @@ def _prepared(
             raise ValueError(f"unknown setting '{name}', {_meant(name, known)}")
     given = {"name": simulation.environment, "horizon": simulation.own_horizon or Training.horizon, **given}
     if isinstance(algorithm, str):
-        algorithm = pick(algorithm, ALGORITHMS, "algorithm")()
-    kernel = given.get("kernel", KernelChoice())
+        pick(algorithm, ALGORITHMS, "algorithm")
+    untuned = training_from(settings_for(algorithm) if isinstance(algorithm, str) else settings_for())
+    kernel = given.get("kernel", untuned.kernel)
     if isinstance(kernel, str):
-        kernel = KernelChoice(form=kernel)
+        kernel = replace(untuned.kernel, form=kernel)
     given["kernel"] = GivenKernel(kernel=kernel) if isinstance(kernel, Kernel) else kernel
+    if isinstance(given.get("practice"), str):
+        given["practice"] = pick(given["practice"], PRACTICES, "practice")()
     warm_start = load(start) if isinstance(start, str | Path) else start
     good = warm_start is None or isinstance(warm_start, Policy)
     require(good, "policy", "a Policy or the file of one", warm_start)
     require(not isinstance(algorithm, type), "algorithm", "one with its settings, as RKHSNAC()", algorithm)
-    chosen = RKHSNAC() if algorithm is None else algorithm
-    return Training(algorithm=chosen, **given), InlineRunner(simulation), warm_start
+    if isinstance(algorithm, Algorithm):
+        given["algorithm"] = algorithm
+    return replace(untuned, **given), InlineRunner(simulation), warm_start
 
 
 def _meant(name: str, known: Iterable[str]) -> str:
     """Return a hint for an unknown setting: the first algorithm that has it, or the nearest name."""
-    algorithms: list[type[Algorithm]] = [RKHSNAC, *ALGORITHMS.values()]
+    algorithms: list[type[Algorithm]] = [ALGORITHMS["rkhs_nac"], *ALGORITHMS.values()]
     having = [each.__name__ for each in algorithms if name in {f.name for f in fields(each)}]
     return f"did you mean {having[0]}({name}=...)?" if having else hint(name, dict.fromkeys([*known, *OTHERS]))
 
