@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from rkhs_ros.policies.policy import Policy as Policy
     from rkhs_ros.policies.policy import load as load
     from rkhs_ros.rkhs.kernels import RBF as RBF
+    from rkhs_ros.rkhs.kernels import Linear as Linear
     from rkhs_ros.rkhs.kernels import Polynomial as Polynomial
 
 _HOMES = {
@@ -51,7 +52,7 @@ _HOMES = {
     "learning.steps": ("FixedStep", "KLStep", "LineSearch"),
     "policies.inputs": ("Inputs",),
     "policies.policy": ("Policy", "load"),
-    "rkhs.kernels": ("RBF", "Polynomial"),
+    "rkhs.kernels": ("RBF", "Linear", "Polynomial"),
 }
 _MODULES = {name: f"rkhs_ros.{module}" for module, names in _HOMES.items() for name in names}
 __all__ = sorted(_MODULES)
