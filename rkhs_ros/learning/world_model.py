@@ -154,11 +154,15 @@ def turn(values: Array, inputs: Inputs) -> Array:
 
 
 def _ends(steps: Steps, inputs: Inputs, centres: int) -> Posterior | None:
-    """Return the regression on +1 where the episode ended and -1 elsewhere, either counting for half."""
+    """Return the regression on +1 where the episode ended and -1 elsewhere.
+
+    Ends are rare. Counted as they come, some would not be seen; with either side counting for half, the boundary would
+    move inwards. The root of those weights lies between.
+    """
     ended = steps.ended
     if not ended.any() or ended.all():
         return None
-    shares = np.where(ended, 0.5 / ended.sum(), 0.5 / (~ended).sum()) * len(ended)
+    shares = np.sqrt(np.where(ended, 0.5 / ended.sum(), 0.5 / (~ended).sum()) * len(ended))
     points = inputs.features(steps.following)
     return Posterior.fit(points, np.where(ended, 1.0, -1.0)[:, None], centres, shares)
 
