@@ -163,7 +163,7 @@ def _prepared(
     good = warm_start is None or isinstance(warm_start, Policy)
     require(good, "policy", "a Policy or the file of one", warm_start)
     require(not isinstance(algorithm, type), "algorithm", "one with its settings, as RKHSNAC()", algorithm)
-    if isinstance(algorithm, Algorithm):
+    if not isinstance(algorithm, str | None):
         given["algorithm"] = algorithm
     return replace(untuned, **given), InlineRunner(simulation), warm_start
 

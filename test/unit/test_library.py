@@ -38,11 +38,14 @@ def test_the_package_imports_nothing_before_it_is_needed() -> None:
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
 
 
+SETTINGS = ("exploration_sd", "discount", "episodes_per_iteration", "kernel", "practice")
+
+
 def test_a_result_is_that_of_the_same_run_from_a_file(tmp_path: Path) -> None:
     config = load_config(ROOT / "config" / "toy_nac.yaml", ["iterations=3", "seed=5"])
     folder = run_training(config, InlineRunner(Simulation("rkhs/Toy-v0")), tmp_path / "run", quiet=True)
     training = config.training
-    settings = {name: getattr(training, name) for name in ("exploration_sd", "discount", "episodes_per_iteration")}
+    settings = {name: getattr(training, name) for name in SETTINGS}
     result = rkhs_ros.train(
         "rkhs/Toy-v0", training.algorithm, iterations=3, seed=5, horizon=training.horizon, progress=False, **settings
     )
@@ -134,7 +137,7 @@ def test_a_kernel_is_given_by_its_form_its_choice_or_itself(kernel: Any) -> None
         (("Pendulum-v1",), {"iteratons": 3}, r"^unknown setting 'iteratons', did you mean 'iterations'\?$"),
         (("Pendulum-v1",), {"iterations": -3}, r"^iterations: expected a number in \[1, 1000000\], got -3$"),
         (("Pendulum-v1",), {"iterations": 2.5}, r"^iterations: expected a whole number, got 2\.5$"),
-        (("Pendulum-v1",), {"exploration_sd": "wide"}, r"^exploration_sd: expected a list of numbers, got 'wide'$"),
+        (("Pendulum-v1",), {"exploration_sd": "wide"}, r"^exploration_sd: unknown choice 'wide', known: range$"),
         (("Pendulum-v1",), {"inputs": 3}, r"^inputs: expected Inputs, got 3$"),
         (("Pendulum-v1",), {"kernel": 3}, r"^kernel: expected KernelChoice, got 3$"),
         (("Pendulum-v1",), {"policy": 3}, r"^policy: expected a Policy or the file of one, got 3$"),
