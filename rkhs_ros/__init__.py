@@ -1,7 +1,7 @@
 """Policy search in reproducing kernel Hilbert spaces, as a library and as a ROS 2 learning system.
 
 The public names are imported when they are first used: `train` and `learn` on any Gymnasium environment, `load` of a
-learnt `Policy`, the algorithms, their step rules, the kernels, and what a policy sees (`Inputs`).
+learnt `Policy`, the algorithms, their step rules, practice in a model, the kernels, and what a policy sees (`Inputs`).
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from rkhs_ros.learning.enac import ENAC as ENAC
     from rkhs_ros.learning.kernel_choice import KernelChoice as KernelChoice
     from rkhs_ros.learning.power import PoWER as PoWER
+    from rkhs_ros.learning.practice import ModelPractice as ModelPractice
     from rkhs_ros.learning.rkhs_ac import RKHSAC as RKHSAC
     from rkhs_ros.learning.rkhs_nac import RKHSNAC as RKHSNAC
     from rkhs_ros.learning.rkhs_npg import RKHSNPG as RKHSNPG
@@ -44,6 +45,7 @@ _HOMES = {
     "learning.enac": ("ENAC",),
     "learning.kernel_choice": ("KernelChoice",),
     "learning.power": ("PoWER",),
+    "learning.practice": ("ModelPractice",),
     "learning.rkhs_ac": ("RKHSAC",),
     "learning.rkhs_nac": ("RKHSNAC",),
     "learning.rkhs_npg": ("RKHSNPG",),
