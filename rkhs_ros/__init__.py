@@ -1,7 +1,7 @@
 """Policy search in reproducing kernel Hilbert spaces, as a library and as a ROS 2 learning system.
 
 The public names are imported when they are first used: `train` and `learn` on any Gymnasium environment, `load` of a
-learnt `Policy`, the algorithms, their step rules, the kernels, and what a policy sees (`Inputs`).
+learnt `Policy`, the algorithms, their step rules, practice in a model, the kernels, and what a policy sees (`Inputs`).
 """
 
 from __future__ import annotations

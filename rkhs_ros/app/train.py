@@ -95,7 +95,9 @@ def _configuration(options: argparse.Namespace, file: Path | None) -> Config:
     changes = [f"{name}={value}" for name in names if (value := getattr(options, name)) is not None]
     if options.algorithm is not None:
         pick(options.algorithm, ALGORITHMS, "algorithm")
-        changes.append(f"algorithm={{name: {options.algorithm}}}")
+        changes.append(
+            f"algorithm.name={options.algorithm}" if file is None else f"algorithm={{name: {options.algorithm}}}"
+        )
     changes += options.set
     if file is not None:
         return load_config(file, changes)

@@ -164,7 +164,7 @@ def summary(folder: Path, config: Config) -> str:
     first, last = rows[0], rows[-1]
     evaluations = f", and {last.evaluation_episodes} noise-free ones to measure it" if last.evaluation_episodes else ""
     lines = [
-        f"Learnt {config.environment.id} in {last.episodes} episodes{evaluations}, {last.seconds:.1f} s.",
+        f"Learnt {config.environment.id} in {_episodes(last.episodes)}{evaluations}, {last.seconds:.1f} s.",
         f"Return: {first.train_return:.4g} of the first exploring episodes, {_end(rows)}; {last.centres} centres.",
         f"Pictures: {folder / 'curve.png'} and {folder / 'policy.png'}",
     ]
@@ -192,5 +192,9 @@ def _end(rows: list[Row]) -> str:
         return f"{rows[-1].train_return:.4g} of the last"
     at = next(row for row in rows if row.mean_policy_return == best)
     last = next(row for row in reversed(rows) if not isnan(row.mean_policy_return))
-    end = "at the end" if last is rows[-1] else f"after {last.episodes} episodes"
-    return f"{last.mean_policy_return:.4g} noise-free {end}, {best:.4g} at best (after {at.episodes} episodes)"
+    end = "at the end" if last is rows[-1] else f"after {_episodes(last.episodes)}"
+    return f"{last.mean_policy_return:.4g} noise-free {end}, {best:.4g} at best (after {_episodes(at.episodes)})"
+
+
+def _episodes(count: int) -> str:
+    return f"{count} episode{'s' * (count != 1)}"

@@ -9,7 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rkhs_ros.base.settings import build
+from rkhs_ros.learning.rkhs_power import RKHSPoWER
+from rkhs_ros.learning.training import Training
 from rkhs_ros.policies.policy import load
+from rkhs_ros.runs.any_task import settings_for
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.episode_files import load_episodes
@@ -66,6 +70,13 @@ def test_an_algorithm_is_named_and_a_horizon_set(rkhs: Rkhs) -> None:
     assert training.horizon == 7
     assert rkhs("train", "--resume", "run", *INLINE, "--iterations", 2).code == 0
     assert len(Curve(Path("run/curve.csv")).rows()) == 2
+
+
+def test_an_algorithm_that_is_named_has_the_settings_for_a_task_that_nobody_tuned(rkhs: Rkhs) -> None:
+    arguments = ("train", "--env", "my_slide:Slide-v0", *INLINE, "--iterations", 1, "--algorithm", "rkhs_power")
+    assert rkhs(*arguments, "--out", "run", "--set", *SHORT).code == 0
+    algorithm = build(Training, settings_for("rkhs_power")).algorithm
+    assert load_config(Path("run/config.yaml")).training.algorithm == algorithm != RKHSPoWER()
 
 
 def test_an_environment_runs_one_row_at_a_time_if_told_so(rkhs: Rkhs) -> None:

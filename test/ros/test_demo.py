@@ -1,0 +1,28 @@
+"""`make demo` learns over topics from one real episode, and tells it in three lines."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from rkhs_ros.runs.curve import Curve
+from test.ros.conftest import ROOT
+
+OPTIMUM = 51.8
+
+
+def test_the_demo_learns_from_one_episode_and_says_so(tmp_path: Path, domain: int) -> None:
+    demo = subprocess.run(
+        [sys.executable, ROOT / "docs" / "demo.py"], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert demo.returncode == 0, demo.stderr
+    explored, practised, without = demo.stdout.splitlines()[-3:]
+    (file,) = tmp_path.glob("results/demo/*/curve.csv")
+    (row,) = Curve(file).rows()
+    assert row.episodes == 1
+    assert explored == f"One exploring episode (100 steps) earned {row.train_return:.1f}."
+    assert f"the noise-free return is {row.mean_policy_return:.1f} (optimum {OPTIMUM})" in practised
+    assert OPTIMUM + 1.0 > row.mean_policy_return > 45.0 > 30.0 > row.train_return
+    of_45, of_50 = re.findall(r"([\d.]+) episodes? to a return of 45, ([\d.]+) to 50", without)[0]
+    configurations = (ROOT / "docs" / "configurations.md").read_text()
+    assert f"{of_45} / {of_50} where it wraps" in configurations.replace("\n", " ")
