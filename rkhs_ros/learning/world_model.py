@@ -154,11 +154,15 @@ def turn(values: Array, inputs: Inputs) -> Array:
 
 
 def _ends(steps: Steps, inputs: Inputs, centres: int) -> Posterior | None:
-    """Return the regression on +1 where the episode ended and -1 elsewhere, either counting for half."""
+    """Return the regression on +1 where the episode ended and -1 elsewhere, either counting for half.
+
+    Where every step ended its episode, it is +1 all over.
+    """
     ended = steps.ended
-    if not ended.any() or ended.all():
+    if not ended.any():
         return None
-    shares = np.where(ended, 0.5 / ended.sum(), 0.5 / (~ended).sum()) * len(ended)
+    ends, goes_on = (max(int(which.sum()), 1) for which in (ended, ~ended))
+    shares = np.where(ended, 0.5 / ends, 0.5 / goes_on) * len(ended)
     points = inputs.features(steps.following)
     return Posterior.fit(points, np.where(ended, 1.0, -1.0)[:, None], centres, shares)
 
