@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-LONG_STEPS = {"rule": "kl", "divergence": 0.05, "cap": 1e12, "annealing": 0.05}  # no cap: it would have units
+LONG_STEPS = {"rule": "kl", "divergence": 0.05, "cap": 1e300, "annealing": 0.05}  # no cap: it would have units
 ALGORITHMS: Mapping[str, Mapping[str, Any]] = {
     "rkhs_nac": {"centres": 80, "value_ridge": 0.001, "trace": 0.95, "step": LONG_STEPS},
     "rkhs_npg": {"centres": 80, "step": LONG_STEPS},
