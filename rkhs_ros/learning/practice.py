@@ -116,7 +116,7 @@ def practise(
     share = max(practice.restart_decay**experience.iteration, practice.exploration_minimum)
     deviation = share * np.sqrt(experience.first_variance)
     policy = replace(policy, variance=ConstantVariance(deviation**2), noise="white")
-    memory = Episodes.none(_horizon(experience), policy.mean.input_dim, spaces.action_dim)
+    memory = Episodes.none(_horizon(experience), spaces.observation_dim, spaces.action_dim).seen_through(inputs)
     for number in range(rounds):
         imagined = runner.collect(policy, _batch(practice, experience, number)).seen_through(inputs)
         update = Experience(imagined, experience.discount, memory, _no_fresh_episodes, number)

@@ -35,7 +35,7 @@ class KLStep(Settings):
     """
 
     divergence: float = setting(0.02, "mean divergence of the first update, in nats", minimum=0.0, maximum=10.0)
-    cap: float = setting(1e12, "largest step size; it has the units of the direction", minimum=0.0, maximum=1e12)
+    cap: float = setting(1e300, "largest step size; it has the units of the direction", minimum=0.0, maximum=1e300)
     annealing: float = setting(
         0.0, "c of the divergence's decrease with the iterations, by 1 / (1 + c k)", minimum=0.0, maximum=1e6
     )

@@ -24,6 +24,7 @@ from rkhs_ros.learning.practice import (
 )
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.steps import LineSearch
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
@@ -63,6 +64,13 @@ class Training(Settings):
     kernel: KernelChoice = KernelChoice()
     algorithm: Algorithm = variant(RKHSNAC(), ALGORITHMS, "name")
     practice: Practice = variant(NoPractice(), PRACTICES, "form")
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where a value does not fit, or the algorithm wants real episodes that practice has not."""
+        super().__post_init__()
+        searches = isinstance(getattr(self.algorithm, "step", None), LineSearch)
+        good = not (searches and isinstance(self.practice, ModelPractice))
+        require(good, "algorithm.step.rule", "fixed or kl for practice.form=model", "line_search")
 
 
 def training_from(tree: Mapping[str, Any]) -> Training:

@@ -16,7 +16,7 @@ import numpy as np
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.rkhs.kernels import Array, deviations
+from rkhs_ros.rkhs.kernels import ROUNDING, Array, deviations
 from rkhs_ros.rkhs.posterior import Posterior
 
 NORMAL_MEDIAN = 0.4549  # of the square of a standard normal number
@@ -134,6 +134,7 @@ class WorldModel:
         changes = turn(steps.following - steps.observations, self.inputs)
         errors = turn(changes - self.changes.mean(steps.points), self.inputs)
         expected = np.hypot(self.changes.sd(steps.points), self.changes.noise)
+        expected = np.maximum(expected, ROUNDING * np.abs(steps.following).max(axis=0))  # as of a number that counts
         sizes = np.sqrt(np.mean(errors**2, axis=0)) / deviations(changes)
         surprise = float(np.sqrt(np.mean(np.median((errors / expected) ** 2, axis=0) / NORMAL_MEDIAN)))
         return ModelTest(float(np.sqrt(np.mean(sizes**2))), min(max(surprise, 1.0), MOST_OVERCONFIDENCE))
@@ -157,12 +158,14 @@ def _ends(steps: Steps, inputs: Inputs, centres: int) -> Posterior | None:
     """Return the regression on +1 where the episode ended and -1 elsewhere.
 
     Ends are rare. Counted as they come, some would not be seen; with either side counting for half, the boundary would
-    move inwards. The root of those weights lies between.
+    move inwards. The root of those weights lies between. Where every step ended its
+    episode, it is +1 all over.
     """
     ended = steps.ended
-    if not ended.any() or ended.all():
+    if not ended.any():
         return None
-    shares = np.sqrt(np.where(ended, 0.5 / ended.sum(), 0.5 / (~ended).sum()) * len(ended))
+    ends, goes_on = (max(int(which.sum()), 1) for which in (ended, ~ended))
+    shares = np.sqrt(np.where(ended, 0.5 / ends, 0.5 / goes_on) * len(ended))
     points = inputs.features(steps.following)
     return Posterior.fit(points, np.where(ended, 1.0, -1.0)[:, None], centres, shares)
 
