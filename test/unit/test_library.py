@@ -134,7 +134,7 @@ def test_a_kernel_is_given_by_its_form_its_choice_or_itself(kernel: Any) -> None
         (("Pendulum-v1",), {"iteratons": 3}, r"^unknown setting 'iteratons', did you mean 'iterations'\?$"),
         (("Pendulum-v1",), {"iterations": -3}, r"^iterations: expected a number in \[1, 1000000\], got -3$"),
         (("Pendulum-v1",), {"iterations": 2.5}, r"^iterations: expected a whole number, got 2\.5$"),
-        (("Pendulum-v1",), {"exploration_sd": "wide"}, r"^exploration_sd: expected a list of numbers, got 'wide'$"),
+        (("Pendulum-v1",), {"exploration_sd": "wide"}, r"^exploration_sd: unknown choice 'wide', known: range$"),
         (("Pendulum-v1",), {"inputs": 3}, r"^inputs: expected Inputs, got 3$"),
         (("Pendulum-v1",), {"kernel": 3}, r"^kernel: expected KernelChoice, got 3$"),
         (("Pendulum-v1",), {"policy": 3}, r"^policy: expected a Policy or the file of one, got 3$"),
