@@ -85,7 +85,7 @@ def _deep(name: str, *packages: str) -> Learner:
 
 LEARNERS = {
     "ours": Learner(policy_search, OURS, settings=("",)),
-    "no-practice": Learner(policy_search, ("practice.form=none",), settings=("",)),
+    "no-practice": Learner(policy_search, ("practice.form=none", "episodes_per_iteration=10"), settings=("",)),
     "linear-cma-es": _linear(linear_search.CMAES),
     "linear-ars": _linear(linear_search.ARS),
     "sac": _deep("SAC", "stable-baselines3"),

@@ -181,7 +181,7 @@ def test_a_learner_may_say_the_environment_that_it_expects(write: Any) -> None:
         ("{id: rkhs/Pendulum-v0}", "learner: environment: expected the simulator's, .*Toy-v0.*, got .*Pendulum-v0"),
         ("{id: rkhs/Toy-v0, options: {a: 1}}", "learner: environment: expected the simulator's"),
         ("rkhs/Toy-v0", "environment: expected a section of keys, got 'rkhs/Toy-v0'"),
-        ("{ids: 3}", "unknown key 'environment.ids', did you mean 'id'"),
+        ("{ids: 3}", "unknown key 'environment.ids', did you mean 'environment.id'"),
     ],
 )
 def test_a_learner_that_expects_another_environment_is_refused(write: Any, learner: str, message: str) -> None:

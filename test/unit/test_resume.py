@@ -208,7 +208,9 @@ def test_configuration_and_checkpoints_of_another_run_are_refused(tmp_path: Path
         resumed(one, longer(4, seed=1))
 
 
-ROWS = [Row(k, 3 * k, 2 * k, -1.5 / k, 0.1, 1e-17 * k, k, 1.0, float("nan"), 0.0, 0.25 * k) for k in (1, 2, 3)]
+ROWS = [
+    Row(k, 3 * k, 2 * k, -1.5 / k, 0.1, 1e-17 * k, k, 1.0, float("nan"), 0.0, 7.5, 0.1 * k, 0.25 * k) for k in (1, 2, 3)
+]
 
 
 @pytest.mark.usefixtures("quick_disk")
