@@ -10,7 +10,7 @@ from typing import Any
 from rkhs_ros.base.settings import Entry, entries
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.steps import STEP_RULES
-from rkhs_ros.learning.training import Training
+from rkhs_ros.learning.training_settings import Training
 
 PAGE = Path(__file__).with_name("settings.md")
 FAR = 1e9  # a bound as far away only keeps out what is no number
