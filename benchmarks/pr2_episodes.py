@@ -14,7 +14,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import rclpy
 
 from rkhs_ros.app.launcher import for_all, started
-from rkhs_ros.learning.training import first_policy
+from rkhs_ros.learning.state import first_policy
 from rkhs_ros.nodes.learner_node import LearnerNode
 from rkhs_ros.nodes.names import node_names
 from rkhs_ros.nodes.transport import by_udp

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from rkhs_ros.app.inline import iterations, runner_of
-from rkhs_ros.learning.training import first_state
+from rkhs_ros.learning.state import first_state
 from rkhs_ros.pictures.film import shoot
 from rkhs_ros.pictures.film_files import draw_strip
 from rkhs_ros.policies.gaussian import GaussianPolicy

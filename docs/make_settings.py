@@ -11,7 +11,7 @@ from rkhs_ros.base.settings import Entry, entries
 from rkhs_ros.learning.practice import PRACTICES
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.steps import STEP_RULES
-from rkhs_ros.learning.training import Training
+from rkhs_ros.learning.training_settings import Training
 
 PAGE = Path(__file__).with_name("settings.md")
 CHOICES = ("algorithm.name", "practice.form")

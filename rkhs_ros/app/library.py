@@ -17,8 +17,10 @@ from rkhs_ros.learning.algorithm import Algorithm
 from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.practice import PRACTICES
 from rkhs_ros.learning.registry import ALGORITHMS
-from rkhs_ros.learning.training import Iteration, Training, first_state, training_from
+from rkhs_ros.learning.state import first_state
+from rkhs_ros.learning.training import Iteration
 from rkhs_ros.learning.training import train as iterations_of
+from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.policy import Policy, load
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.rkhs.kernels import Array, Kernel

@@ -17,7 +17,7 @@ from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.streams import Lossy
 from rkhs_ros.base.validation import pick, require
 from rkhs_ros.learning.registry import ALGORITHMS
-from rkhs_ros.learning.training import first_state
+from rkhs_ros.learning.state import first_state
 from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.runs.comparison import compare

@@ -8,7 +8,7 @@ from threading import Event
 from typing import Any
 
 from rkhs_ros.base.settings import Entry, entries
-from rkhs_ros.learning.training import training_from
+from rkhs_ros.learning.training_settings import training_from
 from rkhs_ros.nodes.arguments import require_section
 from rkhs_ros.nodes.diagnostics import Diagnostics
 from rkhs_ros.nodes.names import namespaces

@@ -24,7 +24,7 @@ from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky
 LINEAR_SD = 3.0  # tau: of the linear part's coefficients, beside the kernel part's values
 NOISES = np.geomspace(1e-8, 1.0, 25)  # lambda, of which the evidence chooses one for each target
 BANDWIDTHS = (1.0, 1.6, 2.5, 4.0, 6.3)  # times root(d / 2), the scale of distances of points in d dimensions
-NEWTON_TOLERANCE = 1e-10
+NEWTON_TOLERANCE = 1e-8
 LEAST_RESIDUAL = 1e-12  # part of the targets' square below which a residual is rounding
 TINY = 1e-300
 

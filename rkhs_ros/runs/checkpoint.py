@@ -18,7 +18,7 @@ from rkhs_ros import __version__
 from rkhs_ros.base.files import sync_to_disk, write_whole
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.training import State
+from rkhs_ros.learning.state import State
 from rkhs_ros.policies.storage import packed, policy_arrays, policy_of, unpacked
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.surroundings import surroundings

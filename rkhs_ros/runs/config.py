@@ -13,7 +13,7 @@ from rkhs_ros.base.parameter_files import PARAMETERS, read_sections
 from rkhs_ros.base.settings import Entry, entries
 from rkhs_ros.base.validation import hint, require, shown
 from rkhs_ros.base.yaml_text import loaded, require_ros_value
-from rkhs_ros.learning.training import Training, training_from
+from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.runs.any_task import settings_for
 

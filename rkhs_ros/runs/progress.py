@@ -11,7 +11,8 @@ from math import isnan
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from rkhs_ros.learning.training import Iteration, Training
+from rkhs_ros.learning.training import Iteration
+from rkhs_ros.learning.training_settings import Training
 
 ECHO = "^C"  # that a terminal shows at Ctrl-C; beside a bar as wide as itself it would do so on another line
 LINE_PERIOD_S = 5.0  # between lines

@@ -10,7 +10,8 @@ from pathlib import Path
 from rkhs_ros.base.lock import locked
 from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import require
-from rkhs_ros.learning.training import Runner, first_state, train
+from rkhs_ros.learning.state import first_state
+from rkhs_ros.learning.training import Runner, train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.runs.checkpoint import Checkpoints

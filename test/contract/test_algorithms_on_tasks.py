@@ -11,7 +11,8 @@ import pytest
 from rkhs_ros.learning.kernel_choice import KERNELS
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.spaces import GridSettings
-from rkhs_ros.learning.training import Iteration, Training, train, training_from
+from rkhs_ros.learning.training import Iteration, train
+from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.kernels import kernel_from_terms
 from rkhs_ros.runs.rollout import InlineRunner

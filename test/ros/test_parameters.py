@@ -9,7 +9,7 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.parameter import Parameter
 
 from rkhs_ros.base.settings import entries
-from rkhs_ros.learning.training import Training
+from rkhs_ros.learning.training_settings import Training
 from test.ros.conftest import Probe, Process
 
 OPTIONS = ["environment.options.angle", "environment.id", "environment.rows_at_once"]

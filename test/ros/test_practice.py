@@ -31,12 +31,12 @@ def test_nobody_is_taken_for_dead_while_the_learner_practises_longer_than_the_ti
 ) -> None:
     folder, timeout = tmp_path / "run", 1.0
     small = ("horizon=40", "evaluation_episodes=1", f"timeout={timeout}")
-    long = ("practice.iterations=300", "practice.episodes=50", "practice.centres=60", "algorithm.centres=30")
+    long = ("practice.iterations=150", "practice.episodes=40", "practice.centres=60", "algorithm.centres=30")
     run = start("rkhs", "train", CONFIG, *SHORT, "--simulators", 2, "--out", folder, "--set", *small, *long)
     code, _, err = run.finish()
     assert (code, err) == (0, "")  # nor was a node started again
     first, second = (float(row) for row in seconds(folder))
-    assert second - first > 2 * timeout, "practice was too short to tell"
+    assert second - first > timeout, "practice was too short to tell"
 
 
 def seconds(folder: Path) -> list[str]:

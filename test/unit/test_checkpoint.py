@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 from rkhs_ros import __version__
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.spaces import GridSettings
-from rkhs_ros.learning.training import State, Training, train, training_from
+from rkhs_ros.learning.state import State
+from rkhs_ros.learning.training import train
+from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import packed, unpacked
 from rkhs_ros.runs import surroundings

@@ -10,7 +10,7 @@ from rkhs_ros.base.settings import entries
 from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.steps import KLStep
-from rkhs_ros.learning.training import Training
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.report import resolved
 from rkhs_ros.runs.simulation import Simulation

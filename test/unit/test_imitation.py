@@ -10,7 +10,9 @@ from sklearn.kernel_ridge import KernelRidge
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.imitation import Imitation
 from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.learning.training import Training, first_state, train
+from rkhs_ros.learning.state import first_state
+from rkhs_ros.learning.training import train
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import Task

@@ -13,7 +13,8 @@ from gymnasium.spaces import Box
 
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.spaces import GridSettings
-from rkhs_ros.learning.training import Iteration, Training, train, training_from
+from rkhs_ros.learning.training import Iteration, train
+from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.learning.world_model import WorldModel
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from rkhs_ros.app.inline import iterations
-from rkhs_ros.learning.training import Training, train
+from rkhs_ros.learning.training import train
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.runs import progress
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.progress import ECHO, progress_bar

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rkhs_ros.learning.training import Training, train
+from rkhs_ros.learning.training import train
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.runs.config import Config, Environment, load_config

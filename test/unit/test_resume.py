@@ -14,7 +14,7 @@ import pytest
 
 from rkhs_ros.app import train
 from rkhs_ros.base.lock import locked
-from rkhs_ros.learning.training import Training
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.storage import read_policy, unpacked
 from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.curve import Curve, Row

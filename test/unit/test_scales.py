@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box
 
-from rkhs_ros.learning.training import Iteration, Training, train, training_from
+from rkhs_ros.learning.training import Iteration, train
+from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.runs.any_task import settings_for
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.simulation import Simulation

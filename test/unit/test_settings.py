@@ -8,7 +8,7 @@ from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.rkhs_power import RKHSPoWER
 from rkhs_ros.learning.steps import FixedStep
-from rkhs_ros.learning.training import Training, training_from
+from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.inputs import Inputs
 
 

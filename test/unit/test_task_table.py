@@ -16,7 +16,7 @@ import linear_search
 import task_learners
 import tasks
 from deep_peers import SeenThrough
-from rkhs_ros.learning.training import first_policy
+from rkhs_ros.learning.state import first_policy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch

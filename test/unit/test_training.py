@@ -11,7 +11,9 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.rkhs_nac import RKHSNAC
-from rkhs_ros.learning.training import Collector, Training, first_policy, first_state, train
+from rkhs_ros.learning.state import first_policy, first_state
+from rkhs_ros.learning.training import Collector, train
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces

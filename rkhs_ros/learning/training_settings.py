@@ -1,0 +1,65 @@
+"""The learner's settings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from rkhs_ros.base.settings import Settings, build, setting, variant
+from rkhs_ros.base.validation import require
+from rkhs_ros.learning.algorithm import Algorithm
+from rkhs_ros.learning.kernel_choice import KernelChoice
+from rkhs_ros.learning.practice import PRACTICES, ModelPractice, NoPractice, Practice
+from rkhs_ros.learning.registry import ALGORITHMS
+from rkhs_ros.learning.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.steps import LineSearch
+from rkhs_ros.policies.inputs import Inputs
+
+
+@dataclass(frozen=True)
+class Training(Settings):
+    """The learner's settings."""
+
+    name: str = setting("run", "name of the run and of its folder of results")
+    seed: int = setting(0, "seed of all randomness", minimum=0, maximum=2**63 - 1)
+    iterations: int = setting(40, "number of policy updates", minimum=1, maximum=10**6)
+    episodes_per_iteration: int = setting(10, "exploring episodes before each update", minimum=1, maximum=10_000)
+    evaluation_episodes: int = setting(10, "noise-free episodes of an evaluation", minimum=1, maximum=10_000)
+    evaluate_every: int = setting(
+        1, "iterations from one evaluation by noise-free episodes to the next; 0: none", minimum=0, maximum=10**6
+    )
+    horizon: int = setting(100, "steps of an episode", minimum=1, maximum=10**6)
+    discount: float = setting(0.99, "discount factor of the return, per step", minimum=0.0, maximum=1.0)
+    exploration_sd: str | tuple[float, ...] = setting(
+        (1.0,),
+        "first standard deviation of the actions, one or one per dimension; or 'range': half the range of each action, "
+        "1 where it has no bounds",
+        minimum=1e-6,
+        maximum=1e6,
+        choices=("range",),
+    )
+    simulators: int = setting(
+        1, "simulator nodes that share the episodes of a batch; no result depends on it", minimum=1, maximum=64
+    )
+    timeout: float = setting(20.0, "seconds after which a silent node ends the run", minimum=0.1, maximum=3600.0)
+    inputs: Inputs = Inputs()
+    kernel: KernelChoice = KernelChoice()
+    algorithm: Algorithm = variant(RKHSNAC(), ALGORITHMS, "name")
+    practice: Practice = variant(NoPractice(), PRACTICES, "form")
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where a value does not fit, or the algorithm wants real episodes that practice has not."""
+        super().__post_init__()
+        searches = isinstance(getattr(self.algorithm, "step", None), LineSearch)
+        good = not (searches and isinstance(self.practice, ModelPractice))
+        require(good, "algorithm.step.rule", "fixed or kl for practice.form=model", "line_search")
+
+
+def training_from(tree: Mapping[str, Any]) -> Training:
+    """Return the learner's settings from a tree of values.
+
+    Raises:
+        ValueError: an unknown key or a value that does not fit.
+    """
+    return build(Training, tree)
