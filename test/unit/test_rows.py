@@ -184,7 +184,9 @@ class Scalar(gymnasium.Env[Any, Any]):
 
 
 def test_an_action_without_a_dimension_is_an_array_as_its_space_has_it() -> None:
-    (result,) = rkhs_ros.learn(Scalar, iterations=1, horizon=3, discount=1.0)
+    (result,) = rkhs_ros.learn(
+        Scalar, iterations=1, horizon=3, discount=1.0, episodes_per_iteration=10, practice="none"
+    )
     played = result.policy(1.0)
     Scalar.taken.append(played)
     assert {type(action) for action in Scalar.taken} == {np.ndarray}

@@ -117,11 +117,11 @@ def test_a_task_in_other_units_is_learnt_to_the_same_bits(algorithm: str, form: 
     assert_same(settings(algorithm, form), units)
 
 
-@over_practice
 @over_algorithms
-def test_units_that_round_leave_the_first_update_as_it_was_but_for_rounding(algorithm: str, form: str) -> None:
-    # Numbers times 1000 have other last digits, of which the pivots and the equations make a little more.
-    assert_same(settings(algorithm, form, iterations=1), Units((1000.0, 0.001), 1000.0, 1000.0), tolerance=1e-6)
+def test_units_that_round_leave_the_first_update_as_it_was_but_for_rounding(algorithm: str) -> None:
+    # Numbers times 1000 have other last digits, of which the pivots and the equations make a little more. With practice
+    # an imagined step beside the boundary may end its episode or not, and what follows is another episode.
+    assert_same(settings(algorithm, "none", iterations=1), Units((1000.0, 0.001), 1000.0, 1000.0), tolerance=1e-6)
 
 
 def test_what_is_compared_has_learnt_and_ended() -> None:
