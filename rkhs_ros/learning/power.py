@@ -40,9 +40,7 @@ class PoWER(GridSettings, WeightedExploration):
         samples = self.space.samples(policy, experience.episodes + experience.memory)  # phi, Eq 3
         q = self.weights(samples, experience.discount)
         if self.solution == "full":
-            change = weighted_regression(
-                samples, q, self.ridge, self.ridge_unit
-            )  # with the matrix W: Eq 23 in the grid's features
+            change = weighted_regression(samples, q, self.ridge, self.ridge_unit)  # the matrix W: Eq 23 in phi
         else:
             change = mean_exploration(samples, q)  # Eq 6
         return self.advance(policy, change, samples, q, experience)  # theta + change; the variance by Eq 24

@@ -158,8 +158,7 @@ def _ends(steps: Steps, inputs: Inputs, centres: int) -> Posterior | None:
     """Return the regression on +1 where the episode ended and -1 elsewhere.
 
     Ends are rare. Counted as they come, some would not be seen; with either side counting for half, the boundary would
-    move inwards. The root of those weights lies between. Where every step ended its
-    episode, it is +1 all over.
+    move inwards. The root of those weights lies between. Where every step ended its episode, it is +1 all over.
     """
     ended = steps.ended
     if not ended.any():
