@@ -46,7 +46,7 @@ class ModelPractice(Settings):
         0.95, "factor on the standard deviation of the imagined episodes at each update", minimum=0.0, maximum=1.0
     )
     restart_decay: float = setting(
-        0.8, "factor on the standard deviation that practice begins with, each real iteration", minimum=0.0, maximum=1.0
+        1.0, "factor on the standard deviation that practice begins with, each real iteration", minimum=0.0, maximum=1.0
     )
     exploration_minimum: float = setting(
         0.1, "least standard deviation, as a part of the first one", minimum=1e-6, maximum=1.0
