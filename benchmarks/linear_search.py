@@ -121,8 +121,7 @@ def linear(weights: Array, seen: Array, spaces: Spaces) -> Function:
     centre, scale = (seen.mean(axis=0), seen.std(axis=0)) if len(seen) else (np.zeros(d), np.ones(d))
     scale = np.where(scale > CONSTANT, scale, 1.0)
     low, high = (bound.ravel().astype(np.float64) for bound in (spaces.action_low, spaces.action_high))
-    unit = np.where(np.isfinite(high - low), 0.5 * (high - low), 1.0)
-    constant, *slopes = weights.reshape(-1, d + 1).T * unit
+    constant, *slopes = weights.reshape(-1, d + 1).T * spaces.half_ranges
     # The kernel is 1 at the first centre, and 1 more than the input j at the centre j.
     centres = centre + np.concatenate([np.zeros((1, d)), np.diag(scale)])
     coefficients = np.array([constant - np.sum(slopes, axis=0), *slopes])

@@ -5,12 +5,8 @@ Time is the median over repeats on one core.
 
 from __future__ import annotations
 
-import math
 import os
-import time
-from collections.abc import Callable
 from functools import partial
-from statistics import median
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
@@ -26,22 +22,12 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF
+from timing import growth, seconds_of
 
 HORIZON, ROWS = 100, (50, 200)
 STEPS = (1_250, 2_500, 5_000, 10_000)
 MODEL_CENTRES, POLICY_CENTRES = 200, 80
 TASKS = {"pendulum": (2, 1), "hopper": (11, 3), "cheetah": (17, 6)}  # numbers in an observation and an action
-
-
-def seconds_of(call: Callable[[], object], repeats: int) -> float:
-    """Return the median time of a call, after one that is not counted."""
-    call()
-    times = []
-    for _ in range(repeats):
-        begin = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - begin)
-    return median(times)
 
 
 def spaces_of(d: int, n: int) -> Spaces:
@@ -84,8 +70,7 @@ def fits(name: str) -> None:
         seconds[steps] = seconds_of(partial(WorldModel.fit, episodes, Inputs(), spaces_of(d, n), MODEL_CENTRES), 3)
         aim = "   (aim 2 s)" if steps == 5_000 else ""
         print(f"fit, {name:<9} {d:>2} + {n} numbers, {steps:>6} steps   {seconds[steps]:6.2f} s{aim}", flush=True)
-    growth = math.log(seconds[STEPS[-1]] / seconds[STEPS[0]]) / math.log(STEPS[-1] / STEPS[0])
-    print(f"fit, {name:<9} growth {growth:.2f}   (aim at most 1)", flush=True)
+    print(f"fit, {name:<9} growth {growth(seconds, STEPS[0], STEPS[-1]):.2f}   (aim at most 1)", flush=True)
 
 
 def imagined(name: str) -> None:

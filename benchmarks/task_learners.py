@@ -17,7 +17,6 @@ from rkhs_ros.learning.training import train
 from rkhs_ros.runs.surroundings import CODE, LIBRARIES, code_digest
 from trial import Meter, MeteredRunner, Point, Trial, write_curve
 
-OURS = ("practice.form=model",)  # changes of the defaults
 HERE = Path(__file__).parent
 SEEN_BY_ALL = ("environment.", "inputs.", "seed", "horizon", "discount", "evaluation_episodes")
 
@@ -84,7 +83,7 @@ def _deep(name: str, *packages: str) -> Learner:
 
 
 LEARNERS = {
-    "ours": Learner(policy_search, OURS, settings=("",)),
+    "ours": Learner(policy_search, settings=("",)),
     "no-practice": Learner(policy_search, ("practice.form=none", "episodes_per_iteration=10"), settings=("",)),
     "linear-cma-es": _linear(linear_search.CMAES),
     "linear-ars": _linear(linear_search.ARS),

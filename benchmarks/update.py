@@ -5,13 +5,10 @@ Time is the median over repeats on one core; memory is the peak that one more, t
 
 from __future__ import annotations
 
-import math
 import os
-import time
 import tracemalloc
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from statistics import median
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
@@ -28,21 +25,11 @@ from rkhs_ros.rkhs.pursuit import Pursuit, pursue
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.simulation import Simulation
+from timing import growth, seconds_of
 
 CONFIGS = Path(__file__).parents[1] / "config"
 REPEATS = {1_000: 21, 10_000: 7, 100_000: 3}
 POINTS, ATOMS = 1000, 40
-
-
-def seconds_of(call: Callable[[], object], repeats: int) -> float:
-    """Return the median time of a call, after one that is not counted."""
-    call()
-    times = []
-    for _ in range(repeats):
-        begin = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - begin)
-    return median(times)
 
 
 def peak_of(call: Callable[[], object]) -> int:
@@ -52,11 +39,6 @@ def peak_of(call: Callable[[], object]) -> int:
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     return peak
-
-
-def growth(amounts: dict[int, float], first: int, last: int) -> float:
-    """Return the exponent with which the amounts grow from the first to the last number of samples."""
-    return math.log(amounts[last] / amounts[first]) / math.log(last / first)
 
 
 def update_of(config: Path, samples: int, changes: Sequence[str] = ()) -> tuple[Callable[[], object], int]:

@@ -62,8 +62,9 @@ class ImaginedRunner:
         for step in range(horizon):
             now = observations[:, step]
             actions[:, step] = acting(step, now)
-            seen = inputs.features(now)
-            if inputs.history > 1:
+            if inputs.history == 1:
+                seen = inputs.features(now)
+            else:
                 seen = inputs.at(np.array([step]), observations[:, : step + 1], actions[:, : step + 1])[:, 0]
             points[:, step] = points_of(seen, actions[:, step], model.spaces)
             observations[:, step + 1] = model.following(now, changes(points[:, step]) + noise[:, step])

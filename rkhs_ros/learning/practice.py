@@ -14,7 +14,7 @@ from rkhs_ros.learning.algorithm import Algorithm, Experience, Metrics
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.imagination import ImaginedRunner
 from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.learning.world_model import ModelTest, WorldModel
+from rkhs_ros.learning.world_model import ModelTest, WorldModel, prediction_test
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.noise import NOISES
 from rkhs_ros.policies.spaces import Spaces
@@ -157,8 +157,7 @@ def _test_before(practice: ModelPractice, policy: GaussianPolicy, experience: Re
     if old == 0:
         return ModelTest(float("nan"), 1.0)
     before, newest = (experience.episodes.take(part) for part in (slice(old), slice(old, None)))
-    model = WorldModel.fit(before, policy.inputs, experience.spaces, practice.centres)
-    return model.test(newest)
+    return prediction_test(before, newest, policy.inputs, experience.spaces, practice.centres)
 
 
 def _horizon(experience: RealExperience) -> int:

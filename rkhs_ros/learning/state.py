@@ -57,8 +57,7 @@ def first_variance(training: Training, spaces: Spaces) -> Array:
     """Return the variance of the first policy, shape (n,)."""
     sd, action_dim = training.exploration_sd, spaces.action_dim
     if isinstance(sd, str):
-        low, high = (bound.ravel().astype(np.float64) for bound in (spaces.action_low, spaces.action_high))
-        return np.where(np.isfinite(high - low) & (high > low), 0.5 * (high - low), 1.0) ** 2
+        return spaces.half_ranges**2
     require(len(sd) in (1, action_dim), "exploration_sd", numbers(1, action_dim), len(sd))
     return np.broadcast_to(np.square(sd), (action_dim,))
 

@@ -115,11 +115,10 @@ class WorldModel:
         steps = Steps.of(episodes, inputs, spaces)
         going_on = ~steps.ended if not steps.ended.all() else np.ones_like(steps.ended)
         rewards = Posterior.fit(steps.points[going_on], steps.rewards[going_on, None], centres)
-        changes = turn(steps.following - steps.observations, inputs)
         return cls(
             inputs=inputs,
             spaces=spaces,
-            changes=Posterior.fit(steps.points, changes, centres),
+            changes=_changes(steps, inputs, centres),
             rewards=rewards,
             ends=_ends(steps, inputs, centres),
             last_reward=_last_reward(steps, rewards),
@@ -128,21 +127,27 @@ class WorldModel:
             starts=episodes.observations[:, 0],
         )
 
-    def test(self, episodes: Episodes) -> ModelTest:
-        """Return how the model predicts the steps of episodes that it was not learnt from."""
-        steps = Steps.of(episodes, self.inputs, self.spaces)
-        changes = turn(steps.following - steps.observations, self.inputs)
-        errors = turn(changes - self.changes.mean(steps.points), self.inputs)
-        expected = np.hypot(self.changes.sd(steps.points), self.changes.noise)
-        expected = np.maximum(expected, ROUNDING * np.abs(steps.following).max(axis=0))  # as of a number that counts
-        sizes = np.sqrt(np.mean(errors**2, axis=0)) / deviations(changes)
-        surprise = float(np.sqrt(np.mean(np.median((errors / expected) ** 2, axis=0) / NORMAL_MEDIAN)))
-        return ModelTest(float(np.sqrt(np.mean(sizes**2))), min(max(surprise, 1.0), MOST_OVERCONFIDENCE))
-
     def following(self, observations: Array, changes: Array) -> Array:
         """Return observations, shape (rows, d), after changes of that shape, within what can be imagined."""
         moved = turn(observations + changes, self.inputs)
         return np.minimum(np.maximum(moved, self.low), self.high)
+
+
+def prediction_test(before: Episodes, after: Episodes, inputs: Inputs, spaces: Spaces, centres: int) -> ModelTest:
+    """Return how a model of some episodes predicts the changes in the steps of others; the arguments are `fit`'s."""
+    model = _changes(Steps.of(before, inputs, spaces), inputs, centres)
+    steps = Steps.of(after, inputs, spaces)
+    changes = turn(steps.following - steps.observations, inputs)
+    errors = turn(changes - model.mean(steps.points), inputs)
+    expected = np.hypot(model.sd(steps.points), model.noise)
+    expected = np.maximum(expected, ROUNDING * np.abs(steps.following).max(axis=0))  # as of a number that counts
+    sizes = np.sqrt(np.mean(errors**2, axis=0)) / deviations(changes)
+    surprise = float(np.sqrt(np.mean(np.median((errors / expected) ** 2, axis=0) / NORMAL_MEDIAN)))
+    return ModelTest(float(np.sqrt(np.mean(sizes**2))), min(max(surprise, 1.0), MOST_OVERCONFIDENCE))
+
+
+def _changes(steps: Steps, inputs: Inputs, centres: int) -> Posterior:
+    return Posterior.fit(steps.points, turn(steps.following - steps.observations, inputs), centres)
 
 
 def turn(values: Array, inputs: Inputs) -> Array:

@@ -57,6 +57,12 @@ class Spaces:
         low, high = self._bounds
         return np.minimum(np.maximum(actions, low), high)  # several times faster than numpy.clip on few values
 
+    @property
+    def half_ranges(self) -> Array:
+        """Half the range of each action, shape (action_dim,); 1 where it has no bounds, or no room between them."""
+        low, high = self._bounds
+        return np.where(np.isfinite(high - low) & (high > low), 0.5 * (high - low), 1.0)
+
     @cached_property
     def _bounds(self) -> tuple[Array, Array]:
         return self.action_low.ravel().astype(np.float64), self.action_high.ravel().astype(np.float64)

@@ -15,7 +15,7 @@ from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.spaces import GridSettings
 from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.learning.training_settings import Training, training_from
-from rkhs_ros.learning.world_model import WorldModel
+from rkhs_ros.learning.world_model import WorldModel, prediction_test
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.runs.checkpoint import Checkpoints
@@ -175,7 +175,7 @@ def test_a_number_that_only_counts_makes_no_model_overconfident() -> None:
     spaces = Spaces((2,), np.array([-1.0]), np.array([1.0]))
     before, after = (last.state.memory.take(part) for part in (slice(20), slice(20, None)))
     # 100 steps tell the noise's deviation to 7 %; the model's noises are 1.5 times apart.
-    assert WorldModel.fit(before, Inputs(), spaces, 40).test(after).overconfidence < 1.6
+    assert prediction_test(before, after, Inputs(), spaces, 40).overconfidence < 1.6
 
 
 def test_a_step_that_is_tried_out_is_refused_before_the_run(rkhs: Callable[..., Result]) -> None:
