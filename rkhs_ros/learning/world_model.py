@@ -134,7 +134,7 @@ class WorldModel:
 
 
 def prediction_test(before: Episodes, after: Episodes, inputs: Inputs, spaces: Spaces, centres: int) -> ModelTest:
-    """Return how a model of some episodes predicts the changes in the steps of others; the arguments are `fit`'s."""
+    """Return how a model of some episodes predicts the steps of others; the arguments are `WorldModel.fit`'s."""
     model = _changes(Steps.of(before, inputs, spaces), inputs, centres)
     steps = Steps.of(after, inputs, spaces)
     changes = turn(steps.following - steps.observations, inputs)
