@@ -10,6 +10,7 @@ from operator import add
 from rkhs_interfaces.msg import BatchProgress
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.execution import Record, forget
 from rkhs_ros.nodes.names import namespaces
 from rkhs_ros.nodes.peers import Peers
 from rkhs_ros.nodes.policy_link import NAME as POLICY
@@ -39,11 +40,15 @@ class TopicRunner:
         peers: how it calls others.
         simulators: number of simulator nodes.
         rows: of the batches to come, for which the simulators are to make room.
+
+    Attributes:
+        record: is told of each simulator's batch when all have ended.
     """
 
     def __init__(self, node: ReportingNode, peers: Peers, simulators: int, rows: int) -> None:
         self._node = node
         self._peers = peers
+        self.record: Record = forget
         self._clock_steps = 0
         self._progress_at = 0.0  # monotonic time, seconds
         refuse = node.diagnostics.refuse
@@ -101,7 +106,10 @@ class TopicRunner:
             self._recover(policy)
         self._node.diagnostics.stuck = ""
         self._node.diagnostics.steps += batch.horizon
-        return reduce(add, (simulator.episodes for simulator in self._simulators if simulator.episodes is not None))
+        parts = [(each.batch, each.episodes) for each in self._simulators if each.batch and each.episodes is not None]
+        for part, episodes in parts:
+            self.record(part, episodes, [])
+        return reduce(add, (episodes for _, episodes in parts))
 
     def _complete(self) -> bool:
         return not any(simulator.busy for simulator in self._simulators)

@@ -7,6 +7,7 @@ from operator import add
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.execution import Record, forget
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
@@ -19,11 +20,15 @@ class InlineRunner:
 
     Args:
         simulation: the task.
+
+    Attributes:
+        record: is told of each batch as it ends.
     """
 
     def __init__(self, simulation: Simulation) -> None:
         self.simulation = simulation
         self.spaces = simulation.spaces
+        self.record: Record = forget
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Return the episodes of a batch under the policy, as many at a time as the simulation has room for.
@@ -46,7 +51,9 @@ class InlineRunner:
             recorder.acted(step, actions)
             step += 1
             recorder.observed(step, frame)
-        return recorder.episodes()
+        episodes = recorder.episodes()
+        self.record(batch, episodes, [])
+        return episodes
 
     def _actions(self, acting: Acting, step: int, observations: Array) -> Array:
         try:
