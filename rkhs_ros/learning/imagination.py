@@ -39,11 +39,12 @@ class ImaginedRunner:
         model = self._model
         streams = [stream(batch.seed, "imagination", episode) for episode in batch.episodes]
         starts = model.starts[[int(own.integers(len(model.starts))) for own in streams]]
-        changes, rewards = (self._drawn(posterior, streams) for posterior in (model.changes, model.rewards))
+        changes = self._drawn(model.changes, streams)
+        rewards = None if model.rewards is None else self._drawn(model.rewards, streams)
         shape = (batch.horizon, model.spaces.observation_dim)
         noise = np.stack([own.standard_normal(shape) for own in streams]) * model.changes.noise
         observations, actions, points = self._roll_out(policy, batch, starts, changes, noise)
-        return self._cut(observations, actions, self._rewards(points, rewards))
+        return self._cut(observations, actions, self._rewards(observations, points, rewards))
 
     def _drawn(self, posterior: Posterior, streams: list[np.random.Generator]) -> DrawnFunctions:
         shape = posterior.coefficients.mean.T.shape
@@ -67,17 +68,27 @@ class ImaginedRunner:
             else:
                 seen = inputs.at(np.array([step]), observations[:, : step + 1], actions[:, : step + 1])[:, 0]
             points[:, step] = points_of(seen, actions[:, step], model.spaces)
-            observations[:, step + 1] = model.following(now, changes(points[:, step]) + noise[:, step])
+            unknown = changes(points[:, step]) + noise[:, step]
+            observations[:, step + 1] = model.following(now, points[:, step, -n:], unknown)
         return observations, actions, points
 
-    def _rewards(self, points: Array, drawn: DrawnFunctions) -> Array:
-        """Return the rewards of all steps within the range seen, shape (rows, H)."""
+    def _rewards(self, observations: Array, points: Array, drawn: DrawnFunctions | None) -> Array:
+        """Return the rewards of all steps, shape (rows, H): as known, or drawn, and then within the range seen."""
+        known, n = self._model.known.reward, self.spaces.action_dim
+        if known is not None:
+            steps = (observations[:, :-1], points[..., -n:], observations[:, 1:])
+            return known(*(each.reshape(-1, each.shape[-1]) for each in steps)).reshape(points.shape[:2]).copy()
+        if drawn is None:
+            raise ValueError("model: expected rewards that are known or learnt, got neither")
         rewards = np.stack([drawn.of_row(row, its_points)[:, 0] for row, its_points in enumerate(points)])
         return np.clip(rewards, *self._model.reward_range)
 
     def _ended(self, observations: Array) -> NDArray[np.bool_]:
         """Return whether the task ends an episode with each of the observations, shape (rows, H, d): (rows, H)."""
-        ends = self._model.ends
+        known, ends = self._model.known.end, self._model.ends
+        if known is not None:
+            ended = known(observations.reshape(-1, observations.shape[-1])) != 0.0
+            return np.asarray(ended).reshape(observations.shape[:2])
         if ends is None:
             return np.zeros(observations.shape[:2], dtype=bool)
         expected = ends.draw(np.zeros((1, *ends.coefficients.mean.T.shape)))

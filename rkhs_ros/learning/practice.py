@@ -14,6 +14,7 @@ from rkhs_ros.learning.algorithm import Algorithm, Experience, Metrics
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.imagination import ImaginedRunner
 from rkhs_ros.learning.kernel_choice import KernelChoice
+from rkhs_ros.learning.known_parts import KnownParts
 from rkhs_ros.learning.world_model import ModelTest, WorldModel, prediction_test
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.noise import NOISES
@@ -24,6 +25,7 @@ from rkhs_ros.rkhs.kernels import Array
 
 MOST_COMPARED = 300  # points at which two kernels are compared
 SAME_KERNEL = 0.95  # alignment above which two kernels are as good as one
+FUNCTION = "MODULE:FUNCTION in place of what is learnt, empty for none: from rows of"
 HORIZONS_AHEAD = 3.0  # times 1 / (1 - discount): beyond that 5 % of the return is left
 
 
@@ -51,6 +53,17 @@ class ModelPractice(Settings):
     exploration_minimum: float = setting(
         0.1, "least standard deviation, as a part of the first one", minimum=1e-6, maximum=1.0
     )
+    reward: str = setting("", f"{FUNCTION} (observations, actions, observations after them) to the rewards")
+    end: str = setting("", f"{FUNCTION} observations to whether they end an episode")
+    change: str = setting("", f"{FUNCTION} (observations, actions) to a part of the changes; the rest is learnt")
+
+    def known_parts(self, observation_dim: int) -> KnownParts:
+        """Return the functions that are named.
+
+        Raises:
+            ValueError: there is no such function.
+        """
+        return KnownParts.named(self.reward, self.end, self.change, observation_dim)
 
 
 Practice = NoPractice | ModelPractice
@@ -110,7 +123,9 @@ def practise(
     episodes, inputs, spaces = experience.episodes, policy.inputs, experience.spaces
     policy = _in_wider_space(policy, algorithm, experience)
     test = _test_before(practice, policy, experience)
-    runner = ImaginedRunner(WorldModel.fit(episodes, inputs, spaces, practice.centres), test.overconfidence)
+    known = practice.known_parts(spaces.observation_dim)
+    model = WorldModel.fit(episodes, inputs, spaces, practice.centres, known)
+    runner = ImaginedRunner(model, test.overconfidence)
     rounds = max(1, round(practice.iterations / test.overconfidence))
     least = practice.exploration_minimum * np.sqrt(experience.first_variance)
     share = max(practice.restart_decay**experience.iteration, practice.exploration_minimum)
@@ -157,7 +172,9 @@ def _test_before(practice: ModelPractice, policy: GaussianPolicy, experience: Re
     if old == 0:
         return ModelTest(float("nan"), 1.0)
     before, newest = (experience.episodes.take(part) for part in (slice(old), slice(old, None)))
-    return prediction_test(before, newest, policy.inputs, experience.spaces, practice.centres)
+    spaces = experience.spaces
+    known = practice.known_parts(spaces.observation_dim)
+    return prediction_test(before, newest, policy.inputs, spaces, practice.centres, known)
 
 
 def _horizon(experience: RealExperience) -> int:

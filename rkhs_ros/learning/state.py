@@ -49,6 +49,8 @@ def first_policy(training: Training, spaces: Spaces) -> GaussianPolicy:
     variance = ConstantVariance(first_variance(training, spaces))
     input_dim = training.inputs.dimension(spaces.observation_dim, action_dim)
     _check_kernel(training, input_dim)
+    if isinstance(training.practice, ModelPractice):
+        training.practice.known_parts(spaces.observation_dim)
     noise = training.practice.noise if isinstance(training.practice, ModelPractice) else "white"
     return GaussianPolicy(Function.zero(RBF((1.0,)), input_dim, action_dim), variance, training.inputs, noise)
 

@@ -4,7 +4,8 @@ r"""A model of a task, learnt from its episodes: how observations change, what i
     \text{over after } t \Leftrightarrow e(o_{t+1}) > 0
 
 x is what the policy is given of the history, a the action within its bounds. f, g and e are posteriors over
-functions, so that the model knows what it does not know (as PILCO's, Deisenroth and Rasmussen, 2011).
+functions, so that the model knows what it does not know (as PILCO's, Deisenroth and Rasmussen, 2011). Parts that are
+known need not be learnt.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.known_parts import KnownParts
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import ROUNDING, Array, deviations
@@ -21,6 +23,7 @@ from rkhs_ros.rkhs.posterior import Posterior
 
 NORMAL_MEDIAN = 0.4549  # of the square of a standard normal number
 MOST_OVERCONFIDENCE = 3.0
+NOTHING_KNOWN = KnownParts()
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,7 @@ class Steps:
 
     Attributes:
         points: inputs and action within its bounds, shape (n, p).
+        actions: within their bounds, shape (n, m).
         observations: before the step, shape (n, d).
         following: after it, shape (n, d).
         rewards: shape (n,).
@@ -36,6 +40,7 @@ class Steps:
     """
 
     points: Array
+    actions: Array
     observations: Array
     following: Array
     rewards: Array
@@ -51,7 +56,8 @@ class Steps:
         ended = np.zeros(episodes.mask.shape, dtype=bool)
         ended[rows, last] = episodes.terminated
         points = points_of(inputs.unfold(episodes.observations, episodes.actions), episodes.actions, spaces)
-        every = (points, episodes.observations, following, episodes.rewards, ended)
+        actions = points[..., -spaces.action_dim :]
+        every = (points, actions, episodes.observations, following, episodes.rewards, ended)
         return cls(*(episodes.flat(values) for values in every))
 
 
@@ -81,9 +87,10 @@ class WorldModel:
     Attributes:
         inputs: what changes and rewards are functions of, beside the action.
         spaces: of the task.
-        changes: of the observation in a step; of an angle the short way round.
-        rewards: of a step after which the episode goes on.
-        ends: above 0 where an observation ends the episode; None where no episode was ended by the task.
+        known: what need not be learnt.
+        changes: of the observation in a step, less those known; of an angle the short way round.
+        rewards: of a step after which the episode goes on; None where they are known.
+        ends: above 0 where an observation ends the episode; None where that is known, or the task ended no episode.
         last_reward: what the last step of an episode that the task ends earns beside that, in the mean.
         low: least observation that is imagined, shape (d,).
         high: greatest observation that is imagined, shape (d,).
@@ -93,8 +100,9 @@ class WorldModel:
 
     inputs: Inputs
     spaces: Spaces
+    known: KnownParts
     changes: Posterior
-    rewards: Posterior
+    rewards: Posterior | None
     ends: Posterior | None
     last_reward: float
     low: Array
@@ -103,7 +111,14 @@ class WorldModel:
     starts: Array
 
     @classmethod
-    def fit(cls, episodes: Episodes, inputs: Inputs, spaces: Spaces, centres: int) -> WorldModel:
+    def fit(
+        cls,
+        episodes: Episodes,
+        inputs: Inputs,
+        spaces: Spaces,
+        centres: int,
+        known: KnownParts = NOTHING_KNOWN,
+    ) -> WorldModel:
         """Return the model of a task of which episodes were seen.
 
         Args:
@@ -111,43 +126,68 @@ class WorldModel:
             inputs: of the policy.
             spaces: of the task.
             centres: kernel functions of each posterior at most.
+            known: what need not be learnt.
+
+        Raises:
+            RunError: a function of what is known failed.
         """
         steps = Steps.of(episodes, inputs, spaces)
         going_on = ~steps.ended if not steps.ended.all() else np.ones_like(steps.ended)
-        rewards = Posterior.fit(steps.points[going_on], steps.rewards[going_on, None], centres)
+        rewards = None
+        if known.reward is None:
+            rewards = Posterior.fit(steps.points[going_on], steps.rewards[going_on, None], centres)
         return cls(
             inputs=inputs,
             spaces=spaces,
-            changes=_changes(steps, inputs, centres),
+            known=known,
+            changes=Posterior.fit(steps.points, _unknown_changes(steps, inputs, known), centres),
             rewards=rewards,
-            ends=_ends(steps, inputs, centres),
-            last_reward=_last_reward(steps, rewards),
+            ends=_ends(steps, inputs, centres) if known.end is None else None,
+            last_reward=0.0 if rewards is None else _last_reward(steps, rewards),
             **_bounds(steps, inputs),
             reward_range=(float(steps.rewards[going_on].min()), float(steps.rewards[going_on].max())),
             starts=episodes.observations[:, 0],
         )
 
-    def following(self, observations: Array, changes: Array) -> Array:
-        """Return observations, shape (rows, d), after changes of that shape, within what can be imagined."""
+    def following(self, observations: Array, actions: Array, changes: Array) -> Array:
+        """Return observations, shape (rows, d), after unknown changes of that shape, within what can be imagined.
+
+        Args:
+            observations: shape (rows, d).
+            actions: within their bounds, shape (rows, m).
+            changes: beside those known, shape (rows, d).
+        """
+        if self.known.change is not None:
+            changes = changes + self.known.change(observations, actions)
         moved = turn(observations + changes, self.inputs)
         return np.minimum(np.maximum(moved, self.low), self.high)
 
 
-def prediction_test(before: Episodes, after: Episodes, inputs: Inputs, spaces: Spaces, centres: int) -> ModelTest:
+def prediction_test(
+    before: Episodes,
+    after: Episodes,
+    inputs: Inputs,
+    spaces: Spaces,
+    centres: int,
+    known: KnownParts = NOTHING_KNOWN,
+) -> ModelTest:
     """Return how a model of some episodes predicts the steps of others; the arguments are `WorldModel.fit`'s."""
-    model = _changes(Steps.of(before, inputs, spaces), inputs, centres)
-    steps = Steps.of(after, inputs, spaces)
-    changes = turn(steps.following - steps.observations, inputs)
-    errors = turn(changes - model.mean(steps.points), inputs)
+    earlier, steps = (Steps.of(episodes, inputs, spaces) for episodes in (before, after))
+    model = Posterior.fit(earlier.points, _unknown_changes(earlier, inputs, known), centres)
+    errors = turn(_unknown_changes(steps, inputs, known) - model.mean(steps.points), inputs)
     expected = np.hypot(model.sd(steps.points), model.noise)
     expected = np.maximum(expected, ROUNDING * np.abs(steps.following).max(axis=0))  # as of a number that counts
-    sizes = np.sqrt(np.mean(errors**2, axis=0)) / deviations(changes)
+    sizes = np.sqrt(np.mean(errors**2, axis=0)) / deviations(_unknown_changes(steps, inputs, NOTHING_KNOWN))
     surprise = float(np.sqrt(np.mean(np.median((errors / expected) ** 2, axis=0) / NORMAL_MEDIAN)))
     return ModelTest(float(np.sqrt(np.mean(sizes**2))), min(max(surprise, 1.0), MOST_OVERCONFIDENCE))
 
 
-def _changes(steps: Steps, inputs: Inputs, centres: int) -> Posterior:
-    return Posterior.fit(steps.points, turn(steps.following - steps.observations, inputs), centres)
+def _unknown_changes(steps: Steps, inputs: Inputs, known: KnownParts) -> Array:
+    """Return the changes of the observations less those known, shape (n, d)."""
+    changes = steps.following - steps.observations
+    if known.change is not None:
+        changes = changes - known.change(steps.observations, steps.actions)
+    return turn(changes, inputs)
 
 
 def turn(values: Array, inputs: Inputs) -> Array:

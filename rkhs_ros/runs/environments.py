@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
-import os
-import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import chdir, contextmanager
 from functools import partial
 from typing import Any
 
 import gymnasium
-import numpy as np
 from gymnasium import Env
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import VectorEnv
 
+from rkhs_ros.base.user_code import surroundings_kept, user_module
 from rkhs_ros.base.validation import hint, require, shown
 from rkhs_ros.runs.rows import AnyEnv, AnyVectorEnv, Rows, SeparateRows, VectorRows
 
@@ -32,7 +28,7 @@ def spec_of(environment: str) -> EnvSpec:
     """
     module, _, name = environment.rpartition(":")
     if module:
-        _import(module, environment)
+        _import_named_in(environment, module)
     try:
         return gymnasium.spec(name)
     except gymnasium.error.Error as error:
@@ -97,23 +93,16 @@ def _copies(first: AnyEnv, make: Callable[[], Any]) -> Iterator[AnyEnv]:
         yield make()
 
 
-@contextmanager
-def _surroundings_kept() -> Iterator[None]:
-    """Put back, after somebody's code, the folder that we are in, and of what numpy raises errors."""
-    with chdir("."), np.errstate():
-        yield
-
-
 def _registered(environment: str, options: dict[str, Any], rows_at_once: int) -> Rows:
     spec = spec_of(environment)
 
-    @_surroundings_kept()
+    @surroundings_kept()
     def vector(rows: int, horizon: int) -> AnyVectorEnv:
         return gymnasium.make_vec(
             spec, rows, max_episode_steps=horizon, vectorization_mode="vector_entry_point", **options
         )
 
-    @_surroundings_kept()
+    @surroundings_kept()
     def single() -> AnyEnv:  # without a time limit: the horizon of a batch is the limit
         return gymnasium.make(spec, max_episode_steps=-1, disable_env_checker=True, **options)
 
@@ -136,16 +125,8 @@ def _registered(environment: str, options: dict[str, Any], rows_at_once: int) ->
         ) from error
 
 
-def _import(module: str, environment: str) -> None:
-    if os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())
+def _import_named_in(environment: str, module: str) -> None:
     try:
-        with _surroundings_kept():
-            importlib.import_module(module)
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:  # the module is somebody's code
-        raise ValueError(
-            f"unknown environment '{shown(environment)}': expected a module '{module}' to import, "
-            f"installed or in this folder, got {type(error).__name__}: {shown(error)}"
-        ) from error
+        user_module(module)
+    except ValueError as error:
+        raise ValueError(f"unknown environment '{shown(environment)}': {error}") from error

@@ -214,6 +214,6 @@ def test_changes_are_functions_of_the_windows_that_the_policy_sees(rng: np.rando
     now, actions, following = transitions(imagined)
     points = points_of(imagined.flat(windows), actions, SPACES)
     expected = model.changes.mean(points)
-    np.testing.assert_allclose(model.following(now, expected), following, atol=1e-9)
+    np.testing.assert_allclose(model.following(now, points[:, -1:], expected), following, atol=1e-9)
     earned = model.rewards.mean(points)[:, 0]
     np.testing.assert_allclose(imagined.flat(imagined.rewards), np.clip(earned, *model.reward_range), atol=1e-9)

@@ -1,0 +1,63 @@
+"""What a person knows of a task and need not be learnt: its reward, when it ends, or a part of how it changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from rkhs_ros.base.endings import RunError
+from rkhs_ros.base.user_code import user_function
+from rkhs_ros.base.validation import finite_array, shown
+from rkhs_ros.rkhs.kernels import Array
+
+
+@dataclass(frozen=True)
+class KnownParts:
+    """Functions that take the place of learnt ones; None where the model is to learn.
+
+    All take rows: observations of shape (n, d) as they were seen, actions within their bounds of shape (n, m).
+
+    Attributes:
+        reward: from observations, actions and the observations after them to the rewards, shape (n,).
+        end: from observations to whether the task ends an episode with them, 1 or 0 or truth values, shape (n,).
+        change: from observations and actions to a part of how the observations change in a step, shape (n, d); the
+            model learns what is left.
+    """
+
+    reward: Callable[[Array, Array, Array], Array] | None = None
+    end: Callable[[Array], Array] | None = None
+    change: Callable[[Array, Array], Array] | None = None
+
+    @classmethod
+    def named(cls, reward: str, end: str, change: str, observation_dim: int) -> KnownParts:
+        """Return the functions of those names, ``package.module:function`` each; empty for none.
+
+        Raises:
+            ValueError: there is no such function.
+        """
+        return cls(
+            reward=_checked("practice.reward", reward, ()) if reward else None,
+            end=_checked("practice.end", end, ()) if end else None,
+            change=_checked("practice.change", change, (observation_dim,)) if change else None,
+        )
+
+
+def _checked(what: str, name: str, shape: tuple[int, ...]) -> Callable[..., Array]:
+    """Return the function of that name, whose values for each row must be finite and have that shape."""
+    return partial(_call, what, name, user_function(name, what), shape)
+
+
+def _call(what: str, name: str, function: Callable[..., Array], shape: tuple[int, ...], *rows: Array) -> Array:
+    """Return what a user's function makes of rows, of which it is given copies.
+
+    Raises:
+        RunError: it raises, or what it returns has another shape or is not finite.
+    """
+    try:
+        values = np.asarray(function(*(np.array(each) for each in rows)))
+        return finite_array(values, (len(rows[0]), *shape), "values")
+    except Exception as error:  # a user's function may raise anything
+        raise RunError(f"{what}: {name}: {shown(error)}") from error

@@ -1,0 +1,131 @@
+"""What is known of a task takes the place of what is learnt, and functions that fail are named."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from rkhs_ros.base.endings import RunError
+from rkhs_ros.learning.imagination import ImaginedRunner
+from rkhs_ros.learning.known_parts import KnownParts
+from rkhs_ros.learning.practice import ModelPractice
+from rkhs_ros.learning.training import train
+from rkhs_ros.learning.world_model import WorldModel, prediction_test
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.simulation import Simulation
+from test.unit.test_imagination import HORIZON, LIMIT, OVER, SPACES, batch_of, linear, lived, policy_of, transitions
+from test.unit.test_imagination import reward as task_reward
+
+CONFIG = Path(__file__).parents[2] / "config" / "toy_model_nac.yaml"
+
+
+def paid(observations: np.ndarray, actions: np.ndarray, following: np.ndarray) -> np.ndarray:
+    return task_reward(observations, actions) - OVER * over(following)
+
+
+def over(observations: np.ndarray) -> np.ndarray:
+    return np.abs(observations[:, 0]) > LIMIT
+
+
+def moved(observations: np.ndarray, actions: np.ndarray) -> np.ndarray:
+    return linear(observations, actions) - observations
+
+
+KNOWN_CHANGE = KnownParts(change=moved)
+
+
+@pytest.fixture
+def functions(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    module = ModuleType("known_task")
+    vars(module).update(paid=paid, over=over, moved=moved)
+    vars(module).update(
+        fails=lambda *rows: 1 / 0, not_finite=lambda *rows: np.full(len(rows[0]), np.nan), narrow=lambda *rows: [1.0]
+    )
+    monkeypatch.setitem(sys.modules, "known_task", module)
+    return module
+
+
+def test_known_rewards_and_ends_are_those_of_the_task_to_the_bit(rng: np.random.Generator) -> None:
+    known = KnownParts(reward=paid, end=over)
+    model = WorldModel.fit(lived(rng, rows=10, ending=True), Inputs(), SPACES, 30, known)
+    imagined = ImaginedRunner(model).collect(policy_of(rng), batch_of(80))
+    now, actions, following = transitions(imagined)
+    np.testing.assert_array_equal(imagined.flat(imagined.rewards), paid(now, np.clip(actions, -1, 1), following))
+    assert 0.1 < imagined.terminated.mean() < 1.0
+    np.testing.assert_array_equal(imagined.terminated, over(imagined.final_observations))
+    assert (imagined.mask.sum(axis=1)[~imagined.terminated] == HORIZON).all()
+
+
+def test_of_changes_that_are_known_only_the_noise_is_left(rng: np.random.Generator) -> None:
+    before, after = lived(rng, rows=6), lived(rng, rows=20)
+    known = prediction_test(before, after, Inputs(), SPACES, 30, KNOWN_CHANGE)
+    now, actions, following = transitions(after)
+    noise = (following - linear(now, actions)) / (following - now).std(axis=0)
+    assert known.error == pytest.approx(float(np.sqrt(np.mean(noise**2))), rel=0.1)
+    few = lived(rng, rows=1)
+    known, learnt = (prediction_test(few, after, Inputs(), SPACES, 30, parts) for parts in (KNOWN_CHANGE, KnownParts()))
+    assert known.error < 0.9 * learnt.error
+
+
+def test_a_known_part_and_a_learnt_rest_make_the_whole(rng: np.random.Generator) -> None:
+    half = KnownParts(change=lambda observations, actions: 0.5 * moved(observations, actions))
+    model = WorldModel.fit(lived(rng, rows=40), Inputs(), SPACES, 40, half)
+    imagined = ImaginedRunner(model, caution=0.0).collect(policy_of(rng), batch_of(50))
+    now, actions, following = transitions(imagined)
+    inside = (np.abs(following[:, 0]) < 0.9 * model.high[0]) & (np.abs(following[:, 1]) < 0.9 * model.high[1])
+    np.testing.assert_allclose(following[inside], linear(now, actions)[inside], atol=0.3)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("fails", "practice.reward: known_task:fails: division by zero"),
+        ("not_finite", "practice.reward: known_task:not_finite: values: expected finite numbers"),
+        ("narrow", "practice.reward: known_task:narrow: values: expected "),
+    ],
+)
+def test_a_function_that_fails_is_named(
+    functions: ModuleType, rng: np.random.Generator, name: str, message: str
+) -> None:
+    known = ModelPractice(reward=f"known_task:{name}").known_parts(2)
+    model = WorldModel.fit(lived(rng, rows=3), Inputs(), SPACES, 10, known)
+    with pytest.raises(RunError, match=message):
+        ImaginedRunner(model).collect(policy_of(rng), batch_of(2))
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("known_task", "practice.end: expected MODULE:FUNCTION, got known_task"),
+        ("known_task:ovr", "practice.end: no function 'ovr' in known_task, did you mean 'over'"),
+        ("no_such_module:f", "practice.end: expected a module 'no_such_module' to import"),
+    ],
+)
+def test_a_run_does_not_begin_without_its_functions(functions: ModuleType, name: str, message: str) -> None:
+    config = load_config(CONFIG, [f"practice.end={name}"])
+    environment = config.environment
+    with pytest.raises(ValueError, match=message):
+        next(train(config.training, InlineRunner(Simulation(environment.id, environment.options))))
+
+
+def test_users_functions_cannot_change_what_is_imagined(functions: ModuleType, rng: np.random.Generator) -> None:
+    def spoils(observations: np.ndarray, actions: np.ndarray, following: np.ndarray) -> np.ndarray:
+        values = task_reward(observations, actions)
+        observations[:], actions[:], following[:] = 7.0, 7.0, 7.0
+        return values
+
+    vars(functions)["spoils"] = spoils
+    vars(functions)["clean"] = lambda o, a, f: task_reward(o, a)
+    runs = []
+    for name in ("spoils", "clean"):
+        known = replace(ModelPractice(), reward=f"known_task:{name}").known_parts(2)
+        model = WorldModel.fit(lived(np.random.default_rng(3), rows=5), Inputs(), SPACES, 20, known)
+        runs.append(ImaginedRunner(model).collect(policy_of(np.random.default_rng(4)), batch_of(5)))
+    np.testing.assert_array_equal(runs[0].observations, runs[1].observations)
+    np.testing.assert_array_equal(runs[0].actions, runs[1].actions)
+    np.testing.assert_array_equal(runs[0].rewards, runs[1].rewards)
