@@ -119,15 +119,15 @@ def test_a_base_goes_by_velocities_and_needs_no_joints_sensed() -> None:
 
 def test_a_description_limits_positions_and_may_be_tightened_but_not_widened(urdf: str) -> None:
     urdf_range = {"urdf": urdf, "minimum": None, "maximum": None}
-    given = {"limits": {"urdf": urdf, "minimum": None, "maximum": [1.0, 1.0], "velocity": None}}
-    limits = rules_from(POSITION, joints=["turn", "bolt"], **merged(given, {"limits": {"maximum": [1.0, 0.0]}})).limits
+    given = urdf_range | {"maximum": [1.0, 0.0], "velocity": None}
+    limits = rules_from(POSITION, joints=["turn", "bolt"], limits=given).limits
     np.testing.assert_array_equal(limits.minimum, [-1.5, 0.0])
     np.testing.assert_array_equal(limits.maximum, [1.0, 0.0])  # of the bolt no range is told, which is one of 0
     np.testing.assert_array_equal(limits.velocity, [2.0, 1.0])
     with pytest.raises(ValueError, match=r"limits.velocity: expected limits no wider than the URDF's, \[2. 1.\]"):
         rules_from(POSITION, joints=["turn", "bolt"], limits=urdf_range | {"velocity": 1.5})
     with pytest.raises(ValueError, match=r"limits.minimum: expected a limit"):  # the wheel turns freely
-        rules_from(POSITION, **given)
+        rules_from(POSITION, limits=given)
 
 
 def test_a_description_limits_what_is_sensed_where_commands_do_not(urdf: str) -> None:
