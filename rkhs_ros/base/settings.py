@@ -144,8 +144,14 @@ def _of_type(kind: Any, value: Any, name: str) -> Any:
     require(kind is not int or whole, name, "a whole number", repr(value))
     require(kind is not float or number, name, "a number", repr(value))
     require(kind is not str or text, name, "text, in quotes where it may be read as something else", repr(value))
-    if kind in (int, float, str):
+    require(kind is not bool or isinstance(value, bool), name, "true or false", repr(value))
+    if kind in (int, float, str, bool):
         return kind(value)
+    if kind == tuple[str, ...]:
+        texts = (value,) if text else value
+        good = isinstance(texts, list | tuple) and all(isinstance(each, str) for each in texts)
+        require(good, name, "a list of texts", repr(value))
+        return tuple(texts)
     if text and kind != tuple[float, ...]:
         return value
     require(numbers or number, name, "a list of numbers", repr(value))
@@ -163,9 +169,11 @@ def _named(kind: Any) -> str:
 
 def check_range(value: Any, about: Mapping[str, Any], name: str) -> None:
     """Raise ValueError where the value, or one of a tuple, is outside its range or not among its choices."""
-    if isinstance(value, str):
-        if about["choices"] and value not in about["choices"]:
-            raise ValueError(f"{name}: unknown choice '{value}', {hint(value, dict.fromkeys(about['choices']))}")
+    texts = [each for each in (value if isinstance(value, tuple) else (value,)) if isinstance(each, str)]
+    for text in texts if about["choices"] else ():
+        if text not in about["choices"]:
+            raise ValueError(f"{name}: unknown choice '{text}', {hint(text, dict.fromkeys(about['choices']))}")
+    if texts:
         return
     low = -float("inf") if about["minimum"] is None else about["minimum"]
     high = float("inf") if about["maximum"] is None else about["maximum"]
