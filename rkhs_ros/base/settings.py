@@ -129,6 +129,8 @@ def _checked(f: Field[Any], kind: Any, value: Any, name: str) -> Any:
     if "table" in f.metadata or is_dataclass(kind):
         require(isinstance(value, kind), name, f"{_named(kind)}", f"{value!r}")
         return value
+    if isinstance(value, list | tuple) and not value and f.default == ():
+        return ()
     try:
         converted = _of_type(kind, value, name)
     except OverflowError as error:
@@ -139,23 +141,27 @@ def _checked(f: Field[Any], kind: Any, value: Any, name: str) -> Any:
 
 def _of_type(kind: Any, value: Any, name: str) -> Any:
     text, whole, number = isinstance(value, str), _is_number(value, Integral), _is_number(value, Real)
+    if kind == tuple[str, ...]:
+        return _texts(value, name)
     row = isinstance(value, list | tuple | np.ndarray) and np.ndim(value) == 1 and len(value) > 0
     numbers = row and all(_is_number(v, Real) for v in value)
     require(kind is not int or whole, name, "a whole number", repr(value))
     require(kind is not float or number, name, "a number", repr(value))
     require(kind is not str or text, name, "text, in quotes where it may be read as something else", repr(value))
-    require(kind is not bool or isinstance(value, bool), name, "true or false", repr(value))
-    if kind in (int, float, str, bool):
+    if kind in (int, float, str):
         return kind(value)
-    if kind == tuple[str, ...]:
-        texts = (value,) if text else value
-        good = isinstance(texts, list | tuple) and all(isinstance(each, str) for each in texts)
-        require(good, name, "a list of texts", repr(value))
-        return tuple(texts)
     if text and kind != tuple[float, ...]:
         return value
     require(numbers or number, name, "a list of numbers", repr(value))
     return tuple(map(float, value)) if numbers else (float(value),)
+
+
+def _texts(value: Any, name: str) -> tuple[str, ...]:
+    row = (value,) if isinstance(value, str) else value
+    require(
+        isinstance(row, list | tuple) and all(isinstance(v, str) for v in row), name, "a list of texts", repr(value)
+    )
+    return tuple(row)
 
 
 def _is_number(value: Any, kind: type) -> bool:
@@ -169,15 +175,15 @@ def _named(kind: Any) -> str:
 
 def check_range(value: Any, about: Mapping[str, Any], name: str) -> None:
     """Raise ValueError where the value, or one of a tuple, is outside its range or not among its choices."""
-    texts = [each for each in (value if isinstance(value, tuple) else (value,)) if isinstance(each, str)]
-    for text in texts if about["choices"] else ():
-        if text not in about["choices"]:
-            raise ValueError(f"{name}: unknown choice '{text}', {hint(text, dict.fromkeys(about['choices']))}")
-    if texts:
+    each = value if isinstance(value, tuple) else (value,)
+    if isinstance(each[0], str):
+        for text in each:
+            if about["choices"] and text not in about["choices"]:
+                raise ValueError(f"{name}: unknown choice '{text}', {hint(text, dict.fromkeys(about['choices']))}")
         return
     low = -float("inf") if about["minimum"] is None else about["minimum"]
     high = float("inf") if about["maximum"] is None else about["maximum"]
-    for number in value if isinstance(value, tuple) else (value,):
+    for number in each:
         require(low <= number <= high and abs(number) != float("inf"), name, f"a number in [{low}, {high}]", number)
 
 

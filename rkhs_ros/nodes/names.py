@@ -8,7 +8,7 @@ from pathlib import PurePath
 
 from rkhs_ros.base.validation import pick
 
-NODES = ("simulator", "policy", "learner")
+NODES = ("simulator", "robot", "gate", "practice_robot", "policy", "learner")
 
 
 def fresh_number() -> int:

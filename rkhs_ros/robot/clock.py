@@ -50,6 +50,10 @@ class Pace:
         """Return the pace with one more step."""
         return Pace(self.steps + 1, self.seconds + seconds, max(self.worst, seconds))
 
+    def __add__(self, other: Pace) -> Pace:
+        """Return the pace of the steps of both."""
+        return Pace(self.steps + other.steps, self.seconds + other.seconds, max(self.worst, other.worst))
+
     @property
     def mean(self) -> float:
         """Mean seconds of a step; 0 before the first one."""

@@ -105,6 +105,11 @@ class RobotEpisode:
         return self._observations[-1]
 
     @property
+    def stamp(self) -> int:
+        """When the newest observation was taken, in nanoseconds since 1970."""
+        return self._stamps[-1]
+
+    @property
     def reward(self) -> float | None:
         """The newest reward; None before the first one."""
         return self._rewards[-1] if self._rewards else None
