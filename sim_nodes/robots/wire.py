@@ -48,5 +48,5 @@ class Wire(Generic[T]):
 
     def arrived(self, time: float) -> Iterator[tuple[float, T]]:
         """Take out the messages that have arrived by a time, each with the time of its arrival."""
-        while self.next_arrival <= time:
+        while self._under_way and self.next_arrival <= time:
             yield self._under_way.popleft()
