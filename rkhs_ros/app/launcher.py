@@ -28,6 +28,7 @@ OWN_CODES = (0, FAILED, BAD_INPUT)  # that a node ends with itself; with any oth
 ENDING = (signal.SIGINT, signal.SIGTERM)
 MODULES = {
     "simulator": "sim_nodes.simulator_node",
+    "practice_robot": "sim_nodes.robots.practice_robot_node",
     "policy": "rkhs_ros.nodes.policy_node",
     "learner": "rkhs_ros.nodes.learner_node",
     "status": "rkhs_ros.nodes.status_node",
