@@ -24,8 +24,8 @@ LAST_REPORT_TIMEOUT_S = 0.5  # for listeners to take the report of an error befo
 class Diagnostics:
     """A node's reports of how it fares, once a second.
 
-    Owns the numbers of messages refused or passed over and of steps made, why the node is stuck, if it is, what it waits
-    for a person to do, and which of the topics that it hears have more than one publisher.
+    Owns the numbers of messages refused or passed over and of steps made, why the node is stuck, if it is, what it
+    waits for a person to do, and which of the topics that it hears have more than one publisher.
 
     Args:
         node: the node, of which the full name is reported.

@@ -65,7 +65,7 @@ class GateLink:
 
     def obstacle(self) -> str:
         """Return why the robot cannot be moved, and what to do about it; empty where it can."""
-        state, service = self._state, self._arm.srv_name
+        state, service = self._state, self._node.resolve_service_name("gate/arm")
         arm = f"ros2 service call {service} std_srvs/srv/Trigger"
         if state is None:
             return "no gate is heard: start one"

@@ -23,7 +23,7 @@ from rkhs_ros.robot.sensors import SensingError, field_values, fresh
 from rkhs_ros.robot.task import RobotTask
 
 IDLE_S = 1.0  # between looks at nothing
-SENSORS_TIMEOUT_S = 10.0  # for the sensors to speak before a reset, after which the run ends
+SENSORS_TIMEOUT_S = 5.0  # for the sensors to speak before a reset, after which the run ends
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.02, 1.0  # without the first action before the observation is said again; doubled
 
 
@@ -81,6 +81,13 @@ class RobotMotion:
         self.lockstep = (identity, version)
         self._began_at = time.monotonic()
         self._clock = ElasticClock(self._task.period, self._began_at)
+
+    def rename(self, identity: int, version: int) -> None:
+        """Go on under another batch number and policy version, unless the policy acts under those before already."""
+        if self.episode is not None and not self.episode.moving:
+            self.lockstep = (identity, version)
+            if self._shown is not None:
+                self._show(self.episode)
 
     def give_word(self) -> None:
         """Take a person's word that the robot may go on."""

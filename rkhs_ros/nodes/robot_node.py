@@ -142,6 +142,7 @@ class RobotNode(ReportingNode):
         under_way = self._held[0].batch if self._held else episode.batch if episode else None
         if under_way == batch and not request.anew:
             self._request = request
+            self._motion.rename(request.batch, request.policy_version)
             return
         self._release()
         self._motion.void("another episode was asked for")
@@ -173,6 +174,8 @@ class RobotNode(ReportingNode):
         if reason := ended.execution.void_reason:
             self._voids += 1
             self.get_logger().warning(f"episode {ended.batch.first_episode} is void: {reason}")
+        if self._failure:
+            return  # the learner is to end, not to ask again
         self._held = (ended, 0.0 if reason else time.monotonic() + self._task.veto_window)
         if reason or not self._task.veto_window:
             self._release()

@@ -31,6 +31,7 @@ MODULES = {
     "simulator": "sim_nodes.simulator_node",
     "practice_robot": "sim_nodes.robots.practice_robot_node",
     "policy": "rkhs_ros.nodes.policy_node",
+    "robot": "rkhs_ros.nodes.robot_node",
     "learner": "rkhs_ros.nodes.learner_node",
     "rkhs": "rkhs_ros.app.cli",
     "relay": "test.faults.relay",
