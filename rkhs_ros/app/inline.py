@@ -20,8 +20,10 @@ def runner_of(environment: Environment) -> InlineRunner:
     """Return where policies can act in an environment.
 
     Raises:
-        ValueError: the environment is unknown, its options do not fit, or a space is not continuous.
+        ValueError: the environment is unknown, its options do not fit, or a space is not continuous; or it is a robot.
     """
+    where = "an environment of this process, not a robot, which is there over topics alone"
+    require(not environment.nodes, environment.id, where, "a robot")
     return InlineRunner(Simulation(environment.id, environment.options, environment.rows_at_once))
 
 

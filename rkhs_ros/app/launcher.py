@@ -13,23 +13,28 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED
-from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS, POLICY, SIMULATOR
+from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS, POLICY, PRACTICE_ROBOT, ROBOT, SIMULATOR
 from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.base.yaml_text import dumped, loaded, require_ros_value
 from rkhs_ros.nodes.names import node_names
+from rkhs_ros.runs.config import ROBOT_NODES, environment_of_robot
 
 TERMINATION_TIMEOUT_S = 2.0  # for a node to end after SIGTERM, before it is killed
 POLL_INTERVAL_S = 0.05
 MOST_DEATHS, DEATHS_WINDOW_S = 10, 300.0  # of a node in that time; with one more the run is given up
 SHORTEST_BACKOFF_S, LONGEST_BACKOFF_S = 0.05, 5.0  # before a node is started again; doubled with each death
+NEVER_AGAIN = ("gate",)  # nodes that are not started again: what they stopped for is for a person to look at
 OWN_CODES = (0, FAILED, BAD_INPUT)  # that a node ends with itself; with any other it died
 ENDING = (signal.SIGINT, signal.SIGTERM)
 MODULES = {
     "simulator": "sim_nodes.simulator_node",
-    "policy": "rkhs_ros.nodes.policy_node",
     "gate": "rkhs_ros.nodes.gate_node",
+    "robot": "rkhs_ros.nodes.robot_node",
+    "practice_robot": "sim_nodes.robots.practice_robot_node",
+    "policy": "rkhs_ros.nodes.policy_node",
     "learner": "rkhs_ros.nodes.learner_node",
     "status": "rkhs_ros.nodes.status_node",
 }
@@ -123,24 +128,28 @@ def signals_held() -> Iterator[None]:
 Nodes = dict[str, NodeProcess]
 
 
-def launch(parameters: str, learner: Mapping[str, str | bool] | None = None, *, simulators: int = 1) -> int:
+def launch(
+    parameters: str, learner: Mapping[str, str | bool] | None = None, *, simulators: int = 1, journal: str = ""
+) -> int:
     """Run the nodes until the learner ends.
 
     Args:
         parameters: content of a ROS parameter file.
         learner: further parameters of the learner.
         simulators: number of simulator nodes, of more than one each in a namespace of its own.
+        journal: folder in which a robot keeps its episodes.
 
     Returns:
         The learner's exit code, or that of a node that ended before it.
     """
-    task = loaded(parameters)[SIMULATOR][PARAMETERS]["environment"]["id"]
+    document = loaded(parameters)
+    robot = [name for name in ROBOT_NODES if f"/**/{name}" in document]
     with (
-        _in_memory(for_all(parameters, simulators, learner)) as file,
-        started(node_names(simulators), file) as nodes,
+        _in_memory(for_all(parameters, simulators, learner, journal)) as file,
+        started(node_names(simulators, robot), file) as nodes,
         _signals_passed_to(nodes["learner"]),
     ):
-        return _supervise(nodes, task)
+        return _supervise(nodes, _environment_in(document)["id"])
 
 
 @contextmanager
@@ -152,7 +161,9 @@ def _in_memory(content: str) -> Iterator[Path]:
         yield Path(f"/proc/{os.getpid()}/fd/{file.fileno()}")
 
 
-def for_all(parameters: str, simulators: int, learner: Mapping[str, str | bool] | None = None) -> str:
+def for_all(
+    parameters: str, simulators: int, learner: Mapping[str, str | bool] | None = None, journal: str = ""
+) -> str:
     """Return the parameter file of all nodes.
 
     Args:
@@ -160,16 +171,27 @@ def for_all(parameters: str, simulators: int, learner: Mapping[str, str | bool] 
         simulators: number of simulator nodes. Their environment goes to the learner, too, which refuses simulators of
             another.
         learner: further parameters of the learner, such as paths: as arguments they would be read as YAML.
+        journal: folder in which a robot keeps its episodes. One to practise on has its gate armed without a person.
 
     Raises:
         ValueError: one of these can be no ROS parameter.
     """
     document = loaded(parameters)
-    require_ros_value(learner or {}, "learner")
-    environment = {"environment": document[SIMULATOR][PARAMETERS]["environment"]}
-    document[LEARNER][PARAMETERS] |= environment | dict(learner or {})
+    require_ros_value({**(learner or {}), "journal": journal}, "learner")
+    document[LEARNER][PARAMETERS] |= {"environment": _environment_in(document), **(learner or {})}
     document[POLICY] = {PARAMETERS: {"simulators": simulators}}
+    if ROBOT in document:
+        node = {"journal": journal, "practice": PRACTICE_ROBOT in document}
+        document[ROBOT] = {PARAMETERS: document[ROBOT][PARAMETERS] | node}
     return dumped(document)
+
+
+def _environment_in(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the environment of a parameter file, as the learner is told it."""
+    if ROBOT not in document:
+        return dict(document[SIMULATOR][PARAMETERS]["environment"])
+    nodes = {name: document[f"/**/{name}"][PARAMETERS] for name in ROBOT_NODES if f"/**/{name}" in document}
+    return environment_of_robot(nodes).tree()
 
 
 @contextmanager
@@ -205,7 +227,8 @@ def _supervise(nodes: Nodes, task: str) -> int:
     while True:
         for node in nodes.values():
             code = node.poll()
-            if code is None or (code not in OWN_CODES and not node.is_interrupted and node.restart_later()):
+            again = code not in OWN_CODES and not node.is_interrupted and node.name not in NEVER_AGAIN
+            if code is None or (again and node.restart_later()):
                 continue
             return _code_at_end(node, code, task)
         time.sleep(POLL_INTERVAL_S)
@@ -216,6 +239,9 @@ def _code_at_end(node: NodeProcess, code: int, task: str) -> int:
     if node.is_interrupted:
         return max(code, 0) or INTERRUPTED
     named = f"the {node.name} node" + (f", of {task}," if node.name.endswith("simulator") else "")
+    if node.name in NEVER_AGAIN:
+        print(f"error: {named} {_how_it_ended(code)}; nothing may move without it", file=sys.stderr)
+        return code if code in OWN_CODES[1:] else FAILED
     if code not in OWN_CODES:
         print(f"error: {named} died more than {MOST_DEATHS} times within {DEATHS_WINDOW_S:g} s", file=sys.stderr)
         return FAILED

@@ -11,6 +11,7 @@ from pathlib import Path
 from rkhs_ros.app.domain import own_domain
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.app.launcher import launch
+from rkhs_ros.app.robots import spaces_of_robot
 from rkhs_ros.app.seeds import begin_seeds, go_on, parse_seeds, seed_folders
 from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED, RunError, say
 from rkhs_ros.base.files import write_whole
@@ -19,6 +20,7 @@ from rkhs_ros.base.validation import pick, require
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.state import first_state
 from rkhs_ros.pictures.run_pictures import draw_run
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.runs.comparison import compare
 from rkhs_ros.runs.config import Config, config_for, load_config
@@ -104,23 +106,25 @@ def _configuration(options: argparse.Namespace, file: Path | None) -> Config:
     return config_for(options.env, own_horizon(options.env), changes)
 
 
-def _learnable(config: Config, first_policy: Path | None) -> InlineRunner:
-    """Return where policies can act in the environment of a run that can be begun.
+def _learnable(config: Config, first_policy: Path | None) -> tuple[Spaces, InlineRunner | None]:
+    """Return the spaces of a run that can be begun, and where policies can act in this process; nowhere on a robot.
 
     Raises:
         ValueError: the environment cannot be served, or the settings or the first policy do not fit it.
     """
-    runner = runner_of(config.environment)
-    first_state(config.training, runner.spaces, load_policy(first_policy)[0] if first_policy else None)
-    return runner
+    runner = None if config.environment.nodes else runner_of(config.environment)
+    spaces = runner.spaces if runner else spaces_of_robot(config)
+    first_state(config.training, spaces, load_policy(first_policy)[0] if first_policy else None)
+    return spaces, runner
 
 
 def _train_one(options: argparse.Namespace) -> int:
     config = _configuration(options, old_folder(options.resume) / "config.yaml" if options.resume else options.config)
-    runner = _learnable(config, options.policy)
-    if not options.quiet:
+    spaces, runner = _learnable(config, options.policy)
+    if runner and not options.quiet:
         _tell_of_horizon(config, runner.simulation.own_horizon)
     over_topics = _is_over_topics(options.runner)
+    runner = None if over_topics else runner or runner_of(config.environment)
     if over_topics:
         config.check_for_topics()
     elif options.simulators:
@@ -131,7 +135,7 @@ def _train_one(options: argparse.Namespace) -> int:
     elif not options.resume:
         (folder / FIRST_POLICY).unlink(missing_ok=True)  # left by a run that was killed before it began
     try:
-        code = _over_topics(config, folder, options) if over_topics else _in_process(config, folder, options, runner)
+        code = _in_process(config, folder, options, runner) if runner else _over_topics(config, folder, options)
     except KeyboardInterrupt:
         code = INTERRUPTED
     if code == 0:
@@ -139,16 +143,16 @@ def _train_one(options: argparse.Namespace) -> int:
         print(summary(folder, config), file=Lossy(sys.stdout), flush=True)
     elif code != BAD_INPUT:
         with suppress(OSError):  # a full disk was told of
-            _leave_resumable(config, folder, runner)
+            _leave_resumable(config, folder, spaces)
     if code == INTERRUPTED:
         print(what_was_kept(folder, config), file=sys.stderr)
     return code
 
 
-def _leave_resumable(config: Config, folder: Path, runner: InlineRunner) -> None:
+def _leave_resumable(config: Config, folder: Path, spaces: Spaces) -> None:
     """Draw what a run that did not come to its end learnt; have it begun in its folder if it had not."""
     if not is_begun(folder):
-        Report(folder, config, runner.spaces)
+        Report(folder, config, spaces)
     if (folder / "policy.npz").is_file():
         draw_run(folder)
 
@@ -178,8 +182,9 @@ def _is_over_topics(asked: str | None) -> bool:
 
 def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> int:
     more = {"output": str(folder.resolve()), "quiet": options.quiet, "resume": bool(options.resume)}
+    journal = {"journal": str(folder.resolve() / "checkpoints" / "episodes")} if config.environment.nodes else {}
     with own_domain(folder):
-        return launch(resolved(config), more, simulators=config.training.simulators)
+        return launch(resolved(config), more, simulators=config.training.simulators, **journal)
 
 
 def _in_process(config: Config, folder: Path, options: argparse.Namespace, runner: InlineRunner) -> int:

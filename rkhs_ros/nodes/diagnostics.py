@@ -24,8 +24,8 @@ LAST_REPORT_TIMEOUT_S = 0.5  # for listeners to take the report of an error befo
 class Diagnostics:
     """A node's reports of how it fares, once a second.
 
-    Owns the numbers of messages refused or passed over and of steps made, why the node is stuck, if it is, and which of
-    the topics that it hears have more than one publisher.
+    Owns the numbers of messages refused or passed over and of steps made, why the node is stuck, if it is, what it
+    waits for a person to do, and which of the topics that it hears have more than one publisher.
 
     Args:
         node: the node, of which the full name is reported.
@@ -42,6 +42,7 @@ class Diagnostics:
         self.last_refusal = ""
         self.steps = 0
         self.stuck = ""  # why; empty while the node gets on
+        self.waiting = ""  # for a person to do that; empty while it does not
         self.crowded = ""  # topics with more than one publisher, and whose
         self._publishers = SinglePublishers(node, topics)
         self._node = node
@@ -91,6 +92,8 @@ class Diagnostics:
         refused, self._refusals_reported = self.refusals > self._refusals_reported, self.refusals
         if self.stuck:
             return DiagnosticStatus.ERROR, f"stuck: {self.stuck}"
+        if self.waiting:
+            return DiagnosticStatus.WARN, f"waits: {self.waiting}"
         if self.crowded:
             return DiagnosticStatus.WARN, f"more than one publisher: {self.crowded}"
         return (DiagnosticStatus.WARN, "refused a message") if refused else (DiagnosticStatus.OK, "well")

@@ -65,9 +65,9 @@ class LearnerNode(ReportingNode):
         return environment
 
     def heartbeat(self) -> float:
-        """Report; return the seconds until the next report."""
+        """Report, and give signs of life; return the seconds until the next time."""
         self._uniqueness.check()
-        return self.diagnostics.heartbeat()
+        return min(self.diagnostics.heartbeat(), self.runner.heartbeat())
 
 
 def learn(node: LearnerNode, stop: Event) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from array import array
+from collections.abc import Sequence
 from dataclasses import fields
 from math import prod
 from operator import attrgetter
@@ -19,6 +20,7 @@ import rkhs_interfaces.msg as msg
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.validation import finite_array, require
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.execution import Execution
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
@@ -26,6 +28,8 @@ from rkhs_ros.rkhs.kernels import Array
 if TYPE_CHECKING:  # a policy node needs no simulation
     from sensor_msgs.msg import JointState
 
+    from rkhs_ros.robot.episode import RobotEpisode
+    from rkhs_ros.robot.task import RobotTask
     from rkhs_ros.runs.shown import JointStates
     from rkhs_ros.runs.simulation import Frame, Simulation
 
@@ -71,6 +75,21 @@ def observation_message(identity: int, version: int, batch: Batch, step: int, fr
     )
 
 
+def robot_observation_message(
+    identity: int, version: int, batch: Batch, episode: RobotEpisode, step: int
+) -> msg.Observation:
+    """Return what the robot publishes after ``step`` steps of an episode."""
+    return msg.Observation(
+        batch=identity,
+        policy_version=version,
+        step=step,
+        over=episode.over,
+        **vars(batch),
+        observations=doubles(episode.observation),
+        rewards=[] if episode.reward is None else [episode.reward],
+    )
+
+
 def observations_of(message: msg.Observation, batch: Batch) -> Array:
     """Return the observations that a message carries, shape (rows, d).
 
@@ -104,21 +123,24 @@ def batch_of(message: msg.Observation | StartEpisodes.Request) -> Batch:
 
 
 def start_request(
-    identity: int, version: int, batch: Batch, task: DescribeTask.Response, clock: int
+    identity: int, version: int, batch: Batch, task: DescribeTask.Response, clock: int, *, anew: bool = False
 ) -> StartEpisodes.Request:
-    """Return the request to start a batch of a task."""
+    """Return the request to start a batch of a task; a robot runs it ``anew`` even where it finished it before."""
     return StartEpisodes.Request(
         batch=identity,
         policy_version=version,
         environment=task.environment,
         options=task.options,
         clock=clock,
+        anew=anew,
         **vars(batch),
     )
 
 
-def episodes_message(identity: int, version: int, episodes: Episodes) -> msg.Episodes:
-    """Return what the simulator publishes at the end of a batch."""
+def episodes_message(
+    identity: int, version: int, episodes: Episodes, executions: Sequence[Execution] = ()
+) -> msg.Episodes:
+    """Return what a simulator, or a robot, publishes at the end of a batch."""
     rows, horizon = episodes.rewards.shape
     return msg.Episodes(
         batch=identity,
@@ -131,11 +153,42 @@ def episodes_message(identity: int, version: int, episodes: Episodes) -> msg.Epi
         final_observations=doubles(episodes.final_observations),
         actions=doubles(episodes.actions),
         rewards=doubles(episodes.rewards),
+        executions=[_execution_message(execution) for execution in executions],
+    )
+
+
+def _execution_message(execution: Execution) -> msg.Execution:
+    return msg.Execution(
+        stamps=array("q", execution.stamps.tobytes()),
+        executed=doubles(execution.executed),
+        flags=array("I", execution.flags.astype(np.uint32).tobytes()),
+        void_reason=execution.void_reason,
+    )
+
+
+def executions_of(message: msg.Episodes) -> list[Execution]:
+    """Return how the episodes that a message carries went on a robot; nothing of a simulator's.
+
+    Raises:
+        ValueError: it is not told for each episode, or the numbers do not fit together.
+    """
+    count = len(message.executions)
+    require(count in (0, message.rows), "executions", f"none, or {message.rows}, one for each episode", count)
+    return [_execution_of(each, steps) for each, steps in zip(message.executions, message.lengths, strict=False)]
+
+
+def _execution_of(message: msg.Execution, steps: int) -> Execution:
+    width = len(message.executed) // max(steps, 1)
+    return Execution(
+        stamps=np.array(message.stamps, dtype=np.int64),
+        executed=_numbers(message.executed, (steps, width), "executed commands"),
+        flags=np.array(message.flags, dtype=np.uint32),
+        void_reason=message.void_reason,
     )
 
 
 def episodes_of(message: msg.Episodes, batch: Batch, spaces: Spaces) -> Episodes:
-    """Return the episodes that a message carries.
+    """Return the episodes that a message carries; one that is void may have no steps.
 
     Raises:
         ValueError: they are not of that batch's size, or not finite.
@@ -146,8 +199,9 @@ def episodes_of(message: msg.Episodes, batch: Batch, spaces: Spaces) -> Episodes
         size = len(getattr(message, name))
         require(size == batch.rows, f"episodes' {name}", f"{batch.rows} entries", size)
     lengths = np.array(message.lengths, dtype=np.int64)
-    good = bool(((lengths >= 1) & (lengths <= batch.horizon)).all())
-    require(good, "episodes' lengths", f"1 to {batch.horizon} steps", lengths)
+    least = 0 if any(execution.void_reason for execution in message.executions) else 1
+    good = bool(((lengths >= least) & (lengths <= batch.horizon)).all())
+    require(good, "episodes' lengths", f"{least} to {batch.horizon} steps", lengths)
     return Episodes(
         observations=_numbers(message.observations, (*shape, spaces.observation_dim), "episodes' observations"),
         actions=_numbers(message.actions, (*shape, spaces.action_dim), "episodes' actions"),
@@ -180,6 +234,30 @@ def describe(
         failure=failure,
         clock=clock,
         connected=connected,
+    )
+
+
+def describe_robot(
+    task: RobotTask, identity: int, step: int, *, failure: str, connected: bool
+) -> DescribeTask.Response:
+    """Return what a robot's task is, and how far it is; what it waits for is to be added."""
+    spaces = task.spaces
+    return DescribeTask.Response(
+        environment=task.task,
+        options="{}",
+        observation_shape=spaces.observation_shape,
+        action_shape=spaces.action_low.shape,
+        action_type=spaces.action_low.dtype.name,
+        action_low=doubles(spaces.action_low),
+        action_high=doubles(spaces.action_high),
+        room=1,
+        rows_at_once=1,
+        batch=identity,
+        step=step,
+        failure=failure,
+        connected=connected,
+        period=task.period,
+        learner_timeout=task.learner_timeout,
     )
 
 

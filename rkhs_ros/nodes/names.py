@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import PurePath
 
 from rkhs_ros.base.validation import pick
 
-NODES = ("simulator", "policy", "learner", "gate")
+NODES = ("simulator", "practice_robot", "gate", "robot", "policy", "learner")
 
 
 def fresh_number() -> int:
@@ -21,9 +21,16 @@ def namespaces(simulators: int) -> list[str]:
     return [""] if simulators == 1 else [f"simulator_{k + 1}/" for k in range(simulators)]
 
 
-def node_names(simulators: int) -> list[str]:
-    """Return the names of all nodes of a run, the learner's last."""
-    return [*(f"{namespace}simulator" for namespace in namespaces(simulators)), "policy", "learner"]
+def node_names(simulators: int, robot: Collection[str] = ()) -> list[str]:
+    """Return the names of all nodes of a run, the learner's last.
+
+    Args:
+        simulators: their number.
+        robot: names of the nodes that are there in place of a simulator.
+    """
+    worlds = [name for name in NODES if name in robot]
+    worlds = worlds or [f"{namespace}simulator" for namespace in namespaces(simulators)]
+    return [*worlds, "policy", "learner"]
 
 
 def require_known_arguments(words: Sequence[str], file: str, known: Mapping[str, object]) -> None:

@@ -1,4 +1,4 @@
-"""A simulator as the learner sees it."""
+"""A simulator, or a robot, as the learner sees it."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import NamedTuple
 
 from rclpy.node import Node
+from std_msgs.msg import Empty
 
 from rkhs_interfaces.msg import BatchProgress
 from rkhs_interfaces.msg import Episodes as EpisodesMessage
@@ -15,8 +17,9 @@ from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import require, shown
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.execution import Execution
 from rkhs_ros.learning.replay import check_actions
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS, episodes_of, spaces_of, start_request
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS, episodes_of, executions_of, spaces_of, start_request
 from rkhs_ros.nodes.names import fresh_number
 from rkhs_ros.nodes.peers import REFUSAL_STANDS_S, Peers
 from rkhs_ros.nodes.spin import SIGNAL_CHECK_S, PeerError
@@ -25,13 +28,24 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import MOST_ROWS, Environment
 
+SIGNS_OF_LIFE = 4  # within the time after which a robot takes the learner for dead
+
+
+class Ended(NamedTuple):
+    """A batch that ended, and how on a robot."""
+
+    batch: Batch
+    episodes: Episodes
+    executions: list[Execution]
+
 
 class SimulatorLink:
-    """One simulator as the learner sees it.
+    """One simulator, or robot, as the learner sees it.
 
     Owns the task it simulates, the batch that it was asked for and the policy that acts in it, the furthest step of the
     batch that was seen, how often it was begun without coming further, and the episodes that it sent. Only those in
-    which the policy acted are taken.
+    which the policy acted are taken. Of a robot's they may be void, even after they were finished, and while they are
+    waited for it is given signs of life.
 
     Args:
         node: the learner node.
@@ -43,7 +57,7 @@ class SimulatorLink:
 
     def __init__(self, node: Node, peers: Peers, namespace: str, rows: int, refuse: Callable[[str], None]) -> None:
         self.namespace = namespace
-        self.name = f"{namespace}simulator"
+        self.name = f"{namespace}simulator"  # or robot, once it is known to be one
         self.task: DescribeTask.Response = DescribeTask.Response()
         self.spaces = Spaces.unbounded(1, 1)  # until it is connected
         self.batch: Batch | None = None
@@ -51,13 +65,22 @@ class SimulatorLink:
         self.request = StartEpisodes.Request()
         self.step = 0
         self.attempts = 0
+        self.executions: list[Execution] = []
         self.refusal = ""  # why episodes of the batch were refused; empty while none were
+        self.void: Ended | None = None  # what ended as void and is to begin again
+        self.voids = 0  # of the batch, one after another
+        self.vetoed: list[Ended] = []  # finished, and made void since
         self._policy: GaussianPolicy | None = None
+        self._finished: dict[int, Batch] = {}  # under the policy in service, by the numbers that they were asked by
+        self._told = ""  # what a person was last told that the robot waits for
+        self._life_at = 0.0  # monotonic time of the next sign of life, seconds
+        self._node = node
         self._peers = peers
         self._rows = rows
         self._refuse = refuse
         self._start = node.create_client(StartEpisodes, f"{namespace}start_episodes")
         self._describe = node.create_client(DescribeTask, f"{namespace}describe_task")
+        self._life = node.create_publisher(Empty, f"{namespace}learner_alive", LOCKSTEP_QOS)
         node.create_subscription(EpisodesMessage, f"{namespace}episodes", self._hear, LOCKSTEP_QOS)
 
     def wait(self) -> None:
@@ -92,6 +115,7 @@ class SimulatorLink:
             got = shown(_named(environment))
             raise PeerError(f"the {self.name} node: expected one of {_named(expected)}, got one of {got}")
         self.spaces = spaces_of(self.task)
+        self.name = f"{self.namespace}{'robot' if self.is_robot else 'simulator'}"
         require(self.task.room >= 1, f"{self.name}: room", "at least 1 row", self.task.room)
         return expected or environment
 
@@ -100,21 +124,52 @@ class SimulatorLink:
         with self._place_named():
             return self._peers.call(self._describe, DescribeTask.Request(rows=self._rows), self.name)
 
+    @property
+    def is_robot(self) -> bool:
+        """Whether it is a robot, whose steps the wall clock ends."""
+        return bool(self.task.period > 0)
+
     def mark_idle(self) -> None:
         """Mark the simulator idle."""
-        self.batch, self.episodes = None, None
-        self.step = self.attempts = 0
+        self.batch, self.episodes, self.void = None, None, None
+        self.step = self.attempts = self.voids = 0
+
+    def forget_finished(self) -> None:
+        """Forget the episodes that were finished: what is learnt from cannot become void."""
+        self._finished.clear()
+        self.vetoed.clear()
+
+    def heartbeat(self) -> float:
+        """Give a robot that episodes are expected of a sign of life when it is due; return the seconds until it is."""
+        if not (self.is_robot and self.busy):
+            return SIGNAL_CHECK_S
+        now, period = time.monotonic(), self.task.learner_timeout / SIGNS_OF_LIFE
+        if now >= self._life_at:
+            self._life.publish(Empty())
+            self._life_at = now + period
+        return min(self._life_at - now, SIGNAL_CHECK_S)
+
+    def tell_what_it_waits_for(self, text: str) -> None:
+        """Tell the person what a robot waits for them to do, once."""
+        if text and text != self._told:
+            self._node.get_logger().warning(f"the {self.name} node waits: {text}")
+        self._told = text
 
     def begin(self, batch: Batch, policy: GaussianPolicy | None, version: int, clock: int) -> None:
         """Have the simulator begin a batch, in which the policy of that version acts.
 
+        A robot gives episodes that it finished before again, unless they were refused here.
+
         Raises:
             ValueError: it refuses.
         """
-        self.batch, self.episodes, self.refusal = batch, None, ""
+        anew = bool(self.refusal)
+        self.batch, self.episodes, self.refusal, self.void = batch, None, "", None
         self.attempts += 1
+        if self.is_robot:
+            self.step = 0  # what it did was done by the wall clock: there is no coming further in the same again
         self._policy = policy
-        self.request = start_request(fresh_number(), version, batch, self.task, clock)
+        self.request = start_request(fresh_number(), version, batch, self.task, clock, anew=anew)
         with self._place_named():
             self._peers.call_until_accepted(self._ask, self.name)
 
@@ -163,21 +218,38 @@ class SimulatorLink:
             raise PeerError(f"{error}; {self.place}" if self.batch else str(error)) from error
 
     def _hear(self, message: EpisodesMessage) -> None:
-        expected = (self.request.batch, self.request.policy_version)
-        if not self.busy or (message.batch, message.policy_version) != expected:
-            return  # late, or of another learner
         try:
-            self.episodes = self._checked(message)
+            if message.batch in self._finished:
+                self._hear_veto(message, self._finished[message.batch])
+            elif self.busy and (message.batch, message.policy_version) == self._expected:
+                self._take(message)
         except ValueError as error:
             self.refusal = str(error)
             self._refuse(f"episodes: {self.name}: {error}")
 
-    def _checked(self, message: EpisodesMessage) -> Episodes | None:
-        if self.batch is None or self._policy is None:
-            return None
+    @property
+    def _expected(self) -> tuple[int, int]:
+        return self.request.batch, self.request.policy_version
+
+    def _take(self, message: EpisodesMessage) -> None:
+        """Take the episodes of the batch under way, finished or void."""
+        if self.batch is None or self._policy is None or self.void:
+            return
         episodes = episodes_of(message, self.batch, self.spaces)
+        executions = executions_of(message)
+        if any(execution.void_reason for execution in executions):
+            self.void = Ended(self.batch, episodes, executions)
+            return
         check_actions(episodes, self._policy, self.batch)
-        return episodes
+        self.episodes, self.executions = episodes, executions
+        self._finished[message.batch] = self.batch
+
+    def _hear_veto(self, message: EpisodesMessage, batch: Batch) -> None:
+        """Take note that finished episodes are void after all; what is finished may be told twice."""
+        executions = executions_of(message)
+        if any(execution.void_reason for execution in executions):
+            self.vetoed.append(Ended(batch, episodes_of(message, batch, self.spaces), executions))
+            del self._finished[message.batch]
 
 
 def _environment_of(task: DescribeTask.Response) -> Environment:

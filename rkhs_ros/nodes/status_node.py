@@ -28,6 +28,7 @@ COLUMNS = {  # of what is reported: their heads, which leave a terminal of 80 ch
     "restarts": "started\nagain",
 }
 LAST_REFUSAL = "last refusal"
+OF_OURS = "passed over"  # that all our nodes report
 RANDOM = ("serving version", "batch")  # numbers that say no more than which are the same
 DIGITS = 4  # of these
 COLOURS = {DiagnosticStatus.OK: "green", DiagnosticStatus.WARN: "yellow", DiagnosticStatus.ERROR: "red"}
@@ -47,7 +48,7 @@ class StatusNode(Node):
         self.create_subscription(DiagnosticArray, TOPIC, self._hear, DIAGNOSTICS_QOS)
 
     def _hear(self, message: DiagnosticArray) -> None:
-        ours = [status for status in message.status if RANDOM[0] in {value.key for value in status.values}]
+        ours = [status for status in message.status if OF_OURS in {value.key for value in status.values}]
         if {status.name for status in ours} - set(self.heard):
             self.heard_new_at = time.monotonic()
         self.heard |= {status.name: status for status in ours}

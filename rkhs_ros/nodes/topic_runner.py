@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from functools import reduce
 from itertools import chain, repeat
 from operator import add
@@ -24,6 +25,7 @@ from rkhs_ros.runs.config import Environment
 
 IDLE_CHECK_S = 0.5  # without episodes before the peers are looked after
 UNKNOWN = repeat(BatchProgress())  # of a policy node that says nothing
+MOST_VOIDS = 10  # of an episode of a robot, one after another
 MOST_ATTEMPTS = 5  # at a batch that comes no further, as a node dies at the same step each time
 
 
@@ -33,7 +35,8 @@ class TopicRunner:
     Owns the steps that the simulators' clocks have counted, and when there was progress. Does not own the environment,
     the policy in service or the steps of a batch: it hears whole episodes, so that a step costs one message each way
     between simulator and policy node. Brings peers back that died: what one of them no longer knows begins anew, and
-    comes out the same to the last bit. So it does where another policy acted.
+    comes out the same to the last bit. So it does where another policy acted. A robot's episode that is void is asked
+    for again, under the same number.
 
     Args:
         node: the learner node.
@@ -88,7 +91,28 @@ class TopicRunner:
         """
         self._policy.serve(policy)
         room = sum(simulator.task.room for simulator in self._simulators)
-        return reduce(add, (self._together(policy, part) for part in batch.parts(room)))
+        parts = deque(batch.parts(room))
+        done: dict[Batch, Episodes] = {}
+        while parts:
+            done |= self._together(policy, parts.popleft())
+            parts.extend(self._vetoed(done))
+        for simulator in self._simulators:
+            simulator.forget_finished()
+        return reduce(add, (done[part] for part in sorted(done, key=lambda part: part.first_episode)))
+
+    def heartbeat(self) -> float:
+        """Give robots the signs of life that are due; return the seconds until the next one."""
+        return min(simulator.heartbeat() for simulator in self._simulators)
+
+    def _vetoed(self, done: dict[Batch, Episodes]) -> list[Batch]:
+        """Take out of what is done the episodes that a person made void since, and return them."""
+        vetoed = [ended for simulator in self._simulators for ended in simulator.vetoed]
+        for simulator in self._simulators:
+            simulator.vetoed.clear()
+        for ended in vetoed:
+            self.record(*ended)
+            del done[ended.batch]
+        return [ended.batch for ended in vetoed]
 
     def report(self) -> dict[str, object]:
         """Return what is to be reported of policy and batches."""
@@ -96,20 +120,47 @@ class TopicRunner:
         steps = " ".join(str(simulator.step) for simulator in self._simulators)
         return {"serving version": self._policy.version, "batch": batches, "step": steps}
 
-    def _together(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
-        """Return the episodes of a batch that there is room for."""
+    def _together(self, policy: GaussianPolicy, batch: Batch) -> dict[Batch, Episodes]:
+        """Return the episodes of a batch that there is room for, by the batches of the simulators."""
         for simulator in self._simulators:
             simulator.mark_idle()
         self._begin(list(zip(self._simulators, batch.split(len(self._simulators)), strict=False)))
         self._progress_at = time.monotonic()
-        while not self._peers.spin(self._complete, IDLE_CHECK_S):
-            self._recover(policy)
+        while not self._complete():
+            if self._peers.spin(self._has_news, IDLE_CHECK_S):
+                self._run_void_again()
+            else:
+                self._recover(policy)
         self._node.diagnostics.stuck = ""
         self._node.diagnostics.steps += batch.horizon
-        parts = [(each.batch, each.episodes) for each in self._simulators if each.batch and each.episodes is not None]
-        for part, episodes in parts:
-            self.record(part, episodes, [])
-        return reduce(add, (episodes for _, episodes in parts))
+        done: dict[Batch, Episodes] = {}
+        for each in self._simulators:
+            if each.batch and each.episodes is not None:
+                self.record(each.batch, each.episodes, each.executions)
+                done[each.batch] = each.episodes
+        return done
+
+    def _has_news(self) -> bool:
+        return self._complete() or any(simulator.void for simulator in self._simulators)
+
+    def _run_void_again(self) -> None:
+        """Ask robots again for the episodes that were void.
+
+        Raises:
+            RunError: an episode was void too often.
+        """
+        for simulator in self._simulators:
+            if simulator.void is None:
+                continue
+            ended = simulator.void
+            self.record(*ended)
+            simulator.voids += 1
+            reason = next(execution.void_reason for execution in ended.executions if execution.void_reason)
+            if simulator.voids >= MOST_VOIDS:
+                number = ended.batch.first_episode
+                raise RunError(f"episode {number} was void {simulator.voids} times in a row, the last time: {reason}")
+            self._begin([(simulator, ended.batch)])
+            self._progressed(simulator)
 
     def _complete(self) -> bool:
         return not any(simulator.busy for simulator in self._simulators)
@@ -133,19 +184,24 @@ class TopicRunner:
         self, simulator: SimulatorLink, batch: Batch, answered: BatchProgress, policy_is_new: bool
     ) -> None:
         further = simulator.advanced(answered.batch, answered.step + 1)
-        task, now = simulator.describe(), time.monotonic()
+        task = simulator.describe()
         simulator.check(task, answered)
-        further |= simulator.advanced(task.batch, task.step)
+        simulator.tell_what_it_waits_for(task.waiting)
+        further |= simulator.advanced(task.batch, task.step) or task.resetting
         if policy_is_new or simulator.lost(task):
             self._begin_anew(simulator, batch, POLICY if policy_is_new else simulator.name)
-            self._progress_at = now
+            self._progressed(simulator)
         elif further:
-            self._progress_at = now
+            self._progressed(simulator)
         elif simulator.busy and simulator.refusal:
             self._take_again(simulator, batch)
-            self._progress_at = now
+            self._progressed(simulator)
         elif self._peers.stalled(self._progress_at) or not simulator.ask_again():
             self._begin([(simulator, batch)])  # for reasons not known, or since somebody began another of its number
+
+    def _progressed(self, simulator: SimulatorLink) -> None:
+        """Note that there was progress now, and that the next is to be expected after a period of a robot."""
+        self._progress_at = time.monotonic() + simulator.task.period
 
     def _begin_anew(self, simulator: SimulatorLink, batch: Batch, died: str) -> None:
         if simulator.attempts >= MOST_ATTEMPTS:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -23,24 +23,32 @@ MOST_ROWS = 10_000
 OF_ANY_NODE = {"use_sim_time", "start_type_description_service", "qos_overrides", "restarts", "instance"}
 NODE_PARAMETERS = {
     "simulator": OF_ANY_NODE | {"robot_state"},
+    "robot": OF_ANY_NODE | {"journal", "practice"},
+    "gate": OF_ANY_NODE,
+    "practice_robot": OF_ANY_NODE,
     "policy": OF_ANY_NODE | {"simulators", "policy_file"},
     "learner": OF_ANY_NODE | {"output", "quiet", "resume"},
 }
 
 
+ROBOT_NODES = ("robot", "gate", "practice_robot")  # nodes that a robot has in place of a simulator
+
+
 @dataclass(frozen=True)
 class Environment:
-    """The simulator's settings.
+    """What is learnt in: the simulator's settings, or those of a robot's nodes.
 
     Attributes:
-        id: Gymnasium id of an environment with continuous actions.
+        id: Gymnasium id of an environment with continuous actions, or the name of a robot's task.
         options: keyword options of the environment.
         rows_at_once: rows side by side at most, as 1 of a robot; 0 for as many as the environment allows.
+        nodes: of a robot the parameters of its nodes, by their names; none of a simulator.
     """
 
     id: str
     options: Mapping[str, Any]
     rows_at_once: int = 0
+    nodes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Raise ValueError where the options are not a section, or the rows no number."""
@@ -48,6 +56,13 @@ class Environment:
         require(good, "environment.rows_at_once", f"a whole number in [0, {MOST_ROWS}]", repr(self.rows_at_once))
         require(isinstance(self.id, str), "environment.id", "text", repr(self.id))
         require(isinstance(self.options, Mapping), "environment.options", "a section of keys", repr(self.options))
+        good = all(isinstance(parameters, Mapping) for parameters in self.nodes.values())
+        require(good, "environment.nodes", "a section for each node", repr(self.nodes))
+
+    def tree(self) -> dict[str, Any]:
+        """Return the settings as a tree of values, less those that have their defaults."""
+        more = {name: getattr(self, name) for name in ("rows_at_once", "options", "nodes") if getattr(self, name)}
+        return {"id": self.id, **more}
 
     def entries(self) -> Iterator[Entry]:
         """Walk through the settings by their dotted names."""
@@ -76,29 +91,25 @@ class Config:
     def settings(self) -> dict[str, Any]:
         """All settings by their dotted names."""
         options = {f"environment.options.{name}": value for name, value in self.environment.options.items()}
+        robot = dict(_leaves({"robot": self.environment.nodes["robot"]})) if self.environment.nodes else {}
         learner = {entry.name: entry.value for entry in entries(self.training)}
-        return {"environment.id": self.environment.id, **options, **learner}
+        return {"environment.id": self.environment.id, **options, **robot, **learner}
 
     def check_for_topics(self) -> None:
         """Raise ValueError where a setting cannot be a ROS parameter, as an option of the environment's may be."""
         require_ros_value(self.training.name, "name")
         require_ros_value(self.environment.id, "environment.id")
         require_ros_value(self.environment.options, "environment.options")
+        for name, parameters in self.environment.nodes.items():
+            require_ros_value(parameters, name)
 
     def parameters(self) -> dict[str, Any]:
         """Return all settings as the tree of a ROS parameter file."""
-        environment: dict[str, Any] = {"id": self.environment.id}
-        if self.environment.rows_at_once:
-            environment["rows_at_once"] = self.environment.rows_at_once
-        if self.environment.options:
-            environment["options"] = dict(self.environment.options)
         learner: dict[str, Any] = {}
         for name, value, _ in entries(self.training):
             _insert(learner, name, list(value) if isinstance(value, tuple) else value)
-        return {
-            "/**/simulator": {PARAMETERS: {"environment": environment}},
-            "/**/learner": {PARAMETERS: learner},
-        }
+        nodes = self.environment.nodes or {"simulator": {"environment": self.environment.tree()}}
+        return {f"/**/{name}": {PARAMETERS: parameters} for name, parameters in {**nodes, "learner": learner}.items()}
 
 
 def _leaves(tree: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -122,7 +133,17 @@ def environment_from(tree: Any) -> Environment:
         if key not in known:
             raise ValueError(f"unknown key 'environment.{key}', {hint(str(key), known, 'environment.')}")
     require("id" in tree, "environment", "a key 'id' with a Gymnasium id", dict(tree))
-    return Environment(tree["id"], tree.get("options", {}), tree.get("rows_at_once", 0))
+    return Environment(**{"options": {}, **tree})
+
+
+def environment_of_robot(nodes: Mapping[str, Mapping[str, Any]]) -> Environment:
+    """Return what is learnt in on a robot: the task that its node's parameters name, an episode at a time.
+
+    Raises:
+        ValueError: the parameters are no section of keys.
+    """
+    require(isinstance(nodes["robot"], Mapping), "robot", "a section of keys", repr(nodes["robot"]))
+    return Environment(nodes["robot"].get("task", "robot"), {}, 1, nodes)
 
 
 def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
@@ -131,6 +152,7 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
     Args:
         path: a ROS parameter file with the sections ``/**/simulator`` and ``/**/learner``; others that name these nodes
             do as well. The learner's may hold the environment, too, as that of a learner which was told what to expect.
+            In place of the simulator there may be ``/**/robot`` and ``/**/gate``, with ``/**/practice_robot`` or not.
         changes: settings that replace the file's, as ``algorithm.ridge=0.1``.
 
     Raises:
@@ -143,8 +165,15 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such configuration, {_nearest(path)}")
     sections = _sections(path)
+    robot = {name: sections[name] for name in ROBOT_NODES if name in sections}
+    if robot:
+        require("simulator" not in sections, f"{path}", "either a simulator or a robot", "both")
+        missing = [name for name in ROBOT_NODES[:2] if name not in robot]
+        require(not missing, f"{path}", "sections /**/robot and /**/gate", f"no {', no '.join(missing)}")
+        settings = {key: value for key, value in sections["learner"].items() if key != "environment"}
+        return _changed({"name": path.stem, **settings, **robot}, changes)
     tree = {"name": path.stem, **sections["learner"], "environment": _environment(path, sections)}
-    unknown = [key for key in sections["simulator"] if key != "environment"]
+    unknown = [key for key in sections.get("simulator", {}) if key != "environment"]
     require(not unknown, f"{path}: simulator", "the key 'environment'", ", ".join(map(str, unknown)))
     return _changed(tree, changes)
 
@@ -155,7 +184,8 @@ def _environment(path: Path, sections: Mapping[str, Mapping[str, Any]]) -> Any:
     Raises:
         ValueError: both have one, and they differ.
     """
-    given = [sections[node]["environment"] for node in ("simulator", "learner") if "environment" in sections[node]]
+    places = (sections.get(node, {}) for node in ("simulator", "learner"))
+    given = [section["environment"] for section in places if "environment" in section]
     if len(given) == 2:
         simulated, expected = map(environment_from, given)
         require(simulated == expected, f"{path}: learner: environment", f"the simulator's, {simulated}", expected)
@@ -192,7 +222,8 @@ def config_for(environment: str, horizon: int | None, changes: Iterable[str] = (
 def _changed(tree: dict[str, Any], changes: Iterable[str]) -> Config:
     """Return the configuration of a tree of settings with some of them replaced."""
     tree = tree_of(changes, tree)
-    environment = environment_from(tree.pop("environment"))
+    nodes = {name: tree.pop(name) for name in ROBOT_NODES if name in tree}
+    environment = environment_of_robot(nodes) if nodes else environment_from(tree.pop("environment"))
     return Config(environment, training_from(tree))
 
 
@@ -219,7 +250,7 @@ def tree_of(changes: Iterable[str], tree: Mapping[str, Any] | None = None) -> di
 
 
 def _sections(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the settings of simulator and learner, whatever the namespaces that the file gives them.
+    """Return the settings of the nodes, whatever the namespaces that the file gives them.
 
     Parameters that are a node's own, as ``ros2 param dump`` writes them, are left out.
     """
@@ -230,7 +261,7 @@ def _sections(path: Path) -> dict[str, dict[str, Any]]:
             raise ValueError(f"{path}: unknown section '{shown(name)}', {hint(node, NODE_PARAMETERS)}")
         settings = {key: value for key, value in parameters.items() if key not in NODE_PARAMETERS[node]}
         require(found.setdefault(node, settings) == settings, f"{path}: {node}", "one task for all", "several")
-    return {"simulator": {}, "learner": {}} | found
+    return {"learner": {}} | found
 
 
 def _insert(tree: dict[str, Any], name: str, value: Any) -> None:

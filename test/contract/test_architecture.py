@@ -9,8 +9,23 @@ import pytest
 ROOT = Path(__file__).parents[2]
 # Each floor imports from itself and from those before it only. sim_nodes stands beside the floors, see below.
 FLOORS = ("base", "rkhs", "policies", "learning", "runs", "robot", "nodes", "pictures", "paper", "app")
-ROS = ("rclpy", "rkhs_interfaces", "rcl_interfaces", "sensor_msgs", "std_msgs", "diagnostic_msgs", "rosgraph_msgs")
-ROS += ("geometry_msgs", "std_srvs", "trajectory_msgs")
+ROS = (
+    "rclpy",
+    "rkhs_interfaces",
+    "rcl_interfaces",
+    "rosgraph_msgs",
+    "builtin_interfaces",
+    "diagnostic_msgs",
+    "geometry_msgs",
+    "sensor_msgs",
+    "std_msgs",
+    "std_srvs",
+    "trajectory_msgs",
+)
+# Modules of sim_nodes that may import ROS.
+SIM_NODES = [
+    ROOT / "sim_nodes" / f"{name}.py" for name in ("simulator_node", "robots/practice_robot_node", "robots/topics")
+]
 SOURCES = sorted(path for package in ("rkhs_ros", "sim_nodes") for path in (ROOT / package).rglob("*.py"))
 EVERYTHING = sorted(
     [*SOURCES, *(p for folder in ("test", "benchmarks", "launch") for p in (ROOT / folder).rglob("*.py"))]
@@ -50,7 +65,7 @@ def upward(names: set[str], place: int) -> list[str]:
 
 
 def is_node(path: Path) -> bool:
-    return path.is_relative_to(ROOT / "rkhs_ros" / "nodes") or path == ROOT / "sim_nodes" / "simulator_node.py"
+    return path.is_relative_to(ROOT / "rkhs_ros" / "nodes") or path in SIM_NODES
 
 
 def test_the_floors_are_all_there() -> None:
@@ -84,7 +99,7 @@ def test_only_command_line_and_its_nodes_know_the_tasks() -> None:
         "rkhs_ros.nodes",
         "rkhs_ros.rkhs",
     }
-    for path in (ROOT / "sim_nodes").glob("*.py"):
+    for path in [*(ROOT / "sim_nodes").glob("*.py"), *(ROOT / "sim_nodes" / "robots").glob("*.py")]:
         ours = {".".join(name.split(".")[:2]) for name in imports(path) if within(name, "rkhs_ros")}
         assert ours <= allowed
 

@@ -29,8 +29,10 @@ ROOT = Path(__file__).parents[2]
 PATIENCE = 30.0  # seconds; far above what anything here takes
 MODULES = {
     "simulator": "sim_nodes.simulator_node",
+    "practice_robot": "sim_nodes.robots.practice_robot_node",
     "policy": "rkhs_ros.nodes.policy_node",
     "gate": "rkhs_ros.nodes.gate_node",
+    "robot": "rkhs_ros.nodes.robot_node",
     "learner": "rkhs_ros.nodes.learner_node",
     "rkhs": "rkhs_ros.app.cli",
     "relay": "test.faults.relay",

@@ -1,0 +1,105 @@
+"""The gate as the robot node sees it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_srvs.srv import Trigger
+
+from rkhs_interfaces.msg import Command, GateReport, GateState
+from rkhs_ros.base.validation import shown
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS, doubles
+from rkhs_ros.rkhs.kernels import Array
+
+LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+MOST_UNANSWERED = 10  # commands sent on without a report, after which the gate is taken to be gone
+ARM_RETRY_S = 1.0  # between attempts to arm the gate of a practice robot
+LAST_COMMAND_TIMEOUT_S = 0.5  # for the gate to take the last command before the node ends
+PRACTICE_ROBOT = "practice_robot"
+DISARMED, STOPPED = "disarmed", "stopped"
+
+
+class GateLink:
+    """The gate as the robot node sees it.
+
+    Owns the numbers of the commands, and what the gate said of itself last.
+
+    Args:
+        node: the robot node.
+        instance: of its process, which the gate tells from others by it.
+        arms: whether the gate is armed from here, as that of a practice robot may be; never that of another.
+        report: is told of each report: the number of the command, what was executed, and the flags.
+    """
+
+    def __init__(self, node: Node, instance: int, *, arms: bool, report: Callable[[int, Array, int], None]) -> None:
+        self.number = 0
+        self._node = node
+        self._instance = instance
+        self._arms = arms
+        self._report = report
+        self._state: GateState | None = None
+        self._unanswered = 0
+        self._armed_at = 0.0
+        self._commands = node.create_publisher(Command, "command", LOCKSTEP_QOS)
+        self._arm = node.create_client(Trigger, "gate/arm")
+        node.create_subscription(GateReport, "gate/report", self._hear_report, LOCKSTEP_QOS)
+        node.create_subscription(GateState, "gate/state", self._hear_state, LATCHED_QOS)
+
+    def send(self, values: Array, stamp: int) -> int:
+        """Send a command, which follows from an observation of that time in nanoseconds; return its number."""
+        self.number += 1
+        self._unanswered += 1
+        self._publish(stamp, values=doubles(values))
+        return self.number
+
+    def hold(self) -> None:
+        """Have the robot come to rest and hold."""
+        self.number += 1
+        self._publish(time.time_ns(), hold=True)
+
+    def obstacle(self) -> str:
+        """Return why the robot cannot be moved, and what to do about it; empty where it can."""
+        state, service = self._state, self._node.resolve_service_name("gate/arm")
+        arm = f"ros2 service call {service} std_srvs/srv/Trigger"
+        if state is None:
+            return "no gate is heard: start one"
+        if self._unanswered > MOST_UNANSWERED:
+            return f"the gate does not report what it does with commands: start it again, then: {arm}"
+        if state.state == DISARMED:
+            return f"the gate is not armed; see that the robot may move, then: {arm}"
+        if state.state == STOPPED:
+            return f"the gate stopped the robot ({shown(state.reason)}); see that it may move, then: {arm}"
+        return ""
+
+    def arm_practice(self, now: float) -> None:
+        """Arm the gate, if it is that of a practice robot and the run is one of practice."""
+        stands = self._state is not None and self._state.state in (DISARMED, STOPPED)
+        if not (self._arms and stands and now >= self._armed_at + ARM_RETRY_S):
+            return
+        self._armed_at = now
+        if PRACTICE_ROBOT in self._node.get_node_names() and self._arm.service_is_ready():
+            self._arm.call_async(Trigger.Request())
+
+    def close(self) -> None:
+        """Have the robot hold, and wait until the gate has heard it."""
+        self.hold()
+        self._commands.wait_for_all_acked(Duration(seconds=LAST_COMMAND_TIMEOUT_S))
+
+    def _publish(self, stamp: int, **content: object) -> None:
+        seconds, nanoseconds = divmod(stamp, 10**9)
+        time_stamp = Time(sec=seconds, nanosec=nanoseconds)
+        self._commands.publish(Command(instance=self._instance, number=self.number, stamp=time_stamp, **content))
+
+    def _hear_report(self, message: GateReport) -> None:
+        if message.instance == self._instance:
+            self._unanswered = 0
+            self._report(message.number, np.array(message.executed), message.flags)
+
+    def _hear_state(self, message: GateState) -> None:
+        self._state, self._unanswered = message, 0

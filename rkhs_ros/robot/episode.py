@@ -1,0 +1,239 @@
+"""One episode on a robot, by the wall clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.execution import Execution
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.robot.clock import ElasticClock, Pace
+from rkhs_ros.robot.sensors import SensingError
+from rkhs_ros.robot.task import RobotTask
+
+# Flags of a step, as in rkhs_interfaces/GateReport.
+REFUSED, NOT_ARMED = 16, 32
+MISSED, LATE, NO_REPORT = 256, 512, 1024
+
+
+class Sensed(NamedTuple):
+    """What the sensors say at a moment.
+
+    Attributes:
+        observation: shape (d,).
+        reward: that a topic tells; 0 without one.
+        stamp: nanoseconds since 1970.
+    """
+
+    observation: Array
+    reward: float
+    stamp: int
+
+
+@dataclass(frozen=True, eq=False)
+class Ended:
+    """An episode that is over, finished or void."""
+
+    batch: Batch
+    episodes: Episodes
+    execution: Execution
+
+
+class RobotEpisode:
+    """One episode as it goes, driven by the time, what is sensed and the actions that come.
+
+    It waits at rest for the first action, with which its clock begins to tick. At each tick the reward of the step
+    before is earned and the next observation is there; an action that comes by the deadline becomes a command, after
+    it the miss is counted and nothing is sent. Late actions are recorded, since they are what was drawn, but not
+    executed. Whatever spoils the episode makes it void.
+
+    Owns what was observed, drawn, executed and earned. Does not own any clock, and sends nothing.
+
+    Args:
+        batch: of one row.
+        task: the robot's.
+        stamp: of the beginning, nanoseconds since 1970.
+    """
+
+    def __init__(self, batch: Batch, task: RobotTask, stamp: int) -> None:
+        horizon, actions = batch.horizon, task.action.dimension
+        self.batch = batch
+        self.step = 0
+        self.void_reason = ""
+        self.misses = 0
+        self.pace = Pace()
+        self._task = task
+        self._observations: list[Array] = []
+        self._stamps = [stamp]
+        self._drawn: list[Array | None] = [None] * horizon
+        self._sent: list[Array | None] = [None] * horizon
+        self._reported: list[Array | None] = [None] * horizon
+        self._executed = np.zeros((horizon, actions))
+        self._flags = np.zeros(horizon, dtype=np.uint32)
+        self._rewards: list[float] = []
+        self._terminated = False
+        self._clock: ElasticClock | None = None
+        self._ticked_at = 0.0
+        self._unreported = 0
+
+    @property
+    def over(self) -> bool:
+        """Whether it is finished or void."""
+        return bool(self.void_reason) or self._terminated or self.step == self.batch.horizon
+
+    @property
+    def moving(self) -> bool:
+        """Whether its clock ticks."""
+        return self._clock is not None and not self.over
+
+    @property
+    def due(self) -> float:
+        """Monotonic time of what is due next, the deadline of an action or a tick; infinity before the first action."""
+        if self._clock is None or self.over:
+            return inf
+        return self._clock.due if self._answered else min(self._deadline, self._clock.due)
+
+    @property
+    def observation(self) -> Array:
+        """The newest observation, shape (d,)."""
+        return self._observations[-1]
+
+    @property
+    def stamp(self) -> int:
+        """When the newest observation was taken, in nanoseconds since 1970."""
+        return self._stamps[-1]
+
+    @property
+    def reward(self) -> float | None:
+        """The newest reward; None before the first one."""
+        return self._rewards[-1] if self._rewards else None
+
+    def begin(self, sensed: Sensed) -> None:
+        """Take the first observation."""
+        self._observations.append(sensed.observation)
+        self._stamps[0] = sensed.stamp
+
+    def act(self, step: int, action: Array, now: float) -> Array | None:
+        """Take the action of a step; return the command to send, None where it comes late or again."""
+        if self.over or not self._observations or step > self.step or self._drawn[step] is not None:
+            return None
+        self._drawn[step] = action
+        if self._clock is None:
+            self._clock, self._ticked_at = ElasticClock(self._task.period, now + self._task.period), now
+        elif step < self.step or now > self._deadline or self._flags[step] & MISSED:
+            return None
+        self._sent[step] = self._task.action.command(action)
+        return self._sent[step]
+
+    def report(self, step: int, executed: Array, flags: int) -> None:
+        """Take the gate's report of the command of a step."""
+        if self.over or step != self.step or self._sent[step] is None:
+            return
+        self._reported[step] = executed
+        self._flags[step] |= flags
+        if flags & (REFUSED | NOT_ARMED):
+            self.void(f"the gate refused the command of step {step}")
+
+    def void(self, reason: str) -> None:
+        """Make the episode void, unless it is over."""
+        if not self.over:
+            self.void_reason = reason
+
+    def proceed(self, now: float, sense: Callable[[], Sensed]) -> bool:
+        """Do what is due; return whether there is a new observation.
+
+        Args:
+            now: monotonic time, seconds.
+            sense: returns what the sensors say; may raise SensingError.
+
+        Raises:
+            RunError: the function of the reward or of the end fails.
+        """
+        if self._clock is None or self.over:
+            return False
+        if not self._answered and now > self._deadline:
+            self._miss()
+        if self.over or now < self._clock.due:
+            return False
+        try:
+            sensed = sense()
+        except SensingError as error:
+            self.void(str(error))
+            return False
+        self._tick(now, sensed, self._clock)
+        return True
+
+    @property
+    def _answered(self) -> bool:
+        """Whether the current step has its command, or was counted as missed."""
+        return self._sent[self.step] is not None or bool(self._flags[self.step] & MISSED)
+
+    @property
+    def _deadline(self) -> float:
+        return self._ticked_at + self._task.action_deadline * self._task.period
+
+    def _miss(self) -> None:
+        self._flags[self.step] |= MISSED
+        self.misses += 1
+        if self.misses > self._task.misses_allowed:
+            self.void(f"{self.misses} actions came too late, the last one of step {self.step}")
+
+    def _tick(self, now: float, sensed: Sensed, clock: ElasticClock) -> None:
+        step = self.step
+        self._settle(step)
+        late = clock.is_late(now)
+        self._flags[step] |= LATE * late
+        self.pace = self.pace.with_step(now - self._ticked_at)
+        self._clock, self._ticked_at = clock.ticked(now), now
+        action = self._task.action.action(self._executed[step])
+        transition = (self.observation, action, sensed.observation)
+        self._rewards.append(self._task.rules.earned(*transition, sensed.reward))
+        self._terminated = self._task.rules.ended(*transition)
+        self._observations.append(sensed.observation)
+        self._stamps.append(sensed.stamp)
+        self.step += 1
+        self._check_end()
+
+    def _settle(self, step: int) -> None:
+        """Note what was executed in a step that ends: what the gate reported, else what was sent or held."""
+        sent, reported = self._sent[step], self._reported[step]
+        if sent is not None and reported is None:
+            self._flags[step] |= NO_REPORT
+            self._unreported += 1
+        executed = reported if reported is not None else sent
+        self._executed[step] = self._executed[step - 1] if executed is None else executed
+
+    def _check_end(self) -> None:
+        missing = [step for step in range(self.step) if self._drawn[step] is None]
+        if self._unreported > self._task.misses_allowed:
+            self.void_reason = f"the gate did not report what it made of {self._unreported} commands"
+        elif self.over and missing:
+            self.void_reason = f"the action of step {missing[0]} did not come"
+
+    def ended(self) -> Ended:
+        """Return the episode as it is, its steps up to now.
+
+        A void one may lack actions that did not come; they are 0 there.
+        """
+        steps, horizon = len(self._rewards), self.batch.horizon
+        observations = np.zeros((1, horizon, self._task.sensors.dimension))
+        actions = np.zeros((1, horizon, self._task.action.dimension))
+        for step in range(steps):
+            observations[0, step] = self._observations[step]
+            drawn = self._drawn[step]
+            actions[0, step] = 0.0 if drawn is None else drawn
+        rewards = np.zeros((1, horizon))
+        rewards[0, :steps] = self._rewards
+        final = self._observations[-1] if self._observations else np.zeros(self._task.sensors.dimension)
+        terminated = np.array([self._terminated and not self.void_reason])
+        mask = np.arange(horizon)[None] < steps
+        episodes = Episodes(observations, actions, rewards, mask, final[None], terminated)
+        stamps = np.array(self._stamps, dtype=np.int64)
+        execution = Execution(stamps, self._executed[:steps], self._flags[:steps], self.void_reason)
+        return Ended(self.batch, episodes, execution)

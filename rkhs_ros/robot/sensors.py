@@ -1,0 +1,226 @@
+"""Sensors: what a robot's messages say, as numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import reduce
+from math import isfinite
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rkhs_ros.base.settings import Settings, setting
+from rkhs_ros.base.validation import hint, require, shown
+from rkhs_ros.rkhs.kernels import Array
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+JOINT_FIELDS = ("position", "velocity", "effort")
+PART = re.compile(r"([A-Za-z]\w*)(?:\[(\d+)(?::(\d+))?\])?")  # of a path: name, name[2] or name[0:3]
+TYPE = re.compile(r"[a-z]\w*/msg/[A-Z]\w*")
+MOST_NUMBERS = 1000  # of a field
+
+
+class SensingError(Exception):
+    """A sensor is silent or stale, or says what is no number; the message says so in one line."""
+
+
+class Heard(NamedTuple):
+    """The newest message of a topic.
+
+    Attributes:
+        message: any object with the fields of its type.
+        at: when it came, by the monotonic clock, in seconds.
+    """
+
+    message: Any
+    at: float
+
+
+class Part(NamedTuple):
+    """One step on the way to a field: an attribute, and the entries of it that are meant, all where there are none."""
+
+    name: str
+    entries: range | None
+
+
+@dataclass(frozen=True)
+class Sensor(Settings):
+    """One sensor: a topic, and what of its messages is observed."""
+
+    topic: str = setting("joint_states", "topic of its messages")
+    type: str = setting(JOINT_STATE, "type of its messages")
+    fields: tuple[str, ...] = setting(
+        ("position", "velocity"), "fields that are observed, as linear.x, data[2] or data[0:3]"
+    )
+    joints: tuple[str, ...] = setting((), "of a JointState: the joints of which the fields are observed, in this order")
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where a name is none, or the joints are of no JointState."""
+        super().__post_init__()
+        require(bool(self.topic), "topic", "the name of a topic", repr(self.topic))
+        require(bool(TYPE.fullmatch(self.type)), "type", "PACKAGE/msg/TYPE, as std_msgs/msg/Float64", repr(self.type))
+        require(bool(self.fields), "fields", "at least one", "none")
+        if self.joints:
+            require(self.type == JOINT_STATE, "joints", f"them for a {JOINT_STATE} alone", self.type)
+            unknown = [field for field in self.fields if field not in JOINT_FIELDS]
+            require(not unknown, "fields", f"some of {', '.join(JOINT_FIELDS)}", ", ".join(unknown))
+        else:
+            for field in self.fields:
+                parts_of(field)
+
+    @property
+    def dimension(self) -> int:
+        """How many numbers it observes."""
+        if self.joints:
+            return len(self.fields) * len(self.joints)
+        return sum(_size(parts_of(field)) for field in self.fields)
+
+    def numbers(self, message: Any) -> list[float]:
+        """Return what a message says, a field after another, of each the joints in order.
+
+        Raises:
+            SensingError: something is missing, no number, or not finite.
+        """
+        if self.joints:
+            values = [each for field in self.fields for each in joint_values(message, field, self.joints)]
+        else:
+            values = [each for field in self.fields for each in field_values(message, field)]
+        if not all(map(isfinite, values)):
+            raise SensingError(f"{self.topic}: expected finite numbers, got {shown(values)}")
+        return values
+
+
+def parts_of(path: str) -> list[Part]:
+    """Return the parts of a field's path.
+
+    Raises:
+        ValueError: it is none.
+    """
+    found = [PART.fullmatch(part) for part in path.split(".")]
+    require(all(found), "field", "a path as linear.x, data[2] or data[0:3]", repr(path))
+    parts = [_part(match) for match in found if match]
+    good = all(part.entries is None or len(part.entries) == 1 for part in parts[:-1])
+    require(good and 1 <= _size(parts) <= MOST_NUMBERS, "field", f"1 to {MOST_NUMBERS} numbers", repr(path))
+    return parts
+
+
+def _part(match: re.Match[str]) -> Part:
+    name, first, end = match.groups()
+    if first is None:
+        return Part(name, None)
+    return Part(name, range(int(first), int(first) + 1 if end is None else int(end)))
+
+
+def _size(parts: list[Part]) -> int:
+    entries = parts[-1].entries
+    return 1 if entries is None else len(entries)
+
+
+def check_field(message: Any, path: str) -> None:
+    """Check that messages have a field, as far as an empty one shows.
+
+    Raises:
+        ValueError: they do not.
+    """
+    for part in parts_of(path):
+        names = [name.lstrip("_") for name in getattr(message, "__slots__", ())]
+        known = dict.fromkeys(name for name in names if name != "check_fields")
+        if not hasattr(message, part.name):
+            raise ValueError(f"unknown field '{path}' of {type(message).__name__}, {hint(part.name, known)}")
+        message = getattr(message, part.name)
+        if part.entries is not None:
+            return  # an empty message has no entries to look at
+
+
+def field_values(message: Any, path: str) -> list[float]:
+    """Return the numbers in a field.
+
+    Raises:
+        SensingError: it is not there, or no number.
+    """
+    *way, last = parts_of(path)
+    try:
+        holder = reduce(_followed, way, message)
+        value = getattr(holder, last.name)
+        chosen = [value] if last.entries is None else [value[entry] for entry in last.entries]
+        return [float(each) for each in chosen]
+    except (AttributeError, IndexError, TypeError, ValueError) as error:
+        raise SensingError(f"{path}: expected a number, got {type(error).__name__}: {shown(error)}") from error
+
+
+def _followed(message: Any, part: Part) -> Any:
+    value = getattr(message, part.name)
+    return value if part.entries is None else value[part.entries[0]]
+
+
+def joint_values(message: Any, field: str, joints: tuple[str, ...]) -> list[float]:
+    """Return a field of a JointState for some joints, by their names.
+
+    Raises:
+        SensingError: a joint is not among those of the message, or has no such value.
+    """
+    names, values = list(message.name), getattr(message, field)
+    for joint in joints:
+        if joint not in names:
+            raise SensingError(f"expected joint '{joint}', got joints {shown(', '.join(names) or 'without names')}")
+        if names.index(joint) >= len(values):
+            raise SensingError(f"expected the {field} of joint '{joint}', got {len(values)} values")
+    return [float(values[names.index(joint)]) for joint in joints]
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """The sensors of a robot, in the order of their names, which is that of the observation.
+
+    Attributes:
+        by_name: the sensors.
+        stale_after: seconds after which a message is too old.
+    """
+
+    by_name: Mapping[str, Sensor]
+    stale_after: float
+
+    def __iter__(self) -> Iterator[tuple[str, Sensor]]:
+        """Walk through the sensors in order."""
+        return iter(sorted(self.by_name.items()))
+
+    @property
+    def dimension(self) -> int:
+        """How many numbers are observed."""
+        return sum(sensor.dimension for _, sensor in self)
+
+    def observation(self, heard: Mapping[str, Heard], now: float) -> Array:
+        """Return what is observed, shape (d,).
+
+        Args:
+            heard: the newest message of each topic.
+            now: monotonic time, seconds.
+
+        Raises:
+            SensingError: a sensor is silent, stale or says what is no number; the message names it.
+        """
+        numbers: list[float] = []
+        for name, sensor in self:
+            try:
+                numbers += sensor.numbers(fresh(heard, sensor.topic, now, self.stale_after))
+            except SensingError as error:
+                raise SensingError(f"sensor {name}: {error}") from error
+        return np.array(numbers)
+
+
+def fresh(heard: Mapping[str, Heard], topic: str, now: float, stale_after: float) -> Any:
+    """Return the newest message of a topic.
+
+    Raises:
+        SensingError: there is none, or it is too old.
+    """
+    if topic not in heard:
+        raise SensingError(f"no message came on {topic}")
+    message, at = heard[topic]
+    if now - at > stale_after:
+        raise SensingError(
+            f"stale: the last message on {topic} came {now - at:.3g} s ago (stale_after {stale_after:g})"
+        )
+    return message

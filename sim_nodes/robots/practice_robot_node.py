@@ -1,0 +1,135 @@
+"""The node of a practice robot: a process that behaves as hardware does, by the wall clock."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from rclpy.time import Time
+from std_srvs.srv import Trigger
+
+from rkhs_ros.base.settings import build, entries
+from rkhs_ros.base.validation import pick
+from rkhs_ros.nodes.arguments import require_section
+from rkhs_ros.nodes.diagnostics import Diagnostics
+from rkhs_ros.nodes.parameters import declare, declared, given, instance, restarts
+from rkhs_ros.nodes.publishers import SinglePublishers
+from rkhs_ros.nodes.spin import ReportingNode, run, serve
+from rkhs_ros.nodes.uniqueness import Uniqueness
+from sim_nodes.robots.hardware import Hardware, Sample
+from sim_nodes.robots.protection import SECOND_PUBLISHER
+from sim_nodes.robots.topics import LATCHED_QOS, MotorPendulumTopics, RobotTopics
+
+ROBOTS: dict[str, Any] = {"motor_pendulum": MotorPendulumTopics}
+REPORT_PERIOD_S = 0.1  # between reports of violations, and looks at who publishes commands
+
+
+class PracticeRobotNode(ReportingNode):
+    """A robot to practise on.
+
+    Owns the robot with its wires and the clock by which it moves. Does not own its safety beyond what hardware has: a
+    protective stop, which comes when a limit was passed already, stays until it is reset, and is counted.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("practice_robot")
+
+    def open(self) -> None:
+        """Make the robot and open its topics and services.
+
+        Raises:
+            ValueError: an unknown parameter, or a value that does not fit.
+        """
+        require_section(self.get_fully_qualified_name(), sys.argv)
+        tree = given(self)
+        again, number = restarts(self, tree), instance(self, tree)
+        name = declared(self, tree, "robot", "motor_pendulum", f"which robot: {', '.join(ROBOTS)}")
+        kind = pick(name, ROBOTS, "robot")
+        settings = build(kind.settings, tree)
+        declare(self, entries(settings))
+        self._speed = settings.speed
+        self._begin = time.monotonic()
+        self._report_at = 0.0  # monotonic time, seconds
+        self._told: tuple[object, ...] = ()
+        self._crowded = ""
+        self._topics: RobotTopics = kind(self, settings, self._command)
+        self._hardware = Hardware(self._topics.robot)
+        self._commanders = SinglePublishers(self, self._topics.command_topics)
+        self._violations = self.create_publisher(DiagnosticStatus, "~/violations", LATCHED_QOS)
+        self.diagnostics = Diagnostics(self, again, self._report)
+        self._uniqueness = Uniqueness(self, number)
+        self.create_service(Trigger, "~/reset_protective_stop", self._reset)
+        self.get_logger().info(f"{name} is there, at {self._speed:g} times the wall's speed")
+
+    def heartbeat(self) -> float:
+        """Move the robot on and publish what its sensors read; return the seconds until its next event."""
+        now = self._now()
+        for sample in self._hardware.advance(now):
+            self._topics.publish(sample.readings, self._stamp(sample))
+        self.diagnostics.steps = self._hardware.steps
+        self.diagnostics.stuck = self._topics.robot.protection.reason
+        self._uniqueness.check()
+        self._look_after_commands()
+        wait = max(self._hardware.next_event() - self._now(), 0.0) / self._speed
+        return min(wait, self.diagnostics.heartbeat(), REPORT_PERIOD_S)
+
+    def _now(self) -> float:
+        """Return the robot's time in seconds."""
+        return (time.monotonic() - self._begin) * self._speed
+
+    def _stamp(self, sample: Sample) -> Any:
+        """Return when a sample was taken, by the system's clock."""
+        age = (self._now() - sample.time) / self._speed
+        return Time(nanoseconds=time.time_ns() - round(1e9 * age)).to_msg()
+
+    def _command(self, command: Any) -> None:
+        self._hardware.send(self._now(), command)
+
+    def _look_after_commands(self) -> None:
+        """Stop where commands come from two publishers, and tell of violations at once, of the rest now and then."""
+        protection = self._topics.robot.protection
+        now = time.monotonic()
+        if now < self._report_at and self._told == (protection.violations, protection.reason):
+            return
+        before, self._crowded = self._crowded, self._commanders.crowded()
+        if self._crowded and not before:
+            self._topics.robot.trip(SECOND_PUBLISHER, f"expected one publisher, got {self._crowded}")
+        self._tell()
+        self._report_at = now + REPORT_PERIOD_S
+
+    def _tell(self) -> None:
+        protection = self._topics.robot.protection
+        if protection.reason and protection.reason not in self._told:
+            self.get_logger().error(f"protective stop: {protection.reason}")
+        self._told = (protection.violations, protection.reason)
+        self._violations.publish(
+            DiagnosticStatus(
+                level=DiagnosticStatus.ERROR if protection.is_stopped else DiagnosticStatus.OK,
+                name=str(self.get_fully_qualified_name()),
+                message=protection.reason,
+                values=[KeyValue(key=key, value=str(value)) for key, value in self._hardware.report().items()],
+            )
+        )
+
+    def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._crowded:
+            response.message = f"expected one publisher, got {self._crowded}"
+            return response
+        self._topics.robot.reset()
+        response.success = True
+        return response
+
+    def _report(self) -> dict[str, object]:
+        behind = (self._now() - self._hardware.time) / self._speed
+        return {**self._hardware.report(), "seconds behind": f"{behind:.3f}"}
+
+
+def main() -> None:
+    """Run the node of a practice robot."""
+    run(PracticeRobotNode, "practice_robot", serve)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,262 @@
+"""The robot node between a sensor, a gate, a policy and a learner, each of which may fall silent."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from test.ros.conftest import Probe, Process, kill
+from test.ros.robot_bench import HORIZON, PERIOD, Bench, drawn, write_section
+
+Start = Callable[..., Process]
+ACTIONS = np.array([drawn(step) for step in range(HORIZON)])
+
+
+@pytest.fixture
+def bench(probe: Probe) -> Bench:
+    return Bench(probe)
+
+
+@pytest.fixture
+def begin(start: Start, bench: Bench, tmp_path: Path) -> Callable[..., Process]:
+    """Start a robot node, with the journal in the folder of the test, and wait until it hears the bench."""
+
+    def begun(**changes: object) -> Process:
+        file = write_section(tmp_path / "robot.yaml", journal=str(tmp_path / "journal"), **changes)
+        process = start("robot", "--ros-args", "--params-file", file)
+        bench.meet()
+        return process
+
+    return begun
+
+
+def reason(message: object) -> str:
+    return str(message.executions[0].void_reason)  # type: ignore[attr-defined]
+
+
+def test_an_episode_is_what_was_observed_drawn_and_executed_by_the_clock(
+    begin: Callable[..., Process], bench: Bench, tmp_path: Path
+) -> None:
+    begin()
+    message = bench.play()
+    assert reason(message) == ""
+    np.testing.assert_allclose(message.actions, ACTIONS)  # as they were drawn
+    asked = 2 * np.minimum(ACTIONS, 1.0)
+    np.testing.assert_allclose(bench.moves, asked)
+    execution = message.executions[0]
+    np.testing.assert_allclose(execution.executed, asked / 2)
+    np.testing.assert_allclose(message.rewards, 1e2 * asked / 4)  # the executed action, in the action's units
+    assert [m.step for m in bench.observations()] == list(range(HORIZON + 1))
+    assert bench.observations()[-1].over
+    steps = np.diff(execution.stamps)[1:] / 1e9  # the first one waits for its action
+    assert (steps > 0.85 * PERIOD).all()
+    assert bench.is_at_rest
+    assert [path.name for path in (tmp_path / "journal").iterdir()] == ["training_seed_3_episode_0000000_steps_5.npz"]
+
+
+def test_what_was_finished_is_told_again_and_not_run_again_whoever_died(
+    begin: Callable[..., Process], bench: Bench
+) -> None:
+    process = begin()
+    first = bench.play()
+    commands = len(bench.moves)
+    again = bench.play(policy_version=7)
+    assert (again.actions, again.rewards, again.executions) == (first.actions, first.rewards, first.executions)
+    assert again.policy_version == 7
+    kill(process.popen.pid)
+    process.popen.wait()
+    begin()
+    bench.position = 5.0
+    after = bench.play()
+    assert (after.observations, after.executions) == (first.observations, first.executions)
+    assert len(bench.moves) == commands
+    bench.play(anew=True)
+    assert len(bench.moves) == 2 * commands
+
+
+def test_a_learner_that_asks_for_the_episode_under_way_is_given_that_one(
+    begin: Callable[..., Process], bench: Bench
+) -> None:
+    begin()
+    bench.start()
+    bench.until_moving()
+    message = bench.play(policy_version=9)
+    assert (reason(message), message.policy_version) == ("", 9)
+    assert len(bench.moves) == HORIZON
+    assert bench.play(1).policy_version == 1  # and the next one as asked for
+
+
+@pytest.mark.parametrize(
+    ("part", "words"),
+    [
+        ("policy", "2 actions came too late"),
+        ("learner", "the learner gave no sign of life for"),
+        ("sensor", "sensor position: stale: the last message on position came"),
+        ("gate", "the gate did not report what it made of 2 commands"),
+    ],
+)
+def test_whoever_falls_silent_the_robot_comes_to_rest_and_the_episode_is_void(
+    begin: Callable[..., Process], bench: Bench, tmp_path: Path, part: str, words: str
+) -> None:
+    begin()
+    identity = bench.start(horizon=200)
+    bench.until_moving(3)
+    bench.silent = {part}
+    message = bench.ended(identity)
+    assert words in reason(message)
+    assert bench.is_at_rest
+    steps = message.lengths[0]
+    assert 3 <= steps < 100
+    assert len(message.executions[0].stamps) == steps + 1
+    commands = len(bench.moves)
+    bench.silent = set()
+    bench.probe.settle()
+    assert len(bench.moves) == commands
+    assert [path.name for path in (tmp_path / "journal").iterdir()] == [
+        "training_seed_3_episode_0000000_steps_200_void_1.npz"
+    ]
+    assert reason(bench.play(horizon=HORIZON)) == ""
+
+
+def test_nothing_moves_before_the_gate_is_armed_nor_after_it_stopped(
+    begin: Callable[..., Process], bench: Bench
+) -> None:
+    bench.gate_state("disarmed")
+    begin()
+    identity = bench.start(horizon=200)
+    arm = "ros2 service call /gate/arm std_srvs/srv/Trigger"
+    bench.probe.until(lambda: arm in bench.describe().waiting)
+    assert bench.describe().resetting
+    assert not bench.moves
+    bench.gate_state("holding")
+    bench.until_moving()
+    assert bench.describe().waiting == ""
+    bench.gate_state("stopped", "a wall")
+    assert "the gate stopped the robot (a wall)" in reason(bench.ended(identity))
+    commands = len(bench.moves)
+    identity = bench.start()
+    bench.probe.until(lambda: "the gate stopped the robot (a wall)" in bench.describe().waiting)
+    assert len(bench.moves) == commands
+    bench.gate_state("holding")
+    assert reason(bench.ended(identity)) == ""
+
+
+def test_a_person_stops_and_lets_it_go_on(begin: Callable[..., Process], bench: Bench) -> None:
+    begin()
+    identity = bench.start(horizon=200)
+    bench.until_moving()
+    assert bench.say("stop").success
+    assert reason(bench.ended(identity)) == "stopped by a person"
+    assert bench.is_at_rest
+    identity = bench.start()
+    bench.probe.until(lambda: "paused; to go on: ros2 service call /robot/start" in bench.describe().waiting)
+    assert bench.say("start").success
+    assert reason(bench.ended(identity)) == ""
+
+
+def test_a_finished_episode_can_be_vetoed_until_the_learner_may_have_learnt_from_it(
+    begin: Callable[..., Process], bench: Bench
+) -> None:
+    begin()
+    first = bench.start(0)
+    bench.ended(first)
+    assert not bench.say("veto").success  # the learner may learn from it by now
+    bench.start(1, horizon=100)  # it waits for another one, under the same policy
+    bench.until_moving()
+    assert bench.say("veto").success
+    assert reason(bench.ended(first, count=2)) == "vetoed by a person"
+    assert not bench.say("veto").success
+    commands = len(bench.moves)
+    assert reason(bench.play(0, policy_version=2)) == ""
+    assert len(bench.moves) > commands  # it was run again
+
+
+def test_an_episode_held_back_can_be_vetoed_before_anybody_hears_of_it(
+    begin: Callable[..., Process], bench: Bench
+) -> None:
+    begin(veto_window=30.0)
+    identity = bench.start()
+    bench.until_moving(HORIZON)
+    bench.probe.settle()
+    assert not bench.probe.heard["episodes"]
+    assert bench.say("veto").success
+    assert reason(bench.ended(identity)) == "vetoed by a person"
+
+
+def test_steps_of_the_reset_follow_each_other_before_each_episode(begin: Callable[..., Process], bench: Bench) -> None:
+    begin(reset={"steps": ["person"]})
+    identity = bench.start()
+    bench.probe.until(lambda: "bring the scene into order" in bench.describe().waiting)
+    assert not bench.moves
+    assert bench.say("start").success
+    assert reason(bench.ended(identity)) == ""
+
+
+def test_a_reward_that_fails_is_told_and_the_robot_holds(begin: Callable[..., Process], bench: Bench) -> None:
+    begin(reward={"function": "math:gcd"})
+    bench.start()
+    bench.probe.until(lambda: bench.describe().failure != "")
+    assert bench.describe().failure.startswith("slider: reward function: TypeError")
+    assert bench.is_at_rest
+    assert not bench.probe.heard["episodes"]
+
+
+def test_a_sensor_that_never_speaks_is_named_and_nothing_moves(begin: Callable[..., Process], bench: Bench) -> None:
+    bench.silent = {"sensor"}
+    begin()
+    bench.start()
+    bench.probe.until(lambda: bench.describe().failure != "")
+    assert bench.describe().failure == "slider: sensor position: no message came on position, for 5 s"
+    assert not bench.moves
+
+
+SENSORS = {"position": {"topic": "position", "type": "std_msgs/msg/Float64", "fields": ["data"]}}
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"perod": 1.0}, "error: unknown key 'perod', did you mean 'period'?"),
+        (
+            {"sensors": {"position": SENSORS["position"] | {"type": "std_msgs/msg/Float65"}}},
+            "error: unknown type of messages 'std_msgs/msg/Float65'",
+        ),
+        (
+            {"sensors": {"position": SENSORS["position"] | {"fields": ["date"]}}},
+            "error: unknown field 'date' of Float64, did you mean 'data'?",
+        ),
+    ],
+)
+def test_a_bad_section_ends_the_node_with_one_line(
+    start: Start, tmp_path: Path, changes: dict[str, object], line: str
+) -> None:
+    code, _, err = start(
+        "robot", "--ros-args", "--params-file", write_section(tmp_path / "robot.yaml", **changes)
+    ).finish()
+    assert code == 2
+    assert err.startswith(line)
+    assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [({"rows": 2}, "rows: expected 1"), ({"environment": "rkhs/Toy-v0"}, "task: expected slider")],
+)
+def test_what_no_robot_can_do_is_refused(
+    begin: Callable[..., Process], bench: Bench, changes: dict[str, object], words: str
+) -> None:
+    begin()
+    with pytest.raises(AssertionError, match=words):
+        bench.start(**changes)
+    assert not bench.commands
+
+
+def test_a_node_that_is_told_to_end_has_the_robot_hold(begin: Callable[..., Process], bench: Bench) -> None:
+    process = begin()
+    identity = bench.start(horizon=500)
+    bench.until_moving()
+    process.interrupt()
+    assert reason(bench.ended(identity)) == "the robot node was told to end"
+    bench.probe.until(lambda: bench.is_at_rest)
+    assert process.finish()[0] == 0

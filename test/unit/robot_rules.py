@@ -1,0 +1,12 @@
+"""Rules of a robot's task that tests name."""
+
+import numpy as np
+
+
+def told(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
+    """Return a reward from which all that it was made of can be told."""
+    return float(1e4 * before[0] + 1e2 * action[0] + after[0])
+
+
+def high(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> bool:
+    return bool(after[0] > 50)

@@ -1,0 +1,87 @@
+"""What a robot's messages say, as numbers; and what is refused."""
+
+from types import SimpleNamespace as Message
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rkhs_ros.robot.sensors import Heard, SensingError, Sensor, Sensors, field_values, parts_of
+
+NUMBERS = st.floats(-1e6, 1e6)
+IMU = Message(linear_acceleration=Message(x=1.0, y=2.0, z=3.0), covariance=[4.0, 5.0, 6.0])
+POSES = Message(poses=[Message(position=Message(x=1.0)), Message(position=Message(x=2.0))], ok=True)
+
+
+@pytest.mark.parametrize(
+    ("message", "path", "values"),
+    [
+        (IMU, "linear_acceleration.z", [3.0]),
+        (IMU, "covariance[1]", [5.0]),
+        (IMU, "covariance[0:3]", [4.0, 5.0, 6.0]),
+        (POSES, "poses[1].position.x", [2.0]),
+        (POSES, "ok", [1.0]),
+    ],
+)
+def test_a_path_leads_to_numbers(message: Message, path: str, values: list[float]) -> None:
+    assert field_values(message, path) == values
+
+
+@pytest.mark.parametrize("path", ["", ".", "a..b", "a[", "a[1:1]", "a[-1]", "a[0:2].b", "a b", "_a", "a[0:99999]"])
+def test_what_is_no_path_is_refused(path: str) -> None:
+    with pytest.raises(ValueError, match="field: expected"):
+        parts_of(path)
+
+
+@pytest.mark.parametrize(
+    "path", ["nothing", "linear_acceleration", "covariance[3]", "covariance", "linear_acceleration[0]"]
+)
+def test_a_field_that_is_no_number_is_told(path: str) -> None:
+    with pytest.raises(SensingError, match="expected a number"):
+        field_values(IMU, path)
+
+
+@given(st.permutations(["a", "b", "c"]), st.lists(NUMBERS, min_size=6, max_size=6))
+def test_joints_are_found_by_name_in_any_order(names: list[str], values: list[float]) -> None:
+    message = Message(name=names, position=values[:3], velocity=values[3:], effort=[])
+    seen = Sensor("j", fields=("position", "velocity"), joints=("c", "a")).numbers(message)
+    position, velocity = dict(zip(names, values[:3], strict=True)), dict(zip(names, values[3:], strict=True))
+    assert seen == [position["c"], position["a"], velocity["c"], velocity["a"]]
+
+
+def test_a_joint_or_field_that_is_missing_is_named() -> None:
+    message = Message(name=["a"], position=[1.0], velocity=[], effort=[])
+    with pytest.raises(SensingError, match="expected joint 'b', got joints a"):
+        Sensor("j", joints=("b",)).numbers(message)
+    with pytest.raises(SensingError, match="expected the velocity of joint 'a', got 0 values"):
+        Sensor("j", joints=("a",)).numbers(message)
+
+
+def test_the_observation_is_in_the_order_of_the_sensors_names_whatever_that_of_the_file() -> None:
+    sensors = {
+        name: Sensor(name, type="std_msgs/msg/Float64", fields=("data",)) for name in ("second", "first", "third")
+    }
+    heard = {name: Heard(Message(data=value), 0.0) for name, value in (("first", 1.0), ("second", 2.0), ("third", 3.0))}
+    reader = Sensors(sensors, stale_after=0.1)
+    np.testing.assert_array_equal(reader.observation(heard, 0.05), [1.0, 2.0, 3.0])
+    assert reader.dimension == 3
+
+
+@given(age=st.floats(0.0, 1.0), stale_after=st.floats(0.001, 1.0))
+def test_a_message_counts_until_it_is_stale(age: float, stale_after: float) -> None:
+    sensors = Sensors({"s": Sensor("t", type="std_msgs/msg/Float64", fields=("data",))}, stale_after)
+    heard = {"t": Heard(Message(data=1.0), 5.0)}
+    if 5.0 + age - 5.0 > stale_after:
+        with pytest.raises(SensingError, match="sensor s: stale"):
+            sensors.observation(heard, 5.0 + age)
+    else:
+        assert sensors.observation(heard, 5.0 + age) == [1.0]
+
+
+def test_a_silent_sensor_and_one_that_says_nan_are_named() -> None:
+    sensors = Sensors({"s": Sensor("t", type="std_msgs/msg/Float64", fields=("data",))}, 0.1)
+    with pytest.raises(SensingError, match="sensor s: no message came on t"):
+        sensors.observation({}, 0.0)
+    with pytest.raises(SensingError, match="sensor s: t: expected finite numbers"):
+        sensors.observation({"t": Heard(Message(data=float("nan")), 0.0)}, 0.0)

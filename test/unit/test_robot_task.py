@@ -1,0 +1,114 @@
+"""The settings of a robot's task: commands, rules and what is refused."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rkhs_ros.base.endings import RunError
+from rkhs_ros.robot.commands import Commands
+from rkhs_ros.robot.rules import End, Reward, Rules
+from rkhs_ros.robot.task import robot_task_from
+
+HERE = "test.unit.test_robot_task"
+SECTION: dict[str, Any] = {
+    "task": "arm",
+    "sensors": {"joints": {"topic": "joint_states", "joints": ["a", "b"]}},
+    "action": {"minimum": [-1.0, -2.0], "maximum": [1.0, 2.0]},
+    "reward": {"function": f"{HERE}:squares"},
+}
+FINITE = st.floats(-1e3, 1e3)
+
+
+def squares(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
+    return float(before @ before + action @ action + after @ after)
+
+
+def broken(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
+    raise ZeroDivisionError("by nothing")
+
+
+def spoilt(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
+    before[:] = np.nan
+    return float(before[0])
+
+
+def changed(path: str, value: object) -> dict[str, Any]:
+    """Return the section with one value replaced; a None leaves it out."""
+
+    def replaced(tree: Mapping[str, Any], names: list[str]) -> dict[str, Any]:
+        head, *rest = names
+        new = replaced(tree.get(head, {}), rest) if rest else value
+        return {**{k: v for k, v in tree.items() if k != head}, **({} if new is None else {head: new})}
+
+    return replaced(SECTION, path.split("."))
+
+
+def test_the_spaces_follow_from_the_section() -> None:
+    task = robot_task_from(SECTION)
+    assert task.spaces.observation_shape == (4,)
+    np.testing.assert_array_equal(task.spaces.action_low, [-1.0, -2.0])
+    np.testing.assert_array_equal(task.spaces.action_high, [1.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        ("perod", 0.1, "unknown key 'perod', did you mean 'period'"),
+        ("period", "fast", "period: expected a number"),
+        ("period", 0.0, "period: expected a number in"),
+        ("task", "a task", "task: expected a name"),
+        ("sensors", None, "sensors: expected a section for each sensor"),
+        ("sensors.joints.topik", "x", "unknown key 'sensors.joints.topik'"),
+        ("sensors.joints.topic", "", "sensors.joints: topic: expected the name of a topic"),
+        ("sensors.joints.fields", ["posit"], "sensors.joints: fields: expected some of position"),
+        ("sensors.joints.type", "Imu", "sensors.joints: type: expected PACKAGE/msg/TYPE"),
+        ("action.minimum", [1.0, 0.0], "action.minimum: expected less than action.maximum"),
+        ("action.minimum", [1.0], "action.maximum: expected 1 number, got 2"),
+        ("action.scale", [0.0, 1.0], "action.scale: expected no 0"),
+        ("action.scale", [1.0, 1.0, 1.0], "action.scale: expected 1 or 2 numbers, got 3"),
+        ("reward.function", None, "reward: expected a function or a topic"),
+        ("reward.function", "nowhere:f", "reward.function: expected 'nowhere:f' to import, got ModuleNotFound"),
+        ("reward.function", f"{HERE}:nothing", "to import, got AttributeError"),
+        ("reward.function", HERE, "reward.function: expected PACKAGE.MODULE:FUNCTION"),
+        ("end.function", f"{HERE}:SECTION", "end.function: expected a function"),
+        ("reset.steps", ["hom"], "unknown choice 'hom', did you mean 'home'"),
+        ("reset.steps", ["home"], "reset.home.joints: expected names of joints"),
+        ("reset.steps", ["trigger"], "reset.trigger.service: expected the name of a service"),
+        ("reset", {"steps": ["home"], "home": {"joints": ["a"]}}, "reset.home.joints: expected 2, one for each"),
+        ("reset.home.speed", [1.0, 2.0, 3.0], "reset.home.speed: expected 1 number, got 3"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_one_line(path: str, value: object, message: str) -> None:
+    with pytest.raises(ValueError, match=r"expected|unknown") as refusal:
+        robot_task_from(changed(path, value))
+    assert message in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+@given(st.lists(FINITE, min_size=2, max_size=2), st.lists(st.floats(0.1, 10.0), min_size=2, max_size=2))
+def test_commands_stay_within_the_images_of_the_bounds(action: list[float], scale: list[float]) -> None:
+    commands = Commands((-1.0, -2.0), (1.0, 2.0), tuple(scale), (0.5,))
+    low, high = (commands.command(np.array(bound)) for bound in (commands.minimum, commands.maximum))
+    command = commands.command(np.array(action))
+    assert (low <= command).all()
+    assert (command <= high).all()
+    np.testing.assert_allclose(commands.action(command), np.clip(action, [-1, -2], [1, 2]), atol=1e-9)
+
+
+def test_the_reward_is_the_functions_plus_the_topics() -> None:
+    rules = Rules.of(Reward(function=f"{HERE}:squares"), End())
+    ones = np.ones(2)
+    assert rules.earned(ones, ones, ones, 10.0) == 16.0
+    assert not rules.ended(ones, ones, ones)
+
+
+@pytest.mark.parametrize(("name", "message"), [("broken", "ZeroDivisionError: by nothing"), ("spoilt", "finite")])
+def test_a_reward_that_fails_is_told_and_what_it_edits_is_its_own(name: str, message: str) -> None:
+    rules, ones = Rules.of(Reward(function=f"{HERE}:{name}"), End()), np.ones(2)
+    with pytest.raises(RunError, match=message):
+        rules.earned(ones, ones, ones, 0.0)
+    np.testing.assert_array_equal(ones, 1.0)
