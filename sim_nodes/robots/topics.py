@@ -6,11 +6,17 @@ from collections.abc import Callable
 from typing import Any, ClassVar, Protocol
 
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, PointStamped, PoseStamped, Quaternion
+from geometry_msgs.msg import Pose as PoseMessage
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header, String
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
 
+from sim_nodes.robots.arm import POSITIONS, ArmReadings, ArmRobot, ArmSettings
+from sim_nodes.robots.drives import JointCommand
 from sim_nodes.robots.hardware import Robot, RobotSettings
 from sim_nodes.robots.joints import JointReadings
 from sim_nodes.robots.motor_pendulum import MotorPendulumRobot, MotorPendulumSettings
@@ -78,3 +84,56 @@ class MotorPendulumTopics:
     def publish(self, readings: JointReadings, stamp: Time) -> None:
         """Publish what the sensors read at a time."""
         self._joints.publish(readings, stamp)
+
+
+class ArmTopics:
+    """The arm's topics: positions or trajectories in; joint state, the tool's pose and the mark out.
+
+    Args:
+        node: the robot's node.
+        settings: of the robot.
+        send: sends the robot a command.
+    """
+
+    settings: ClassVar[type[RobotSettings]] = ArmSettings
+
+    def __init__(self, node: Node, settings: ArmSettings, send: Send) -> None:
+        self.robot: Robot = (arm := ArmRobot(settings))
+        self._arm = arm
+        self._speed = settings.speed
+        self._joints = JointPublisher(node, arm.description())
+        self._tool = node.create_publisher(PoseStamped, "end_effector", SENSOR_QOS)
+        self._mark = node.create_publisher(PointStamped, "mark", SENSOR_QOS)
+        node.create_service(Trigger, "~/begin_episode", self._begin_episode)
+        if settings.controller == POSITIONS:
+            self.command_topics: tuple[str, ...] = (f"{POSITIONS}/commands",)
+            kind, command = Float64MultiArray, lambda message: JointCommand.of_positions(message.data)
+        else:
+            self.command_topics = (f"{settings.controller}/joint_trajectory",)
+            kind, command = JointTrajectory, self._trajectory
+        node.create_subscription(kind, self.command_topics[0], lambda m: send(command(m)), SENSOR_QOS)
+
+    def publish(self, readings: ArmReadings, stamp: Time) -> None:
+        """Publish what the sensors read at a time."""
+        self._joints.publish(readings.joints, stamp)
+        header = Header(stamp=stamp, frame_id="panda_link0")
+        (x, y, z), turn = readings.tool
+        pose = PoseMessage(
+            position=Point(x=x, y=y, z=z), orientation=Quaternion(**dict(zip("xyzw", turn, strict=True)))
+        )
+        self._tool.publish(PoseStamped(header=header, pose=pose))
+        self._mark.publish(PointStamped(header=header, point=Point(**dict(zip("xyz", readings.mark, strict=True)))))
+
+    def _trajectory(self, message: JointTrajectory) -> JointCommand:
+        """Return what a trajectory asks for; its times are the wall's, and begin when it is heard."""
+        times = tuple(
+            self._speed * (point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec) for point in message.points
+        )
+        return JointCommand(
+            tuple(message.joint_names), times, tuple(tuple(point.positions) for point in message.points)
+        )
+
+    def _begin_episode(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._arm.begin_episode()
+        response.success = True
+        return response
