@@ -20,9 +20,9 @@ from rkhs_ros.nodes.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.uniqueness import Uniqueness
 from sim_nodes.robots.hardware import Hardware, Sample
 from sim_nodes.robots.protection import SECOND_PUBLISHER
-from sim_nodes.robots.topics import LATCHED_QOS, ArmTopics, MotorPendulumTopics, RobotTopics
+from sim_nodes.robots.topics import LATCHED_QOS, ArmTopics, DoorTopics, MotorPendulumTopics, RobotTopics
 
-ROBOTS: dict[str, Any] = {"motor_pendulum": MotorPendulumTopics, "arm": ArmTopics}
+ROBOTS: dict[str, Any] = {"motor_pendulum": MotorPendulumTopics, "arm": ArmTopics, "pr2_door": DoorTopics}
 REPORT_PERIOD_S = 0.1  # between reports of violations, and looks at who publishes commands
 
 
