@@ -12,10 +12,9 @@ from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.policies.streams import stream
 from sim_nodes.robots.drives import DriveLimits, Drives, JointCommand
-from sim_nodes.robots.hardware import RobotSettings
 from sim_nodes.robots.joints import JointReadings
 from sim_nodes.robots.mark import first_phase, mark_at
-from sim_nodes.robots.protection import Protection
+from sim_nodes.robots.robot import Robot, RobotSettings
 
 if TYPE_CHECKING:
     from sim_nodes.robots.arm_body import Pose
@@ -76,7 +75,7 @@ class ArmReadings(NamedTuple):
     mark: tuple[float, ...]
 
 
-class ArmRobot:
+class ArmRobot(Robot[Drives]):
     """The arm as a robot.
 
     Owns its drives and its body, the episode and when it began, and the stream of the sensors' noise.
@@ -91,36 +90,25 @@ class ArmRobot:
     def __init__(self, settings: ArmSettings) -> None:
         from sim_nodes.robots import arm_body  # here, since the other robots do without PyBullet
 
-        self.settings: RobotSettings = settings
-        self._episode, self._began = 0, 0.0
-        self._phase = first_phase(settings.seed, self._episode)
-        self._body = arm_body.ArmBody(settings.rate, HOME)
+        self._body = body = arm_body.ArmBody(settings.rate, HOME)
         limits = (
             np.broadcast_to(getattr(settings.limits, name), SIZE) for name in ("velocity", "acceleration", "step")
         )
-        self.drives = Drives(
-            arm_body.JOINTS, DriveLimits(self._body.lower, self._body.upper, *limits), HOME, np.zeros(SIZE)
+        super().__init__(
+            settings, Drives(arm_body.JOINTS, DriveLimits(body.lower, body.upper, *limits), HOME, np.zeros(SIZE))
         )
+        self._episode, self._began = 0, 0.0
+        self._phase = first_phase(settings.seed, self._episode)
         self._noise = stream(settings.seed, "arm/sensor", 0)
-
-    @property
-    def protection(self) -> Protection:
-        """What its supervision saw."""
-        return self.drives.protection
-
-    @property
-    def is_driven(self) -> bool:
-        """Whether its drives are on."""
-        return self.drives.is_driven
 
     def hear(self, command: JointCommand) -> None:
         """Take set points."""
-        self.drives = self.drives.heard(command)
+        self.state = self.state.heard(command)
 
     def step(self) -> None:
         """Move by one step of the physics."""
-        self.drives = self.drives.stepped(1.0 / self.settings.rate)
-        self._body.step(self.drives.position, self.drives.velocity)
+        self.state = self.state.stepped(1.0 / self.settings.rate)
+        self._body.step(self.state.position, self.state.velocity)
 
     def sample(self) -> ArmReadings:
         """Return what the sensors read."""
@@ -128,23 +116,15 @@ class ArmRobot:
         noise = self._noise.standard_normal((2, SIZE))
         position = position + self.settings.position_noise * noise[0]
         velocity = velocity + self.settings.velocity_noise * noise[1]
-        joints = JointReadings(self.drives.joints, _row(position), _row(velocity), _row(torque))
-        mark = mark_at(self.drives.time - self._began, self._phase)
+        joints = JointReadings(self.state.joints, _row(position), _row(velocity), _row(torque))
+        mark = mark_at(self.state.time - self._began, self._phase)
         return ArmReadings(joints, self._body.tool(), _row(mark))
-
-    def trip(self, kind: str, reason: str) -> None:
-        """Stop for a violation."""
-        self.drives = self.drives.tripped(kind, reason)
-
-    def reset(self) -> None:
-        """Leave the protective stop."""
-        self.drives = self.drives.reset()
 
     def begin_episode(self) -> None:
         """Put the mark to where it begins in the next episode."""
         self._episode += 1
         self._phase = first_phase(self.settings.seed, self._episode)
-        self._began = self.drives.time
+        self._began = self.state.time
 
     def description(self) -> str:
         """Return the robot's URDF."""

@@ -13,8 +13,8 @@ from rkhs_ros.base.settings import setting
 from sim_nodes.pr2 import demonstration, robot
 from sim_nodes.pr2.motion import Motion, adapted
 from sim_nodes.robots.drives import JointCommand
-from sim_nodes.robots.hardware import RobotSettings
 from sim_nodes.robots.protection import COMMAND_TIMEOUT, SECOND_PUBLISHER, Protection, exceeds
+from sim_nodes.robots.robot import RobotSettings
 
 if TYPE_CHECKING:
     from sim_nodes.pr2.world import Trajectory

@@ -13,9 +13,8 @@ from sim_nodes.pr2 import demonstration, door, robot
 from sim_nodes.pr2.motion import Motion
 from sim_nodes.robots.door import PER_EPISODE, Attempt, DoorSettings, Doorway
 from sim_nodes.robots.drives import JointCommand
-from sim_nodes.robots.hardware import RobotSettings
 from sim_nodes.robots.joints import JointReadings
-from sim_nodes.robots.protection import Protection
+from sim_nodes.robots.robot import Robot
 
 try:
     from sim_nodes.pr2.environment import POSE_SD, tracking_error
@@ -41,7 +40,7 @@ class DoorReadings(NamedTuple):
     reward: float | None
 
 
-class DoorRobot:
+class DoorRobot(Robot[Doorway]):
     """The PR2 before its door as a robot.
 
     Owns the simulated world, the state of the doorway, the episode and the stream of the sensors' noise.
@@ -51,22 +50,11 @@ class DoorRobot:
     """
 
     def __init__(self, settings: DoorSettings) -> None:
-        self.settings: RobotSettings = settings
-        self.state = Doorway()
+        super().__init__(settings, Doorway())
         self._pose, self._episode = settings.pose, 0
         self._world = World()
         self._waiting = _waiting()
         self._noise = stream(settings.seed, "pr2_door/sensor", 0)
-
-    @property
-    def protection(self) -> Protection:
-        """What its supervision saw."""
-        return self.state.protection
-
-    @property
-    def is_driven(self) -> bool:
-        """Whether an attempt is under way."""
-        return self.state.is_driven
 
     @property
     def base_error(self) -> Array:
@@ -92,14 +80,6 @@ class DoorRobot:
         joints = JointReadings(NAMES, *(tuple(values.tolist()) for values in (position, velocity, torque)))
         reward = attempt.reward if attempt is not None and self.state.is_over else None
         return DoorReadings(joints, tuple(self.base_error.tolist()), reward)
-
-    def trip(self, kind: str, reason: str) -> None:
-        """Stop for a violation."""
-        self.state = self.state.tripped(kind, reason)
-
-    def reset(self) -> None:
-        """Leave the protective stop."""
-        self.state = self.state.reset()
 
     def begin_episode(self) -> None:
         """Shut the door and take the robot back to where it waits, as a person would."""

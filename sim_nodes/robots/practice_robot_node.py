@@ -69,7 +69,7 @@ class PracticeRobotNode(ReportingNode):
         for sample in self._hardware.advance(now):
             self._topics.publish(sample.readings, self._stamp(sample))
         self.diagnostics.steps = self._hardware.steps
-        self.diagnostics.stuck = self._topics.robot.protection.reason
+        self.diagnostics.stuck = self._topics.robot.state.protection.reason
         self._uniqueness.check()
         self._look_after_commands()
         wait = max(self._hardware.next_event() - self._now(), 0.0) / self._speed
@@ -89,7 +89,7 @@ class PracticeRobotNode(ReportingNode):
 
     def _look_after_commands(self) -> None:
         """Stop where commands come from two publishers, and tell of violations at once, of the rest now and then."""
-        protection = self._topics.robot.protection
+        protection = self._topics.robot.state.protection
         now = time.monotonic()
         if now < self._report_at and self._told == (protection.violations, protection.reason):
             return
@@ -100,7 +100,7 @@ class PracticeRobotNode(ReportingNode):
         self._report_at = now + REPORT_PERIOD_S
 
     def _tell(self) -> None:
-        protection = self._topics.robot.protection
+        protection = self._topics.robot.state.protection
         if protection.reason and protection.reason not in self._told:
             self.get_logger().error(f"protective stop: {protection.reason}")
         self._told = (protection.violations, protection.reason)

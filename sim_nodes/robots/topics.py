@@ -19,9 +19,9 @@ from trajectory_msgs.msg import JointTrajectory
 from sim_nodes.robots.arm import POSITIONS, ArmReadings, ArmRobot, ArmSettings
 from sim_nodes.robots.door import DoorSettings
 from sim_nodes.robots.drives import JointCommand
-from sim_nodes.robots.hardware import Robot, RobotSettings
 from sim_nodes.robots.joints import JointReadings
 from sim_nodes.robots.motor_pendulum import MotorPendulumRobot, MotorPendulumSettings
+from sim_nodes.robots.robot import Robot, RobotSettings
 
 if TYPE_CHECKING:
     from sim_nodes.robots.door_robot import DoorReadings
@@ -62,7 +62,7 @@ class RobotTopics(Protocol):
         command_topics: on which it is commanded.
     """
 
-    robot: Robot
+    robot: Robot[Any]
     command_topics: tuple[str, ...]
 
     def publish(self, readings: Any, stamp: Time) -> None:
@@ -105,7 +105,7 @@ class MotorPendulumTopics:
     command_topics: tuple[str, ...] = ("effort_controller/commands",)
 
     def __init__(self, node: Node, settings: MotorPendulumSettings, send: Send) -> None:
-        self.robot: Robot = (pendulum := MotorPendulumRobot(settings))
+        self.robot: Robot[Any] = (pendulum := MotorPendulumRobot(settings))
         self._joints = JointPublisher(node, pendulum.description())
         node.create_subscription(Float64MultiArray, self.command_topics[0], lambda m: send(m.data), SENSOR_QOS)
 
@@ -126,7 +126,7 @@ class ArmTopics:
     settings: ClassVar[type[RobotSettings]] = ArmSettings
 
     def __init__(self, node: Node, settings: ArmSettings, send: Send) -> None:
-        self.robot: Robot = (arm := ArmRobot(settings))
+        self.robot: Robot[Any] = (arm := ArmRobot(settings))
         self._joints = JointPublisher(node, arm.description())
         self._tool = node.create_publisher(PoseStamped, "end_effector", SENSOR_QOS)
         self._mark = node.create_publisher(PointStamped, "mark", SENSOR_QOS)
@@ -168,7 +168,7 @@ class DoorTopics:
     def __init__(self, node: Node, settings: DoorSettings, send: Send) -> None:
         from sim_nodes.robots.door_robot import DoorRobot  # here, since the other robots do without PyBullet
 
-        self.robot: Robot = (pr2 := DoorRobot(settings))
+        self.robot: Robot[Any] = (pr2 := DoorRobot(settings))
         self._joints = JointPublisher(node, pr2.description())
         self._base_error = node.create_publisher(Float64MultiArray, "base_error", SENSOR_QOS)
         self._reward = node.create_publisher(Float64, "reward", SENSOR_QOS)

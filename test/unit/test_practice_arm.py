@@ -166,7 +166,7 @@ def test_the_body_holds_against_gravity_and_follows_its_drives(arm: ArmRobot) ->
         time = 0.5 + 0.02 * number
         hardware.send(time - 0.02, at(*(HOME + 0.004 * number)))
         joints = hardware.advance(time)[-1].readings.joints
-        np.testing.assert_allclose(joints.positions, arm.drives.position, atol=0.02)
+        np.testing.assert_allclose(joints.positions, arm.state.position, atol=0.02)
     last = hardware.advance(2.5)[-1].readings.joints
     np.testing.assert_allclose(last.positions, HOME + 0.2, atol=2e-3)
     assert hardware.report()["violations"] == 0

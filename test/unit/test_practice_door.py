@@ -70,7 +70,7 @@ def test_an_attempt_ends_as_in_the_task(hardware: Hardware, robot: DoorRobot) ->
     assert last.reward == pytest.approx(expected.reward)
     assert last.joints.positions[NAMES.index("door_hinge")] == expected.door_angle
     assert max(angles[: len(angles) // 3]) < 1e-3  # shut while the arm approaches
-    assert not robot.is_driven
+    assert not robot.state.is_driven
     assert hardware.report()["violations"] == 0
 
 
@@ -106,7 +106,7 @@ def test_each_attempt_needs_the_door_shut(hardware: Hardware, robot: DoorRobot) 
     robot.begin_episode()
     hardware.send(3.0, SHOWN)
     hardware.advance(4.0)
-    assert robot.is_driven
+    assert robot.state.is_driven
     assert hardware.report()["violations"] == 1
 
 

@@ -264,7 +264,7 @@ def test_a_long_pause_is_caught_up_in_parts() -> None:
 def test_a_robot_that_watches_the_time_stops_without_commands(timeout: float, violations: int) -> None:
     _, hardware = run(replace(EXACT, command_timeout=timeout), [], end=0.9)
     assert hardware.report()["command_timeout"] == violations
-    assert hardware.robot.is_driven == (not violations)
+    assert hardware.robot.state.is_driven == (not violations)
     assert hardware.since_command == pytest.approx(0.5)
 
 
