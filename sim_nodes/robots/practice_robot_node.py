@@ -23,6 +23,7 @@ from sim_nodes.robots.protection import SECOND_PUBLISHER
 from sim_nodes.robots.topics import LATCHED_QOS, ArmTopics, DoorTopics, MotorPendulumTopics, RobotTopics
 
 ROBOTS: dict[str, Any] = {"motor_pendulum": MotorPendulumTopics, "arm": ArmTopics, "pr2_door": DoorTopics}
+CLOCK_READINGS = 10  # of which the quickest counts: a process may be held up between the clocks
 REPORT_PERIOD_S = 0.1  # between reports of violations, and looks at who publishes commands
 
 
@@ -50,7 +51,7 @@ class PracticeRobotNode(ReportingNode):
         settings = build(kind.settings, tree)
         declare(self, entries(settings))
         self._speed = settings.speed
-        self._begin = time.monotonic()
+        self._begin, self._begin_ns = _now_by_both_clocks()
         self._report_at = 0.0  # monotonic time, seconds
         self._told: tuple[object, ...] = ()
         self._crowded = ""
@@ -81,8 +82,7 @@ class PracticeRobotNode(ReportingNode):
 
     def _stamp(self, sample: Sample) -> Any:
         """Return when a sample was taken, by the system's clock."""
-        age = (self._now() - sample.time) / self._speed
-        return Time(nanoseconds=time.time_ns() - round(1e9 * age)).to_msg()
+        return Time(nanoseconds=self._begin_ns + round(1e9 * sample.time / self._speed)).to_msg()
 
     def _command(self, command: Any) -> None:
         self._hardware.send(self._now(), command)
@@ -124,6 +124,13 @@ class PracticeRobotNode(ReportingNode):
     def _report(self) -> dict[str, object]:
         behind = (self._now() - self._hardware.time) / self._speed
         return {**self._hardware.report(), "seconds behind": f"{behind:.3f}"}
+
+
+def _now_by_both_clocks() -> tuple[float, int]:
+    """Return the monotonic time in seconds and the system's in nanoseconds, read as near together as they come."""
+    readings = ((time.monotonic(), time.time_ns(), time.monotonic()) for _ in range(CLOCK_READINGS))
+    before, system_ns, after = min(readings, key=lambda reading: reading[2] - reading[0])
+    return (before + after) / 2, system_ns
 
 
 def main() -> None:
