@@ -10,8 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.time import Time
 from std_srvs.srv import Trigger
 
-from rkhs_ros.base.settings import build, entries
-from rkhs_ros.base.validation import pick
+from rkhs_ros.base.settings import entries
 from rkhs_ros.nodes.arguments import require_section
 from rkhs_ros.nodes.diagnostics import Diagnostics
 from rkhs_ros.nodes.parameters import declare, declared, given, instance, restarts
@@ -19,10 +18,11 @@ from rkhs_ros.nodes.publishers import SinglePublishers
 from rkhs_ros.nodes.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.uniqueness import Uniqueness
 from sim_nodes.robots.hardware import Hardware, Sample
+from sim_nodes.robots.kinds import DEFAULT, SETTINGS, settings_of
 from sim_nodes.robots.protection import SECOND_PUBLISHER
 from sim_nodes.robots.topics import LATCHED_QOS, ArmTopics, DoorTopics, MotorPendulumTopics, RobotTopics
 
-ROBOTS: dict[str, Any] = {"motor_pendulum": MotorPendulumTopics, "arm": ArmTopics, "pr2_door": DoorTopics}
+TOPICS: dict[str, Any] = {"motor_pendulum": MotorPendulumTopics, "arm": ArmTopics, "pr2_door": DoorTopics}
 CLOCK_READINGS = 10  # of which the quickest counts: a process may be held up between the clocks
 REPORT_PERIOD_S = 0.1  # between reports of violations, and looks at who publishes commands
 
@@ -46,16 +46,15 @@ class PracticeRobotNode(ReportingNode):
         require_section(self.get_fully_qualified_name(), sys.argv)
         tree = given(self)
         again, number = restarts(self, tree), instance(self, tree)
-        name = declared(self, tree, "robot", "motor_pendulum", f"which robot: {', '.join(ROBOTS)}")
-        kind = pick(name, ROBOTS, "robot")
-        settings = build(kind.settings, tree)
+        name = declared(self, tree, "robot", DEFAULT, f"which robot: {', '.join(SETTINGS)}")
+        settings = settings_of(name, tree)
         declare(self, entries(settings))
         self._speed = settings.speed
         self._begin, self._begin_ns = _now_by_both_clocks()
         self._report_at = 0.0  # monotonic time, seconds
         self._told: tuple[object, ...] = ()
         self._crowded = ""
-        self._topics: RobotTopics = kind(self, settings, self._command)
+        self._topics: RobotTopics = TOPICS[name](self, settings, self._command)
         self._hardware = Hardware(self._topics.robot)
         self._commanders = SinglePublishers(self, self._topics.command_topics)
         self._violations = self.create_publisher(DiagnosticStatus, "~/violations", LATCHED_QOS)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, PointStamped, PoseStamped, Quaternion
@@ -21,7 +21,7 @@ from sim_nodes.robots.door import DoorSettings
 from sim_nodes.robots.drives import JointCommand
 from sim_nodes.robots.joints import JointReadings
 from sim_nodes.robots.motor_pendulum import MotorPendulumRobot, MotorPendulumSettings
-from sim_nodes.robots.robot import Robot, RobotSettings
+from sim_nodes.robots.robot import Robot
 
 if TYPE_CHECKING:
     from sim_nodes.robots.door_robot import DoorReadings
@@ -101,7 +101,6 @@ class MotorPendulumTopics:
         send: sends the robot a command.
     """
 
-    settings: ClassVar[type[RobotSettings]] = MotorPendulumSettings
     command_topics: tuple[str, ...] = ("effort_controller/commands",)
 
     def __init__(self, node: Node, settings: MotorPendulumSettings, send: Send) -> None:
@@ -122,8 +121,6 @@ class ArmTopics:
         settings: of the robot.
         send: sends the robot a command.
     """
-
-    settings: ClassVar[type[RobotSettings]] = ArmSettings
 
     def __init__(self, node: Node, settings: ArmSettings, send: Send) -> None:
         self.robot: Robot[Any] = (arm := ArmRobot(settings))
@@ -162,7 +159,6 @@ class DoorTopics:
         send: sends the robot a command.
     """
 
-    settings: ClassVar[type[RobotSettings]] = DoorSettings
     command_topics: tuple[str, ...] = ("joint_trajectory_controller/joint_trajectory",)
 
     def __init__(self, node: Node, settings: DoorSettings, send: Send) -> None:

@@ -12,13 +12,12 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rkhs_ros.base.settings import build, entries
+from rkhs_ros.base.settings import entries
 from rkhs_ros.policies.streams import stream
 from sim_nodes.envs.pendulum import Pendulum
 from sim_nodes.robots import door, drives
-from sim_nodes.robots.arm import ArmSettings
-from sim_nodes.robots.door import DoorSettings
 from sim_nodes.robots.hardware import MOST_CATCH_UP_S, Hardware, Sample
+from sim_nodes.robots.kinds import SETTINGS, settings_of
 from sim_nodes.robots.motor_pendulum import (
     BRAKE,
     KINDS,
@@ -287,22 +286,22 @@ def test_it_reports_what_it_heard() -> None:
 )
 def test_settings_that_do_not_fit_are_refused(values: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        build(MotorPendulumSettings, values)
+        settings_of("motor_pendulum", values)
 
 
 KINDS_OF = {"motor_pendulum": KINDS, "arm": drives.KINDS, "pr2_door": door.KINDS}
-SETTINGS_OF = {"motor_pendulum": MotorPendulumSettings, "arm": ArmSettings, "pr2_door": DoorSettings}
 
 
-@pytest.mark.parametrize("robot", KINDS_OF)
+@pytest.mark.parametrize("robot", SETTINGS)
 def test_the_page_names_all_parameters_and_violations(robot: str) -> None:
-    names = [*KINDS_OF[robot], *(entry.name for entry in entries(SETTINGS_OF[robot]()))]
+    names = [*KINDS_OF[robot], *(entry.name for entry in entries(SETTINGS[robot]()))]
     assert [name for name in names if f"`{name}`" not in PAGE] == []
 
 
 def test_the_examples_of_the_page_can_be_used() -> None:
     examples = re.findall(r"```yaml\n(.*?)```", PAGE, flags=re.DOTALL)
     trees = [yaml.safe_load(example)["/**/practice_robot"]["ros__parameters"] for example in examples]
-    assert [tree.pop("robot") for tree in trees] == ["motor_pendulum", "arm"]
-    for settings, tree in zip((MotorPendulumSettings, ArmSettings), trees, strict=True):
-        assert build(settings, tree) != settings()
+    robots = [tree.pop("robot") for tree in trees]
+    assert robots == ["motor_pendulum", "arm"]
+    for robot, tree in zip(robots, trees, strict=True):
+        assert settings_of(robot, tree) != SETTINGS[robot]()
