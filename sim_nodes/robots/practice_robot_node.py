@@ -50,7 +50,6 @@ class PracticeRobotNode(ReportingNode):
         settings = settings_of(name, tree)
         declare(self, entries(settings))
         self._speed = settings.speed
-        self._begin, self._begin_ns = _now_by_both_clocks()
         self._report_at = 0.0  # monotonic time, seconds
         self._told: tuple[object, ...] = ()
         self._crowded = ""
@@ -61,6 +60,7 @@ class PracticeRobotNode(ReportingNode):
         self.diagnostics = Diagnostics(self, again, self._report)
         self._uniqueness = Uniqueness(self, number)
         self.create_service(Trigger, "~/reset_protective_stop", self._reset)
+        self._begin, self._begin_ns = _now_by_both_clocks()
         self.get_logger().info(f"{name} is there, at {self._speed:g} times the wall's speed")
 
     def heartbeat(self) -> float:
