@@ -195,11 +195,14 @@ def _stale(state: State, rules: Rules, now: float) -> str:
 
 
 def _watch(state: State, rules: Rules, now: float) -> State:
-    """Stop where commands fail to come or what was sensed is too old; a dry run ends without a fault."""
-    is_late = state.goal is not None and now - state.heard_at > rules.command_timeout
-    if is_late and not state.is_armed:
+    """Stop where commands fail to come, what was sensed is too old or the gate is late; a dry run just ends."""
+    is_silent = state.goal is not None and now - state.heard_at > rules.command_timeout
+    if is_silent and not state.is_armed:
         return _held(state)
-    fault = f"no command for {rules.command_timeout:g} s" if is_late else _stale(state, rules, now)
+    fault = f"no command for {rules.command_timeout:g} s" if is_silent else _stale(state, rules, now)
+    late = now - state.due if np.isfinite(state.due) else 0.0  # the first tick is never late
+    if late > min(rules.command_timeout, rules.stale_after):  # what was not heard meanwhile is no fault of others
+        fault = f"the gate itself was late by {late:.2f} s"
     return stopped(state, fault) if fault else state
 
 
