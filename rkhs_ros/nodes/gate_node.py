@@ -177,6 +177,8 @@ class GateNode(ReportingNode):
         topic = self._settings.command.topic
         others = len(publishers(self, topic)) > 1  # of another name; a gate that was killed is seen for some seconds
         state, reason = armed(self._state, self._rules, time.monotonic())
+        if reason and self.diagnostics.last_refusal:
+            reason += f"; last refused or passed over: {self.diagnostics.last_refusal}"
         response.message = f"expected no other publisher, got {listed(self, topic)}" if others else reason
         response.success = not response.message
         if response.success:

@@ -155,7 +155,7 @@ class World:
         self.position = self.position + self.velocity * seconds
 
 
-def play(rules: Rules, stream: np.random.Generator, events: int = 30) -> World:
+def play(rules: Rules, stream: np.random.Generator, events: int = 24) -> World:
     """Send a gate a stream of what may come, and what should not."""
     world = World(rules, start=rules.limits.minimum if stream.random() < 0.3 else 0.0)
     before: State = world.state
