@@ -26,12 +26,12 @@ from rkhs_ros.nodes.gate_messages import (
 )
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS
 from rkhs_ros.nodes.parameters import declare, given, instance, restarts
-from rkhs_ros.nodes.publishers import listed
+from rkhs_ros.nodes.publishers import listed, publishers
 from rkhs_ros.nodes.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.uniqueness import Uniqueness
 from rkhs_ros.robot.gate import armed, begin, commanded, is_at_rest, sensed, stop_asked, stopped, ticked
 from rkhs_ros.robot.gate_settings import GateSettings, rules
-from rkhs_ros.robot.gate_state import Counts, Mode, State
+from rkhs_ros.robot.gate_state import Counts, Gate, Mode
 
 STOP_TIMEOUT_S = 1.5  # to come to rest in before the process ends; a launcher kills it after 2
 LAST_OUTPUT_TIMEOUT_S = 0.2  # for the hardware to take the last output
@@ -131,7 +131,7 @@ class GateNode(ReportingNode):
         self.create_service(Trigger, "~/arm", self._arm)
         self.create_service(Trigger, "~/stop", self._stop)
 
-    def _turn(self, state: State) -> None:
+    def _turn(self, state: Gate) -> None:
         """Go on to a state, and tell it where something of it is new."""
         self._state, told = state, (state.mode, state.reason, state.counts)
         if told == self._told:
@@ -175,8 +175,10 @@ class GateNode(ReportingNode):
 
     def _arm(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         topic = self._settings.command.topic
-        others = self.count_publishers(topic) > 1
+        others = len(publishers(self, topic)) > 1  # of another name; a gate that was killed is seen for some seconds
         state, reason = armed(self._state, self._rules, time.monotonic())
+        if reason and self.diagnostics.last_refusal:
+            reason += f"; last refused or passed over: {self.diagnostics.last_refusal}"
         response.message = f"expected no other publisher, got {listed(self, topic)}" if others else reason
         response.success = not response.message
         if response.success:

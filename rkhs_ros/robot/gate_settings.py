@@ -26,7 +26,9 @@ Numbers = tuple[float, ...]
 class SensorSettings(Settings):
     """Where the joints are sensed."""
 
-    topic: str = setting("joint_states", "topic of sensor_msgs/JointState; empty for none, of velocities only")
+    topic: str = setting(
+        "joint_states", "topic of sensor_msgs/JointState; empty for none, of velocities only, as of a Twist"
+    )
 
 
 @dataclass(frozen=True)
@@ -107,6 +109,7 @@ class GateSettings(Settings):
         require(self.command.kind in kinds, "command.kind", " or ".join(kinds), f"'{self.command.kind}'")
         if self.command.type in (TWIST, TWIST_STAMPED):
             require(set(self.joints) <= set(AXES), "joints", f"of {', '.join(AXES)}", ", ".join(self.joints))
+            require(not self.sensor.topic, "sensor.topic", "none for a Twist, which has no joints", self.sensor.topic)
 
 
 def rules(settings: GateSettings) -> Rules:

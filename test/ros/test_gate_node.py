@@ -171,7 +171,7 @@ def test_it_runs_dry_until_armed_then_passes_clamps_and_holds(begin: Callable[..
     assert gate.finish()[0] == 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize("number", [signal.SIGSTOP, pytest.param(signal.SIGKILL, marks=pytest.mark.faults)])
 def test_commands_stop_when_their_sender_does(
     begin: Callable[..., tuple[Process, Robot]], start: Callable[..., Process], number: int
 ) -> None:

@@ -313,6 +313,17 @@ def test_effort_that_is_not_sensed_matters_only_where_it_is_limited() -> None:
     assert "effort" in World(rules_of(POSITION, sensed={"effort": 5.0})).sense(**nothing)
 
 
+@over_kinds
+def test_a_gate_that_did_not_run_for_long_stops_and_says_so(kind: str) -> None:
+    world = armed_world(kind)
+    world.tick()
+    world.command([0.5, 0.5])
+    world.tick(late=0.05)
+    assert world.state.mode == Mode.MOVING
+    world.tick(late=0.15)
+    assert (world.state.mode, world.state.reason) == (Mode.STOPPED, "the gate itself was late by 0.15 s")
+
+
 def test_braking_is_what_a_stop_does() -> None:
     world = armed_world(POSITION, acceleration=[3.0, 8.0])
     for _ in range(6):

@@ -1,13 +1,15 @@
 """What a gate's settings refuse, and what follows from them and from a robot's description."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
-from rkhs_ros.base.settings import build
+from rkhs_ros.base.settings import build, entries
 from rkhs_ros.robot.gate_settings import FLOATS, TRAJECTORY, TWIST, GateSettings, rules
 from rkhs_ros.robot.gate_state import Rules
 
@@ -30,6 +32,14 @@ POSITION = {
     "command": {"topic": "commands", "kind": "position"},
     "limits": {"minimum": -1.0, "maximum": [1.0, 2.0], "velocity": 1.0, "acceleration": 5.0},
 }
+
+BASE = {
+    "joints": ["linear.x", "angular.z"],
+    "sensor": {"topic": ""},
+    "command": {"topic": "cmd_vel", "type": TWIST, "kind": "velocity"},
+    "limits": {"minimum": [-0.2, -1.0], "maximum": [0.5, 1.0], "acceleration": [0.5, 2.0]},
+}
+ROOT = Path(__file__).parents[2]
 
 
 def merged(tree: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -94,6 +104,8 @@ def test_a_number_stands_for_all_joints_and_what_is_not_given_is_no_limit() -> N
         (POSITION, {"hold": {"damping": 1.0}}, "hold.damping: expected gains of joints commanded by effort"),
         (POSITION, {"joints": [1, 2]}, "joints: expected a list of texts, got [1, 2]"),
         (POSITION, {"command": {"type": TWIST, "kind": "velocity"}}, "joints: expected of linear.x"),
+        (BASE, {"sensor": None}, "sensor.topic: expected none for a Twist, which has no joints, got joint_states"),
+        (BASE, {"sensed": {"velocity": 1.0}}, "sensor: expected a topic that tells velocity, got none"),
         (POSITION, {"limits": {"urdf": "nowhere.urdf"}}, "nowhere.urdf"),
     ],
 )
@@ -107,14 +119,14 @@ def test_what_does_not_fit_is_refused_in_one_line(
 
 
 def test_a_base_goes_by_velocities_and_needs_no_joints_sensed() -> None:
-    tree = {
-        "joints": ["linear.x", "angular.z"],
-        "sensor": {"topic": ""},
-        "command": {"topic": "cmd_vel", "type": TWIST, "kind": "velocity"},
-        "limits": {"minimum": [-0.2, -1.0], "maximum": [0.5, 1.0], "acceleration": [0.5, 2.0]},
-    }
-    assert rules_from(tree).fields == []
-    assert rules_from(tree).stale_after == np.inf
+    assert rules_from(BASE).fields == []
+    assert rules_from(BASE).stale_after == np.inf
+
+
+def test_the_parameters_of_the_documentation_are_good() -> None:
+    (block,) = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "gate.md").read_text(), flags=re.DOTALL)
+    made = rules_from(yaml.safe_load(block)["/**/gate"]["ros__parameters"])
+    assert made.limits.step[0] == 6.0
 
 
 def test_a_description_limits_positions_and_may_be_tightened_but_not_widened(urdf: str) -> None:
@@ -166,8 +178,6 @@ def test_a_file_that_is_no_description_is_refused(tmp_path: Path, content: str) 
 
 
 def test_every_setting_says_what_it_is() -> None:
-    from rkhs_ros.base.settings import entries
-
     names = {entry.name: entry.about["description"] for entry in entries(GateSettings())}
     assert {"joints", "sensor.topic", "command.type", "limits.urdf", "sensed.effort", "hold.damping"} <= set(names)
     assert all(names.values())
