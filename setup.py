@@ -73,6 +73,7 @@ setup(
             "simulator = sim_nodes.simulator_node:main",
             "robot = rkhs_ros.nodes.robot_node:main",
             "practice_robot = sim_nodes.robots.practice_robot_node:main",
+            "gate = rkhs_ros.nodes.gate_node:main",
             "policy = rkhs_ros.nodes.policy_node:main",
             "learner = rkhs_ros.nodes.learner_node:main",
             "rkhs = rkhs_ros.app.cli:main",

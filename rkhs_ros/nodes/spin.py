@@ -79,13 +79,17 @@ class ReportingNode(Node):
         """Do the periodic work that is due, the report first of all; return the seconds until more may be due."""
         raise NotImplementedError
 
+    def may_end(self) -> bool:
+        """Begin to end where the process is told to; return whether the node has done what it does before."""
+        return True
+
 
 def serve(node: ReportingNode, stop: Event) -> None:
     """Handle a node's messages until told to end."""
     executor = EventsExecutor()
     executor.add_node(node)
     with node.diagnostics.errors_reported():
-        while not stop.is_set():
+        while not (stop.is_set() and node.may_end()):
             executor.spin_once(timeout_sec=min(node.heartbeat(), SIGNAL_CHECK_S))
 
 

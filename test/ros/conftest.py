@@ -32,10 +32,12 @@ MODULES = {
     "practice_robot": "sim_nodes.robots.practice_robot_node",
     "policy": "rkhs_ros.nodes.policy_node",
     "robot": "rkhs_ros.nodes.robot_node",
+    "gate": "rkhs_ros.nodes.gate_node",
     "learner": "rkhs_ros.nodes.learner_node",
     "rkhs": "rkhs_ros.app.cli",
     "relay": "test.faults.relay",
     "imports": "test.ros.imports",
+    "sender": "test.ros.gate_sender",
 }
 TYPES = {"observation": Observation, "action": Action, "episodes": Episodes}
 SERVICES = {"start_episodes": StartEpisodes, "describe_task": DescribeTask, "set_policy": SetPolicy}

@@ -1,0 +1,173 @@
+"""Limits of commands and of what is sensed: values that are checked when they are made."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from rkhs_ros.base.validation import pick, require
+from rkhs_ros.rkhs.kernels import Array
+
+POSITION, VELOCITY, EFFORT = "position", "velocity", "effort"
+KINDS = (POSITION, VELOCITY, EFFORT)
+LEAST, MOST = 1e-9, 1e9  # magnitudes of a limit that is not 0: beyond them the numbers are not to be computed with
+UNITS = {POSITION: "rad or m", VELOCITY: "rad/s or m/s", EFFORT: "N m or N"}
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Limits of commands to joints, each an array of shape (joints,); infinity where there is none, 0 is a limit.
+
+    Attributes:
+        kind: what a command is: 'position', 'velocity' or 'effort'.
+        minimum: least command; of velocities and efforts at most 0, so that rest is allowed.
+        maximum: greatest command; of velocities and efforts at least 0.
+        velocity: of positions: their change per second; of velocities: their magnitude; of efforts: change per second.
+        acceleration: of positions: the change per second of their velocity; of velocities: their change per second;
+            of efforts: none.
+        step: how far a command may be from the one before, whatever time passed.
+
+    Raises:
+        ValueError: limits are missing, cross each other, are negative, too large to compute with, or are not as
+            many as joints.
+    """
+
+    kind: str
+    minimum: Array
+    maximum: Array
+    velocity: Array
+    acceleration: Array
+    step: Array
+
+    def __post_init__(self) -> None:
+        pick(self.kind, dict.fromkeys(KINDS), "command.kind")
+        joints = np.size(self.minimum)
+        for name in ("minimum", "maximum", "velocity", "acceleration", "step"):
+            object.__setattr__(self, name, _array(getattr(self, name), joints, f"limits.{name}"))
+        for name in ("velocity", "acceleration", "step"):
+            _require_magnitudes(getattr(self, name), f"limits.{name}")
+        for name in ("minimum", "maximum", *self._needed()):
+            finite = bool(np.isfinite(getattr(self, name)).all())
+            require(finite, f"limits.{name}", f"a limit for each joint, for commands of {self.kind}", "none")
+        _require_order(self.minimum, self.maximum, "limits")
+        if self.kind != POSITION:
+            good = bool((self.minimum <= 0).all() and (self.maximum >= 0).all())
+            require(good, "limits", "minimum <= 0 <= maximum, so that rest is allowed", _pairs(self))
+        none = self.kind != EFFORT or bool(np.isinf(self.acceleration).all())
+        require(none, "limits.acceleration", "none for commands of effort", self.acceleration)
+
+    @property
+    def joints(self) -> int:
+        """How many joints there are."""
+        return self.minimum.size
+
+    @property
+    def rate(self) -> Array:
+        """The greatest change of a command per second, shape (joints,)."""
+        return self.acceleration if self.kind == VELOCITY else self.velocity
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the least and the greatest command, each of shape (joints,)."""
+        if self.kind != VELOCITY:
+            return self.minimum, self.maximum
+        return np.maximum(self.minimum, -self.velocity), np.minimum(self.maximum, self.velocity)
+
+    def _needed(self) -> tuple[str, ...]:
+        return {POSITION: ("velocity", "acceleration"), VELOCITY: ("acceleration",), EFFORT: ()}[self.kind]
+
+
+@dataclass(frozen=True, eq=False)
+class Sensed:
+    """What was sensed of the joints, each of shape (joints,), nan where it was not.
+
+    Attributes:
+        stamp: when, in seconds of the gate's clock.
+        position: in rad or m.
+        velocity: in rad/s or m/s.
+        effort: in N m or N.
+    """
+
+    stamp: float
+    position: Array
+    velocity: Array
+    effort: Array
+
+
+@dataclass(frozen=True, eq=False)
+class SensedLimits:
+    """Limits of what is sensed of joints, each an array of shape (joints,); infinity where there is none.
+
+    Attributes:
+        minimum: least position.
+        maximum: greatest position.
+        velocity: greatest magnitude of the velocity.
+        effort: greatest magnitude of the effort.
+
+    Raises:
+        ValueError: they cross each other, are negative, too large, or not as many as joints.
+    """
+
+    minimum: Array
+    maximum: Array
+    velocity: Array
+    effort: Array
+
+    def __post_init__(self) -> None:
+        joints = np.size(self.minimum)
+        for name in ("minimum", "maximum", "velocity", "effort"):
+            object.__setattr__(self, name, _array(getattr(self, name), joints, f"sensed.{name}"))
+        for name in ("velocity", "effort"):
+            _require_magnitudes(getattr(self, name), f"sensed.{name}")
+        _require_order(self.minimum, self.maximum, "sensed")
+
+    @property
+    def fields(self) -> set[str]:
+        """What of the joints must be sensed for these limits."""
+        ranges = {POSITION: np.array([-self.minimum, self.maximum]), VELOCITY: self.velocity, EFFORT: self.effort}
+        return {name for name, limit in ranges.items() if np.isfinite(limit).any()}
+
+    def passed(self, sensed: Sensed) -> Iterator[str]:
+        """Yield in words each limit that is passed; what was not sensed passes none."""
+        ranges = {
+            POSITION: (self.minimum, self.maximum),
+            VELOCITY: (-self.velocity, self.velocity),
+            EFFORT: (-self.effort, self.effort),
+        }
+        for name, (low, high) in ranges.items():
+            values = getattr(sensed, name)
+            for joint in np.flatnonzero((values < low) | (values > high)):
+                limits = f"from {low[joint]:g} to {high[joint]:g}"
+                yield f"{name} of joint {joint}: expected {limits} {UNITS[name]}, got {values[joint]:g}"
+
+
+def no_limits(joints: int) -> Array:
+    """Return what stands for no limit of so many joints, shape (joints,)."""
+    return np.full(joints, np.inf)
+
+
+def _array(values: Array, joints: int, what: str) -> Array:
+    array = np.array(values, dtype=np.float64)
+    require(array.ndim == 1 and array.size == joints >= 1, what, f"{max(joints, 1)} numbers, one a joint", array.size)
+    require(not np.isnan(array).any(), what, "numbers", "nan")
+    array.setflags(write=False)
+    return array
+
+
+def _require_magnitudes(values: Array, what: str) -> None:
+    good = (values == 0) | ((values >= LEAST) & (values <= MOST)) | (values == np.inf)
+    require(bool(good.all()), what, f"0, or from {LEAST:g} to {MOST:g}", values)
+
+
+def _require_order(minimum: Array, maximum: Array, what: str) -> None:
+    """Raise ValueError where a minimum is above its maximum, or either is too large; infinity is none."""
+    require(bool((minimum <= maximum).all()), what, "minimum <= maximum", f"{minimum} and {maximum}")
+    finite = np.concatenate([minimum, maximum])
+    good = bool((np.abs(finite[np.isfinite(finite)]) <= MOST).all())
+    good &= bool((minimum < np.inf).all() and (maximum > -np.inf).all())
+    require(good, what, f"minimum and maximum within {MOST:g}", f"{minimum} and {maximum}")
+
+
+def _pairs(limits: Limits) -> str:
+    return f"{limits.minimum} and {limits.maximum}"

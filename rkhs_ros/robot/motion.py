@@ -1,0 +1,100 @@
+"""How commands change from one to the next within their limits.
+
+Velocities and efforts go straight to where they are wanted, as fast as they may. Positions have a velocity of their
+own, which changes no faster than the acceleration allows, and is never so great that the joint could not come to rest
+before its range ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.robot.limits import POSITION, Limits
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """The newest command and how it changes.
+
+    Attributes:
+        value: the command, shape (joints,).
+        rate: of positions their velocity, by which the command differs from the one before it, shape (joints,); else 0.
+    """
+
+    value: Array
+    rate: Array
+
+
+def rest_at(value: Array) -> Motion:
+    """Return a command that does not change."""
+    return Motion(value, np.zeros_like(value))
+
+
+def advance(limits: Limits, period: float, motion: Motion, goal: Array | None) -> Motion:
+    """Return the next command on the way to a goal.
+
+    Args:
+        limits: of the commands.
+        period: seconds between commands.
+        motion: the command before.
+        goal: the command wanted, shape (joints,); None to come to rest: positions as fast as they may, else by 0.
+    """
+    if limits.kind == POSITION:
+        return _accelerate(limits, period, motion, goal)
+    low, high = limits.bounds()
+    most = np.minimum(limits.rate * period, limits.step)
+    change = (np.zeros_like(motion.value) if goal is None else goal) - motion.value
+    return rest_at(np.clip(motion.value + np.clip(change, -most, most), low, high))
+
+
+def braking(limits: Limits, period: float, motion: Motion, most: int) -> list[tuple[float, Array]]:
+    """Return how positions come to rest, as `advance` without a goal does.
+
+    Args:
+        limits: of the commands.
+        period: seconds between commands.
+        motion: the newest command, which holds from now on.
+        most: how many are returned at most, 2 or more.
+
+    Returns:
+        Some of the times from now on, in seconds, and the positions then; the first is now, in the last all is at rest.
+    """
+    change = limits.acceleration * period
+    speed = np.abs(motion.rate)
+    periods = np.floor(np.divide(speed, change, out=np.zeros_like(speed), where=change > 0.0))
+    knots = np.unique(np.linspace(0.0, periods.max(), most).round())
+    moving = np.minimum(knots[:, None], periods)  # (knots, joints): for how many periods by then
+    way = period * (moving * speed - change * moving * (moving + 1.0) / 2.0)
+    values = np.clip(motion.value + np.sign(motion.rate) * way, limits.minimum, limits.maximum)
+    return list(zip((knots * period).tolist(), values, strict=True))
+
+
+def _accelerate(limits: Limits, period: float, motion: Motion, goal: Array | None) -> Motion:
+    """Return the next positions: the velocity nearest to the one wanted, of those that keep all limits."""
+    top = np.minimum(limits.velocity, limits.step / period)
+    change = limits.acceleration * period
+    wanted = np.zeros_like(motion.rate)
+    if goal is not None:
+        way = goal - motion.value
+        wanted = np.sign(way) * _stoppable(np.abs(way), change, period)
+    rate = np.clip(wanted, motion.rate - change, motion.rate + change)
+    up = np.minimum(top, _stoppable(limits.maximum - motion.value, change, period))
+    down = np.minimum(top, _stoppable(motion.value - limits.minimum, change, period))
+    rate = np.clip(rate, -down, up)
+    return Motion(np.clip(motion.value + rate * period, limits.minimum, limits.maximum), rate)
+
+
+def _stoppable(distance: Array, change: Array, period: float) -> Array:
+    """Return the greatest velocity at which a joint can still come to rest within a distance.
+
+    At velocity v it moves by v in this period, by v - change in the next, and so on, (n + 1) v - change n (n + 1) / 2
+    periods in all, n the whole number of changes in v.
+    """
+    steps = np.maximum(distance, 0.0) / period  # the distance, in velocities of one period
+    with np.errstate(divide="ignore", invalid="ignore"):
+        n = np.floor((np.sqrt(1.0 + 8.0 * steps / change) - 1.0) / 2.0)
+        velocity = (steps + change * n * (n + 1.0) / 2.0) / (n + 1.0)
+    return np.where(change > 0.0, velocity, 0.0)

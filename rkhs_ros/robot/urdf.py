@@ -1,0 +1,64 @@
+"""Limits of joints as a robot's description has them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+
+from rkhs_ros.base.validation import pick, require
+
+ROTATES_FREELY = "continuous"  # type of joints without a range
+
+
+class JointLimit(NamedTuple):
+    """The limits of a joint: range of its position, greatest velocity and effort; infinity where there is none."""
+
+    lower: float
+    upper: float
+    velocity: float
+    effort: float
+
+
+def read_limits(file: Path, joints: Iterable[str]) -> list[JointLimit]:
+    """Return the limits of joints that a URDF has.
+
+    A range that is not told is 0, as its specification has it; a joint that rotates freely has none.
+
+    Args:
+        file: the URDF; xacro is not expanded.
+        joints: their names.
+
+    Raises:
+        ValueError: the file is no URDF, or a joint is missing or has no limits.
+        OSError: it cannot be read.
+    """
+    try:
+        root = ElementTree.fromstring(file.read_bytes())
+    except (ElementTree.ParseError, ValueError) as error:
+        raise ValueError(f"{file}: expected a URDF, got no XML: {error}") from error
+    require(root.tag == "robot", f"{file}", "a URDF, with a robot", root.tag)
+    elements = {element.get("name", ""): element for element in root.findall("joint")}
+    return [_limit(pick(name, elements, f"joint of {file}"), f"{file}: joint '{name}'") for name in joints]
+
+
+def _limit(joint: ElementTree.Element, what: str) -> JointLimit:
+    limit = joint.find("limit")
+    if limit is None:
+        raise ValueError(f"{what}: expected a limit, got none")
+    frees = joint.get("type") == ROTATES_FREELY
+    lower, upper = (-np.inf, np.inf) if frees else (_number(limit, name, what) for name in ("lower", "upper"))
+    return JointLimit(lower, upper, _number(limit, "velocity", what), _number(limit, "effort", what))
+
+
+def _number(limit: ElementTree.Element, name: str, what: str) -> float:
+    text = limit.get(name, "0" if name in ("lower", "upper") else "none")
+    try:
+        number = float(text)
+    except ValueError as error:
+        raise ValueError(f"{what}: expected a number for {name}, got {text}") from error
+    require(bool(np.isfinite(number)), f"{what}: {name}", "a finite number", number)
+    return number
