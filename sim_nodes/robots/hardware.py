@@ -4,72 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
-from rkhs_ros.base.settings import Settings, setting
-from rkhs_ros.base.validation import require
 from rkhs_ros.policies.streams import stream
-from sim_nodes.robots.protection import COMMAND_TIMEOUT, Protection
+from sim_nodes.robots.protection import COMMAND_TIMEOUT
+from sim_nodes.robots.robot import Robot
 from sim_nodes.robots.wire import Wire
 
 MOST_CATCH_UP_S = 1.0  # of the robot's time that are caught up at once, so that messages are handled in between
-
-
-@dataclass(frozen=True)
-class RobotSettings(Settings):
-    """What all practice robots have.
-
-    All times and rates are in the robot's time, which goes `speed` times as fast as the wall's.
-    """
-
-    seed: int = setting(0, "of the noise, the delays and the losses", minimum=0, maximum=2**63 - 1)
-    speed: float = setting(1.0, "of the robot's time against the wall's", minimum=0.01, maximum=1000.0)
-    rate: float = setting(500.0, "steps of the physics, Hz", minimum=1.0, maximum=10_000.0)
-    sensor_rate: float = setting(200.0, "joint states, Hz; at most the rate", minimum=1.0, maximum=10_000.0)
-    latency: float = setting(0.002, "that each message takes at least, each way, s", minimum=0.0, maximum=10.0)
-    jitter: float = setting(0.002, "that a message takes more at most, each way, s", minimum=0.0, maximum=10.0)
-    loss: float = setting(0.0, "probability that a message is lost, each way", minimum=0.0, maximum=0.99)
-    position_noise: float = setting(1e-3, "sd of a sensed position, rad", minimum=0.0, maximum=1.0)
-    velocity_noise: float = setting(1e-2, "sd of a sensed velocity, rad/s", minimum=0.0, maximum=10.0)
-    command_timeout: float = setting(
-        0.0, "without a command after which the robot stops by itself, s; 0 for never", minimum=0.0, maximum=60.0
-    )
-
-    def __post_init__(self) -> None:
-        """Raise ValueError where a value does not fit."""
-        super().__post_init__()
-        require(self.sensor_rate <= self.rate, "sensor_rate", f"at most the rate, {self.rate:g}", self.sensor_rate)
-
-
-class Robot(Protocol):
-    """A robot in steps of its physics; it owns its state."""
-
-    @property
-    def settings(self) -> RobotSettings:
-        """Of the robot."""
-
-    @property
-    def protection(self) -> Protection:
-        """What its supervision saw."""
-
-    @property
-    def is_driven(self) -> bool:
-        """Whether its motors are on: since the first command, unless it is stopped."""
-
-    def hear(self, command: Any) -> None:
-        """Take a command."""
-
-    def step(self) -> None:
-        """Move by one step of the physics."""
-
-    def sample(self) -> Any:
-        """Return what the sensors read."""
-
-    def trip(self, kind: str, reason: str) -> None:
-        """Stop for a violation."""
-
-    def reset(self) -> None:
-        """Leave the protective stop; the brakes hold until the next command."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +36,7 @@ class Hardware:
         robot: the robot.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot[Any]) -> None:
         self.robot = robot
         self.steps = self.commands = 0
         self._readings = 0
@@ -135,7 +77,7 @@ class Hardware:
 
     def report(self) -> dict[str, object]:
         """Return the violations by kind, and what was heard and done."""
-        protection = self.robot.protection
+        protection = self.robot.state.protection
         return {
             "stopped": protection.is_stopped,
             "violations": protection.violations,
@@ -163,5 +105,5 @@ class Hardware:
 
     def _look_for_timeout(self) -> None:
         timeout = self._settings.command_timeout
-        if timeout and self.robot.is_driven and self.since_command > timeout:
+        if timeout and self.robot.state.is_driven and self.since_command > timeout:
             self.robot.trip(COMMAND_TIMEOUT, f"expected a command every {timeout:g} s")

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field, replace
 
 from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.policies.streams import stream
-from sim_nodes.robots.hardware import RobotSettings
 from sim_nodes.robots.joints import JointReadings
 from sim_nodes.robots.protection import COMMAND_TIMEOUT, SECOND_PUBLISHER, Protection, exceeds
+from sim_nodes.robots.robot import Robot, RobotSettings
 
 JOINT = "motor"
 KINDS = ("malformed", "non_finite", "torque", "torque_step", "velocity", SECOND_PUBLISHER, COMMAND_TIMEOUT)
@@ -123,7 +123,7 @@ def _braked(velocity: float, seconds: float) -> float:
     return math.copysign(max(abs(velocity) - BRAKE * seconds, 0.0), velocity)
 
 
-class MotorPendulumRobot:
+class MotorPendulumRobot(Robot[MotorPendulum]):
     """The pendulum as a robot.
 
     Owns its state and the streams of its noise.
@@ -133,20 +133,9 @@ class MotorPendulumRobot:
     """
 
     def __init__(self, settings: MotorPendulumSettings) -> None:
-        self.settings: RobotSettings = settings
-        self.state = MotorPendulum(settings.limits)
+        super().__init__(settings, MotorPendulum(settings.limits))
         self._kick = settings.process_noise / math.sqrt(settings.rate)
         self._kicks, self._noise = (stream(settings.seed, f"motor_pendulum/{name}", 0) for name in ("kicks", "sensor"))
-
-    @property
-    def protection(self) -> Protection:
-        """What its supervision saw."""
-        return self.state.protection
-
-    @property
-    def is_driven(self) -> bool:
-        """Whether its motor is on."""
-        return self.state.is_driven
 
     def hear(self, command: Sequence[float]) -> None:
         """Take a torque in N m."""
@@ -162,14 +151,6 @@ class MotorPendulumRobot:
         settings, state = self.settings, self.state
         position, velocity = self._noise.standard_normal(2) * (settings.position_noise, settings.velocity_noise)
         return JointReadings((JOINT,), (state.angle + position,), (state.velocity + velocity,), (state.torque,))
-
-    def trip(self, kind: str, reason: str) -> None:
-        """Stop for a violation."""
-        self.state = self.state.tripped(kind, reason)
-
-    def reset(self) -> None:
-        """Leave the protective stop."""
-        self.state = self.state.reset()
 
     def description(self) -> str:
         """Return the robot's URDF: a rod, upright at angle zero."""

@@ -10,8 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.time import Time
 from std_srvs.srv import Trigger
 
-from rkhs_ros.base.settings import build, entries
-from rkhs_ros.base.validation import pick
+from rkhs_ros.base.settings import entries
 from rkhs_ros.nodes.arguments import require_section
 from rkhs_ros.nodes.diagnostics import Diagnostics
 from rkhs_ros.nodes.parameters import declare, declared, given, instance, restarts
@@ -19,10 +18,12 @@ from rkhs_ros.nodes.publishers import SinglePublishers
 from rkhs_ros.nodes.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.uniqueness import Uniqueness
 from sim_nodes.robots.hardware import Hardware, Sample
+from sim_nodes.robots.kinds import DEFAULT, SETTINGS, settings_of
 from sim_nodes.robots.protection import SECOND_PUBLISHER
-from sim_nodes.robots.topics import LATCHED_QOS, MotorPendulumTopics, RobotTopics
+from sim_nodes.robots.topics import LATCHED_QOS, ArmTopics, DoorTopics, MotorPendulumTopics, RobotTopics
 
-ROBOTS: dict[str, Any] = {"motor_pendulum": MotorPendulumTopics}
+TOPICS: dict[str, Any] = {"motor_pendulum": MotorPendulumTopics, "arm": ArmTopics, "pr2_door": DoorTopics}
+CLOCK_READINGS = 10  # of which the quickest counts: a process may be held up between the clocks
 REPORT_PERIOD_S = 0.1  # between reports of violations, and looks at who publishes commands
 
 
@@ -45,22 +46,21 @@ class PracticeRobotNode(ReportingNode):
         require_section(self.get_fully_qualified_name(), sys.argv)
         tree = given(self)
         again, number = restarts(self, tree), instance(self, tree)
-        name = declared(self, tree, "robot", "motor_pendulum", f"which robot: {', '.join(ROBOTS)}")
-        kind = pick(name, ROBOTS, "robot")
-        settings = build(kind.settings, tree)
+        name = declared(self, tree, "robot", DEFAULT, f"which robot: {', '.join(SETTINGS)}")
+        settings = settings_of(name, tree)
         declare(self, entries(settings))
         self._speed = settings.speed
-        self._begin = time.monotonic()
         self._report_at = 0.0  # monotonic time, seconds
         self._told: tuple[object, ...] = ()
         self._crowded = ""
-        self._topics: RobotTopics = kind(self, settings, self._command)
+        self._topics: RobotTopics = TOPICS[name](self, settings, self._command)
         self._hardware = Hardware(self._topics.robot)
         self._commanders = SinglePublishers(self, self._topics.command_topics)
         self._violations = self.create_publisher(DiagnosticStatus, "~/violations", LATCHED_QOS)
         self.diagnostics = Diagnostics(self, again, self._report)
         self._uniqueness = Uniqueness(self, number)
         self.create_service(Trigger, "~/reset_protective_stop", self._reset)
+        self._begin, self._begin_ns = _now_by_both_clocks()
         self.get_logger().info(f"{name} is there, at {self._speed:g} times the wall's speed")
 
     def heartbeat(self) -> float:
@@ -69,7 +69,7 @@ class PracticeRobotNode(ReportingNode):
         for sample in self._hardware.advance(now):
             self._topics.publish(sample.readings, self._stamp(sample))
         self.diagnostics.steps = self._hardware.steps
-        self.diagnostics.stuck = self._topics.robot.protection.reason
+        self.diagnostics.stuck = self._topics.robot.state.protection.reason
         self._uniqueness.check()
         self._look_after_commands()
         wait = max(self._hardware.next_event() - self._now(), 0.0) / self._speed
@@ -81,15 +81,14 @@ class PracticeRobotNode(ReportingNode):
 
     def _stamp(self, sample: Sample) -> Any:
         """Return when a sample was taken, by the system's clock."""
-        age = (self._now() - sample.time) / self._speed
-        return Time(nanoseconds=time.time_ns() - round(1e9 * age)).to_msg()
+        return Time(nanoseconds=self._begin_ns + round(1e9 * sample.time / self._speed)).to_msg()
 
     def _command(self, command: Any) -> None:
         self._hardware.send(self._now(), command)
 
     def _look_after_commands(self) -> None:
         """Stop where commands come from two publishers, and tell of violations at once, of the rest now and then."""
-        protection = self._topics.robot.protection
+        protection = self._topics.robot.state.protection
         now = time.monotonic()
         if now < self._report_at and self._told == (protection.violations, protection.reason):
             return
@@ -100,7 +99,7 @@ class PracticeRobotNode(ReportingNode):
         self._report_at = now + REPORT_PERIOD_S
 
     def _tell(self) -> None:
-        protection = self._topics.robot.protection
+        protection = self._topics.robot.state.protection
         if protection.reason and protection.reason not in self._told:
             self.get_logger().error(f"protective stop: {protection.reason}")
         self._told = (protection.violations, protection.reason)
@@ -124,6 +123,13 @@ class PracticeRobotNode(ReportingNode):
     def _report(self) -> dict[str, object]:
         behind = (self._now() - self._hardware.time) / self._speed
         return {**self._hardware.report(), "seconds behind": f"{behind:.3f}"}
+
+
+def _now_by_both_clocks() -> tuple[float, int]:
+    """Return the monotonic time in seconds and the system's in nanoseconds, read as near together as they come."""
+    readings = ((time.monotonic(), time.time_ns(), time.monotonic()) for _ in range(CLOCK_READINGS))
+    before, system_ns, after = min(readings, key=lambda reading: reading[2] - reading[0])
+    return (before + after) / 2, system_ns
 
 
 def main() -> None:

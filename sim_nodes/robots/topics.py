@@ -3,21 +3,55 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ClassVar, Protocol
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol
 
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, PointStamped, PoseStamped, Quaternion
+from geometry_msgs.msg import Pose as PoseMessage
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, Header, String
+from std_msgs.msg import Float64, Float64MultiArray, Header, String
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
 
-from sim_nodes.robots.hardware import Robot, RobotSettings
+from sim_nodes.robots.arm import POSITIONS, ArmReadings, ArmRobot, ArmSettings
+from sim_nodes.robots.door import DoorSettings
+from sim_nodes.robots.drives import JointCommand
 from sim_nodes.robots.joints import JointReadings
 from sim_nodes.robots.motor_pendulum import MotorPendulumRobot, MotorPendulumSettings
+from sim_nodes.robots.robot import Robot
+
+if TYPE_CHECKING:
+    from sim_nodes.robots.door_robot import DoorReadings
 
 SENSOR_QOS = QoSProfile(depth=10)  # as of the controllers of ros2_control
 LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 Send = Callable[[Any], None]
+
+
+def trajectory(message: JointTrajectory, speed: float) -> JointCommand:
+    """Return what a trajectory asks for, from when it is heard on, whatever its stamp.
+
+    Args:
+        message: the trajectory.
+        speed: by which its times are multiplied.
+    """
+    durations = [point.time_from_start for point in message.points]
+    times = tuple(speed * (duration.sec + 1e-9 * duration.nanosec) for duration in durations)
+    return JointCommand(tuple(message.joint_names), times, tuple(tuple(point.positions) for point in message.points))
+
+
+def serve_episodes(node: Node, begin: Callable[[], None]) -> None:
+    """Offer the service that begins an episode."""
+
+    def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        begin()
+        response.success = True
+        return response
+
+    node.create_service(Trigger, "~/begin_episode", answer)
 
 
 class RobotTopics(Protocol):
@@ -28,7 +62,7 @@ class RobotTopics(Protocol):
         command_topics: on which it is commanded.
     """
 
-    robot: Robot
+    robot: Robot[Any]
     command_topics: tuple[str, ...]
 
     def publish(self, readings: Any, stamp: Time) -> None:
@@ -67,14 +101,81 @@ class MotorPendulumTopics:
         send: sends the robot a command.
     """
 
-    settings: ClassVar[type[RobotSettings]] = MotorPendulumSettings
     command_topics: tuple[str, ...] = ("effort_controller/commands",)
 
     def __init__(self, node: Node, settings: MotorPendulumSettings, send: Send) -> None:
-        self.robot: Robot = (pendulum := MotorPendulumRobot(settings))
+        self.robot: Robot[Any] = (pendulum := MotorPendulumRobot(settings))
         self._joints = JointPublisher(node, pendulum.description())
         node.create_subscription(Float64MultiArray, self.command_topics[0], lambda m: send(m.data), SENSOR_QOS)
 
     def publish(self, readings: JointReadings, stamp: Time) -> None:
         """Publish what the sensors read at a time."""
         self._joints.publish(readings, stamp)
+
+
+class ArmTopics:
+    """The arm's topics: positions or trajectories in; joint state, the tool's pose and the mark out.
+
+    Args:
+        node: the robot's node.
+        settings: of the robot.
+        send: sends the robot a command.
+    """
+
+    def __init__(self, node: Node, settings: ArmSettings, send: Send) -> None:
+        self.robot: Robot[Any] = (arm := ArmRobot(settings))
+        self._joints = JointPublisher(node, arm.description())
+        self._tool = node.create_publisher(PoseStamped, "end_effector", SENSOR_QOS)
+        self._mark = node.create_publisher(PointStamped, "mark", SENSOR_QOS)
+        serve_episodes(node, arm.begin_episode)
+        if settings.controller == POSITIONS:
+            self.command_topics: tuple[str, ...] = (f"{POSITIONS}/commands",)
+            kind, command = Float64MultiArray, lambda message: JointCommand.of_positions(message.data)
+        else:
+            self.command_topics = (f"{settings.controller}/joint_trajectory",)
+            kind, command = JointTrajectory, partial(trajectory, speed=settings.speed)
+        node.create_subscription(kind, self.command_topics[0], lambda m: send(command(m)), SENSOR_QOS)
+
+    def publish(self, readings: ArmReadings, stamp: Time) -> None:
+        """Publish what the sensors read at a time."""
+        self._joints.publish(readings.joints, stamp)
+        header = Header(stamp=stamp, frame_id="panda_link0")
+        (x, y, z), turn = readings.tool
+        pose = PoseMessage(
+            position=Point(x=x, y=y, z=z), orientation=Quaternion(**dict(zip("xyzw", turn, strict=True)))
+        )
+        self._tool.publish(PoseStamped(header=header, pose=pose))
+        self._mark.publish(PointStamped(header=header, point=Point(**dict(zip("xyz", readings.mark, strict=True)))))
+
+
+class DoorTopics:
+    """The topics of the PR2's door: trajectories in; joint state, the error of the base's pose and the reward out.
+
+    The times of a trajectory are the robot's: at twice the speed it takes half as long.
+
+    Args:
+        node: the robot's node.
+        settings: of the robot.
+        send: sends the robot a command.
+    """
+
+    command_topics: tuple[str, ...] = ("joint_trajectory_controller/joint_trajectory",)
+
+    def __init__(self, node: Node, settings: DoorSettings, send: Send) -> None:
+        from sim_nodes.robots.door_robot import DoorRobot  # here, since the other robots do without PyBullet
+
+        self.robot: Robot[Any] = (pr2 := DoorRobot(settings))
+        self._joints = JointPublisher(node, pr2.description())
+        self._base_error = node.create_publisher(Float64MultiArray, "base_error", SENSOR_QOS)
+        self._reward = node.create_publisher(Float64, "reward", SENSOR_QOS)
+        serve_episodes(node, pr2.begin_episode)
+        node.create_subscription(
+            JointTrajectory, self.command_topics[0], lambda m: send(trajectory(m, speed=1.0)), SENSOR_QOS
+        )
+
+    def publish(self, readings: DoorReadings, stamp: Time) -> None:
+        """Publish what the sensors read at a time."""
+        self._joints.publish(readings.joints, stamp)
+        self._base_error.publish(Float64MultiArray(data=readings.base_error))
+        if readings.reward is not None:
+            self._reward.publish(Float64(data=readings.reward))

@@ -1,18 +1,23 @@
 """Practice robots without ROS: physics, wires, protective stops, and what they count."""
 
 import math
+import re
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rkhs_ros.base.settings import build
+from rkhs_ros.base.settings import entries
 from rkhs_ros.policies.streams import stream
 from sim_nodes.envs.pendulum import Pendulum
+from sim_nodes.robots import door, drives
 from sim_nodes.robots.hardware import MOST_CATCH_UP_S, Hardware, Sample
+from sim_nodes.robots.kinds import SETTINGS, settings_of
 from sim_nodes.robots.motor_pendulum import (
     BRAKE,
     KINDS,
@@ -25,6 +30,7 @@ from sim_nodes.robots.motor_pendulum import (
 from sim_nodes.robots.protection import TOLERANCE, Protection
 from sim_nodes.robots.wire import Wire
 
+PAGE = (Path(__file__).parents[2] / "docs" / "practice_robots.md").read_text()
 STEP = 0.002  # s
 EXACT = MotorPendulumSettings(process_noise=0.0, position_noise=0.0, velocity_noise=0.0, latency=0.0, jitter=0.0)
 NOISY = MotorPendulumSettings(seed=5, latency=0.004, jitter=0.01, loss=0.2)
@@ -257,7 +263,7 @@ def test_a_long_pause_is_caught_up_in_parts() -> None:
 def test_a_robot_that_watches_the_time_stops_without_commands(timeout: float, violations: int) -> None:
     _, hardware = run(replace(EXACT, command_timeout=timeout), [], end=0.9)
     assert hardware.report()["command_timeout"] == violations
-    assert hardware.robot.is_driven == (not violations)
+    assert hardware.robot.state.is_driven == (not violations)
     assert hardware.since_command == pytest.approx(0.5)
 
 
@@ -280,4 +286,22 @@ def test_it_reports_what_it_heard() -> None:
 )
 def test_settings_that_do_not_fit_are_refused(values: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        build(MotorPendulumSettings, values)
+        settings_of("motor_pendulum", values)
+
+
+KINDS_OF = {"motor_pendulum": KINDS, "arm": drives.KINDS, "pr2_door": door.KINDS}
+
+
+@pytest.mark.parametrize("robot", SETTINGS)
+def test_the_page_names_all_parameters_and_violations(robot: str) -> None:
+    names = [*KINDS_OF[robot], *(entry.name for entry in entries(SETTINGS[robot]()))]
+    assert [name for name in names if f"`{name}`" not in PAGE] == []
+
+
+def test_the_examples_of_the_page_can_be_used() -> None:
+    examples = re.findall(r"```yaml\n(.*?)```", PAGE, flags=re.DOTALL)
+    trees = [yaml.safe_load(example)["/**/practice_robot"]["ros__parameters"] for example in examples]
+    robots = [tree.pop("robot") for tree in trees]
+    assert robots == ["motor_pendulum", "arm"]
+    for robot, tree in zip(robots, trees, strict=True):
+        assert settings_of(robot, tree) != SETTINGS[robot]()

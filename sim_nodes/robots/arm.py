@@ -1,0 +1,137 @@
+"""A seven-joint arm, by the wall clock, with a mark before it that moves and is to be reached."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rkhs_ros.base.settings import Settings, setting
+from rkhs_ros.base.validation import numbers, require
+from rkhs_ros.policies.streams import stream
+from sim_nodes.robots.drives import DriveLimits, Drives, JointCommand
+from sim_nodes.robots.joints import JointReadings
+from sim_nodes.robots.mark import first_phase, mark_at
+from sim_nodes.robots.robot import Robot, RobotSettings
+
+if TYPE_CHECKING:
+    from sim_nodes.robots.arm_body import Pose
+
+POSITIONS, TRAJECTORIES = "position_controller", "joint_trajectory_controller"
+HOME = np.array([0.0, -0.3, 0.0, -2.2, 0.0, 2.0, 0.79])  # rad: the hand before the path of the mark, pointing down
+SIZE = len(HOME)
+
+
+@dataclass(frozen=True)
+class ArmLimits(Settings):
+    """What the arm's own supervision lets pass beside the range of each joint; beyond any of it the arm stops."""
+
+    velocity: tuple[float, ...] = setting(
+        (2.175,) * 4 + (2.61,) * 3, "greatest velocity, of each joint or one for all, rad/s", minimum=0.0, maximum=100.0
+    )
+    acceleration: tuple[float, ...] = setting(
+        (25.0,), "greatest acceleration, of each joint or one for all, rad/s²", minimum=0.0, maximum=1e4
+    )
+    step: tuple[float, ...] = setting(
+        (0.1,),
+        "greatest change from one set point to the next, of each joint or one for all, rad",
+        minimum=0.0,
+        maximum=10.0,
+    )
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where a value does not fit."""
+        super().__post_init__()
+        for name in ("velocity", "acceleration", "step"):
+            size = len(getattr(self, name))
+            require(size in (1, SIZE), f"limits.{name}", numbers(1, SIZE), size)
+
+
+@dataclass(frozen=True)
+class ArmSettings(RobotSettings):
+    """The arm."""
+
+    rate: float = setting(240.0, "steps of the physics, Hz", minimum=100.0, maximum=10_000.0)
+    sensor_rate: float = setting(120.0, "joint states, Hz; at most the rate", minimum=1.0, maximum=10_000.0)
+    position_noise: float = setting(1e-4, "sd of a sensed position, rad", minimum=0.0, maximum=1.0)
+    velocity_noise: float = setting(1e-3, "sd of a sensed velocity, rad/s", minimum=0.0, maximum=10.0)
+    controller: str = setting(POSITIONS, "which takes commands", choices=(POSITIONS, TRAJECTORIES))
+    limits: ArmLimits = ArmLimits()
+
+
+class ArmReadings(NamedTuple):
+    """What the arm's sensors read.
+
+    Attributes:
+        joints: of the seven joints.
+        tool: where the tool is, in the base's frame.
+        mark: where the mark is: x, y, z in metres, in the base's frame.
+    """
+
+    joints: JointReadings
+    tool: Pose
+    mark: tuple[float, ...]
+
+
+class ArmRobot(Robot[Drives]):
+    """The arm as a robot.
+
+    Owns its drives and its body, the episode and when it began, and the stream of the sensors' noise.
+
+    Args:
+        settings: of it.
+
+    Raises:
+        ValueError: PyBullet is missing.
+    """
+
+    def __init__(self, settings: ArmSettings) -> None:
+        from sim_nodes.robots import arm_body  # here, since the other robots do without PyBullet
+
+        self._body = body = arm_body.ArmBody(settings.rate, HOME)
+        limits = (
+            np.broadcast_to(getattr(settings.limits, name), SIZE) for name in ("velocity", "acceleration", "step")
+        )
+        super().__init__(
+            settings, Drives(arm_body.JOINTS, DriveLimits(body.lower, body.upper, *limits), HOME, np.zeros(SIZE))
+        )
+        self._episode, self._began = 0, 0.0
+        self._phase = first_phase(settings.seed, self._episode)
+        self._noise = stream(settings.seed, "arm/sensor", 0)
+
+    def hear(self, command: JointCommand) -> None:
+        """Take set points."""
+        self.state = self.state.heard(command)
+
+    def step(self) -> None:
+        """Move by one step of the physics."""
+        self.state = self.state.stepped(1.0 / self.settings.rate)
+        self._body.step(self.state.position, self.state.velocity)
+
+    def sample(self) -> ArmReadings:
+        """Return what the sensors read."""
+        position, velocity, torque = self._body.joints()
+        noise = self._noise.standard_normal((2, SIZE))
+        position = position + self.settings.position_noise * noise[0]
+        velocity = velocity + self.settings.velocity_noise * noise[1]
+        joints = JointReadings(self.state.joints, _row(position), _row(velocity), _row(torque))
+        mark = mark_at(self.state.time - self._began, self._phase)
+        return ArmReadings(joints, self._body.tool(), _row(mark))
+
+    def begin_episode(self) -> None:
+        """Put the mark to where it begins in the next episode."""
+        self._episode += 1
+        self._phase = first_phase(self.settings.seed, self._episode)
+        self._began = self.state.time
+
+    def description(self) -> str:
+        """Return the robot's URDF."""
+        from sim_nodes.robots.arm_body import urdf
+
+        return urdf()
+
+
+def _row(values: NDArray[np.float64]) -> tuple[float, ...]:
+    return tuple(values.tolist())

@@ -1,0 +1,91 @@
+"""The body of the arm in PyBullet: a Panda, which comes with it, its meshes too."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_nodes.pr2.silence import silence
+
+try:
+    with silence(1), silence(2):
+        import pybullet
+        import pybullet_data
+    from pybullet_utils.bullet_client import BulletClient
+except ImportError as _error:
+    raise ValueError("robot: expected PyBullet for the arm, got none: pip install pybullet==3.2.7") from _error
+
+Array = NDArray[np.float64]
+FILE = Path(pybullet_data.getDataPath(), "franka_panda", "panda.urdf")
+JOINTS = tuple(f"panda_joint{number}" for number in range(1, 8))
+BASE, TOOL = "panda_link0", "panda_grasptarget"
+STIFFNESS = 50.0  # 1/s: speed asked of a motor for an error of its position
+GRAVITY = -9.81  # m/s²
+
+
+class Pose(NamedTuple):
+    """Where a link is, in the base's frame: x, y, z in metres; a quaternion x, y, z, w."""
+
+    position: tuple[float, ...]
+    orientation: tuple[float, ...]
+
+
+class ArmBody:
+    """A Panda whose motors follow a motion as far as their torques go.
+
+    Owns a PyBullet client.
+
+    Args:
+        rate: steps of the physics, Hz.
+        position: of the joints, rad.
+    """
+
+    def __init__(self, rate: float, position: Array) -> None:
+        with silence(1):
+            self._client = BulletClient(pybullet.DIRECT)
+        self._client.setPhysicsEngineParameter(fixedTimeStep=1.0 / rate, deterministicOverlappingPairs=1)
+        self._client.setGravity(0.0, 0.0, GRAVITY)
+        self._body = self._client.loadURDF(str(FILE), useFixedBase=True)
+        links = {self._info(index)[12].decode(): index for index in range(self._client.getNumJoints(self._body))}
+        names = {self._info(index)[1].decode(): index for index in links.values()}
+        self._joints, self._tool = [names[joint] for joint in JOINTS], links[TOOL]
+        infos = [self._info(index) for index in self._joints]
+        self.lower, self.upper, self._efforts, self.velocity = (
+            np.array([info[field] for info in infos]) for field in (8, 9, 10, 11)
+        )
+        for index, angle in zip(self._joints, position, strict=True):
+            self._client.resetJointState(self._body, index, angle)
+
+    def step(self, position: Array, velocity: Array) -> None:
+        """Simulate a step, in which the motors go for a motion."""
+        sensed = np.array([state[0] for state in self._client.getJointStates(self._body, self._joints)])
+        self._client.setJointMotorControlArray(
+            self._body,
+            self._joints,
+            pybullet.VELOCITY_CONTROL,
+            targetVelocities=(velocity + STIFFNESS * (position - sensed)).tolist(),
+            forces=self._efforts.tolist(),
+        )
+        self._client.stepSimulation()
+
+    def joints(self) -> tuple[Array, Array, Array]:
+        """Return positions, velocities and torques of the joints, shape (7,) each."""
+        states = self._client.getJointStates(self._body, self._joints)
+        position, velocity, torque = (np.array([state[field] for state in states]) for field in (0, 1, 3))
+        return position, velocity, torque
+
+    def tool(self) -> Pose:
+        """Return where the tool is: between the tips of the fingers."""
+        state = self._client.getLinkState(self._body, self._tool, computeForwardKinematics=True)
+        return Pose(*state[4:6])
+
+    def _info(self, index: int) -> tuple:  # of PyBullet, which has no types
+        return self._client.getJointInfo(self._body, index)
+
+
+def urdf() -> str:
+    """Return the robot's URDF, its meshes as files of this machine."""
+    return FILE.read_text().replace("package://", f"file://{FILE.parent}/")

@@ -1,0 +1,124 @@
+"""The PR2 before its door as a robot: the world in PyBullet, shown by the wall clock."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from rkhs_ros.policies.streams import stream
+from sim_nodes.pr2 import demonstration, door, robot
+from sim_nodes.pr2.motion import Motion
+from sim_nodes.robots.door import PER_EPISODE, Attempt, DoorSettings, Doorway
+from sim_nodes.robots.drives import JointCommand
+from sim_nodes.robots.joints import JointReadings
+from sim_nodes.robots.robot import Robot
+
+try:
+    from sim_nodes.pr2.environment import POSE_SD, tracking_error
+    from sim_nodes.pr2.world import Trajectory, World
+except gymnasium.error.DependencyNotInstalled as _error:
+    raise ValueError(f"robot: expected PyBullet for the PR2's door, got none: {_error}") from _error
+
+Array = NDArray[np.float64]
+NAMES = (robot.TORSO.name, *(joint.name for joint in robot.MOVING), *(joint.name for joint in door.JOINTS))
+
+
+class DoorReadings(NamedTuple):
+    """What the sensors read.
+
+    Attributes:
+        joints: of the robot and the door.
+        base_error: of the base's pose, x, y, yaw, each in its standard deviations.
+        reward: of an attempt that is over; None before.
+    """
+
+    joints: JointReadings
+    base_error: tuple[float, ...]
+    reward: float | None
+
+
+class DoorRobot(Robot[Doorway]):
+    """The PR2 before its door as a robot.
+
+    Owns the simulated world, the state of the doorway, the episode and the stream of the sensors' noise.
+
+    Args:
+        settings: of it.
+    """
+
+    def __init__(self, settings: DoorSettings) -> None:
+        super().__init__(settings, Doorway())
+        self._pose, self._episode = settings.pose, 0
+        self._world = World()
+        self._waiting = _waiting()
+        self._noise = stream(settings.seed, "pr2_door/sensor", 0)
+
+    @property
+    def base_error(self) -> Array:
+        """Of the base's pose: x, y, yaw, each in its standard deviations, shape (3,)."""
+        episode = self._episode if self._pose == PER_EPISODE else 0
+        return stream(self.settings.seed, "pr2_door/pose", episode).standard_normal(3)
+
+    def hear(self, command: JointCommand) -> None:
+        """Take a trajectory."""
+        self.state = self.state.heard(command, self._carry_out)
+
+    def step(self) -> None:
+        """Let a step of time go by."""
+        self.state = self.state.stepped(1.0 / self.settings.rate)
+
+    def sample(self) -> DoorReadings:
+        """Return what the sensors read."""
+        attempt = self.state.attempt
+        position, velocity, torque = self._waiting if attempt is None else _at(attempt.trajectory, self.state.elapsed)
+        noise = self._noise.standard_normal((2, len(NAMES)))
+        position = position + self.settings.position_noise * noise[0]
+        velocity = velocity + self.settings.velocity_noise * noise[1]
+        joints = JointReadings(NAMES, *(tuple(values.tolist()) for values in (position, velocity, torque)))
+        reward = attempt.reward if attempt is not None and self.state.is_over else None
+        return DoorReadings(joints, tuple(self.base_error.tolist()), reward)
+
+    def begin_episode(self) -> None:
+        """Shut the door and take the robot back to where it waits, as a person would."""
+        self._episode += 1
+        self.state = Doorway(protection=self.state.protection)
+
+    def description(self) -> str:
+        """Return the robot's URDF."""
+        return robot.urdf()
+
+    def _carry_out(self, motion: Motion) -> Attempt:
+        trajectory = self._world.run(motion, POSE_SD * self.base_error)
+        shown, knots = demonstration.load(), len(trajectory.door)
+        if knots != len(shown.times):  # of another length than what was shown it is not like it
+            return Attempt(trajectory, 0.0)
+        success = float(trajectory.door[-1]) > door.OPENED
+        return Attempt(trajectory, float(np.exp(-tracking_error(trajectory, shown) - (not success))))
+
+
+def _waiting() -> tuple[Array, Array, Array]:
+    """Return positions, velocities and torques of all joints before an attempt, shape (14,) each."""
+    shown, still = demonstration.load(), np.zeros(len(NAMES))
+    fingers = np.repeat(robot.finger_angle(shown.openings[0]), 4)
+    return np.concatenate([[demonstration.TORSO], shown.arm[0], fingers, [0.0, 0.0]]), still, still
+
+
+def _at(trajectory: Trajectory, time: float) -> tuple[Array, Array, Array]:
+    """Return positions, velocities and torques of all joints at a time, shape (14,) each."""
+    place = min(time * demonstration.RATE, len(trajectory.door) - 1.0)
+    before = min(int(place), len(trajectory.door) - 2)
+    part = place - before
+
+    def between(values: Array) -> Array:
+        return np.asarray((1.0 - part) * values[before] + part * values[before + 1])
+
+    doors = np.stack([trajectory.door, trajectory.lever], axis=1)
+    turning = (doors[before + 1] - doors[before]) * demonstration.RATE
+    return (
+        np.concatenate([[demonstration.TORSO], between(trajectory.positions), between(doors)]),
+        np.concatenate([[0.0], between(trajectory.velocities), turning]),
+        np.concatenate([[0.0], between(trajectory.torques), [0.0, 0.0]]),
+    )

@@ -1,0 +1,219 @@
+"""The drives of an arm: they follow set points as smoothly as they can, and supervise what they are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim_nodes.robots.protection import COMMAND_TIMEOUT, SECOND_PUBLISHER, TOLERANCE, Protection
+
+Array = NDArray[np.float64]
+KINDS = (
+    "malformed",
+    "non_finite",
+    "position",
+    "step",
+    "velocity",
+    "acceleration",
+    SECOND_PUBLISHER,
+    COMMAND_TIMEOUT,
+)
+BANDWIDTH = 15.0  # 1/s, of the critically damped filter between set points and motion
+BRAKE = 20.0  # rad/s² of each joint
+
+
+@dataclass(frozen=True)
+class JointCommand:
+    """Set points for joints, to be passed one after another.
+
+    Attributes:
+        names: of the joints; empty for all in their order.
+        times: from when the command is heard, s, shape (k,).
+        positions: rad, k rows, each of as many numbers as names, unless it is malformed.
+    """
+
+    names: tuple[str, ...]
+    times: tuple[float, ...]
+    positions: tuple[tuple[float, ...], ...]
+
+    @staticmethod
+    def of_positions(positions: Sequence[float]) -> JointCommand:
+        """Return the command to be at positions at once."""
+        return JointCommand((), (0.0,), (tuple(positions),))
+
+
+@dataclass(frozen=True)
+class DriveLimits:
+    """What the supervision lets pass; beyond any of it the arm stops. Of each joint, shape (n,).
+
+    Attributes:
+        lower: position, rad.
+        upper: position, rad.
+        velocity: rad/s.
+        acceleration: rad/s².
+        step: from one set point to the next at the same time, rad.
+    """
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    step: Array
+
+
+@dataclass(frozen=True)
+class SetPoints:
+    """Where the drives are to be when: between the times on straight lines, after the last one there.
+
+    Attributes:
+        times: s, increasing, shape (k,).
+        positions: rad, shape (k, n).
+    """
+
+    times: Array
+    positions: Array
+
+    def at(self, time: float) -> Array:
+        """Return the positions at a time, shape (n,)."""
+        after = int(np.searchsorted(self.times, time, side="right"))
+        if after in (0, len(self.times)):
+            return np.asarray(self.positions[max(after - 1, 0)])
+        begin, end = self.times[after - 1 : after + 1]
+        part = (time - begin) / (end - begin)
+        return np.asarray((1.0 - part) * self.positions[after - 1] + part * self.positions[after])
+
+
+@dataclass(frozen=True)
+class Drives:
+    r"""The state of an arm's drives.
+
+    The motion :math:`x` follows the set points :math:`c` by :math:`\ddot x = w^2 (c - x) - 2 w \dot x`.
+
+    Attributes:
+        joints: their names.
+        limits: of the supervision.
+        position: rad, shape (n,).
+        velocity: rad/s, shape (n,).
+        time: s.
+        set_points: that are followed; None before the first command and while stopped, when the brakes hold.
+        protection: what the supervision saw.
+    """
+
+    joints: tuple[str, ...]
+    limits: DriveLimits
+    position: Array
+    velocity: Array
+    time: float = 0.0
+    set_points: SetPoints | None = None
+    protection: Protection = field(default_factory=lambda: Protection(dict.fromkeys(KINDS, 0)))
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether the drives follow set points; else the brakes are on."""
+        return self.set_points is not None
+
+    @cached_property
+    def target(self) -> Array:
+        """Where the drives are to be now, rad, shape (n,)."""
+        return self.position if self.set_points is None else self.set_points.at(self.time)
+
+    @property
+    def acceleration(self) -> Array:
+        """Of the motion while the drives are on, rad/s², shape (n,)."""
+        return np.asarray(BANDWIDTH**2 * (self.target - self.position) - 2 * BANDWIDTH * self.velocity)
+
+    def heard(self, command: JointCommand) -> Drives:
+        """Return what becomes of them by a command: it is followed from now on, or trips the protective stop."""
+        if (violation := self._misshapen(command)) is not None:
+            return self.tripped(*violation)
+        times, positions = np.array(command.times), self._ordered(command)
+        if (violation := self._violation(times, positions)) is not None:
+            return self.tripped(*violation)
+        if self.protection.is_stopped:
+            return self
+        knots = np.concatenate([[self.target], positions])
+        return replace(self, set_points=SetPoints(self.time + np.concatenate([[0.0], times]), knots))
+
+    def stepped(self, seconds: float) -> Drives:
+        """Return where they are after a time, exactly for a constant set point."""
+        if self.set_points is None:
+            return self._braked(seconds)
+        error = self.position - self.target
+        slope = self.velocity + BANDWIDTH * error
+        decay = np.exp(-BANDWIDTH * seconds)
+        position = self.target + (error + slope * seconds) * decay
+        velocity = (self.velocity - BANDWIDTH * slope * seconds) * decay
+        after = replace(self, position=position, velocity=velocity, time=self.time + seconds)
+        return after._supervised()
+
+    def tripped(self, kind: str, reason: str) -> Drives:
+        """Return what they are after a violation: the brakes on."""
+        return replace(self, set_points=None, protection=self.protection.tripped(kind, reason))
+
+    def reset(self) -> Drives:
+        """Return what they are without their protective stop; the brakes hold until the next command."""
+        return replace(self, protection=self.protection.reset())
+
+    def _braked(self, seconds: float) -> Drives:
+        velocity = np.sign(self.velocity) * np.maximum(np.abs(self.velocity) - BRAKE * seconds, 0.0)
+        position = self.position + 0.5 * (self.velocity + velocity) * seconds
+        return replace(self, position=position, velocity=velocity, time=self.time + seconds)
+
+    def _supervised(self) -> Drives:
+        for kind, unit in (("velocity", "rad/s"), ("acceleration", "rad/s²")):
+            values, limits = getattr(self, kind), getattr(self.limits, kind)
+            if (broken := self._first(_exceed(values, limits))) is not None:
+                return self.tripped(
+                    kind,
+                    f"{self.joints[broken]}: expected at most {limits[broken]:g} {unit}, got {abs(values[broken]):.4g}",
+                )
+        return self
+
+    def _misshapen(self, command: JointCommand) -> tuple[str, str] | None:
+        """Return kind and reason where a command is not one for these joints."""
+        if command.names and sorted(command.names) != sorted(self.joints):
+            return "malformed", f"expected positions of {', '.join(self.joints)}, got {', '.join(command.names)}"
+        sizes = {len(row) for row in command.positions}
+        if sizes != {len(self.joints)}:
+            return "malformed", f"expected points of {len(self.joints)} positions, got {sorted(sizes)}"
+        if command.times[0] < 0.0 or any(np.diff(command.times) <= 0.0):
+            return "malformed", f"expected increasing times from 0 on, got {command.times}"
+        return None
+
+    def _ordered(self, command: JointCommand) -> Array:
+        """Return the positions in the order of the joints, shape (k, n)."""
+        names = command.names or self.joints
+        return np.array(command.positions)[:, [names.index(joint) for joint in self.joints]]
+
+    def _violation(self, times: Array, positions: Array) -> tuple[str, str] | None:
+        """Return kind and reason of the first limit that set points break."""
+        limits = self.limits
+        if not np.isfinite(positions).all():
+            return "non_finite", "expected finite positions, got nan or infinity"
+        outside = (positions < limits.lower - TOLERANCE) | (positions > limits.upper + TOLERANCE)
+        if (broken := self._first(outside)) is not None:
+            got = positions[outside.any(axis=1)][0, broken]
+            low, high = limits.lower[broken], limits.upper[broken]
+            return "position", f"{self.joints[broken]}: expected {low:g} to {high:g} rad, got {got:g}"
+        steps = np.diff(positions, axis=0, prepend=[self.target])
+        room = limits.step + limits.velocity * np.diff(times, prepend=0.0)[:, None]
+        # While stopped the arm is nowhere asked to be, and has no step to the next set point.
+        if not self.protection.is_stopped and (broken := self._first(_exceed(steps, room))) is not None:
+            got = np.max(np.abs(steps[:, broken]))
+            return "step", f"{self.joints[broken]}: expected at most {np.max(room[:, broken]):g} rad, got {got:g}"
+        return None
+
+    @staticmethod
+    def _first(broken: ArrayLike) -> int | None:
+        """Return the first joint, the last axis, of which something is true."""
+        joints = np.flatnonzero(np.atleast_2d(broken).any(axis=0))
+        return int(joints[0]) if joints.size else None
+
+
+def _exceed(values: Array, limits: Array) -> NDArray[np.bool_]:
+    """Return where magnitudes pass limits by more than rounding."""
+    return np.asarray(np.abs(values) > limits * (1.0 + TOLERANCE))

@@ -1,0 +1,33 @@
+"""The practice robots by their names, and what can be set of each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rkhs_ros.base.settings import build
+from rkhs_ros.base.validation import pick
+from sim_nodes.robots.arm import ArmSettings
+from sim_nodes.robots.door import DoorSettings
+from sim_nodes.robots.motor_pendulum import MotorPendulumSettings
+from sim_nodes.robots.robot import RobotSettings
+
+DEFAULT = "motor_pendulum"
+SETTINGS: dict[str, type[RobotSettings]] = {
+    "motor_pendulum": MotorPendulumSettings,
+    "arm": ArmSettings,
+    "pr2_door": DoorSettings,
+}
+
+
+def settings_of(name: str, section: Mapping[str, Any]) -> RobotSettings:
+    """Return the settings of a robot from a section of a parameter file.
+
+    Args:
+        name: the robot's.
+        section: values by name, without that of the robot.
+
+    Raises:
+        ValueError: the robot or a key is unknown, or a value does not fit.
+    """
+    return build(pick(name, SETTINGS, "robot"), section)

@@ -1,0 +1,195 @@
+"""The practice arm without ROS: drives, their protective stops, the mark, and the body in PyBullet."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rkhs_ros.base.settings import build
+from sim_nodes.robots.arm import HOME, ArmRobot, ArmSettings
+from sim_nodes.robots.drives import BANDWIDTH, BRAKE, KINDS, DriveLimits, Drives, JointCommand, SetPoints
+from sim_nodes.robots.hardware import Hardware
+from sim_nodes.robots.mark import CENTRE, PERIOD_S, SIZE, first_phase, mark_at
+
+STEP = 1.0 / 240.0  # s
+LIMITS = DriveLimits(*(np.array(pair) for pair in ((-1.0, -2.0), (1.0, 2.0), (2.0, 2.0), (25.0, 25.0), (0.1, 0.05))))
+STILL = Drives(("a", "b"), LIMITS, np.zeros(2), np.zeros(2))
+NONE = dict.fromkeys(KINDS, 0)
+
+
+def moved(drives: Drives, seconds: float) -> Drives:
+    for _ in range(round(seconds / STEP)):
+        drives = drives.stepped(STEP)
+    return drives
+
+
+def at(*positions: float) -> JointCommand:
+    return JointCommand.of_positions(positions)
+
+
+@given(st.floats(-0.1, 0.1), st.floats(-0.05, 0.05))
+def test_the_drives_come_to_their_set_points_without_passing_them(first: float, second: float) -> None:
+    drives, goal = STILL.heard(at(first, second)), np.array([first, second])
+    for _ in range(240):
+        before, drives = drives, drives.stepped(STEP)
+        assert (np.abs(goal - drives.position) <= np.abs(goal - before.position) + 1e-12).all()
+    np.testing.assert_allclose(drives.position, goal, atol=1e-5)
+    assert drives.protection.counts == NONE
+
+
+def test_the_motion_is_that_of_a_critically_damped_filter() -> None:
+    drives = STILL.heard(at(0.1, 0.05))
+    for number in range(1, 100):
+        drives = drives.stepped(STEP)
+        w_t = BANDWIDTH * number * STEP
+        np.testing.assert_allclose(drives.position, np.array([0.1, 0.05]) * (1 - (1 + w_t) * math.exp(-w_t)))
+        np.testing.assert_allclose(drives.velocity, np.array([0.1, 0.05]) * BANDWIDTH * w_t * math.exp(-w_t))
+
+
+@given(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
+def test_the_brakes_bring_the_drives_to_rest_where_they_stay(first: float, second: float) -> None:
+    drives = moved(replace(STILL, velocity=np.array([first, second])), 2.0 / BRAKE + STEP)
+    assert not drives.velocity.any()
+    assert (np.abs(drives.position) <= (2.0**2 / BRAKE / 2 + 2.0 * STEP)).all()
+    np.testing.assert_array_equal(moved(drives, 0.1).position, drives.position)
+
+
+def test_set_points_are_passed_on_straight_lines_and_held_at_the_last() -> None:
+    points = SetPoints(np.array([0.0, 0.0, 1.0, 3.0]), np.array([[9.0], [0.0], [1.0], [-1.0]]))
+    times, expected = (0.0, 0.25, 1.0, 2.0, 3.0, 99.0), (0.0, 0.25, 1.0, 0.0, -1.0, -1.0)
+    assert [points.at(time)[0] for time in times] == pytest.approx(expected)
+
+
+def test_a_trajectory_is_followed_from_where_the_drives_are_to_be() -> None:
+    drives = STILL.heard(JointCommand(("b", "a"), (0.5, 1.0), ((0.5, 0.25), (0.5, 0.5))))
+    np.testing.assert_allclose(moved(drives, 0.25).target, [0.125, 0.25])
+    np.testing.assert_allclose(moved(drives, 1.0).target, [0.5, 0.5])
+    np.testing.assert_allclose(moved(drives, 3.0).position, [0.5, 0.5], atol=1e-6)
+    turned = moved(drives, 0.25).heard(JointCommand(("a", "b"), (0.5,), ((0.0, 0.0),)))  # a new one takes its place
+    np.testing.assert_allclose(moved(turned, 0.25).target, [0.0625, 0.125])
+    assert turned.protection.counts == NONE
+
+
+BAD = {
+    "too few": ("malformed", at(0.0)),
+    "none": ("malformed", JointCommand(("a", "b"), (), ())),
+    "another joint": ("malformed", JointCommand(("a", "c"), (1.0,), ((0.0, 0.0),))),
+    "a joint twice": ("malformed", JointCommand(("a", "a"), (1.0,), ((0.0, 0.0),))),
+    "a joint missing": ("malformed", JointCommand(("a",), (1.0,), ((0.0,),))),
+    "back in time": ("malformed", JointCommand((), (1.0, 1.0), ((0.0, 0.0), (0.0, 0.0)))),
+    "in the past": ("malformed", JointCommand((), (-0.1,), ((0.0, 0.0),))),
+    "nan": ("non_finite", at(0.0, math.nan)),
+    "infinite later": ("non_finite", JointCommand((), (0.0, 1.0), ((0.0, 0.0), (0.0, math.inf)))),
+    "out of range": ("position", at(1.01, 0.0)),
+    "out of range later": ("position", JointCommand((), (1.0, 9.0), ((0.0, 0.0), (0.0, -2.1)))),
+    "jump": ("step", at(0.0, 0.06)),
+    "too fast": ("step", JointCommand((), (0.1,), ((0.31, 0.0),))),
+}
+
+
+@pytest.mark.parametrize(("kind", "command"), BAD.values(), ids=BAD)
+def test_a_bad_command_stops_the_arm_and_is_counted(kind: str, command: JointCommand) -> None:
+    moving = moved(STILL.heard(at(0.1, 0.05)), 0.1)
+    assert np.abs(moving.velocity).min() > 0.1
+    far = moving if kind != "step" else STILL
+    stopped = far.heard(command)
+    assert stopped.protection.counts == {**NONE, kind: 1}
+    assert stopped.protection.reason.startswith(f"{kind}: ")
+    assert not moved(stopped, 0.2).velocity.any()
+
+
+def test_a_stop_is_latched_until_it_is_reset() -> None:
+    stopped = STILL.heard(at(math.nan, 0.0)).heard(at(0.1, 0.0))
+    assert not stopped.is_driven
+    again = stopped.reset().heard(at(0.1, 0.0))
+    assert again.is_driven
+    assert again.protection.counts == {**NONE, "non_finite": 1}
+
+
+@pytest.mark.parametrize("kind", ["velocity", "acceleration"])
+def test_too_fast_a_motion_stops_the_arm_once(kind: str) -> None:
+    limits = replace(LIMITS, velocity=np.full(2, 9.0), acceleration=np.full(2, 900.0))
+    drives = replace(STILL, limits=replace(limits, **{kind: np.full(2, 0.5)}))
+    stopped = moved(drives.heard(JointCommand((), (0.1,), ((0.1, 0.0),))), 1.0)
+    assert stopped.protection.counts == {**NONE, kind: 1}
+    assert "a: expected at most 0.5 rad/s" in stopped.protection.reason
+    assert not stopped.velocity.any()
+
+
+@given(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=40))
+def test_commands_within_the_limits_of_a_step_are_no_violation(parts: list[float]) -> None:
+    """A stream at 50 Hz of bounded velocity and acceleration, as a gate makes it."""
+    drives, target, speed = STILL, 0.0, 0.0
+    for part in parts:
+        speed = min(max(part, speed - 0.04), speed + 0.04)  # rad/s; 2 rad/s²
+        target = min(max(target + 0.02 * speed, -1.0), 1.0)
+        drives = moved(drives.heard(at(target, 0.0)), 0.02)
+    assert drives.protection.counts == NONE
+
+
+def test_the_mark_is_slow_and_within_reach() -> None:
+    path = np.array([mark_at(time, 0.3) for time in np.linspace(0.0, PERIOD_S, 1000)])
+    np.testing.assert_allclose(path[0], path[-1])
+    assert (np.abs(path - CENTRE) <= SIZE + 1e-12).all()
+    assert np.max(np.linalg.norm(np.diff(path, axis=0), axis=1)) / (PERIOD_S / 999) < 0.2  # m/s
+    np.testing.assert_allclose(mark_at(1.2, 0.0), mark_at(0.0, 0.1))
+
+
+def test_where_the_mark_begins_follows_from_seed_and_episode() -> None:
+    phases = [first_phase(0, episode) for episode in range(100)]
+    assert phases == [first_phase(0, episode) for episode in range(100)]
+    assert len({*phases, *(first_phase(1, episode) for episode in range(100))}) == 200
+    assert min(phases) < 0.1 < 0.9 < max(phases)
+
+
+@pytest.mark.parametrize("size", [2, 6, 8])
+def test_limits_are_of_all_joints_or_of_each(size: int) -> None:
+    with pytest.raises(ValueError, match=r"limits.step: expected 1 or 7 numbers, got"):
+        build(ArmSettings, {"limits": {"step": [0.1] * size}})
+
+
+@pytest.fixture
+def arm() -> ArmRobot:
+    pytest.importorskip("pybullet")
+    return ArmRobot(ArmSettings(position_noise=0.0, velocity_noise=0.0, latency=0.0, jitter=0.0))
+
+
+def test_the_body_holds_against_gravity_and_follows_its_drives(arm: ArmRobot) -> None:
+    hardware = Hardware(arm)
+    held = hardware.advance(0.5)[-1].readings.joints
+    np.testing.assert_allclose(held.positions, HOME, atol=1e-3)
+    assert abs(held.efforts[1]) > 5.0  # the shoulder bears the arm
+    for number in range(1, 51):
+        time = 0.5 + 0.02 * number
+        hardware.send(time - 0.02, at(*(HOME + 0.004 * number)))
+        joints = hardware.advance(time)[-1].readings.joints
+        np.testing.assert_allclose(joints.positions, arm.state.position, atol=0.02)
+    last = hardware.advance(2.5)[-1].readings.joints
+    np.testing.assert_allclose(last.positions, HOME + 0.2, atol=2e-3)
+    assert hardware.report()["violations"] == 0
+
+
+def test_the_arm_that_stopped_stands_still(arm: ArmRobot) -> None:
+    hardware = Hardware(arm)
+    for number in range(1, 21):
+        hardware.send(0.02 * (number - 1), at(*(HOME + 0.01 * number)))
+        hardware.advance(0.02 * number)
+    hardware.send(0.4, at(*[math.nan] * 7))
+    hardware.advance(0.8)
+    stopped = np.array(hardware.advance(1.0)[-1].readings.joints.positions)
+    np.testing.assert_allclose(hardware.advance(1.5)[-1].readings.joints.positions, stopped, atol=1e-3)
+    assert hardware.report()["non_finite"] == 1
+
+
+def test_the_mark_begins_anew_with_an_episode(arm: ArmRobot) -> None:
+    hardware = Hardware(arm)
+    hardware.advance(0.3)
+    arm.begin_episode()
+    begin = hardware.time
+    sample = hardware.advance(0.5)[-1]
+    np.testing.assert_allclose(sample.readings.mark, mark_at(sample.time - begin, first_phase(0, 1)))
+    assert np.linalg.norm(np.subtract(sample.readings.tool.position, CENTRE)) < 0.1  # at home it is near the path
+    assert math.hypot(*sample.readings.tool.orientation) == pytest.approx(1.0)
