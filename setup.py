@@ -71,9 +71,9 @@ setup(
     entry_points={
         "console_scripts": [
             "simulator = sim_nodes.simulator_node:main",
-            "gate = rkhs_ros.nodes.gate_node:main",
             "robot = rkhs_ros.nodes.robot_node:main",
             "practice_robot = sim_nodes.robots.practice_robot_node:main",
+            "gate = rkhs_ros.nodes.gate_node:main",
             "policy = rkhs_ros.nodes.policy_node:main",
             "learner = rkhs_ros.nodes.learner_node:main",
             "rkhs = rkhs_ros.app.cli:main",

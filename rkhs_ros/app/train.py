@@ -11,7 +11,7 @@ from pathlib import Path
 from rkhs_ros.app.domain import own_domain
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.app.launcher import launch
-from rkhs_ros.app.robots import spaces_of_robot
+from rkhs_ros.app.robots import check_robot
 from rkhs_ros.app.seeds import begin_seeds, go_on, parse_seeds, seed_folders
 from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED, RunError, say
 from rkhs_ros.base.files import write_whole
@@ -113,7 +113,7 @@ def _learnable(config: Config, first_policy: Path | None) -> tuple[Spaces, Inlin
         ValueError: the environment cannot be served, or the settings or the first policy do not fit it.
     """
     runner = None if config.environment.nodes else runner_of(config.environment)
-    spaces = runner.spaces if runner else spaces_of_robot(config)
+    spaces = runner.spaces if runner else check_robot(config)
     first_state(config.training, spaces, load_policy(first_policy)[0] if first_policy else None)
     return spaces, runner
 

@@ -77,14 +77,14 @@ class GateLink:
             return f"the gate stopped the robot ({shown(state.reason)}); see that it may move, then: {arm}"
         return ""
 
-    def arm_practice(self, now: float) -> None:
-        """Arm the gate, if it is that of a practice robot and the run is one of practice."""
+    def arm_practice(self, now: float) -> bool:
+        """Arm the gate of a practice robot now and then; return whether it is one, in a run of practice."""
         stands = self._state is not None and self._state.state in (DISARMED, STOPPED)
-        if not (self._arms and stands and now >= self._armed_at + ARM_RETRY_S):
-            return
-        self._armed_at = now
-        if PRACTICE_ROBOT in self._node.get_node_names() and self._arm.service_is_ready():
-            self._arm.call_async(Trigger.Request())
+        if self._arms and stands and now >= self._armed_at + ARM_RETRY_S:
+            self._armed_at = now
+            if PRACTICE_ROBOT in self._node.get_node_names() and self._arm.service_is_ready():
+                self._arm.call_async(Trigger.Request())
+        return self._arms
 
     def close(self) -> None:
         """Have the robot hold, and wait until the gate has heard it."""

@@ -136,7 +136,8 @@ class GateNode(ReportingNode):
         self._state, told = state, (state.mode, state.reason, state.counts)
         if told == self._told:
             return
-        if state.mode == Mode.STOPPED and (self._told is None or self._told[0] != Mode.STOPPED):
+        is_new = self._told is None or self._told[0] != Mode.STOPPED
+        if state.mode == Mode.STOPPED and is_new and self._end_at is None:
             self.get_logger().error(f"stopped: {state.reason}")
         self.diagnostics.stuck = state.reason
         self._states.publish(state_message(state))

@@ -144,8 +144,8 @@ class RobotMotion:
         elif self._reset is not None:
             self._continue_reset(self._reset, episode, now)
         elif obstacle or self.paused:
-            self._gate.arm_practice(now)
-            self.waiting = obstacle or f"paused; to go on: {self.call('start')}"
+            armed_from_here = self._gate.arm_practice(now) and not self.paused
+            self.waiting = "" if armed_from_here else obstacle or f"paused; to go on: {self.call('start')}"
             self._began_at = now
         elif self._is_sensing(now):
             self.waiting = ""

@@ -57,12 +57,9 @@ class Home(Settings):
         Raises:
             SensingError: a joint, or its position or velocity, is not in it, or not finite.
         """
-        try:
-            position, velocity = (np.array(joint_values(message, f, self.joints)) for f in ("position", "velocity"))
-        except SensingError as error:
-            raise SensingError(f"home: {self.topic}: {error}") from error
+        position, velocity = (np.array(joint_values(message, f, self.joints)) for f in ("position", "velocity"))
         if not np.isfinite([position, velocity]).all():
-            raise SensingError(f"home: {self.topic}: expected finite positions and velocities, got others")
+            raise SensingError(f"{self.topic}: expected finite positions and velocities, got others")
         return Joints(position, velocity)
 
 
@@ -220,7 +217,7 @@ class Resetting:
                 try:
                     return self._home(now, sense())
                 except SensingError as error:
-                    return Failed(str(error))
+                    return Failed(f"home: {error}")
             case "trigger":
                 return self._trigger(now)
             case _:

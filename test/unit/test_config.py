@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 import yaml
 
+from rkhs_ros.app.robots import check_robot
 from rkhs_ros.base.parameter_files import is_for
 from rkhs_ros.base.settings import entries
 from rkhs_ros.base.yaml_text import dumped
@@ -45,7 +46,10 @@ def test_the_task_of_every_configuration_can_be_served(path: Path) -> None:
     environment = load_config(path).environment
     if "PR2" in environment.id:
         pytest.importorskip("pybullet", reason="PyBullet is not installed: make pr2")
-    Simulation(environment.id, environment.options)
+    if environment.nodes:
+        check_robot(load_config(path))
+    else:
+        Simulation(environment.id, environment.options)
 
 
 def test_the_resolved_text_holds_every_setting_of_the_learner(write: Any) -> None:
