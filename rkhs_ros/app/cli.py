@@ -20,6 +20,7 @@ COMMANDS = {
     "evaluate": "measure a policy without exploration",
     "render": "film an episode without exploration",
     "plot": "draw the pictures of a run",
+    "replay": "make the updates of a recording again, and compare the bits",
     "compare": "draw the learning curves of several runs, with a table",
     "reproduce": "make the paper's figures again",
     "results": "say which of the paper's claims hold, from reproduced figures",

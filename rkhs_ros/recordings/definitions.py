@@ -71,7 +71,7 @@ def _store_of(kind: str, text: str) -> Typestore:
     return types
 
 
-def decoded(content: bytes, kind: str, text: str) -> Any:
+def decoded(content: bytes | memoryview, kind: str, text: str) -> Any:
     """Return the message in some bytes.
 
     Args:

@@ -8,6 +8,8 @@ from dataclasses import fields
 from hashlib import blake2b
 from typing import Any
 
+import numpy as np
+
 from rkhs_ros.learning.algorithm import Metrics
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.execution import Execution
@@ -22,7 +24,29 @@ from rkhs_ros.recordings.recording import Head, Recording, head_fields
 
 TYPES = Types()
 TOPICS = {"Task": "task", "Policy": "policy", "RecordedEpisodes": "recorded_episodes", "Update": "update"}
+ARRAYS = [f.name for f in fields(Episodes)]
 METRICS = [f.name for f in fields(Metrics)]
+
+
+class Checksum:
+    """What follows from every bit of the episodes of an iteration.
+
+    Owns the digest of those added so far.
+    """
+
+    def __init__(self) -> None:
+        self._digest = blake2b(digest_size=8)
+
+    def add(self, episodes: Episodes) -> Episodes:
+        """Add the next episodes, and return them."""
+        for name in ARRAYS:
+            self._digest.update(np.ascontiguousarray(getattr(episodes, name)).tobytes())
+        return episodes
+
+    def take(self) -> int:
+        """Return the checksum, and begin anew."""
+        digest, self._digest = self._digest, blake2b(digest_size=8)
+        return int.from_bytes(digest.digest(), "little")
 
 
 class Recorder:
@@ -60,12 +84,12 @@ class Recorder:
         stamps = [int(execution.stamps[-1]) for execution in executions if len(execution.stamps)]
         self._write(TYPES.RecordedEpisodes(**numbers, episodes=message), max(stamps, default=None))
 
-    def updated(self, iteration: Iteration) -> None:
-        """Record what an iteration came to, and the policy after it."""
+    def updated(self, iteration: Iteration, checksum: int) -> None:
+        """Record what an iteration came to, the policy after it, and the checksum of its episodes."""
         if iteration.number > self._updates:
             self._updates = iteration.number
             version = self._version(iteration.policy)
-            self._write(TYPES.Update(policy_version=version, **update_fields(iteration)))
+            self._write(TYPES.Update(policy_version=version, **update_fields(iteration, checksum)))
 
     def close(self) -> None:
         """End the recording."""
@@ -86,7 +110,7 @@ class Recorder:
         self._file.write(Stored(topic, kind, definition(kind), encoded(message), now, made))
 
 
-def update_fields(iteration: Iteration) -> dict[str, Any]:
+def update_fields(iteration: Iteration, checksum: int) -> dict[str, Any]:
     """Return the fields of the message of an iteration, less the version of the policy."""
     return {
         "iteration": iteration.number,
@@ -100,6 +124,7 @@ def update_fields(iteration: Iteration) -> dict[str, Any]:
         "model_error": iteration.model_error,
         "train_returns": doubles(iteration.train_returns),
         "mean_policy_returns": doubles(iteration.mean_policy_returns),
+        "checksum": checksum,
     }
 
 

@@ -17,13 +17,13 @@ from rkhs_ros.base.yaml_text import loaded
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.execution import Record
 from rkhs_ros.learning.replay import check_actions
-from rkhs_ros.learning.training import Runner
+from rkhs_ros.learning.training import Iteration, Runner
 from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.container import MessageFile
-from rkhs_ros.recordings.recorder import Recorder
+from rkhs_ros.recordings.recorder import Checksum, Recorder
 from rkhs_ros.recordings.recording import FILE, Head, Recording, read_held
 from rkhs_ros.runs.checkpoint import FREE
 from rkhs_ros.runs.config import Config
@@ -40,6 +40,8 @@ class RecordableRunner(Runner, Protocol):
 class RecordingRunner:
     """Lets policies act by another runner and records it; episodes that are recorded already do not run again.
 
+    Owns the checksum of the episodes since the last update.
+
     Args:
         runner: the other runner.
         recorder: of the run.
@@ -50,8 +52,8 @@ class RecordingRunner:
     def __init__(self, runner: RecordableRunner, recorder: Recorder, held: Recording) -> None:
         self._runner = runner
         self._held = held.rows()
-        self._serve = recorder.serve
-        self.updated = recorder.updated
+        self._recorder = recorder
+        self._checksum = Checksum()
         runner.record = recorder.ended
 
     @property
@@ -65,13 +67,17 @@ class RecordingRunner:
         Raises:
             ValueError: another policy acted in those that are recorded.
         """
-        self._serve(policy)
+        self._recorder.serve(policy)
         parts: list[Episodes] = []
         for is_held, numbers in groupby(batch.episodes, lambda number: (batch.explore, number) in self._held):
             each = list(numbers)
             part = replace(batch, first_episode=each[0], rows=len(each))
             parts.append(self._recorded(policy, part) if is_held else self._runner.collect(policy, part))
-        return reduce(add, parts)
+        return self._checksum.add(reduce(add, parts))
+
+    def updated(self, iteration: Iteration) -> None:
+        """Record what an iteration came to."""
+        self._recorder.updated(iteration, self._checksum.take())
 
     def _recorded(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         places = [self._held[batch.explore, number] for number in batch.episodes]
@@ -109,8 +115,12 @@ def recorded(config: Config, runner: RecordableRunner, folder: Path, *, sync: bo
 
 def head_of_run(config: Config, spaces: Spaces, *, warm_start: bool) -> Head:
     """Return the head of the recording of a run."""
-    versions = tuple(f"{name} {version}" for name, version in surroundings().items())
-    return Head(config.task, spaces, config.training.seed, resolved(config), versions, warm_start)
+    return Head(config.task, spaces, config.training.seed, resolved(config), versions(), warm_start)
+
+
+def versions() -> tuple[str, ...]:
+    """Return what the bits of a run depend on beside its settings, "name version" each."""
+    return tuple(f"{name} {version}" for name, version in surroundings().items())
 
 
 def training_of(head: Head) -> Training:
