@@ -14,7 +14,8 @@ from std_srvs.srv import Trigger
 
 from rkhs_interfaces.msg import Command, GateReport, GateState
 from rkhs_ros.base.validation import shown
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS, doubles
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS
+from rkhs_ros.policies.messages import doubles
 from rkhs_ros.rkhs.kernels import Array
 
 LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

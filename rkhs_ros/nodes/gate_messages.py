@@ -16,7 +16,7 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 import rkhs_interfaces.msg as msg
-from rkhs_ros.nodes.messages import doubles
+from rkhs_ros.policies.messages import doubles
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.gate_settings import FLOATS, TRAJECTORY, TWIST, TWIST_STAMPED, GateSettings
 from rkhs_ros.robot.gate_state import Command, CommandReport, Gate

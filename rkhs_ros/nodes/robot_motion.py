@@ -11,9 +11,10 @@ from rkhs_interfaces.msg import Action, Observation
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.gate_link import GateLink
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS, matrix, robot_observation_message
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS, robot_observation_message
 from rkhs_ros.nodes.sensor_topics import SensorTopics
 from rkhs_ros.nodes.spin import ReportingNode
+from rkhs_ros.policies.messages import matrix
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.clock import ElasticClock

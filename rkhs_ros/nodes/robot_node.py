@@ -11,13 +11,15 @@ from threading import Event
 from std_msgs.msg import Empty
 from std_srvs.srv import SetBool, Trigger
 
+from rkhs_interfaces import msg
 from rkhs_interfaces.msg import Episodes
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import require
+from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.nodes.arguments import require_section
 from rkhs_ros.nodes.diagnostics import Diagnostics
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS, batch_of, describe_robot, episodes_message
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS, batch_of, describe_robot
 from rkhs_ros.nodes.parameters import declare, declared, given, instance, restarts
 from rkhs_ros.nodes.robot_motion import RobotMotion
 from rkhs_ros.nodes.spin import ReportingNode, run, serve
@@ -188,7 +190,7 @@ class RobotNode(ReportingNode):
 
     def _tell(self, ended: Ended) -> None:
         place = (self._request.batch, self._request.policy_version)
-        self._said = episodes_message(*place, ended.episodes, [ended.execution])
+        self._said = episodes_message(msg, *place, ended.episodes, [ended.execution])
         self._episodes.publish(self._said)
         self._told = None if ended.execution.void_reason else (ended, *place)
 
@@ -221,7 +223,7 @@ class RobotNode(ReportingNode):
         elif self._told is not None and self._motion.episode and self._told[2] == self._request.policy_version:
             (ended, identity, version), self._told = self._told, None
             void = self._voided(ended)
-            self._episodes.publish(episodes_message(identity, version, void.episodes, [void.execution]))
+            self._episodes.publish(episodes_message(msg, identity, version, void.episodes, [void.execution]))
         else:
             response.message = "there is none that the learner has not learnt from (veto_window holds them back)"
             return response

@@ -100,6 +100,11 @@ class TopicRunner:
             simulator.forget_finished()
         return reduce(add, (done[part] for part in sorted(done, key=lambda part: part.first_episode)))
 
+    @property
+    def is_of_robots(self) -> bool:
+        """Whether the wall clock ends the steps: what is recorded then cannot be had again."""
+        return any(simulator.is_robot for simulator in self._simulators)
+
     def heartbeat(self) -> float:
         """Give robots the signs of life that are due; return the seconds until the next one."""
         return min(simulator.heartbeat() for simulator in self._simulators)

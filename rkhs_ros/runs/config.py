@@ -27,7 +27,7 @@ NODE_PARAMETERS = {
     "gate": OF_ANY_NODE,
     "practice_robot": OF_ANY_NODE,
     "policy": OF_ANY_NODE | {"simulators", "policy_file"},
-    "learner": OF_ANY_NODE | {"output", "quiet", "resume"},
+    "learner": OF_ANY_NODE | {"output", "quiet", "resume", "record"},
 }
 
 
