@@ -1,8 +1,7 @@
-"""Learning on a robot while nodes are killed and stopped: it comes to rest, and no finished episode is lost or run twice."""
+"""Nodes of a robot are killed and stopped: it comes to rest, and no finished episode is lost or run twice."""
 
 import os
 import signal
-import time
 from collections.abc import Callable, Iterator
 from hashlib import blake2b
 from pathlib import Path
@@ -44,13 +43,7 @@ AT_SPEED = (
     "gate.stale_after=0.5",
     "timeout=60",
 )
-QUICK = (
-    "practice={form: none}",
-    "horizon=50",
-    "iterations=6",
-    "episodes_per_iteration=2",
-    "algorithm={name: rkhs_nac}",
-)
+PLAIN = ("practice={form: none}", "algorithm={name: rkhs_nac}")
 
 
 class Recorded:
@@ -64,65 +57,6 @@ class Recorded:
         first, *others = (self._journal.find(part) for part in batch.parts(1))
         assert first is not None
         return sum((other.episodes for other in others if other is not None), start=first.episodes)
-
-
-def digests(journal: Path) -> dict[str, str]:
-    """Return what each finished episode is, by the names of the files."""
-    files = [file for file in journal.glob("*.npz") if "_void_" not in file.name]
-    return {file.name: blake2b(file.read_bytes()).hexdigest() for file in files}
-
-
-def wait_until(condition: Callable[[], bool], run: Process, what: str) -> None:
-    deadline = time.monotonic() + 100
-    while run.popen.poll() is None and not condition():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.01)
-
-
-@pytest.mark.timeout(300)
-def test_it_learns_to_swing_up_with_practice(start: Start, tmp_path: Path) -> None:
-    folder = tmp_path / "run"
-    run = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *AT_SPEED)
-    code, _, err = run.finish()
-    assert (code, "Traceback" in err) == (0, False), err
-    returns = [row.train_return for row in Curve(folder / "curve.csv").rows()]
-    assert len(returns) == 10
-    assert returns[0] < 15  # the optimum is 51.8
-    assert max(returns) > 30
-
-
-@pytest.mark.timeout(600)
-def test_killed_nodes_lose_no_finished_episode_and_have_none_run_twice(
-    start: Start, tmp_path: Path, kills: int
-) -> None:
-    folder, draws = tmp_path / "run", np.random.default_rng(0)
-    journal = folder / "checkpoints" / "episodes"
-    run = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *AT_SPEED, *QUICK)
-    wait_until(journal.is_dir, run, "no robot node began")
-    seen: dict[str, str] = {}
-    victims = draws.permutation(np.resize(NODES, kills // 2))
-    for name in victims:
-        time.sleep(draws.uniform(0.0, 3.0))
-        pids = nodes_of(run, str(name))
-        for pid in pids:
-            kill(pid)
-        found = digests(journal)
-        assert seen.items() <= found.items(), "an episode was lost, or run twice"
-        seen = found
-    code, _, err = run.finish()
-    print(f"{len(victims)} kills: {', '.join(victims)}; {len(list(journal.glob('*_void_*')))} void episodes")
-    assert (code, "Traceback" in err) == (0, False), err
-    config = load_config(folder / "config.yaml")
-    found = digests(journal)
-    assert seen.items() <= found.items()
-    assert len(found) == config.training.iterations * config.training.episodes_per_iteration
-    for file in journal.glob("*_void_*"):
-        with np.load(file) as content:
-            assert str(content["void_reason"]) != ""
-    *_, last = train(config.training, Recorded(journal, folder / "config.yaml"))
-    ours, theirs = policy_arrays(last.policy), arrays(folder)
-    for name, values in ours.items():
-        np.testing.assert_array_equal(values, theirs[name])
 
 
 class Watch:
@@ -139,6 +73,67 @@ class Watch:
         return self.states[-1:] == ["moving"] and len(self.commands) > 3 and not any(c.hold for c in self.commands[-3:])
 
 
+def digests(journal: Path) -> dict[str, str]:
+    """Return what each finished episode is, by the names of the files."""
+    files = [file for file in journal.glob("*.npz") if "_void_" not in file.name]
+    return {file.name: blake2b(file.read_bytes()).hexdigest() for file in files}
+
+
+def ended(run: Process, seconds: float = 250.0) -> tuple[int, str]:
+    """Wait for the end of a run; return its exit code and what it said on standard error."""
+    run.popen.wait(seconds)
+    code, _, err = run.finish()
+    return code, err
+
+
+@pytest.mark.timeout(300)
+def test_it_learns_to_swing_up_with_practice(start: Start, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    run = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *AT_SPEED)
+    code, err = ended(run)
+    assert (code, "Traceback" in err) == (0, False), err
+    returns = [row.train_return for row in Curve(folder / "curve.csv").rows()]
+    assert len(returns) == 10
+    assert returns[0] < 15  # the optimum is 51.8
+    assert max(returns) > 30
+
+
+@pytest.mark.timeout(600)
+def test_killed_nodes_lose_no_finished_episode_and_have_none_run_twice(
+    start: Start, tmp_path: Path, probe: Probe, kills: int
+) -> None:
+    folder, draws, watch = tmp_path / "run", np.random.default_rng(0), Watch(probe)
+    journal = folder / "checkpoints" / "episodes"
+    size = ("horizon=50", "iterations=8", "episodes_per_iteration=2")
+    run = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *AT_SPEED, *PLAIN, *size)
+    seen: dict[str, str] = {}
+    victims = draws.permutation(np.resize(NODES, kills // 2)).tolist()
+    done = []
+    for name in victims:
+        if draws.random() < 0.8:  # in a motion, else while it gets over the kill before
+            probe.until(lambda: watch.is_moving or run.popen.poll() is not None, 100)
+        probe.settle(draws.uniform(0.0, 1.5))
+        done += [name for pid in nodes_of(run, name) if kill(pid) is None]
+        found = digests(journal)
+        assert seen.items() <= found.items(), "an episode was lost, or run twice"
+        seen = found
+    code, err = ended(run)
+    print(f"{len(done)} kills: {', '.join(done)}; {len(list(journal.glob('*_void_*')))} void episodes")
+    assert len(done) > len(victims) / 2
+    assert (code, "Traceback" in err) == (0, False), err
+    config = load_config(folder / "config.yaml")
+    found = digests(journal)
+    assert seen.items() <= found.items()
+    assert len(found) == config.training.iterations * config.training.episodes_per_iteration
+    for file in journal.glob("*_void_*"):
+        with np.load(file) as content:
+            assert str(content["void_reason"]) != ""
+    *_, last = train(config.training, Recorded(journal, folder / "config.yaml"))
+    ours, theirs = policy_arrays(last.policy), arrays(folder)
+    for name, values in ours.items():
+        np.testing.assert_array_equal(values, theirs[name])
+
+
 def spoilt(run: Process) -> Iterator[tuple[str, signal.Signals]]:
     """Stop each node of a run in turn, then kill each; go on when the test has looked."""
     for number in (signal.SIGSTOP, signal.SIGKILL):
@@ -151,8 +146,8 @@ def spoilt(run: Process) -> Iterator[tuple[str, signal.Signals]]:
 @pytest.mark.timeout(600)
 def test_the_robot_comes_to_rest_whoever_is_stopped_or_killed(start: Start, tmp_path: Path, probe: Probe) -> None:
     watch = Watch(probe)
-    endless = ("iterations=100", "horizon=500", "algorithm={name: rkhs_nac}", "practice={form: none}")
-    run = start("rkhs", "train", CONFIG, "--quiet", "--out", tmp_path / "run", "--set", *AT_SPEED, *endless)
+    size = ("iterations=100", "horizon=500")
+    run = start("rkhs", "train", CONFIG, "--quiet", "--out", tmp_path / "run", "--set", *AT_SPEED, *PLAIN, *size)
     most = round((COMMAND_TIMEOUT + PERIOD) / PERIOD) + 5
     for name, number in spoilt(run):
         probe.until(lambda: watch.is_moving, 100)
@@ -160,13 +155,12 @@ def test_the_robot_comes_to_rest_whoever_is_stopped_or_killed(start: Start, tmp_
         states, commands = len(watch.states), len(watch.commands)
         for pid in victims:
             os.kill(pid, number)
-        probe.until(lambda: any(state != "moving" for state in watch.states[states:]), 30)  # noqa: B023
+        probe.until(lambda: bool(set(watch.states[states:]) - {"moving"}), 30)  # noqa: B023  # awaited here
         after = [command.hold for command in watch.commands[commands:]]
         moved = after.index(True) if True in after else len(after)
         assert moved <= most, f"{name} {number.name}: {moved} more commands"
-        if name == "robot":
-            assert watch.states[states:][0] == "stopped"  # a person's business, which practice does without
-        else:
-            assert watch.states[states:][0] == "holding"  # the robot node saw to it before the gate had to
+        came_to = next(state for state in watch.states[states:] if state != "moving")
+        # The robot node sees to it before the gate has to; where it is the robot node itself, that is a fault.
+        assert came_to == ("stopped" if name == "robot" else "holding"), f"{name} {number.name}"
     run.interrupt()
     assert run.finish()[0] == 130
