@@ -65,18 +65,24 @@ class GateLink:
         self._publish(time.time_ns(), hold=True)
 
     def obstacle(self) -> str:
-        """Return why the robot cannot be moved, and what to do about it; empty where it can."""
-        state, service = self._state, self._node.resolve_service_name("gate/arm")
-        arm = f"ros2 service call {service} std_srvs/srv/Trigger"
-        if state is None:
-            return "no gate is heard: start one"
+        """Return why the robot cannot be moved; empty where it can."""
+        if self._state is None:
+            return "no gate is heard"
         if self._unanswered > MOST_UNANSWERED:
-            return f"the gate does not report what it does with commands: start it again, then: {arm}"
-        if state.state == DISARMED:
-            return f"the gate is not armed; see that the robot may move, then: {arm}"
-        if state.state == STOPPED:
-            return f"the gate stopped the robot ({shown(state.reason)}); see that it may move, then: {arm}"
+            return "the gate does not report what it does with commands"
+        if self._state.state == DISARMED:
+            return "the gate is not armed"
+        if self._state.state == STOPPED:
+            return f"the gate stopped the robot ({shown(self._state.reason)})"
         return ""
+
+    @property
+    def remedy(self) -> str:
+        """What a person is to do where there is an obstacle."""
+        service = self._node.resolve_service_name("gate/arm")
+        arm = f"see that the robot may move, then: ros2 service call {service} std_srvs/srv/Trigger"
+        is_there = self._state is not None and self._unanswered <= MOST_UNANSWERED
+        return arm if is_there else f"start it, {arm}"
 
     def arm_practice(self, now: float) -> bool:
         """Arm the gate of a practice robot now and then; return whether it is one, in a run of practice."""

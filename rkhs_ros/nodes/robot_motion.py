@@ -146,7 +146,8 @@ class RobotMotion:
             self._continue_reset(self._reset, episode, now)
         elif obstacle or self.paused:
             armed_from_here = self._gate.arm_practice(now) and not self.paused
-            self.waiting = "" if armed_from_here else obstacle or f"paused; to go on: {self.call('start')}"
+            what = f"{obstacle}; {self._gate.remedy}" if obstacle else f"paused; to go on: {self.call('start')}"
+            self.waiting = "" if armed_from_here else what
             self._began_at = now
         elif self._is_sensing(now):
             self.waiting = ""

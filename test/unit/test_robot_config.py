@@ -15,6 +15,12 @@ from rkhs_ros.runs.report import resolved
 PENDULUM = Path(__file__).parents[2] / "config" / "robot_pendulum.yaml"
 
 
+def code_of(*arguments: object) -> object:
+    with pytest.raises(SystemExit) as end:
+        main([str(argument) for argument in arguments])
+    return end.value.code
+
+
 def test_the_environment_is_the_robots_task_and_its_spaces_follow() -> None:
     config = load_config(PENDULUM)
     assert (config.environment.id, config.environment.rows_at_once) == ("motor_pendulum", 1)
@@ -51,7 +57,7 @@ def test_settings_of_the_robot_are_changed_as_others_are_and_are_settings_of_the
 def test_sections_that_do_not_fit_are_refused_before_anything_is_started(
     change: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code = main(["train", str(PENDULUM), "--out", str(tmp_path / "run"), "--set", change])
+    code = code_of("train", PENDULUM, "--out", tmp_path / "run", "--set", change)
     err = capsys.readouterr().err
     assert (code, len(err.splitlines())) == (2, 1)
     assert message in err
@@ -75,7 +81,7 @@ def test_a_robot_needs_its_gate(section: str, message: str, tmp_path: Path) -> N
 
 
 def test_a_robot_is_not_learnt_on_in_this_process(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code = main(["train", str(PENDULUM), "--runner", "inline", "--out", str(tmp_path / "run")])
+    code = code_of("train", PENDULUM, "--runner", "inline", "--out", tmp_path / "run")
     expected = "error: motor_pendulum: expected an environment of this process, not a robot"
     assert (code, capsys.readouterr().err.startswith(expected)) == (2, True)
     assert not (tmp_path / "run").exists()

@@ -1,0 +1,119 @@
+"""The loop of a robot at 50 Hz: how even its period is, how many actions come late, and how old what they follow from.
+
+Practice robot, gate, robot node, policy node and learner in processes of their own, as in `rkhs train`. Machines are
+noisy, and a busy one is no place for a robot: look at the load that is printed first.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import numpy as np
+import rclpy
+
+from rkhs_interfaces.msg import Command, GateReport
+from rkhs_ros.app.launcher import for_all, started
+from rkhs_ros.app.robots import check_robot
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.execution import Execution
+from rkhs_ros.learning.state import first_policy
+from rkhs_ros.nodes.learner_node import LearnerNode
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS
+from rkhs_ros.nodes.names import node_names
+from rkhs_ros.nodes.transport import by_udp
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF
+from rkhs_ros.robot.episode import LATE, MISSED
+from rkhs_ros.runs.config import Config, load_config
+from rkhs_ros.runs.report import resolved
+
+CONFIG = Path(__file__).parents[1] / "config" / "robot_pendulum.yaml"
+PERIOD, HORIZON, EPISODES, CENTRES = 0.02, 1000, 3, 80
+AT_50_HZ = (f"robot.period={PERIOD}", f"horizon={HORIZON}", "robot.misses_allowed=1000", "gate.command_timeout=25.0")
+
+
+class Loop:
+    """What is heard of the loop: stamps in nanoseconds, by the numbers of the commands."""
+
+    def __init__(self, learner: LearnerNode) -> None:
+        self.observed: dict[int, int] = {}
+        self.sent: dict[int, int] = {}
+        self.executions: list[Execution] = []
+        learner.create_subscription(Command, "command", self._hear_command, LOCKSTEP_QOS)
+        learner.create_subscription(GateReport, "gate/report", self._hear_report, LOCKSTEP_QOS)
+        learner.runner.record = self._record
+
+    def _record(self, batch: Batch, episodes: Episodes, executions: list[Execution]) -> None:
+        self.executions += executions
+
+    def _hear_command(self, message: Command) -> None:
+        self.observed[message.number] = nanoseconds(message)
+
+    def _hear_report(self, message: GateReport) -> None:
+        self.sent[message.number] = nanoseconds(message)
+
+    @property
+    def periods(self) -> np.ndarray:
+        """Milliseconds of all steps, less the first of each episode, which waits for the policy."""
+        return 1e-6 * np.concatenate([np.diff(execution.stamps)[1:] for execution in self.executions])
+
+    @property
+    def latencies(self) -> np.ndarray:
+        """Milliseconds from an observation until the gate took the command that follows from it."""
+        return 1e-6 * np.array(
+            [self.sent[number] - stamp for number, stamp in self.observed.items() if number in self.sent]
+        )
+
+    def count(self, flag: int) -> int:
+        """Return how many steps have a flag."""
+        return sum(int((execution.flags & flag > 0).sum()) for execution in self.executions)
+
+
+def nanoseconds(message: Command | GateReport) -> int:
+    """Return the stamp of a message."""
+    return int(10**9 * message.stamp.sec + message.stamp.nanosec)
+
+
+def policy_of(config: Config) -> GaussianPolicy:
+    """Return a policy of usual size, which hardly moves the robot."""
+    first = first_policy(config.training, check_robot(config))
+    centres = np.linspace([-3.0, -3.0], [3.0, 3.0], CENTRES)
+    return first.with_mean(Function(RBF((1.0, 1.0)), centres, np.full((CENTRES, 1), 1e-3)))
+
+
+def row(name: str, values: np.ndarray) -> str:
+    """Return a line of the table."""
+    return f"{name:<28}{values.mean():9.2f}{np.median(values):9.2f}{np.quantile(values, 0.999):9.2f}{values.max():9.2f}"
+
+
+def main() -> None:
+    """Print the table."""
+    os.environ.update(by_udp(os.environ))
+    config = load_config(CONFIG, AT_50_HZ)
+    with tempfile.TemporaryDirectory() as folder:
+        parameters = Path(folder) / "parameters.yaml"
+        parameters.write_text(for_all(resolved(config), simulators=1))
+        rclpy.init(args=["--ros-args", "--params-file", str(parameters)])
+        with started(node_names(1, config.environment.nodes)[:-1], parameters):
+            learner = LearnerNode()
+            learner.open()
+            loop = Loop(learner)
+            learner.runner.connect()
+            learner.runner.collect(policy_of(config), Batch(0, 0, EPISODES, HORIZON, explore=True))
+        rclpy.shutdown()
+    steps, load = len(loop.periods), os.getloadavg()[0]
+    print(f"{steps} steps of {1e3 * PERIOD:g} ms; load {load:.1f} on {os.cpu_count()} cores")
+    print(f"{'ms':<28}{'mean':>9}{'median':>9}{'99.9 %':>9}{'worst':>9}")
+    print(row("period", loop.periods))
+    print(row("observation to gate", loop.latencies))
+    print(f"late ticks {loop.count(LATE)}, actions that missed the deadline {loop.count(MISSED)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,166 @@
+"""Nodes of a robot are killed and stopped: it comes to rest, and no finished episode is lost or run twice."""
+
+import os
+import signal
+from collections.abc import Callable, Iterator
+from hashlib import blake2b
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rclpy.node import Node
+
+from rkhs_interfaces.msg import Command, GateState
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.training import train
+from rkhs_ros.nodes.gate_link import LATCHED_QOS
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.storage import policy_arrays
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.robot.journal import Journal
+from rkhs_ros.robot.task import robot_task_from
+from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.curve import Curve
+from test.faults.runs import arrays
+from test.ros.conftest import ROOT, Probe, Process, kill, nodes_of, probe
+
+__all__ = ["probe"]
+Start = Callable[..., Process]
+CONFIG = ROOT / "config" / "robot_pendulum.yaml"
+NODES = ("learner", "policy", "robot")
+PERIOD, COMMAND_TIMEOUT = 0.02, 1.0
+# At five times the wall's speed a step is the same to the robot; what is late on a busy machine is let pass.
+AT_SPEED = (
+    "practice_robot.speed=5.0",
+    f"robot.period={PERIOD}",
+    "robot.action_deadline=0.9",
+    "robot.misses_allowed=30",
+    "robot.stale_after=0.5",
+    "robot.learner_timeout=1.0",
+    "robot.reset.home.speed=[15.0]",
+    f"gate.command_timeout={COMMAND_TIMEOUT}",
+    "gate.stale_after=0.5",
+    "timeout=60",
+)
+PLAIN = ("practice={form: none}", "algorithm={name: rkhs_nac}")
+
+
+class Recorded:
+    """Runs the episodes of a journal: the training loop over it is the run that wrote it."""
+
+    def __init__(self, folder: Path, config: Path) -> None:
+        self.spaces = robot_task_from(load_config(config).environment.nodes["robot"]).spaces
+        self._journal = Journal(folder)
+
+    def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
+        first, *others = (self._journal.find(part) for part in batch.parts(1))
+        assert first is not None
+        return sum((other.episodes for other in others if other is not None), start=first.episodes)
+
+
+class Watch:
+    """Hears the commands and the gate's state."""
+
+    def __init__(self, node: Node) -> None:
+        self.commands: list[Command] = []
+        self.states: list[str] = []
+        node.create_subscription(Command, "command", self.commands.append, LOCKSTEP_QOS)
+        node.create_subscription(GateState, "gate/state", lambda m: self.states.append(m.state), LATCHED_QOS)
+
+    @property
+    def is_moving(self) -> bool:
+        return self.states[-1:] == ["moving"] and len(self.commands) > 3 and not any(c.hold for c in self.commands[-3:])
+
+
+def digests(journal: Path) -> dict[str, str]:
+    """Return what each finished episode is, by the names of the files."""
+    files = [file for file in journal.glob("*.npz") if "_void_" not in file.name]
+    return {file.name: blake2b(file.read_bytes()).hexdigest() for file in files}
+
+
+def ended(run: Process, seconds: float = 250.0) -> tuple[int, str]:
+    """Wait for the end of a run; return its exit code and what it said on standard error."""
+    run.popen.wait(seconds)
+    code, _, err = run.finish()
+    return code, err
+
+
+@pytest.mark.timeout(300)
+def test_it_learns_to_swing_up_with_practice(start: Start, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    run = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *AT_SPEED)
+    code, err = ended(run)
+    assert (code, "Traceback" in err) == (0, False), err
+    returns = [row.train_return for row in Curve(folder / "curve.csv").rows()]
+    assert len(returns) == 10
+    assert returns[0] < 15  # the optimum is 51.8
+    assert max(returns) > 30
+
+
+@pytest.mark.timeout(600)
+def test_killed_nodes_lose_no_finished_episode_and_have_none_run_twice(
+    start: Start, tmp_path: Path, probe: Probe, kills: int
+) -> None:
+    folder, draws, watch = tmp_path / "run", np.random.default_rng(0), Watch(probe)
+    journal = folder / "checkpoints" / "episodes"
+    size = ("horizon=50", "iterations=8", "episodes_per_iteration=2")
+    run = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *AT_SPEED, *PLAIN, *size)
+    seen: dict[str, str] = {}
+    victims = draws.permutation(np.resize(NODES, kills // 2)).tolist()
+    done = []
+    for name in victims:
+        if draws.random() < 0.8:  # in a motion, else while it gets over the kill before
+            probe.until(lambda: watch.is_moving or run.popen.poll() is not None, 100)
+        probe.settle(draws.uniform(0.0, 1.5))
+        done += [name for pid in nodes_of(run, name) if kill(pid) is None]
+        found = digests(journal)
+        assert seen.items() <= found.items(), "an episode was lost, or run twice"
+        seen = found
+    code, err = ended(run)
+    print(f"{len(done)} kills: {', '.join(done)}; {len(list(journal.glob('*_void_*')))} void episodes")
+    assert len(done) > len(victims) / 2
+    assert (code, "Traceback" in err) == (0, False), err
+    config = load_config(folder / "config.yaml")
+    found = digests(journal)
+    assert seen.items() <= found.items()
+    assert len(found) == config.training.iterations * config.training.episodes_per_iteration
+    for file in journal.glob("*_void_*"):
+        with np.load(file) as content:
+            assert str(content["void_reason"]) != ""
+    *_, last = train(config.training, Recorded(journal, folder / "config.yaml"))
+    ours, theirs = policy_arrays(last.policy), arrays(folder)
+    for name, values in ours.items():
+        np.testing.assert_array_equal(values, theirs[name])
+
+
+def spoilt(run: Process) -> Iterator[tuple[str, signal.Signals]]:
+    """Stop each node of a run in turn, then kill each; go on when the test has looked."""
+    for number in (signal.SIGSTOP, signal.SIGKILL):
+        for name in NODES:
+            yield name, number
+            for pid in nodes_of(run, name):
+                os.kill(pid, signal.SIGCONT)
+
+
+@pytest.mark.timeout(600)
+def test_the_robot_comes_to_rest_whoever_is_stopped_or_killed(start: Start, tmp_path: Path, probe: Probe) -> None:
+    watch = Watch(probe)
+    size = ("iterations=100", "horizon=500")
+    run = start("rkhs", "train", CONFIG, "--quiet", "--out", tmp_path / "run", "--set", *AT_SPEED, *PLAIN, *size)
+    most = round((COMMAND_TIMEOUT + PERIOD) / PERIOD) + 5
+    for name, number in spoilt(run):
+        probe.until(lambda: watch.is_moving, 100)
+        victims = nodes_of(run, name)
+        states, commands = len(watch.states), len(watch.commands)
+        for pid in victims:
+            os.kill(pid, number)
+        probe.until(lambda: bool(set(watch.states[states:]) - {"moving"}), 30)  # noqa: B023  # awaited here
+        after = [command.hold for command in watch.commands[commands:]]
+        moved = after.index(True) if True in after else len(after)
+        assert moved <= most, f"{name} {number.name}: {moved} more commands"
+        came_to = next(state for state in watch.states[states:] if state != "moving")
+        # The robot node sees to it before the gate has to; where it is the robot node itself, that is a fault.
+        assert came_to == ("stopped" if name == "robot" else "holding"), f"{name} {number.name}"
+    run.interrupt()
+    assert run.finish()[0] == 130
