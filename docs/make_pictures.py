@@ -15,7 +15,8 @@ from PIL import Image
 
 from rkhs_ros.app.inline import iterations, runner_of
 from rkhs_ros.pictures.film import spread
-from rkhs_ros.pictures.run_pictures import draw_run, references
+from rkhs_ros.pictures.known import references
+from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.run import run_training

@@ -32,6 +32,8 @@ class Pendulum(VectorTask):
 
     single_observation_space = Box(np.array([-np.pi, -4 * np.pi]), np.array([np.pi, 4 * np.pi]), dtype=np.float64)
     single_action_space = Box(-3.0, 3.0, (1,), np.float64)
+    observation_names: ClassVar[tuple[str, ...]] = ("angle (rad)", "angular velocity (rad/s)")
+    action_names: ClassVar[tuple[str, ...]] = ("torque",)
     reference_returns: ClassVar[dict[str, float]] = {
         "optimum (dynamic programming)": 51.8,
         "optimum as the paper has it": 46.0,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -66,6 +66,9 @@ class PR2Door(VectorTask):
 
     single_observation_space = Box(-np.inf, np.inf, (3,), np.float64)
     single_action_space = Box(np.array([-0.2, -0.08]), np.array([0.2, 0.08]), dtype=np.float64)
+    observation_names: ClassVar[tuple[str, ...]] = ("error in x (sd)", "error in y (sd)", "error in yaw (sd)")
+    action_names: ClassVar[tuple[str, ...]] = ("shift along the lever (m)", "change of the opening (m)")
+    success_reward = float(np.exp(-1.0))  # what does not open the door earns at most this
     noise_dim = 0
     step_seconds = demonstration.SECONDS
 
