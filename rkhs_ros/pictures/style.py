@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.textpath import TextPath
 from matplotlib.ticker import Formatter, MaxNLocator
 
 from rkhs_ros.base.files import write_whole
@@ -25,10 +26,11 @@ STYLES = ("-", "-.", ":")  # another one for every eight curves; that of a known
 SIGNED, UNSIGNED = "coolwarm", "viridis"  # maps in which equal steps look equal, to the colour-blind, too
 REFERENCE_GREYS = ("0.2", "0.45", "0.65")  # of known returns
 DPI = 120
-CHARACTERS = 145  # that fit into an inch, divided by the size of the font in points
+POINTS = 72  # in an inch
+SPARE = 0.92  # part of a line that is filled, since some of a text's lines have more wide letters
 TITLE_SIZE, LABEL_SIZE, SMALL_SIZE = 11, 10, 9  # points
-LINE_IN = 0.5  # inches of the line before a legend's entry
-TICKS_PER_INCH, FEWEST_TICKS, MOST_TICKS = 1.8, 3, 8
+LINE_IN = 0.55  # inches of the line before a legend's entry
+TICKS_PER_INCH, FEWEST_TICKS, MOST_TICKS = (1.3, 1.8), 2, 8  # of the x and the y axis
 TICK_STEPS = (1, 2, 2.5, 5, 10)
 FEWEST_DIGITS, MOST_DIGITS = 6, 15
 
@@ -62,8 +64,8 @@ def label(axes: Axes, x: str, y: str, title: str = "") -> None:
         axes.set_title(folded(title, width, LABEL_SIZE), fontsize=LABEL_SIZE)
     axes.set_facecolor("white")
     axes.spines[["top", "right"]].set_visible(False)
-    for axis, inches in ((axes.xaxis, width), (axes.yaxis, height)):
-        most = int(min(max(inches * TICKS_PER_INCH, FEWEST_TICKS), MOST_TICKS))
+    for axis, inches, per_inch in zip((axes.xaxis, axes.yaxis), (width, height), TICKS_PER_INCH, strict=True):
+        most = int(min(max(inches * per_inch, FEWEST_TICKS), MOST_TICKS))
         axis.set_major_locator(MaxNLocator(most, steps=TICK_STEPS))
         axis.set_major_formatter(Plain())
 
@@ -84,8 +86,15 @@ def _size(axes: Axes) -> tuple[float, float]:
 
 
 def folded(text: str, inches: float, size: float = LABEL_SIZE) -> str:
-    """Return a text in lines of some length, in a font of some size."""
-    return "\n".join(wrap(text, max(int(inches * CHARACTERS / size), 8)))
+    """Return a text in lines that fit into some inches in a font of some points."""
+    count = SPARE * inches / max(width_of(text, size), 1e-9) * len(text)
+    return text if count >= len(text) else "\n".join(wrap(text, max(int(count), 8)))
+
+
+def width_of(text: str, size: float) -> float:
+    """Return the inches that the longest line of a text takes in a font of some points."""
+    widths = [TextPath((0.0, 0.0), line, size=size).get_extents().width for line in text.splitlines() if line.strip()]
+    return max(widths, default=0.0) / POINTS
 
 
 def legend_above(axes: Axes, title: str = "") -> None:
@@ -93,7 +102,7 @@ def legend_above(axes: Axes, title: str = "") -> None:
     handles, names = axes.get_legend_handles_labels()
     room = _size(axes)[0]
     names = [folded(name, room - LINE_IN, SMALL_SIZE) for name in names]
-    widths = [max(map(len, name.splitlines())) * SMALL_SIZE / CHARACTERS + LINE_IN for name in names]
+    widths = [width_of(name, SMALL_SIZE) + LINE_IN for name in names]
     columns = next(n for n in range(len(names), 0, -1) if n == 1 or _width(widths, n) <= room)
     axes.legend(
         handles,
