@@ -173,12 +173,10 @@ def _coloured(axes: Axes, spans: tuple[Array, ...], values: Array, norm: Normali
 
 
 def _norm(view: View, column: int, values: Array) -> Normalize:
-    """Return the range of the colours: what the policy does, within the bounds; around 0 where both signs are seen."""
-    low, high = float(values.min()), float(values.max())
-    if low < 0.0 < high or low == high:
-        size = max(-low, high) or 1.0
-        return Normalize(-size, size)
-    return Normalize(low, high)
+    """Return the range of the colours: what the policy does, within the bounds; around 0 where both signs can be."""
+    low, high = view.bounds(column)
+    size = float(np.abs(values).max()) or 1.0
+    return Normalize(-size, size) if low < 0.0 < high else Normalize(float(values.min()), float(values.max()))
 
 
 def _map(norm: Normalize) -> str:

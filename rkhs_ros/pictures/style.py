@@ -13,8 +13,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.textpath import TextPath
+from matplotlib.textpath import text_to_path
 from matplotlib.ticker import Formatter, MaxNLocator
 
 from rkhs_ros.base.files import write_whole
@@ -93,8 +94,10 @@ def folded(text: str, inches: float, size: float = LABEL_SIZE) -> str:
 
 def width_of(text: str, size: float) -> float:
     """Return the inches that the longest line of a text takes in a font of some points."""
-    widths = [TextPath((0.0, 0.0), line, size=size).get_extents().width for line in text.splitlines() if line.strip()]
-    return max(widths, default=0.0) / POINTS
+    font = FontProperties(size=size)
+    widths = (text_to_path.get_text_width_height_descent(line, font, ismath=False)[0] for line in text.splitlines())
+    widest: float = max(widths, default=0.0)
+    return widest / POINTS
 
 
 def legend_above(axes: Axes, title: str = "") -> None:

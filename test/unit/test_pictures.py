@@ -135,15 +135,15 @@ def curve(iterations: int, size: float) -> dict[str, Array]:
 
 
 @SIZES
-@pytest.mark.parametrize("iterations", [1, 2, 1000])
-@pytest.mark.parametrize("task", [PENDULUM, Task(LONG, {}, 1, 0.9)])
+@pytest.mark.parametrize(("task", "iterations"), [(PENDULUM, 1), (PENDULUM, 1000), (Task(LONG, {}, 1, 0.9), 2)])
 def test_the_learning_curve_is_clear(task: Task, iterations: int, size: float) -> None:
     assert_clear(curve_figure(curve(iterations, size), task))
 
 
 @SIZES
-@pytest.mark.parametrize("steps", [1, 1000])
-@pytest.mark.parametrize(("d", "n"), [(1, 1), (2, 1), (2, 3), (17, 6)])
+@pytest.mark.parametrize(
+    ("d", "n", "steps"), [(1, 1, 1), (1, 1, 1000), (2, 1, 1), (2, 3, 1000), (17, 6, 1), (17, 1, 1000)]
+)
 def test_the_policy_is_clear(d: int, n: int, steps: int, size: float) -> None:
     made = episodes(2, steps, d, n)
     assert_clear(policy_figure(policy(d, n, size=size), bounded(d, n, size), long_names(d, n), made, LONG))
@@ -157,17 +157,15 @@ def test_a_policy_of_windows_without_bounds_that_does_nothing_is_clear() -> None
 
 
 @SIZES
-@pytest.mark.parametrize("n", [1, 2, 6])
-@pytest.mark.parametrize("count", [1, 1000])
+@pytest.mark.parametrize(("n", "count"), [(1, 1000), (2, 1), (6, 1000)])
 def test_attempts_are_clear(count: int, n: int, size: float) -> None:
     tried, learnt, spaces = episodes(count, 1, 3, n, size), episodes(1, 1, 3, n, size), bounded(3, n, 1e-3)
-    for success in (None, -1.0, 0.5 * size, 9 * size):
+    for success in (None, 0.5 * size):
         assert_clear(attempts_figure(tried, learnt, spaces, long_names(3, n), LONG, success))
 
 
 @SIZES
-@pytest.mark.parametrize("runs", [1, 20])
-@pytest.mark.parametrize("count", [1, 9])
+@pytest.mark.parametrize(("count", "runs"), [(1, 1), (9, 20)])
 def test_a_comparison_is_clear(count: int, runs: int, size: float) -> None:
     rng = np.random.default_rng(0)
     returns = size * rng.normal(size=(count, runs, 5))
@@ -178,8 +176,7 @@ def test_a_comparison_is_clear(count: int, runs: int, size: float) -> None:
 
 
 @SIZES
-@pytest.mark.parametrize("panels", [1, 2])
-@pytest.mark.parametrize(("runs", "iterations"), [(1, 1), (20, 1000)])
+@pytest.mark.parametrize(("panels", "runs", "iterations"), [(1, 1, 1), (2, 20, 1000)])
 def test_an_experiment_is_clear(panels: int, runs: int, iterations: int, size: float) -> None:
     experiment, table = experiment_of(panels, 6, runs, iterations, size)
     assert_clear(experiment_figure(experiment, table))
