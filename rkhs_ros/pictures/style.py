@@ -95,9 +95,8 @@ def folded(text: str, inches: float, size: float = LABEL_SIZE) -> str:
 def width_of(text: str, size: float) -> float:
     """Return the inches that the longest line of a text takes in a font of some points."""
     font = FontProperties(size=size)
-    widths = (text_to_path.get_text_width_height_descent(line, font, ismath=False)[0] for line in text.splitlines())
-    widest: float = max(widths, default=0.0)
-    return widest / POINTS
+    measured = (text_to_path.get_text_width_height_descent(line, font, ismath=False) for line in text.splitlines())
+    return max((float(width) for width, _, _ in measured), default=0.0) / POINTS
 
 
 def legend_above(axes: Axes, title: str = "") -> None:
@@ -125,7 +124,7 @@ def legend_above(axes: Axes, title: str = "") -> None:
 
 def _width(entries: list[float], columns: int) -> float:
     """Return the inches that a legend takes whose entries are filled in column by column."""
-    return sum(max(column) for column in np.array_split(entries, columns))
+    return float(sum(column.max() for column in np.array_split(entries, columns)))
 
 
 def looks(count: int) -> Iterable[tuple[str, str, str]]:
