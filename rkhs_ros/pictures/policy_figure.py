@@ -22,7 +22,8 @@ from rkhs_ros.rkhs.kernels import Array
 
 MOST_ACTIONS = 3  # that have a plot
 PANEL, LEAST_WIDTH, HEIGHT = 4.6, 6.6, 4.6  # inches
-LINE_POINTS, PLANE_POINTS, EDGE_POINTS = 300, 100, 300  # along an axis; of visited points that are drawn
+LINE_POINTS, PLANE_POINTS = 300, 150  # along an axis
+MOST_DOTS = 300  # visited points that are drawn
 JUMP = 0.5  # part of the range seen: two steps farther apart than that are not joined, as where an angle comes round
 HALO = [withStroke(linewidth=3.5, foreground="white")]
 
@@ -147,7 +148,7 @@ def _slice(axes: Axes, view: View, column: int) -> None:
     values = action(on_slice(view.visited, columns, _grid(spans))).reshape(PLANE_POINTS, PLANE_POINTS)
     norm = _norm(view, column, np.concatenate([values.ravel(), action(view.visited)]))
     _coloured(axes, spans, values, norm, view.actions[column])
-    some = view.visited[np.linspace(0, len(view.visited) - 1, min(len(view.visited), EDGE_POINTS)).astype(int)]
+    some = view.visited[np.linspace(0, len(view.visited) - 1, min(len(view.visited), MOST_DOTS)).astype(int)]
     x, y = some[:, columns].T
     axes.scatter(x, y, 14, action(some), cmap=_map(norm), norm=norm, edgecolors="black", linewidths=0.4)
     title = f"the 2 of {len(view.inputs)} inputs that explain most of it ({_percent(explained)}), and what was visited"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.vector_task import Array, VectorTask, clip
+from sim_nodes.envs.vector_task import BLUE, ORANGE, Array, VectorTask, clip
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,9 +68,9 @@ class Pendulum(VectorTask):
         """Draw the rod, upright at angle zero and turning clockwise, and the torque as an arc the way it pushes."""
         theta, torque = float(state[0]), float(action[0])
         turn = np.linspace(theta, theta + 0.5 * torque, 30)
-        axes.plot(np.sin(turn) / 2, np.cos(turn) / 2, color="tab:orange", linewidth=3)
-        axes.plot(np.sin(turn[-1]) / 2, np.cos(turn[-1]) / 2, "o", color="tab:orange", markersize=7)
-        axes.plot([0.0, np.sin(theta)], [0.0, np.cos(theta)], color="tab:blue", linewidth=6, solid_capstyle="round")
+        axes.plot(np.sin(turn) / 2, np.cos(turn) / 2, color=ORANGE, linewidth=3)
+        axes.plot(np.sin(turn[-1]) / 2, np.cos(turn[-1]) / 2, "o", color=ORANGE, markersize=7)
+        axes.plot([0.0, np.sin(theta)], [0.0, np.cos(theta)], color=BLUE, linewidth=6, solid_capstyle="round")
         axes.plot(0.0, 0.0, "o", color="black", markersize=8)
         axes.text(1.3, -1.15, f"torque {torque:+.2f}", ha="right", fontsize=12)
         axes.set(xlim=(-1.4, 1.4), ylim=(-1.25, 1.25), aspect="equal")

@@ -18,6 +18,7 @@ if TYPE_CHECKING:  # a node draws nothing and need not wait for it
 Array = NDArray[np.float64]
 
 NOISE_BLOCK = 128  # steps
+BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"  # of what is drawn: the colour-blind tell them apart
 
 
 def clip(values: Array, low: Array | float, high: Array | float) -> Array:
