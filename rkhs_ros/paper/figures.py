@@ -15,7 +15,7 @@ from rkhs_ros.pictures.style import draw_references, label, legend_above, looks,
 from rkhs_ros.rkhs.kernels import Array
 
 CONFIDENCE = 1.96  # standard errors on both sides of 95 %
-WIDTH_IN, HEIGHT_IN = 5.6, 7.6  # of a panel's two plots
+WIDTH_IN, HEIGHT_IN = 6.0, 7.6  # of a panel's two plots
 DPI = 90
 
 
