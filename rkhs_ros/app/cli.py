@@ -21,6 +21,8 @@ COMMANDS = {
     "render": "film an episode without exploration",
     "plot": "draw the pictures of a run",
     "compare": "draw the learning curves of several runs, with a table",
+    "sweep": "learn at each point of a grid of settings, from several seeds",
+    "tune": "search for settings that learn well",
     "reproduce": "make the paper's figures again",
     "results": "say which of the paper's claims hold, from reproduced figures",
     "status": "show what the nodes of a run report",

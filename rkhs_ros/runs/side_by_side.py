@@ -28,8 +28,9 @@ def side_by_side(
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     hidden = quiet or not arguments
     console = bar_console(quiet=hidden)
-    with Progress(*columns, TimeRemainingColumn(), console=console, disable=hidden) as progress:
+    bars = Progress(*columns, TimeRemainingColumn(), console=console, disable=hidden)
+    with workers.opened(len(arguments)) as results, bars as progress:
         bar = progress.add_task(title, total=len(arguments))
-        for result in workers.results(call, arguments):
+        for result in results(call, arguments):
             progress.advance(bar)
             yield result

@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import logging
 import os
+import re
+import socket
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future, as_completed
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, NamedTuple, TypeVar
@@ -28,6 +31,9 @@ ALL_CORES = -1
 CONNECT_TIMEOUT_S = 10
 RETRIES = 3  # of a call whose worker was lost
 T = TypeVar("T")
+Results = Callable[[Callable[..., T], Sequence[tuple[Any, ...]]], Iterator[T]]
+DASK_ADDRESS = re.compile(r"\w+://\S+:\d{1,5}", re.ASCII)
+RAY_ADDRESS = re.compile(r"(?:ray://)?([^\s:/]+):(\d{1,5})", re.ASCII)
 
 
 class WorkerLostError(RunError):
@@ -72,24 +78,29 @@ class Workers:
         if self.ray:
             require_extra("ray", "ray", "--ray")
 
-    def results(self, call: Callable[..., T], arguments: Sequence[tuple[Any, ...]]) -> Iterator[T]:
-        """Yield what the calls return, in the order in which they end.
+    @contextmanager
+    def opened(self, count: int) -> Iterator[Results[Any]]:
+        """Give what makes a number of calls and yields what they return, in the order in which they end.
+
+        It raises WorkerLostError where some could not be made, after all others have been, and ValueError where a
+        worker has other code.
 
         Raises:
-            WorkerLostError: some could not be made, after all others have been.
             OSError: the cluster cannot be reached.
-            ValueError: a worker has other code, or several threads.
+            ValueError: its workers have several threads.
         """
+        processes = min(cpu_count() if self.jobs == ALL_CORES else self.jobs, count)
         if self.scheduler:
-            yield from _as_they_end(_dask(self.scheduler), call, arguments)
+            opened = _dask(self.scheduler)
         elif self.ray:
-            yield from _as_they_end(_ray(self.ray), call, arguments)
+            opened = _ray(self.ray)
+        elif processes > 1:
+            opened = _processes(processes)
         else:
-            processes = min(cpu_count() if self.jobs == ALL_CORES else self.jobs, len(arguments))
-            if processes > 1:
-                yield from _as_they_end(_processes(processes), call, arguments)
-            else:
-                yield from (call(*each) for each in arguments)
+            yield lambda call, arguments: (call(*each) for each in arguments)
+            return
+        with opened as pool:
+            yield partial(_as_they_end, pool)
 
 
 def require_extra(module: str, extra: str, what: str) -> None:
@@ -98,18 +109,15 @@ def require_extra(module: str, extra: str, what: str) -> None:
     require(find_spec(module) is not None, what, remedy, "none")
 
 
-def _as_they_end(
-    opened: AbstractContextManager[Pool], call: Callable[..., T], arguments: Sequence[tuple[Any, ...]]
-) -> Iterator[T]:
+def _as_they_end(pool: Pool, call: Callable[..., T], arguments: Sequence[tuple[Any, ...]]) -> Iterator[T]:
     lost: BaseException | None = None
-    with opened as pool:
-        for future in as_completed([pool.submit(call, *each) for each in arguments]):
-            try:
-                result = future.result()
-            except pool.lost as error:
-                lost = error
-                continue
-            yield result
+    for future in as_completed([pool.submit(call, *each) for each in arguments]):
+        try:
+            result = future.result()
+        except pool.lost as error:
+            lost = error
+            continue
+        yield result
     if lost is not None:
         raise WorkerLostError("the process of a run was killed, or one beside it; the same command goes on") from lost
 
@@ -126,10 +134,12 @@ def _processes(count: int) -> Iterator[Pool]:
 @contextmanager
 def _dask(address: str) -> Iterator[Pool]:
     distributed = import_module("distributed")
+    require(DASK_ADDRESS.fullmatch(address) is not None, "--scheduler", "an address as tcp://HOST:8786", f"'{address}'")
     try:
         client = distributed.Client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
-    except (OSError, ValueError) as error:
+    except OSError as error:
         raise OSError(f"--scheduler: expected a Dask scheduler at {address}, got none ({error})") from error
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a scheduler that is lost is told of in a line
     with client:
         executor = client.get_executor(pure=False)
         threads = max(client.nthreads().values(), default=1)
@@ -142,10 +152,14 @@ def _dask(address: str) -> Iterator[Pool]:
 
 @contextmanager
 def _ray(address: str) -> Iterator[Pool]:
-    ray = import_module("ray")
+    place = RAY_ADDRESS.fullmatch(address)
+    if place is None:
+        raise ValueError(f"--ray: expected an address as HOST:6379 or ray://HOST:10001, got '{address}'")
     try:
+        socket.create_connection((place[1], int(place[2])), CONNECT_TIMEOUT_S).close()  # Ray would try for minutes
+        ray = import_module("ray")
         ray.init(address, log_to_driver=False, logging_level=logging.ERROR)
-    except (ConnectionError, ValueError) as error:
+    except (OSError, RuntimeError, ValueError) as error:
         raise OSError(f"--ray: expected a Ray cluster at {address}, got none ({error})") from error
 
     def submit(call: Callable[..., Any], *arguments: Any) -> Future[Any]:
