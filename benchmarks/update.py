@@ -15,6 +15,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import numpy as np
 from sklearn.linear_model import OrthogonalMatchingPursuit
 
+from rkhs_ros.app.inline import runner_of
 from rkhs_ros.learning.algorithm import Experience
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.training import train
@@ -23,8 +24,6 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import RBF
 from rkhs_ros.rkhs.pursuit import Pursuit, pursue
 from rkhs_ros.runs.config import load_config
-from rkhs_ros.runs.rollout import InlineRunner
-from rkhs_ros.runs.simulation import Simulation
 from timing import growth, seconds_of
 
 CONFIGS = Path(__file__).parents[1] / "config"
@@ -45,7 +44,7 @@ def update_of(config: Path, samples: int, changes: Sequence[str] = ()) -> tuple[
     """Return an update after three iterations, of episodes with that many steps, and the policy's centres."""
     settings = load_config(config, [*changes, "iterations=3"])
     training, environment = settings.training, settings.environment
-    runner = InlineRunner(Simulation(environment.id, environment.options))
+    runner = runner_of(environment)
     *_, last = train(training, runner)
     batch = Batch(1, 0, samples // training.horizon, training.horizon, explore=True)
     episodes = runner.collect(last.policy, batch).seen_through(last.policy.inputs)
