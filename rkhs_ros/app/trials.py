@@ -95,8 +95,16 @@ class Search:
 
 
 def begin(search: Search) -> optuna.Study:
-    """Return the study with its first trial to be made, or, where it goes on, those that were cut off."""
-    study = search.study()
+    """Return the study with its first trial to be made, or, where it goes on, those that were cut off.
+
+    Raises:
+        ValueError: the storage cannot be used.
+    """
+    try:
+        study = search.study()
+    except Exception as error:  # of the database's library, or of one that is not installed
+        why = " ".join(str(error).split())
+        raise ValueError(f"--storage: expected a URL as Optuna has them, got {search.storage} ({why})") from error
     trials = study.get_trials(deepcopy=False)
     if not trials:
         study.enqueue_trial(search.first_parameters)
