@@ -18,12 +18,13 @@ from typing import NamedTuple
 os.environ["OMP_NUM_THREADS"] = "1"
 
 from rkhs_ros.app.seeds import parse_seeds
-from rkhs_ros.base.endings import FAILED, INTERRUPTED, say
+from rkhs_ros.app.study import add_worker_arguments, workers_of
+from rkhs_ros.base.endings import FAILED, INTERRUPTED, RunError, say
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.validation import pick, require
 from rkhs_ros.runs.config import config_for
 from rkhs_ros.runs.environments import own_horizon
-from rkhs_ros.runs.side_by_side import check_jobs, side_by_side
+from rkhs_ros.runs.side_by_side import side_by_side
 from task_learners import LEARNERS, learn_into, missing
 from tasks_table import Cell, as_csv, as_markdown
 from trial import Trial, read_curve
@@ -122,7 +123,7 @@ def run(options: Namespace) -> int:
     work = [(place.path, place.learner, place.trial) for place in asked if not place.path.exists()]
     failed = False
     try:
-        for path, why in side_by_side(learn_into, work, jobs=options.jobs, title="tasks", quiet=options.quiet):
+        for path, why in side_by_side(learn_into, work, workers=options.workers, title="tasks", quiet=options.quiet):
             if why is not None:
                 failed = True
                 print(f"failed: {path.stem}: {why}", file=sys.stderr)
@@ -142,7 +143,7 @@ def parsed(arguments: Sequence[str] | None) -> Namespace:
     parser.add_argument("--learners", nargs="+", default=list(LEARNERS), help="default: all, " + ", ".join(LEARNERS))
     parser.add_argument("--seeds", default="0-9", help="as 0-9 or 0,2,5; default: 0-9")
     parser.add_argument("--episodes", type=int, help="budget of each learner; default: the task's")
-    parser.add_argument("--jobs", type=int, default=-1, help="processes; default: one per core")
+    add_worker_arguments(parser)
     parser.add_argument("--out", type=Path, default=Path("results/tasks"), help="folder; default: results/tasks")
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
     options = parser.parse_args(arguments)
@@ -152,8 +153,9 @@ def parsed(arguments: Sequence[str] | None) -> Namespace:
             pick(name, table, kind)
         setattr(options, f"{kind}s", names)
     require(options.episodes is None or options.episodes >= 1, "--episodes", "at least 1", options.episodes)
-    check_jobs(options.jobs)
+    options.workers = workers_of(options)
     options.seeds = parse_seeds(options.seeds)
+    options.out = options.out.resolve()  # who learns may be in another folder
     return options
 
 
@@ -161,7 +163,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code."""
     try:
         return run(parsed(arguments))
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, RunError) as error:
         return say(error)
     except KeyboardInterrupt:
         print("interrupted; the same command goes on", file=sys.stderr)

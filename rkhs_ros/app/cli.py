@@ -24,6 +24,8 @@ COMMANDS = {
     "replay": "make the updates of a recording again, and compare the bits",
     "export": "write recorded episodes as a LeRobotDataset",
     "compare": "draw the learning curves of several runs, with a table",
+    "sweep": "learn at each point of a grid of settings, from several seeds",
+    "tune": "search for settings that learn well",
     "reproduce": "make the paper's figures again",
     "results": "say which of the paper's claims hold, from reproduced figures",
     "status": "show what the nodes of a run report",

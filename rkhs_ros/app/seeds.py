@@ -3,28 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
-from joblib.externals.loky.process_executor import BrokenProcessPool
-
-from rkhs_ros.app.inline import runner_of
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.validation import require
-from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.runs.config import Config
-from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import FIRST_POLICY, is_begun, resolved
-from rkhs_ros.runs.run import run_training
-from rkhs_ros.runs.side_by_side import side_by_side
 
 SEEDS = re.compile(r"(\d{1,18})(?:-(\d{1,18}))?", re.ASCII)
 MOST_SEEDS = 10_000
 PREFIX = "seed_"  # of the runs' folders
-LAST_PICTURE = "policy.png"
-KILLED = "its process was killed, or one beside it"
 
 
 def parse_seeds(text: str) -> tuple[int, ...]:
@@ -73,32 +63,3 @@ def begin_seeds(
             write_whole(path / FIRST_POLICY, first_policy.read_bytes())
         write_whole(path / "config.yaml", resolved(each).encode())
     return runs
-
-
-def go_on(runs: Mapping[Path, Config], *, jobs: int, title: str, quiet: bool, record: bool = False) -> dict[Path, str]:
-    """Make what is missing of some runs and return, by the folders of those that failed, why they did."""
-    missing = {folder: config for folder, config in runs.items() if not _is_done(folder, config)}
-    ends: dict[Path, str | None] = {}
-    try:
-        ends.update(
-            side_by_side(partial(_make, record=record), list(missing.items()), jobs=jobs, title=title, quiet=quiet)
-        )
-    except BrokenProcessPool:  # all that had not ended share the fate of the one that was killed
-        ends |= {folder: KILLED for folder in missing if folder not in ends}
-    return {folder: why for folder, why in ends.items() if why is not None}
-
-
-def _is_done(folder: Path, config: Config) -> bool:
-    curve, last = folder / "curve.csv", folder / LAST_PICTURE
-    drawn = last.is_file() and curve.is_file() and last.stat().st_mtime_ns >= curve.stat().st_mtime_ns
-    return drawn and len(Curve(curve).rows()) == config.training.iterations
-
-
-def _make(folder: Path, config: Config, *, record: bool) -> tuple[Path, str | None]:
-    """Go on with a run and draw its pictures; return why that failed, None where it did not."""
-    try:
-        run_training(config, runner_of(config.environment), folder, quiet=True, resume=True, record=record)
-        draw_run(folder)
-    except Exception as error:  # of one seed, which shall not end the others
-        return folder, " ".join(f"{type(error).__name__}: {error}".split())
-    return folder, None

@@ -12,7 +12,8 @@ from rkhs_ros.app.domain import own_domain
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.app.launcher import launch
 from rkhs_ros.app.robots import check_robot
-from rkhs_ros.app.seeds import begin_seeds, go_on, parse_seeds, seed_folders
+from rkhs_ros.app.seeds import begin_seeds, parse_seeds, seed_folders
+from rkhs_ros.app.study import add_worker_arguments, make_missing, tell_failures, workers_of
 from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED, RunError, say
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.streams import Lossy
@@ -38,7 +39,6 @@ from rkhs_ros.runs.report import (
 )
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.run import run_training
-from rkhs_ros.runs.side_by_side import ALL_CORES, check_jobs
 
 REMEDY = "run 'make build', then 'source setup.bash'"
 
@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--seed", type=int, metavar="N", help="seed of all randomness")
     add("--seeds", metavar="SEEDS", help="a run for each, as 0-9 or 0,2,5, in the folders DIR/seed_N")
-    add("--jobs", type=int, metavar="J", help="runs of --seeds side by side (all cores)")
+    add_worker_arguments(parser, "runs of --seeds")
     add("--iterations", type=int, metavar="N", help="number of policy updates")
     add("--simulators", type=int, metavar="K", help="simulator nodes that share the episodes")
     add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="settings, as algorithm.ridge=0.1")
@@ -72,7 +72,9 @@ def run(options: argparse.Namespace) -> int:
     _check_source(options)
     if _has_several_seeds(options):
         return _train_several(options)
-    require(options.jobs is None, "--jobs", "it together with --seeds, or with --resume of such runs", options.jobs)
+    for name in ("jobs", "scheduler", "ray"):
+        given = getattr(options, name)
+        require(given is None, f"--{name}", "it together with --seeds, or with --resume of such runs", given)
     return _train_one(options)
 
 
@@ -203,19 +205,19 @@ def _in_process(config: Config, folder: Path, options: argparse.Namespace, runne
 
 def _train_several(options: argparse.Namespace) -> int:
     """Make the runs of several seeds side by side; 1 where some failed, which are named."""
-    jobs = ALL_CORES if options.jobs is None else options.jobs
-    check_jobs(jobs)
+    workers = workers_of(options)
     require(options.runner != "ros", "--runner", "inline for several seeds", "ros")
     require(options.seed is None, "--seed", "either it or --seeds", "both")
     folder, runs = _runs_to_go_on_with(options) if options.resume else _new_runs(options)
     title = next(iter(runs.values())).training.name
     try:
-        failures = go_on(runs, jobs=jobs, title=title, quiet=options.quiet, record=options.record)
+        failures = make_missing(
+            runs, workers=workers, title=title, quiet=options.quiet, drawn=True, record=options.record
+        )
     except KeyboardInterrupt:
         print(f"interrupted; {how_to_go_on(folder)}", file=sys.stderr)
         return INTERRUPTED
-    for path, why in failures.items():
-        print(f"error: {path.name}: {why}", file=sys.stderr)
+    tell_failures(failures)
     done = [path for path in runs if path not in failures]
     if done:
         print(compare(done).curves[0].summary())

@@ -19,7 +19,7 @@ import numpy as np
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.pursuit import pursue_atoms
-from rkhs_ros.rkhs.regression import dual_regression, ridge_regression
+from rkhs_ros.rkhs.regression import dual_regression, ridge_regression, ridge_regression_by_blocks
 
 TREND_RIDGE = 1e-6  # penalty on the coefficients of 1, t and t^2, all but none
 RIDGE_NORMS = ("norm", "scale_free")
@@ -114,12 +114,23 @@ class StepCritic:
 
     def fit(self, samples: Samples, discount: float) -> Array:
         """Return the coefficients of w, shape (m, n)."""
-        scores = samples.deviation * samples.score_features
-        columns = np.concatenate([scores, samples.features, samples.time_features], axis=1)
-        penalty = np.concatenate([self.ridge * ridge_scales(scores, self.ridge_norm), self.baseline.penalty(samples)])
+        deviation, time_features = samples.deviation, samples.time_features
+
+        def columns(rows: slice) -> Array:
+            scores = deviation * samples.score_features_of(rows)
+            return np.concatenate([scores, samples.features[rows], time_features[rows]], axis=1)
+
+        scales = self._scales(samples)
+        penalty = np.concatenate([self.ridge * scales, self.baseline.penalty(samples)])
         returns = self.baseline.returns(samples, discount)
-        solution = ridge_regression(columns, returns[:, None], penalty)
-        return samples.deviation * samples.as_coefficients(solution[: scores.shape[1]])
+        solution = ridge_regression_by_blocks(columns, returns[:, None], penalty)
+        return deviation * samples.as_coefficients(solution[: len(scales)])
+
+    def _scales(self, samples: Samples) -> Array:
+        """Return what the ridge multiplies each squared coefficient of w by, shape (m n,)."""
+        if self.ridge_norm == "norm":  # the scores of all samples at once need not be formed
+            return np.ones(samples.features.shape[1] * samples.exploration.shape[1])
+        return ridge_scales(samples.deviation * samples.score_features, self.ridge_norm)
 
 
 @dataclass(frozen=True)

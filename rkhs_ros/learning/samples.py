@@ -70,7 +70,11 @@ class Samples:
     @property
     def score_features(self) -> Array:
         r"""The gradient of the log policy, :math:`K(s, \cdot)\, u` (Eq 8), in coordinates, shape (samples, m n)."""
-        outer = self.features[:, :, None] * self.score[:, None, :]
+        return self.score_features_of(slice(None))
+
+    def score_features_of(self, rows: slice) -> Array:
+        """Return the score features of some samples, shape (rows, m n)."""
+        outer = self.features[rows, :, None] * self.score[rows, None, :]
         return outer.reshape(len(outer), -1)
 
     def trajectory_features(self, discount: float) -> Array:

@@ -9,6 +9,8 @@ import numpy as np
 from rkhs_ros.base.validation import finite_array, require
 from rkhs_ros.rkhs.kernels import Array, Kernel, rowwise_matmul
 
+BLOCK_ROWS = 2000  # points evaluated at once, few enough for the cache
+
 
 @dataclass(frozen=True)
 class Function:
@@ -51,7 +53,9 @@ class Function:
         """Evaluate at points of shape (batch, d): shape (batch, n), each row by itself to the last bit."""
         if x.shape[1] != self.input_dim:
             raise ValueError(f"points: expected {self.input_dim} columns, got {x.shape[1]}")
-        return rowwise_matmul(self.kernel(x, self.centres), self.weights)
+        if len(x) <= BLOCK_ROWS:
+            return rowwise_matmul(self.kernel(x, self.centres), self.weights)
+        return np.concatenate([self(x[i : i + BLOCK_ROWS]) for i in range(0, len(x), BLOCK_ROWS)])
 
     def __add__(self, other: Function) -> Function:
         """Add two functions of the same space; their centres are concatenated, or shared where they are the same."""

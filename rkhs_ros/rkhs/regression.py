@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from rkhs_ros.rkhs.kernels import Array
 
+BLOCK_ROWS = 20_000  # more than the steps of an iteration usually are
 LEAST_DIAGONAL = 1e-200  # mean of a Gram matrix's diagonal; below it all features vanish, as far from every centre
 
 
@@ -30,6 +33,29 @@ def ridge_regression(features: Array, targets: Array, penalty: Array, weights: A
     weighted = features if weights is None else features * weights[:, None]
     normal = weighted.T @ features / n + np.diag(penalty)
     return np.asarray(cho_solve(cho_factor(normal, check_finite=False), weighted.T @ targets / n))
+
+
+def ridge_regression_by_blocks(
+    features: Callable[[slice], Array], targets: Array, penalty: Array, block_rows: int = BLOCK_ROWS
+) -> Array:
+    """Solve the same problem without weights, with no more rows in memory at once than a block has.
+
+    Args:
+        features: from a slice of the rows to these, shape (rows, p).
+        targets: shape (n, k).
+        penalty: lambda, shape (p,), positive.
+        block_rows: rows of a block; where these are all, the coefficients are those of `ridge_regression` to the bit.
+    """
+    n = len(targets)
+    if n <= block_rows:
+        return ridge_regression(features(slice(0, n)), targets, penalty)
+    normal, right = np.diag(n * penalty), np.zeros((len(penalty), targets.shape[1]))
+    for start in range(0, n, block_rows):
+        block = slice(start, start + block_rows)
+        rows = features(block)
+        normal += rows.T @ rows
+        right += rows.T @ targets[block]
+    return np.asarray(cho_solve(cho_factor(normal, check_finite=False), right))
 
 
 def _dual_ridge_regression(features: Array, targets: Array, penalty: Array, weights: Array) -> Array:

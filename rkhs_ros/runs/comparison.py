@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -71,11 +71,12 @@ class Comparison:
     notes: tuple[str, ...]
 
 
-def compare(places: Sequence[Path]) -> Comparison:
+def compare(places: Sequence[Path], labels: Mapping[Path, str] | None = None) -> Comparison:
     """Compare runs, up to the number of exploring episodes at which the shortest one ends.
 
     Args:
         places: folders of runs, or folders that hold such.
+        labels: of the ways to learn, by the folders of their runs; where None, names that tell them apart.
 
     Raises:
         ValueError: a place holds no run, or the runs are not to be compared.
@@ -88,7 +89,7 @@ def compare(places: Sequence[Path]) -> Comparison:
     limit = shortest.rows[-1].episodes
     if any(run.rows[-1].episodes > limit for run in runs):
         notes.append(f"Compared up to {limit} exploring episodes, where the shortest run ends: {shortest.folder}.")
-    curves = tuple(_curve(*each, limit) for each in zip(_labels(groups), groups, strict=True))
+    curves = tuple(_curve(*each, limit) for each in zip(_labels(groups, labels), groups, strict=True))
     notes += [f"{c.label}: never evaluated, so its exploring return is taken." for c in curves if not c.is_noise_free]
     if len({curve.episodes.tobytes() for curve in curves}) > 1:
         notes.append(
@@ -154,8 +155,10 @@ def _common_task(runs: list[Run]) -> Task:
     return first
 
 
-def _labels(groups: list[list[Run]]) -> list[str]:
-    """Return for each group the first of these names that tells all apart."""
+def _labels(groups: list[list[Run]], given: Mapping[Path, str] | None) -> list[str]:
+    """Return for each group the label given, or the first of these names that tells all apart."""
+    if given is not None:
+        return [given[group[0].folder] for group in groups]
     names: tuple[Callable[[Run], str], ...] = (
         lambda run: str(run.config.settings["algorithm.name"]),
         lambda run: run.place.resolve().name,

@@ -12,6 +12,7 @@ from rkhs_ros import __version__
 from rkhs_ros.base.threads import use_one_thread
 
 CODE = tuple(f"rkhs_ros.{floor}" for floor in ("base", "rkhs", "policies", "learning", "runs"))
+TASKS = ("sim_nodes",)  # the package of the project's tasks, which is known by its name only
 LIBRARIES = {name: version(name) for name in ("numpy", "scipy", "gymnasium")}  # a learner imports no Gymnasium
 
 

@@ -1,12 +1,15 @@
 import csv
+import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rkhs_ros.app.cli import main
-from rkhs_ros.app.inline import iterations
+from rkhs_ros.app.study import make_missing
+from rkhs_ros.base.endings import RunError
 from rkhs_ros.learning.training import train
 from rkhs_ros.paper.claims import CLAIMS
 from rkhs_ros.paper.experiment import Curve, Experiment, Panel, known, load_experiment
@@ -15,13 +18,23 @@ from rkhs_ros.paper.reproduce import reproduce
 from rkhs_ros.paper.results import results
 from rkhs_ros.paper.table import load_table
 from rkhs_ros.runs import surroundings
+from rkhs_ros.runs.curve import Curve as LearningCurve
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.simulation import Simulation
+from rkhs_ros.runs.workers import Workers
 
 ROOT = Path(__file__).parents[2]
-TASKS = {"packages": ["sim_nodes"], "quiet": True}
 SHORT = ("iterations=2", "horizon=5", "episodes_per_iteration=2", "evaluation_episodes=2")
 PAPER_RUNS = {"fig1": 50, "fig2": 50, "fig3-toy": 50, "fig3-pendulum": 15, "fig5-pomdp": 10, "fig5-pr2": 5}
+
+
+def make_table(experiment: Experiment, out: Path, *, runs: int, jobs: int = 1) -> Path:
+    make = partial(make_missing, workers=Workers(jobs), title="small", quiet=True)
+    return reproduce(experiment, out, make, runs=runs, packages=["sim_nodes"])
+
+
+def files(run: Path) -> dict[Path, int]:
+    return {file: file.stat().st_mtime_ns for file in run.rglob("*") if file.is_file()}
 
 
 @pytest.fixture
@@ -49,7 +62,7 @@ def test_every_claim_is_of_a_figure() -> None:
 
 @pytest.mark.slow
 def test_a_table_holds_every_iteration_of_every_run(experiment: Experiment, tmp_path: Path) -> None:
-    table = reproduce(experiment, tmp_path, iterations, runs=2, jobs=1, **TASKS)
+    table = make_table(experiment, tmp_path, runs=2)
     lines = list(csv.DictReader(table.open()))
     assert len(lines) == 2 * (2 + 2 + 3)
     config = experiment.panels[0].curves[1].run(1)
@@ -63,18 +76,16 @@ def test_a_table_holds_every_iteration_of_every_run(experiment: Experiment, tmp_
 
 @pytest.mark.slow
 def test_an_interrupted_experiment_makes_only_what_is_missing(experiment: Experiment, tmp_path: Path) -> None:
-    table = reproduce(experiment, tmp_path, iterations, runs=1, jobs=1, **TASKS)
+    table = make_table(experiment, tmp_path, runs=1)
     whole = table.read_bytes()
-    runs = sorted((tmp_path / "runs").iterdir())
-    lost, *kept = runs
-    lost.rename(lost.with_name(lost.name + ".part"))  # as a run leaves it that was cut short
-    times = {run: run.stat().st_mtime_ns for run in kept}
-    assert reproduce(experiment, tmp_path, iterations, runs=1, jobs=1, **TASKS).read_bytes() == whole
-    assert lost.exists()
-    assert {run: run.stat().st_mtime_ns for run in kept} == times
-    reproduce(experiment, tmp_path, iterations, runs=2, jobs=2, **TASKS)
+    lost, *kept = sorted((tmp_path / "runs").iterdir())
+    lost.rename(tmp_path / "elsewhere")
+    before = [files(run) for run in kept]
+    assert make_table(experiment, tmp_path, runs=1).read_bytes() == whole
+    assert [files(run) for run in kept] == before
+    make_table(experiment, tmp_path, runs=2, jobs=2)
     assert load_table(table)["right", "longer"].runs == 2
-    assert {run: run.stat().st_mtime_ns for run in kept} == times
+    assert [files(run) for run in kept] == before
 
 
 @pytest.mark.slow
@@ -82,12 +93,38 @@ def test_an_interrupted_experiment_makes_only_what_is_missing(experiment: Experi
     "left", [b"", b"iteration,episodes\n", b"\xff\n", None], ids=["empty", "header", "no text", "torn"]
 )
 def test_a_run_that_is_not_whole_is_made_again(experiment: Experiment, tmp_path: Path, left: bytes | None) -> None:
-    whole = reproduce(experiment, tmp_path, iterations, runs=1, jobs=1, **TASKS).read_bytes()
+    whole = make_table(experiment, tmp_path, runs=1).read_bytes()
+    curve = min((tmp_path / "runs").iterdir()) / "curve.csv"
+    curve.write_bytes(curve.read_bytes()[:-9] if left is None else left)
+    assert make_table(experiment, tmp_path, runs=1).read_bytes() == whole
+
+
+@pytest.mark.slow
+def test_a_run_that_was_cut_off_goes_on_from_its_checkpoint(
+    experiment: Experiment, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = make_table(experiment, tmp_path, runs=1).read_bytes()
     run = min((tmp_path / "runs").iterdir())
-    before = run.read_bytes()
-    run.write_bytes(before.rpartition(b"\n2,")[0] + b"\n" if left is None else left)
-    assert reproduce(experiment, tmp_path, iterations, runs=1, jobs=1, **TASKS).read_bytes() == whole
-    assert run.read_bytes() == before
+    curve = LearningCurve(run / "curve.csv")
+    first, *_ = curve.rows()
+    curve.begin([first._replace(seconds=1000.0)])
+    for path in sorted((run / "checkpoints").glob("*.npz"))[1:]:
+        path.unlink()
+    assert make_table(experiment, tmp_path, runs=1).read_bytes() == whole
+    assert min(row.seconds for row in curve.rows()) >= 1000.0  # the first line was kept
+    assert "no checkpoint" not in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_runs_that_fail_are_told_of_after_the_others_are_made(experiment: Experiment, tmp_path: Path) -> None:
+    whole = make_table(experiment, tmp_path, runs=1).read_bytes()
+    bad = min((tmp_path / "runs").iterdir())
+    shutil.rmtree(bad)
+    bad.write_text("in the way")
+    with pytest.raises(RunError, match=rf"{bad}: \w+: .*1 of 3 runs failed; the same command goes on"):
+        make_table(experiment, tmp_path, runs=1)
+    bad.unlink()
+    assert make_table(experiment, tmp_path, runs=1).read_bytes() == whole
 
 
 @pytest.mark.slow
@@ -95,7 +132,7 @@ def test_runs_of_other_code_are_made_anew(
     experiment: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def made() -> int:
-        reproduce(experiment, tmp_path, iterations, runs=1, jobs=1, **TASKS)
+        make_table(experiment, tmp_path, runs=1)
         return len(list((tmp_path / "runs").iterdir()))
 
     assert [made(), made()] == [3, 3]
@@ -108,13 +145,13 @@ def test_runs_of_other_code_are_made_anew(
 
 @pytest.mark.slow
 def test_the_number_of_processes_changes_nothing(experiment: Experiment, tmp_path: Path) -> None:
-    one, two = (reproduce(experiment, tmp_path / str(j), iterations, runs=2, jobs=j, **TASKS) for j in (1, 2))
+    one, two = (make_table(experiment, tmp_path / str(j), runs=2, jobs=j) for j in (1, 2))
     assert one.read_bytes() == two.read_bytes()
 
 
 @pytest.mark.slow
 def test_a_figure_shows_its_curves(experiment: Experiment, tmp_path: Path) -> None:
-    table = load_table(reproduce(experiment, tmp_path, iterations, runs=2, jobs=1, **TASKS))
+    table = load_table(make_table(experiment, tmp_path, runs=2))
     pictures = [tmp_path / "one.png", tmp_path / "other.png"]
     draw_experiment(pictures[0], experiment, table)
     key = ("right", "longer")

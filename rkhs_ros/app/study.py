@@ -1,0 +1,97 @@
+"""Many runs made side by side, each in its folder; those that are there whole are not made again."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from rkhs_ros.app.inline import runner_of
+from rkhs_ros.base.files import write_whole
+from rkhs_ros.runs.config import Config
+from rkhs_ros.runs.curve import Curve
+from rkhs_ros.runs.report import is_begun, resolved
+from rkhs_ros.runs.run import run_training
+from rkhs_ros.runs.side_by_side import side_by_side
+from rkhs_ros.runs.workers import ALL_CORES, WorkerLostError, Workers
+
+LAST_FILE, LAST_PICTURE = "episodes.npz", "policy.png"  # that a run leaves
+KILLED = "its process was killed, or one beside it"
+
+
+def add_worker_arguments(parser: argparse.ArgumentParser, what: str = "runs") -> None:
+    """Declare where the runs are made."""
+    parser.add_argument("--jobs", type=int, metavar="J", help=f"{what} side by side on this machine (all cores)")
+    parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster, in place of this machine")
+    parser.add_argument("--ray", metavar="ADDRESS", help="a Ray cluster, in place of this machine")
+
+
+def workers_of(options: argparse.Namespace) -> Workers:
+    """Return who makes the runs.
+
+    Raises:
+        ValueError: the options do not go together, or a library is not installed.
+    """
+    return Workers(ALL_CORES if options.jobs is None else options.jobs, options.scheduler, options.ray)
+
+
+def make_missing(
+    runs: Mapping[Path, Config],
+    *,
+    workers: Workers,
+    title: str,
+    quiet: bool,
+    drawn: bool = False,
+    record: bool = False,
+) -> dict[Path, str]:
+    """Make what is missing of some runs and return, by the folders of those that failed, why they did.
+
+    Args:
+        runs: by their folders, as absolute paths, for those who make them may be in another one.
+        workers: who make them.
+        title: of the progress bar.
+        quiet: without progress bar.
+        drawn: with pictures of each.
+        record: with a recording of each.
+    """
+    missing = [(path, each, drawn, record) for path, each in runs.items() if not _is_done(path, each, drawn)]
+    ends: dict[Path, str | None] = {}
+    try:
+        ends.update(side_by_side(_make, missing, workers=workers, title=title, quiet=quiet))
+    except WorkerLostError:
+        ends |= {path: KILLED for path, *_ in missing if path not in ends}
+    return {path: why for path, why in ends.items() if why is not None}
+
+
+def tell_failures(failures: Mapping[Path, str]) -> None:
+    """Name the runs that failed on stderr."""
+    for path, why in failures.items():
+        print(f"error: {path.name}: {why}", file=sys.stderr)
+
+
+def _is_done(folder: Path, config: Config, drawn: bool) -> bool:
+    curve, last = folder / "curve.csv", folder / (LAST_PICTURE if drawn else LAST_FILE)
+    finished = last.is_file() and curve.is_file() and last.stat().st_mtime_ns >= curve.stat().st_mtime_ns
+    return finished and len(Curve(curve).rows()) == config.training.iterations
+
+
+def _make(folder: Path, config: Config, drawn: bool, record: bool) -> tuple[Path, str | None]:
+    """Begin a run or go on with it; return why that failed, None where it did not."""
+    try:
+        advance(folder, config, record=record)
+        if drawn:
+            from rkhs_ros.pictures.run_pictures import draw_run  # here, for most studies need no pictures of each run
+
+            draw_run(folder)
+    except Exception as error:  # of one run, which shall not end the others
+        return folder, " ".join(f"{type(error).__name__}: {error}".split())
+    return folder, None
+
+
+def advance(folder: Path, config: Config, *, record: bool = False) -> None:
+    """Begin a run in this process, or go on with it, until it has made its iterations."""
+    if not is_begun(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        write_whole(folder / "config.yaml", resolved(config).encode())
+    run_training(config, runner_of(config.environment), folder, quiet=True, resume=True, record=record)

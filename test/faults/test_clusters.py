@@ -1,0 +1,115 @@
+"""Workers of clusters killed in the midst of a study, which leaves the tables of one core."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import pytest
+
+from rkhs_ros.runs.workers import WorkerLostError, Workers
+from test.ros.conftest import ROOT
+from test.unit.conftest import Result, rkhs
+
+__all__ = ["rkhs"]
+pytestmark = [pytest.mark.faults, pytest.mark.slow]
+CONFIG = ROOT / "config" / "toy_nac.yaml"
+TINY = ("horizon=4", "iterations=3", "episodes_per_iteration=2", "evaluation_episodes=2")
+FORTY = ("--vary", "algorithm.ridge=1e-3,1e-2", "kernel.bandwidth_scale=1,2", "--seeds", "0-9", "--quiet")
+Run = Callable[..., Result]
+
+
+@pytest.fixture
+def dask() -> Iterator[Any]:
+    """A Dask cluster of two workers of one thread, each with a nanny that replaces it."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster:
+        yield cluster
+
+
+@pytest.fixture
+def ray(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The address of a Ray cluster of two cores."""
+    pytest.importorskip("ray")
+    home, port = tmp_path_factory.mktemp("r"), 20_000 + os.getpid() % 10_000
+    command = [sys.executable, "-c", "from ray.scripts.scripts import main; main()"]
+    start = [*command, "start", "--head", "--num-cpus=2", f"--port={port}", "--include-dashboard=false"]
+    subprocess.run(
+        [*start, "--disable-usage-stats", f"--temp-dir={home}"],
+        check=True,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+    )
+    yield f"127.0.0.1:{port}"
+    subprocess.run([*command, "stop", "--force"], check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def tables(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.glob("*.csv"))}
+
+
+def kill_when(folder: Path, runs: int, victims: Callable[[], list[int]]) -> Thread:
+    """Kill one of the processes once so many runs have ended."""
+
+    def kill() -> None:
+        while len(list(folder.glob("runs/*/episodes.npz"))) < runs or not (found := victims()):
+            time.sleep(0.02)
+        os.kill(found[0], signal.SIGKILL)
+
+    thread = Thread(target=kill, daemon=True)
+    thread.start()
+    return thread
+
+
+def of_ray() -> list[int]:
+    """The processes of Ray's that make a call."""
+    commands = {int(path.parent.name): path for path in Path("/proc").glob("[0-9]*/cmdline")}
+    found = []
+    for pid, path in commands.items():
+        try:
+            found += [pid] * path.read_bytes().startswith(b"ray::_checked")
+        except OSError:  # it has ended
+            continue
+    return found
+
+
+def test_forty_runs_on_a_dask_cluster_are_those_of_one_core_though_a_worker_is_killed(
+    rkhs: Run, dask: Any, tmp_path: Path
+) -> None:
+    on = ("--scheduler", dask.scheduler_address)
+    killed = kill_when(tmp_path / "dask", 5, lambda: [next(iter(dask.workers.values())).pid])
+    assert rkhs("sweep", CONFIG, *FORTY, "--set", *TINY, "--out", "dask", *on).code == 0
+    killed.join(1.0)
+    assert not killed.is_alive()
+    assert rkhs("sweep", CONFIG, *FORTY, "--set", *TINY, "--out", "alone", "--jobs", 1).code == 0
+    assert len(list((tmp_path / "dask" / "runs").iterdir())) == 40
+    assert tables(tmp_path / "dask") == tables(tmp_path / "alone")
+    assert (tmp_path / "dask" / "runs.csv").read_text().count("\n") == 41
+
+
+def test_forty_runs_on_ray_are_those_of_one_core_though_a_worker_is_killed(rkhs: Run, ray: str, tmp_path: Path) -> None:
+    killed = kill_when(tmp_path / "ray", 5, of_ray)
+    assert rkhs("sweep", CONFIG, *FORTY, "--set", *TINY, "--out", "ray", "--ray", ray).code == 0
+    killed.join(1.0)
+    assert not killed.is_alive()
+    assert rkhs("sweep", CONFIG, *FORTY, "--set", *TINY, "--out", "alone", "--jobs", 1).code == 0
+    assert tables(tmp_path / "ray") == tables(tmp_path / "alone")
+
+
+def ends_its_process(number: int) -> int:
+    if number == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def test_calls_that_kill_each_worker_are_told_of_after_the_others(dask: Any) -> None:
+    with Workers(scheduler=dask.scheduler_address).opened(3) as results:
+        made = results(ends_its_process, [(0,), (1,), (2,)])
+        assert sorted([next(made), next(made)]) == [0, 2]
+        with pytest.raises(WorkerLostError, match="the same command goes on"):
+            next(made)
