@@ -155,7 +155,8 @@ class RobotMotion:
 
     def call(self, service: str) -> str:
         """Return what a person types to call a service of the node."""
-        return f"ros2 service call {self._node.get_fully_qualified_name()}/{service} std_srvs/srv/Trigger"
+        name = f"{self._node.get_fully_qualified_name()}/{service}"
+        return f"rkhs robot {service}, or ros2 service call {name} std_srvs/srv/Trigger"
 
     def _is_sensing(self, now: float) -> bool:
         """Return whether the sensors speak.
