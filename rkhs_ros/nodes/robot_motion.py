@@ -122,6 +122,8 @@ class RobotMotion:
         if not episode.moving and not episode.over:
             return self._ask_for_first_action(now)
         if episode.proceed(now, self._sense):
+            if episode.complete:
+                self._gate.hold()
             self._show(episode)
         if episode.over:
             self._finish(episode)
