@@ -29,6 +29,7 @@ COMMANDS = {
     "reproduce": "make the paper's figures again",
     "results": "say which of the paper's claims hold, from reproduced figures",
     "status": "show what the nodes of a run report",
+    "robot": "tell the nodes of a robot what a person decides: arm, stop, start, pause, veto",
     "list": "name the tasks, algorithms, kernels and figures",
 }
 

@@ -37,6 +37,7 @@ MODULES = {
     "policy": "rkhs_ros.nodes.policy_node",
     "learner": "rkhs_ros.nodes.learner_node",
     "status": "rkhs_ros.nodes.status_node",
+    "operator": "rkhs_ros.nodes.operator_node",
 }
 
 
@@ -100,7 +101,7 @@ class NodeProcess:
         more += [f"instance:={self._began + self._restarts}"] if self._began else []
         more += ["resume:=true"] if self._restarts and kind == "learner" else []
         quiet = ["--log-level", f"{self.name.replace('/', '.')}:=warn"]  # we say ourselves what is well
-        ros = ["--ros-args", *quiet, "-r", f"__ns:=/{namespace}", *self._arguments, *_assigned(more)]
+        ros = ["--ros-args", *quiet, "-r", f"__ns:=/{namespace}", *self._arguments, *assigned(more)]
         with signals_held():
             return subprocess.Popen(
                 [sys.executable, "-m", MODULES[kind], *ros],
@@ -212,7 +213,7 @@ def started(names: Iterable[str], parameters: Path) -> Iterator[Nodes]:
         _terminate([node.process for node in nodes.values()])
 
 
-def _assigned(parameters: Iterable[str]) -> list[str]:
+def assigned(parameters: Iterable[str]) -> list[str]:
     """Return the words that give a node its parameters, from ``name:=value`` each."""
     return [word for assignment in parameters for word in ("-p", assignment)]
 

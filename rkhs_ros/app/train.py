@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
-from rkhs_ros.app.domain import own_domain
+from rkhs_ros.app.domain import VARIABLE, own_domain
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.app.launcher import launch
 from rkhs_ros.app.robots import check_robot
@@ -190,6 +191,8 @@ def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> i
         "resume": bool(options.resume),
         "record": options.record,
     }
+    if config.environment.nodes and "practice_robot" not in config.environment.nodes:
+        os.environ.setdefault(VARIABLE, "0")  # where the robot's own nodes are, unless it says otherwise
     journal = {"journal": str(folder.resolve() / "checkpoints" / "episodes")} if config.environment.nodes else {}
     with own_domain(folder):
         return launch(resolved(config), more, simulators=config.training.simulators, **journal)

@@ -80,7 +80,7 @@ class GateLink:
     def remedy(self) -> str:
         """What a person is to do where there is an obstacle."""
         service = self._node.resolve_service_name("gate/arm")
-        arm = f"see that the robot may move, then: ros2 service call {service} std_srvs/srv/Trigger"
+        arm = f"see that the robot may move, then: rkhs robot arm, or ros2 service call {service} std_srvs/srv/Trigger"
         is_there = self._state is not None and self._unanswered <= MOST_UNANSWERED
         return arm if is_there else f"start it, {arm}"
 

@@ -55,7 +55,7 @@ def robot_observation_message(
         batch=identity,
         policy_version=version,
         step=step,
-        over=episode.over,
+        over=episode.complete,
         **vars(batch),
         observations=doubles(episode.observation),
         rewards=[] if episode.reward is None else [episode.reward],

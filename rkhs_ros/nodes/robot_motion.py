@@ -123,6 +123,8 @@ class RobotMotion:
         if not episode.moving and not episode.over:
             return self._ask_for_first_action(now)
         if episode.proceed(now, self._sense):
+            if episode.complete:
+                self._gate.hold()
             self._show(episode)
         if episode.over:
             self._finish(episode)
@@ -156,7 +158,8 @@ class RobotMotion:
 
     def call(self, service: str) -> str:
         """Return what a person types to call a service of the node."""
-        return f"ros2 service call {self._node.get_fully_qualified_name()}/{service} std_srvs/srv/Trigger"
+        name = f"{self._node.get_fully_qualified_name()}/{service}"
+        return f"rkhs robot {service}, or ros2 service call {name} std_srvs/srv/Trigger"
 
     def _is_sensing(self, now: float) -> bool:
         """Return whether the sensors speak.

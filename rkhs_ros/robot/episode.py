@@ -20,6 +20,7 @@ from rkhs_ros.robot.task import RobotTask
 # Flags of a step, as in rkhs_interfaces/GateReport.
 REFUSED, NOT_ARMED = 16, 32
 MISSED, LATE, NO_REPORT = 256, 512, 1024
+LAST_ACTIONS_TIMEOUT_S = 0.5  # after the last step, for actions that are late
 
 
 class Sensed(NamedTuple):
@@ -85,11 +86,21 @@ class RobotEpisode:
     @property
     def over(self) -> bool:
         """Whether it is finished or void."""
-        return bool(self.void_reason) or self._terminated or self.step == self.batch.horizon
+        return bool(self.void_reason) or (self.complete and self._missing is None)
+
+    @property
+    def complete(self) -> bool:
+        """Whether no further step follows; actions that are late may still come, to be recorded."""
+        return self._terminated or self.step == self.batch.horizon
+
+    @property
+    def _missing(self) -> int | None:
+        """The first step whose action did not come yet, of those that are over."""
+        return next((step for step in range(self.step) if self._drawn[step] is None), None)
 
     @property
     def moving(self) -> bool:
-        """Whether its clock ticks."""
+        """Whether its clock ticks, or did until it was complete."""
         return self._clock is not None and not self.over
 
     @property
@@ -97,6 +108,8 @@ class RobotEpisode:
         """Monotonic time of what is due next, the deadline of an action or a tick; infinity before the first action."""
         if self._clock is None or self.over:
             return inf
+        if self.complete:
+            return self._ticked_at + LAST_ACTIONS_TIMEOUT_S
         return self._clock.due if self._answered else min(self._deadline, self._clock.due)
 
     @property
@@ -157,6 +170,10 @@ class RobotEpisode:
         """
         if self._clock is None or self.over:
             return False
+        if self.complete:
+            if now >= self.due:
+                self.void(f"the action of step {self._missing} did not come")
+            return False
         if not self._answered and now > self._deadline:
             self._miss()
         if self.over or now < self._clock.due:
@@ -198,7 +215,8 @@ class RobotEpisode:
         self._observations.append(sensed.observation)
         self._stamps.append(sensed.stamp)
         self.step += 1
-        self._check_end()
+        if self._unreported > self._task.misses_allowed:
+            self.void_reason = f"the gate did not report what it made of {self._unreported} commands"
 
     def _settle(self, step: int) -> None:
         """Note what was executed in a step that ends: what the gate reported, else what was sent or held."""
@@ -208,13 +226,6 @@ class RobotEpisode:
             self._unreported += 1
         executed = reported if reported is not None else sent
         self._executed[step] = self._executed[step - 1] if executed is None else executed
-
-    def _check_end(self) -> None:
-        missing = [step for step in range(self.step) if self._drawn[step] is None]
-        if self._unreported > self._task.misses_allowed:
-            self.void_reason = f"the gate did not report what it made of {self._unreported} commands"
-        elif self.over and missing:
-            self.void_reason = f"the action of step {missing[0]} did not come"
 
     def ended(self) -> Ended:
         """Return the episode as it is, its steps up to now.

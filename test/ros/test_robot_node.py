@@ -150,7 +150,9 @@ def test_a_person_stops_and_lets_it_go_on(begin: Callable[..., Process], bench: 
     assert reason(bench.ended(identity)) == "stopped by a person"
     assert bench.is_at_rest
     identity = bench.start()
-    bench.probe.until(lambda: "paused; to go on: ros2 service call /robot/start" in bench.describe().waiting)
+    bench.probe.until(
+        lambda: "paused; to go on: rkhs robot start, or ros2 service call /robot/start" in bench.describe().waiting
+    )
     assert bench.say("start").success
     assert reason(bench.ended(identity)) == ""
 
@@ -260,3 +262,23 @@ def test_a_node_that_is_told_to_end_has_the_robot_hold(begin: Callable[..., Proc
     assert reason(bench.ended(identity)) == "the robot node was told to end"
     bench.probe.until(lambda: bench.is_at_rest)
     assert process.finish()[0] == 0
+
+
+def test_a_persons_word_is_passed_on_and_a_refusal_is_told(
+    begin: Callable[..., Process], bench: Bench, start: Start
+) -> None:
+    begin()
+    bench.play()
+    veto = start("rkhs", "robot", "veto")
+    bench.probe.until(lambda: veto.popen.poll() is not None)
+    code, _, err = veto.finish()
+    assert (code, err) == (
+        1,
+        "error: veto was refused: there is none that the learner has not learnt from (veto_window holds them back)\n",
+    )
+    pause = start("rkhs", "robot", "pause")
+    bench.probe.until(lambda: pause.popen.poll() is not None)
+    code, out, _ = pause.finish()
+    assert (code, out.startswith("pause: done (before the next episode; to go on: rkhs robot start")) == (0, True)
+    bench.start(1)
+    bench.probe.until(lambda: "paused" in bench.describe().waiting)

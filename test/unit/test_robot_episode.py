@@ -59,7 +59,7 @@ def play(
     while not episode.over:
         arrivals = {step: came[step] + delay for step, delay in waiting.items() if step in came}
         step, arrival = min(arrivals.items(), key=lambda item: item[1], default=(-1, np.inf))
-        late = (lateness or [0.0] * BATCH.horizon)[episode.step]
+        late = [*(lateness or [0.0] * BATCH.horizon), 0.0][episode.step]
         due = episode.due + late if episode.due > observed_at + DEADLINE + 1e-9 else episode.due
         if arrival <= due:
             now = arrival
@@ -121,6 +121,13 @@ def test_more_misses_than_allowed_make_it_void_before_a_third_period_is_over() -
     assert episode.void_reason == "3 actions came too late, the last one of step 4"
     assert len(sent) == 2
     assert len(episode.ended().execution.flags) == 4
+
+
+def test_the_last_action_may_come_late_as_well() -> None:
+    episode = begun()
+    sent = play(episode, [0.0, 0.01, 0.01, 0.01, 0.4])
+    assert (episode.void_reason, len(sent)) == ("", 4)
+    np.testing.assert_allclose(episode.ended().episodes.actions[0, :, 0], 0.1 * np.arange(1, 6))
 
 
 def test_an_action_that_never_comes_makes_it_void_at_its_end() -> None:
