@@ -80,6 +80,7 @@ setup(
             "gate = rkhs_ros.nodes.gate_node:main",
             "policy = rkhs_ros.nodes.policy_node:main",
             "learner = rkhs_ros.nodes.learner_node:main",
+            "recorder = rkhs_ros.nodes.recorder_node:main",
             "rkhs = rkhs_ros.app.cli:main",
         ],
     },

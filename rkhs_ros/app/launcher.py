@@ -16,7 +16,7 @@ from types import FrameType
 from typing import Any
 
 from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED
-from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS, POLICY, PRACTICE_ROBOT, ROBOT, SIMULATOR
+from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS, POLICY, PRACTICE_ROBOT, RECORDER, ROBOT, SIMULATOR
 from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.base.yaml_text import dumped, loaded, require_ros_value
 from rkhs_ros.nodes.names import node_names
@@ -36,6 +36,7 @@ MODULES = {
     "practice_robot": "sim_nodes.robots.practice_robot_node",
     "policy": "rkhs_ros.nodes.policy_node",
     "learner": "rkhs_ros.nodes.learner_node",
+    "recorder": "rkhs_ros.nodes.recorder_node",
     "status": "rkhs_ros.nodes.status_node",
     "operator": "rkhs_ros.nodes.operator_node",
 }
@@ -130,7 +131,12 @@ Nodes = dict[str, NodeProcess]
 
 
 def launch(
-    parameters: str, learner: Mapping[str, str | bool] | None = None, *, simulators: int = 1, journal: str = ""
+    parameters: str,
+    learner: Mapping[str, str | bool] | None = None,
+    *,
+    simulators: int = 1,
+    journal: str = "",
+    raw: str = "",
 ) -> int:
     """Run the nodes until the learner ends.
 
@@ -139,6 +145,7 @@ def launch(
         learner: further parameters of the learner.
         simulators: number of simulator nodes, of more than one each in a namespace of its own.
         journal: folder in which a robot keeps its episodes.
+        raw: folder for a recording of all topics; empty for none.
 
     Returns:
         The learner's exit code, or that of a node that ended before it.
@@ -146,8 +153,8 @@ def launch(
     document = loaded(parameters)
     robot = [name for name in ROBOT_NODES if f"/**/{name}" in document]
     with (
-        _in_memory(for_all(parameters, simulators, learner, journal)) as file,
-        started(node_names(simulators, robot), file) as nodes,
+        _in_memory(for_all(parameters, simulators, learner, journal, raw)) as file,
+        started([*(["recorder"] if raw else []), *node_names(simulators, robot)], file) as nodes,
         _signals_passed_to(nodes["learner"]),
     ):
         return _supervise(nodes, _environment_in(document)["id"])
@@ -163,7 +170,11 @@ def _in_memory(content: str) -> Iterator[Path]:
 
 
 def for_all(
-    parameters: str, simulators: int, learner: Mapping[str, str | bool] | None = None, journal: str = ""
+    parameters: str,
+    simulators: int,
+    learner: Mapping[str, str | bool] | None = None,
+    journal: str = "",
+    raw: str = "",
 ) -> str:
     """Return the parameter file of all nodes.
 
@@ -173,6 +184,7 @@ def for_all(
             another.
         learner: further parameters of the learner, such as paths: as arguments they would be read as YAML.
         journal: folder in which a robot keeps its episodes. One to practise on has its gate armed without a person.
+        raw: folder for a recording of all topics; empty for none.
 
     Raises:
         ValueError: one of these can be no ROS parameter.
@@ -184,6 +196,8 @@ def for_all(
     if ROBOT in document:
         node = {"journal": journal, "practice": PRACTICE_ROBOT in document}
         document[ROBOT] = {PARAMETERS: document[ROBOT][PARAMETERS] | node}
+    if raw:
+        document[RECORDER] = {PARAMETERS: {"output": raw}}
     return dumped(document)
 
 

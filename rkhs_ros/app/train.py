@@ -41,6 +41,7 @@ from rkhs_ros.runs.report import (
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.run import run_training
 
+RECORDS = ("episodes", "raw")  # what is recorded
 REMEDY = "run 'make build', then 'source setup.bash'"
 
 
@@ -64,7 +65,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--simulators", type=int, metavar="K", help="simulator nodes that share the episodes")
     add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="settings, as algorithm.ridge=0.1")
     add("--out", type=Path, metavar="DIR", help="folder for the results (results/NAME/TIME)")
-    add("--record", action="store_true", help="write recording.mcap, to replay, learn from and look at")
+    add(
+        "--record",
+        nargs="?",
+        const=RECORDS[0],
+        choices=RECORDS,
+        help="write recording.mcap, to replay, learn from and look at; raw: all topics as well",
+    )
     add("--quiet", action="store_true", help="no progress bar")
 
 
@@ -128,6 +135,7 @@ def _train_one(options: argparse.Namespace) -> int:
     if runner and not options.quiet:
         _tell_of_horizon(config, runner.simulation.own_horizon)
     over_topics = _is_over_topics(options.runner)
+    require(over_topics or options.record != "raw", "--record", "episodes in this process, which has no topics", "raw")
     runner = None if over_topics else runner or runner_of(config.environment)
     if over_topics:
         config.check_for_topics()
@@ -185,22 +193,24 @@ def _is_over_topics(asked: str | None) -> bool:
 
 
 def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> int:
-    more = {
+    given = {"quiet": options.quiet, "resume": options.resume, "record": options.record}
+    more: dict[str, str | bool] = {
         "output": str(folder.resolve()),
-        "quiet": options.quiet,
-        "resume": bool(options.resume),
-        "record": options.record,
+        **{name: bool(value) for name, value in given.items()},
     }
     if config.environment.nodes and "practice_robot" not in config.environment.nodes:
         os.environ.setdefault(VARIABLE, "0")  # where the robot's own nodes are, unless it says otherwise
     journal = {"journal": str(folder.resolve() / "checkpoints" / "episodes")} if config.environment.nodes else {}
     with own_domain(folder):
-        return launch(resolved(config), more, simulators=config.training.simulators, **journal)
+        raw = str(folder.resolve()) if options.record == "raw" else ""
+        return launch(resolved(config), more, simulators=config.training.simulators, raw=raw, **journal)
 
 
 def _in_process(config: Config, folder: Path, options: argparse.Namespace, runner: InlineRunner) -> int:
     try:
-        run_training(config, runner, folder, quiet=options.quiet, resume=bool(options.resume), record=options.record)
+        run_training(
+            config, runner, folder, quiet=options.quiet, resume=bool(options.resume), record=bool(options.record)
+        )
     except (ValueError, OSError, RunError) as error:
         return say(error)
     return 0
@@ -210,12 +220,13 @@ def _train_several(options: argparse.Namespace) -> int:
     """Make the runs of several seeds side by side; 1 where some failed, which are named."""
     workers = workers_of(options)
     require(options.runner != "ros", "--runner", "inline for several seeds", "ros")
+    require(options.record != "raw", "--record", "episodes for several seeds, which have no topics", "raw")
     require(options.seed is None, "--seed", "either it or --seeds", "both")
     folder, runs = _runs_to_go_on_with(options) if options.resume else _new_runs(options)
     title = next(iter(runs.values())).training.name
     try:
         failures = make_missing(
-            runs, workers=workers, title=title, quiet=options.quiet, drawn=True, record=options.record
+            runs, workers=workers, title=title, quiet=options.quiet, drawn=True, record=bool(options.record)
         )
     except KeyboardInterrupt:
         print(f"interrupted; {how_to_go_on(folder)}", file=sys.stderr)
