@@ -2,7 +2,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help build pr2 demo demo-long test test-fast test-faults test-noble test-pythons lint types bench tasks docs pictures pictures-pr2 clean
+.PHONY: help build pr2 demo demo-long test test-fast test-faults test-extras test-noble test-pythons lint types bench tasks docs pictures pictures-pr2 clean
 
 # Where ROS 2 Jazzy is installed and sourced it is used; elsewhere it comes as wheels for Python 3.11 to 3.13, of which
 # the first that is there is taken: 3.11, for which PyBullet has a wheel as well, then the newest. PYTHON=... chooses.
@@ -76,6 +76,18 @@ test-faults: build ## kill nodes, lose messages, send malformed ones, run for lo
 test-fast: build ## the tests that start no nodes and take under a minute in all
 	@$(ENTER) python -m pytest -n auto -m "not ros and not slow and not faults"
 
+EXTRAS ?= test/faults/test_clusters.py test/unit/test_workers.py
+test-extras: build .venv-extras/.installed ## what needs heavy extras, in an environment of its own above .venv
+	@$(ENTER) .venv-extras/bin/python -m pytest -rs $(EXTRAS)
+
+.venv-extras/.installed: requirements/extras.txt | $(VENV)
+	@echo "Installing the extras into .venv-extras ..."
+	@.venv/bin/python -m venv --prompt extras .venv-extras
+	@.venv/bin/python -c 'import site; print(*site.getsitepackages(), sep="\n")' \
+	  > "$$(.venv-extras/bin/python -c 'import site; print(site.getsitepackages()[0])')/below.pth"
+	@.venv-extras/bin/python -m pip install -qq --disable-pip-version-check -r $<
+	@touch $@
+
 # Python 3.12 with Ubuntu 24.04's versions where it is found, else 3.11 with them; no ROS, no PyBullet.
 NOBLE_PYTHON ?= $(firstword $(foreach p,python3.12 python3.11,$(shell $(p) -c 'print("$(p)")' 2>/dev/null)) python3)
 test-noble: .venv-noble/.installed ## the unit tests with the versions of Ubuntu 24.04, in an environment of its own
@@ -122,4 +134,4 @@ pictures-pr2: build ## make the pictures of the PR2's door: minutes
 	@$(ENTER) python docs/make_pr2_pictures.py
 
 clean: ## remove everything that was built or installed
-	@rm -rf .venv .venv-noble build install log docs/_build .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	@rm -rf .venv .venv-extras .venv-noble build install log docs/_build .hypothesis .mypy_cache .pytest_cache .ruff_cache

@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Make the trials that are missing, write them and the best configuration, and print what that is."""
-    require_extra("optuna", "tune", "tune")
+    require_extra("optuna", "sweeps", "tune")
     require(1 <= options.trials <= MOST_TRIALS, "--trials", f"a number in [1, {MOST_TRIALS}]", options.trials)
     workers, search = workers_of(options), _search(options)
     trials = import_module("rkhs_ros.app.trials")

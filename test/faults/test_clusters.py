@@ -2,10 +2,12 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -37,16 +39,25 @@ def ray(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """The address of a Ray cluster of two cores."""
     pytest.importorskip("ray")
     home, port = tmp_path_factory.mktemp("r"), 20_000 + os.getpid() % 10_000
-    command = [sys.executable, "-c", "from ray.scripts.scripts import main; main()"]
-    start = [*command, "start", "--head", "--num-cpus=2", f"--port={port}", "--include-dashboard=false"]
-    subprocess.run(
-        [*start, "--disable-usage-stats", f"--temp-dir={home}"],
-        check=True,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-    )
-    yield f"127.0.0.1:{port}"
-    subprocess.run([*command, "stop", "--force"], check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    command = [sys.executable, "-c", "from ray.scripts.scripts import main; main()", "start", "--head", "--block"]
+    options = ["--num-cpus=2", f"--port={port}", "--include-dashboard=false", "--disable-usage-stats"]
+    streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    head = subprocess.Popen([*command, *options, f"--temp-dir={home}"], **streams)
+    try:
+        _wait_for(port, head)
+        yield f"127.0.0.1:{port}"
+    finally:
+        head.terminate()  # which ends its own processes, and no others of Ray's
+        head.wait(30)
+
+
+def _wait_for(port: int, head: subprocess.Popen[bytes]) -> None:
+    deadline = time.monotonic() + 60
+    while head.poll() is None and time.monotonic() < deadline:
+        with suppress(OSError), socket.create_connection(("127.0.0.1", port), 1):
+            return
+        time.sleep(0.1)
+    raise TimeoutError("expected a Ray cluster, got none")
 
 
 def tables(folder: Path) -> dict[str, bytes]:

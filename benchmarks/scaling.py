@@ -1,0 +1,40 @@
+"""How much sooner a study ends in two processes than in one, and on a Dask cluster of two workers.
+
+Each makes the same sweep in a folder of its own; what the first runs of a process load is part of it.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from argparse import ArgumentParser
+from contextlib import suppress
+from pathlib import Path
+
+os.environ["OMP_NUM_THREADS"] = "1"
+
+from rkhs_ros.app.cli import main
+
+CONFIG = Path(__file__).parents[1] / "config" / "pendulum_nac.yaml"
+SWEEP = ("sweep", str(CONFIG), "--vary", "algorithm.ridge=1e-3,1e-2", "--quiet")
+
+
+def seconds_of(runs: int, folder: Path, *where: str) -> float:
+    """Return how long a sweep of so many runs takes."""
+    begin = time.perf_counter()
+    with suppress(SystemExit):
+        main([*SWEEP, "--seeds", f"0-{runs // 2 - 1}", "--out", str(folder), *where])
+    return time.perf_counter() - begin
+
+
+if __name__ == "__main__":
+    parser = ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=20, help="an even number; default: 20")
+    parser.add_argument("--scheduler", help="of a Dask cluster, measured as well")
+    options = parser.parse_args()
+    places = [("--jobs", "1"), ("--jobs", "2"), *([("--scheduler", options.scheduler)] if options.scheduler else [])]
+    with tempfile.TemporaryDirectory() as parent:
+        seconds = [seconds_of(options.runs, Path(parent) / str(n), *place) for n, place in enumerate(places)]
+    for place, taken in zip(places, seconds, strict=True):
+        print(f"{' '.join(place):<36} {taken:7.1f} s   {seconds[0] / taken:.2f} times as fast as one process")

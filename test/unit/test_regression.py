@@ -1,0 +1,31 @@
+import numpy as np
+import pytest
+
+from rkhs_ros.rkhs.function import BLOCK_ROWS, Function
+from rkhs_ros.rkhs.kernels import RBF, Array
+from rkhs_ros.rkhs.regression import ridge_regression, ridge_regression_by_blocks
+
+
+@pytest.mark.parametrize("block_rows", [7, 50, 99, 100, 1000])
+def test_a_regression_by_blocks_is_that_of_all_rows(rng: np.random.Generator, block_rows: int) -> None:
+    features, targets, penalty = rng.normal(size=(100, 6)), rng.normal(size=(100, 2)), rng.uniform(0.1, 1.0, 6)
+    asked: list[int] = []
+
+    def rows(block: slice) -> Array:
+        asked.append(len(features[block]))
+        return features[block]
+
+    by_blocks = ridge_regression_by_blocks(rows, targets, penalty, block_rows)
+    whole = ridge_regression(features, targets, penalty)
+    np.testing.assert_allclose(by_blocks, whole, rtol=1e-10)
+    assert (max(asked) <= block_rows, sum(asked)) == (True, 100)
+    assert block_rows < 100 or by_blocks.tobytes() == whole.tobytes()
+
+
+def test_a_function_at_many_points_has_the_bits_of_each_by_itself(rng: np.random.Generator) -> None:
+    function = Function(RBF((0.7,)), rng.normal(size=(5, 2)), rng.normal(size=(5, 3)))
+    points = rng.normal(size=(2 * BLOCK_ROWS + 3, 2))
+    values = function(points)
+    assert values.shape == (len(points), 3)
+    for i in (0, BLOCK_ROWS - 1, BLOCK_ROWS, 2 * BLOCK_ROWS + 2):
+        assert values[i].tobytes() == function(points[i : i + 1]).tobytes()
