@@ -20,6 +20,7 @@ COMMANDS = {
     "evaluate": "measure a policy without exploration",
     "render": "film an episode without exploration",
     "plot": "draw the pictures of a run",
+    "view": "show a run in the browser, while it learns or afterwards",
     "compare": "draw the learning curves of several runs, with a table",
     "reproduce": "make the paper's figures again",
     "results": "say which of the paper's claims hold, from reproduced figures",

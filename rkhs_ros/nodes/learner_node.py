@@ -79,7 +79,7 @@ def learn(node: LearnerNode, stop: Event) -> None:
         resume = node.resume and folder is not None and is_begun(folder)
         folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
         node.get_logger().info(f"learns {config.environment.id}; the results are in {folder.resolve()}")
-        run_training(config, node.runner, folder, quiet=node.quiet, resume=resume)
+        run_training(config, node.runner, folder, quiet=node.quiet, resume=resume, rest=node.peers.rest)
 
 
 def main() -> None:

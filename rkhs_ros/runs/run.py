@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -16,13 +17,20 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.runs.checkpoint import Checkpoints
 from rkhs_ros.runs.config import Config, Environment, load_config
+from rkhs_ros.runs.control import Control, Rest
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.report import FIRST_POLICY, Report, new_folder, old_folder
 
 
 def run_training(
-    config: Config, runner: Runner, folder: Path | None, *, quiet: bool = False, resume: bool = False
+    config: Config,
+    runner: Runner,
+    folder: Path | None,
+    *,
+    quiet: bool = False,
+    resume: bool = False,
+    rest: Rest = time.sleep,
 ) -> Path:
     """Train and write the results.
 
@@ -32,6 +40,7 @@ def run_training(
         folder: where the results go; results/NAME/TIME where None.
         quiet: without progress bar.
         resume: go on with the run in the folder; what it leaves has the same bits as that of a run never stopped.
+        rest: waits for some seconds, while the run pauses.
 
     Returns:
         The folder of the results.
@@ -40,6 +49,7 @@ def run_training(
         ValueError: the folder holds something already, or no run to go on with, or one that another process is
             in, or one that began with other settings.
         OSError: the folder cannot be written.
+        KeyboardInterrupt: the run was asked to stop, see `control.ask`.
     """
     folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
     with locked(folder):
@@ -55,12 +65,15 @@ def run_training(
                 print(f"note: {folder}: no checkpoint to go on from: the run begins again", file=sys.stderr)
         done = state.iterations if state else 0
         report = Report(folder, config, runner.spaces, done)
+        control = Control(folder, rest)
         with _finished(report), progress_bar(config.training, done, quiet=quiet) as show:
             state = state or first_state(config.training, runner.spaces, _given(folder))
             for iteration in train(config.training, runner, state):
                 report.add(iteration)  # before the checkpoint, which is of no use without its line
                 checkpoints.write(iteration.state)
                 show(iteration)
+                control.obey()
+        control.clear()
     return folder
 
 

@@ -39,6 +39,39 @@ class JointStates(NamedTuple):
     period: float
 
 
+class Body(NamedTuple):
+    """A rigid body that is seen.
+
+    Attributes:
+        shape: "box", "ball" or "cylinder", whose axis is z.
+        size: along x, y and z, in metres.
+        colour: red, green and blue, from 0 to 1.
+    """
+
+    shape: str
+    size: tuple[float, float, float]
+    colour: tuple[float, float, float]
+
+
+class Motion(NamedTuple):
+    """How bodies move; z is up.
+
+    Attributes:
+        times: of each moment, in seconds, shape (k,).
+        places: of the middles, in metres, shape (k, bodies, 3).
+        turns: unit quaternions w, x, y, z, shape (k, bodies, 4).
+    """
+
+    times: Array
+    places: Array
+    turns: Array
+
+
+def upright(places: Array) -> Array:
+    """Return the turns of bodies that do not turn, for places of shape (k, bodies, 3)."""
+    return np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*places.shape[:2], 4))
+
+
 class VectorTask(VectorEnv[Array, Array, Any]):
     """Rows of one task, stepped together, each with a random stream of its own.
 
