@@ -90,7 +90,7 @@ test-noble: .venv-noble/.installed ## the unit tests with the versions of Ubuntu
 test-pythons: ## the fast tests and the demo with each Python that is there, in copies of the tree
 	@for python in $(foreach version,$(VERSIONS),$(call python,$(version))); do \
 	  copy=build/$$("$$python" -c 'import sys; print("python%d.%d" % sys.version_info[:2])') && echo "$$copy ..." && \
-	  mkdir -p "$$copy" && git ls-files -z | xargs -0 cp --parents -t "$$copy" && \
+	  mkdir -p "$$copy" && git ls-files -z | xargs -0 cp -P --parents -t "$$copy" && \
 	  env -u PYTHONPATH -u AMENT_PREFIX_PATH -u CMAKE_PREFIX_PATH \
 	    $(MAKE) --no-print-directory -C "$$copy" PYTHON="$$python" test-fast demo || exit 1; done
 

@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, TypeVar
 from rosgraph_msgs.msg import Clock
 
 import sim_nodes.envs  # noqa: F401  # registers the tasks
+from rkhs_interfaces import msg
 from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import require
+from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.nodes.arguments import require_section
 from rkhs_ros.nodes.diagnostics import Diagnostics
 from rkhs_ros.nodes.messages import (
@@ -23,13 +25,12 @@ from rkhs_ros.nodes.messages import (
     batch_of,
     clock_message,
     describe,
-    episodes_message,
-    matrix,
     observation_message,
 )
 from rkhs_ros.nodes.parameters import declare, declared, given, instance, require_known, restarts
 from rkhs_ros.nodes.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.uniqueness import Uniqueness
+from rkhs_ros.policies.messages import matrix
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import environment_from
 from rkhs_ros.runs.recording import EpisodeRecorder
@@ -218,7 +219,7 @@ class SimulatorNode(ReportingNode):
         """Record after publishing: the policy node is at work meanwhile."""
         self._recorder.observed(self._step, frame)
         if not frame.active.any():
-            self._ended = episodes_message(self._identity, self._version, self._recorder.episodes())
+            self._ended = episodes_message(msg, self._identity, self._version, self._recorder.episodes())
             self._episodes.publish(self._ended)
 
     def _tick(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from joblib.externals.loky.process_executor import BrokenProcessPool
@@ -74,12 +75,14 @@ def begin_seeds(
     return runs
 
 
-def go_on(runs: Mapping[Path, Config], *, jobs: int, title: str, quiet: bool) -> dict[Path, str]:
+def go_on(runs: Mapping[Path, Config], *, jobs: int, title: str, quiet: bool, record: bool = False) -> dict[Path, str]:
     """Make what is missing of some runs and return, by the folders of those that failed, why they did."""
     missing = {folder: config for folder, config in runs.items() if not _is_done(folder, config)}
     ends: dict[Path, str | None] = {}
     try:
-        ends.update(side_by_side(_make, list(missing.items()), jobs=jobs, title=title, quiet=quiet))
+        ends.update(
+            side_by_side(partial(_make, record=record), list(missing.items()), jobs=jobs, title=title, quiet=quiet)
+        )
     except BrokenProcessPool:  # all that had not ended share the fate of the one that was killed
         ends |= {folder: KILLED for folder in missing if folder not in ends}
     return {folder: why for folder, why in ends.items() if why is not None}
@@ -91,10 +94,10 @@ def _is_done(folder: Path, config: Config) -> bool:
     return drawn and len(Curve(curve).rows()) == config.training.iterations
 
 
-def _make(folder: Path, config: Config) -> tuple[Path, str | None]:
+def _make(folder: Path, config: Config, *, record: bool) -> tuple[Path, str | None]:
     """Go on with a run and draw its pictures; return why that failed, None where it did not."""
     try:
-        run_training(config, runner_of(config.environment), folder, quiet=True, resume=True)
+        run_training(config, runner_of(config.environment), folder, quiet=True, resume=True, record=record)
         draw_run(folder)
     except Exception as error:  # of one seed, which shall not end the others
         return folder, " ".join(f"{type(error).__name__}: {error}".split())

@@ -61,6 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--simulators", type=int, metavar="K", help="simulator nodes that share the episodes")
     add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="settings, as algorithm.ridge=0.1")
     add("--out", type=Path, metavar="DIR", help="folder for the results (results/NAME/TIME)")
+    add("--record", action="store_true", help="write recording.mcap, to replay, learn from and look at")
     add("--quiet", action="store_true", help="no progress bar")
 
 
@@ -177,14 +178,19 @@ def _is_over_topics(asked: str | None) -> bool:
 
 
 def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> int:
-    more = {"output": str(folder.resolve()), "quiet": options.quiet, "resume": bool(options.resume)}
+    more = {
+        "output": str(folder.resolve()),
+        "quiet": options.quiet,
+        "resume": bool(options.resume),
+        "record": options.record,
+    }
     with own_domain(folder):
         return launch(resolved(config), more, simulators=config.training.simulators)
 
 
 def _in_process(config: Config, folder: Path, options: argparse.Namespace, runner: InlineRunner) -> int:
     try:
-        run_training(config, runner, folder, quiet=options.quiet, resume=bool(options.resume))
+        run_training(config, runner, folder, quiet=options.quiet, resume=bool(options.resume), record=options.record)
     except (ValueError, OSError, RunError) as error:
         return say(error)
     return 0
@@ -199,7 +205,7 @@ def _train_several(options: argparse.Namespace) -> int:
     folder, runs = _runs_to_go_on_with(options) if options.resume else _new_runs(options)
     title = next(iter(runs.values())).training.name
     try:
-        failures = go_on(runs, jobs=jobs, title=title, quiet=options.quiet)
+        failures = go_on(runs, jobs=jobs, title=title, quiet=options.quiet, record=options.record)
     except KeyboardInterrupt:
         print(f"interrupted; {how_to_go_on(folder)}", file=sys.stderr)
         return INTERRUPTED

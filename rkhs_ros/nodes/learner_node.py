@@ -44,6 +44,7 @@ class LearnerNode(ReportingNode):
         self.resume = declared(
             self, tree, "resume", False, "go on with the run in the output folder, if one began there"
         )
+        self.record = declared(self, tree, "record", False, "record the run in recording.mcap, in its folder")
         again, number = restarts(self, tree), instance(self, tree)
         self.environment = self._environment_from(tree)
         self.training = training_from(tree)
@@ -79,7 +80,15 @@ def learn(node: LearnerNode, stop: Event) -> None:
         resume = node.resume and folder is not None and is_begun(folder)
         folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
         node.get_logger().info(f"learns {config.environment.id}; the results are in {folder.resolve()}")
-        run_training(config, node.runner, folder, quiet=node.quiet, resume=resume, rest=node.peers.rest)
+        run_training(
+            config,
+            node.runner,
+            folder,
+            quiet=node.quiet,
+            resume=resume,
+            record=node.record,
+            rest=node.peers.rest,
+        )
 
 
 def main() -> None:

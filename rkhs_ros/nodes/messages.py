@@ -1,25 +1,21 @@
-"""Conversions between messages and the core's values: batches, episodes, tasks; each is checked before it is used."""
+"""Conversions between messages and the core's values: batches, steps, tasks; each is checked before it is used."""
 
 from __future__ import annotations
 
 import json
-from array import array
 from dataclasses import fields
-from math import prod
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
 import rkhs_interfaces.msg as msg
-from rkhs_interfaces.srv import DescribeTask, StartEpisodes
-from rkhs_ros.base.validation import finite_array, require
-from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.policies.spaces import Spaces
+from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
+from rkhs_ros.base.validation import require
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.messages import MOST_INPUTS, doubles, matrix, policy_message, spaces_fields
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 
@@ -32,30 +28,8 @@ if TYPE_CHECKING:  # a policy node needs no simulation
 # Reliable. Volatile, since keeping messages for late peers doubles the time of a round trip: the learner waits
 # until the peers say that they are connected.
 LOCKSTEP_QOS = QoSProfile(depth=16, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
-MOST_INPUTS, MOST_ACTIONS = 100_000, 1_000  # dimensions of a policy
 BATCH = attrgetter(*(field.name for field in fields(Batch)))  # what a message says of its batch
-FLOATS = ("float32", "float64")  # types of actions
 CLOCK_ENDS = 2**31  # seconds, which /clock cannot tell any more
-
-
-def doubles(values: NDArray[Any]) -> array[float]:
-    """Return the values as what a float64[] field takes fastest."""
-    return array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())
-
-
-def matrix(values: Any, rows: int, columns: int, what: str) -> Array:
-    """Return a float64[] field as a finite matrix of its own.
-
-    Raises:
-        ValueError: another number of values, or some that are not finite.
-    """
-    return _numbers(values, (rows, columns), what)
-
-
-def _numbers(values: Any, shape: tuple[int, ...], what: str) -> Array:
-    if len(values) != prod(shape):  # seen before they are copied: there may be millions
-        raise ValueError(f"{what}: expected {shape} values, got {len(values)}")
-    return finite_array(np.frombuffer(values, dtype=np.float64), shape, what)
 
 
 def observation_message(identity: int, version: int, batch: Batch, step: int, frame: Frame) -> msg.Observation:
@@ -117,62 +91,19 @@ def start_request(
     )
 
 
-def episodes_message(identity: int, version: int, episodes: Episodes) -> msg.Episodes:
-    """Return what the simulator publishes at the end of a batch."""
-    rows, horizon = episodes.rewards.shape
-    return msg.Episodes(
-        batch=identity,
-        policy_version=version,
-        rows=rows,
-        horizon=horizon,
-        lengths=array("I", episodes.mask.sum(axis=1).astype(np.uint32).tobytes()),
-        terminated=episodes.terminated.tolist(),
-        observations=doubles(episodes.observations),
-        final_observations=doubles(episodes.final_observations),
-        actions=doubles(episodes.actions),
-        rewards=doubles(episodes.rewards),
-    )
-
-
-def episodes_of(message: msg.Episodes, batch: Batch, spaces: Spaces) -> Episodes:
-    """Return the episodes that a message carries.
-
-    Raises:
-        ValueError: they are not of that batch's size, or not finite.
-    """
-    shape = (batch.rows, batch.horizon)
-    require((message.rows, message.horizon) == shape, "episodes", f"{shape}", f"{(message.rows, message.horizon)}")
-    for name in ("lengths", "terminated"):
-        size = len(getattr(message, name))
-        require(size == batch.rows, f"episodes' {name}", f"{batch.rows} entries", size)
-    lengths = np.array(message.lengths, dtype=np.int64)
-    good = bool(((lengths >= 1) & (lengths <= batch.horizon)).all())
-    require(good, "episodes' lengths", f"1 to {batch.horizon} steps", lengths)
-    return Episodes(
-        observations=_numbers(message.observations, (*shape, spaces.observation_dim), "episodes' observations"),
-        actions=_numbers(message.actions, (*shape, spaces.action_dim), "episodes' actions"),
-        rewards=_numbers(message.rewards, shape, "episodes' rewards"),
-        mask=np.arange(batch.horizon) < lengths[:, None],
-        final_observations=_numbers(
-            message.final_observations, (batch.rows, spaces.observation_dim), "episodes' final observations"
-        ),
-        terminated=np.array(message.terminated, dtype=bool),
-    )
+def set_policy_request(policy: GaussianPolicy, version: int) -> SetPolicy.Request:
+    """Return the request to serve a policy."""
+    return SetPolicy.Request(policy=policy_message(msg, policy, version))
 
 
 def describe(
     simulation: Simulation, rows: int, identity: int, step: int, clock: int, *, failure: str, connected: bool
 ) -> DescribeTask.Response:
     """Return what a simulation's task is, how many of so many rows it has room for, and how far it is."""
-    spaces = simulation.spaces
     return DescribeTask.Response(
         environment=simulation.environment,
         options=json.dumps(simulation.options),
-        observation_shape=spaces.observation_shape,
-        action_shape=spaces.action_low.shape,
-        action_type=spaces.action_low.dtype.name,
-        action_low=doubles(spaces.action_low),
-        action_high=doubles(spaces.action_high),
+        **spaces_fields(simulation.spaces),
         room=simulation.room(rows),
         rows_at_once=simulation.rows_at_once,
         batch=identity,
@@ -181,23 +112,6 @@ def describe(
         clock=clock,
         connected=connected,
     )
-
-
-def spaces_of(message: DescribeTask.Response) -> Spaces:
-    """Return the spaces of the task that a message describes.
-
-    Raises:
-        ValueError: the shapes, the type or the bounds do not fit.
-    """
-    require(message.action_type in FLOATS, "action_type", f"one of {', '.join(FLOATS)}", message.action_type)
-    shape = tuple(int(size) for size in message.action_shape)
-    sizes = (prod(message.observation_shape), prod(shape))
-    good = 1 <= sizes[0] <= MOST_INPUTS and 1 <= sizes[1] <= MOST_ACTIONS
-    require(good, "task", f"1 to {MOST_INPUTS} observed numbers and 1 to {MOST_ACTIONS} actions", sizes)
-    bounds = (np.array(bound, dtype=message.action_type) for bound in (message.action_low, message.action_high))
-    low, high = (bound.reshape(shape) if bound.size == sizes[1] else bound for bound in bounds)
-    require(low.shape == shape, "action_low", f"{shape} values", low.shape)
-    return Spaces(tuple(int(size) for size in message.observation_shape), low, high)
 
 
 def clock_message(seconds: float) -> Clock:

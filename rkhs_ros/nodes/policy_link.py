@@ -8,9 +8,9 @@ from rclpy.node import Node
 
 from rkhs_interfaces.msg import BatchProgress
 from rkhs_interfaces.srv import SetPolicy
+from rkhs_ros.nodes.messages import set_policy_request
 from rkhs_ros.nodes.names import fresh_number
 from rkhs_ros.nodes.peers import Peers
-from rkhs_ros.nodes.policy_messages import set_policy_request
 from rkhs_ros.policies.gaussian import GaussianPolicy
 
 NAME = "policy"

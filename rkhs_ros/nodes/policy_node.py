@@ -10,12 +10,12 @@ from rkhs_interfaces.msg import Policy as PolicyMessage
 from rkhs_interfaces.srv import SetPolicy
 from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.diagnostics import Diagnostics
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS, batch_of, doubles, observations_of
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS, batch_of, observations_of
 from rkhs_ros.nodes.names import namespaces
 from rkhs_ros.nodes.parameters import declared, given, instance, require_known, restarts
-from rkhs_ros.nodes.policy_messages import policy_of
 from rkhs_ros.nodes.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.uniqueness import Uniqueness
+from rkhs_ros.policies.messages import doubles, policy_of
 from rkhs_ros.policies.serving import Answer, Failed, Ignored, Observation, Refused, Reply, ServedPolicy, Session
 from rkhs_ros.policies.storage import load_policy
 

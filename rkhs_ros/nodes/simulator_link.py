@@ -15,12 +15,14 @@ from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import require, shown
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.messages import episodes_of
 from rkhs_ros.learning.replay import check_actions
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS, episodes_of, spaces_of, start_request
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS, start_request
 from rkhs_ros.nodes.names import fresh_number
 from rkhs_ros.nodes.peers import REFUSAL_STANDS_S, Peers
 from rkhs_ros.nodes.spin import SIGNAL_CHECK_S, PeerError
 from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.messages import spaces_of
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import MOST_ROWS, Environment

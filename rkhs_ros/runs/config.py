@@ -24,7 +24,7 @@ OF_ANY_NODE = {"use_sim_time", "start_type_description_service", "qos_overrides"
 NODE_PARAMETERS = {
     "simulator": OF_ANY_NODE | {"robot_state"},
     "policy": OF_ANY_NODE | {"simulators", "policy_file"},
-    "learner": OF_ANY_NODE | {"output", "quiet", "resume"},
+    "learner": OF_ANY_NODE | {"output", "quiet", "resume", "record"},
 }
 
 

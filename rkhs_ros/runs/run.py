@@ -5,31 +5,35 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from rkhs_ros.base.lock import locked
 from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.state import first_state
-from rkhs_ros.learning.training import Runner, train
+from rkhs_ros.learning.training import train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import load_policy
+from rkhs_ros.recordings.recording import FILE
 from rkhs_ros.runs.checkpoint import Checkpoints
 from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.control import Control, Rest
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.progress import progress_bar
+from rkhs_ros.runs.recorded import RecordableRunner, recorded
 from rkhs_ros.runs.report import FIRST_POLICY, Report, new_folder, old_folder
 
 
 def run_training(
     config: Config,
-    runner: Runner,
+    runner: RecordableRunner,
     folder: Path | None,
     *,
     quiet: bool = False,
     resume: bool = False,
+    record: bool = False,
+    sync: bool = False,
     rest: Rest = time.sleep,
 ) -> Path:
     """Train and write the results.
@@ -40,6 +44,8 @@ def run_training(
         folder: where the results go; results/NAME/TIME where None.
         quiet: without progress bar.
         resume: go on with the run in the folder; what it leaves has the same bits as that of a run never stopped.
+        record: write recording.mcap; a run that goes on and has one goes on with it in any case.
+        sync: wait until the disk has each record, as for a robot, whose episodes cost.
         rest: waits for some seconds, while the run pauses.
 
     Returns:
@@ -66,9 +72,13 @@ def run_training(
         done = state.iterations if state else 0
         report = Report(folder, config, runner.spaces, done)
         control = Control(folder, rest)
-        with _finished(report), progress_bar(config.training, done, quiet=quiet) as show:
+        record |= (folder / FILE).is_file()
+        recording = recorded(config, runner, folder, sync=sync) if record else nullcontext()
+        with recording as recorder, _finished(report), progress_bar(config.training, done, quiet=quiet) as show:
             state = state or first_state(config.training, runner.spaces, _given(folder))
-            for iteration in train(config.training, runner, state):
+            for iteration in train(config.training, recorder or runner, state):
+                if recorder:
+                    recorder.updated(iteration)
                 report.add(iteration)  # before the checkpoint, which is of no use without its line
                 checkpoints.write(iteration.state)
                 show(iteration)

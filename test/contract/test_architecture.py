@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 # Each floor imports from itself and from those before it only. sim_nodes stands beside the floors, see below.
-FLOORS = ("base", "rkhs", "policies", "learning", "runs", "robot", "nodes", "pictures", "paper", "app")
+FLOORS = ("base", "rkhs", "policies", "learning", "recordings", "runs", "robot", "nodes", "pictures", "paper", "app")
 ROS = ("rclpy", "rkhs_interfaces", "rcl_interfaces", "sensor_msgs", "std_msgs", "diagnostic_msgs", "rosgraph_msgs")
 SOURCES = sorted(path for package in ("rkhs_ros", "sim_nodes") for path in (ROOT / package).rglob("*.py"))
 EVERYTHING = sorted(

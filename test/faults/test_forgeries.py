@@ -13,8 +13,7 @@ import pytest
 
 from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import StartEpisodes
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS
-from rkhs_ros.nodes.policy_messages import set_policy_request
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS, set_policy_request
 from test.faults.runs import assert_same_bits
 from test.ros.conftest import Probe, Process, probe
 from test.ros.test_policy_node import policy

@@ -19,10 +19,10 @@ from hypothesis import strategies as st
 from rkhs_interfaces.msg import Action, Episodes, NodeInstance, Observation
 from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
 from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS, REPORT_PERIOD_S
-from rkhs_ros.nodes.messages import doubles, observation_message, start_request
-from rkhs_ros.nodes.policy_messages import set_policy_request
+from rkhs_ros.nodes.messages import observation_message, set_policy_request, start_request
 from rkhs_ros.nodes.uniqueness import SENDER_QOS, TOPIC
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
+from rkhs_ros.policies.messages import doubles
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.simulation import Frame, Simulation
 from test.faults.runs import assert_same_bits

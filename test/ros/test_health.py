@@ -21,9 +21,10 @@ from rosgraph_msgs.msg import Clock
 from rkhs_interfaces.msg import Action, NodeInstance
 from rkhs_interfaces.srv import DescribeTask
 from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS, doubles, start_request
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS, start_request
 from rkhs_ros.nodes.status_node import reasons
 from rkhs_ros.nodes.uniqueness import HEARER_QOS, SENDER_QOS, TOPIC
+from rkhs_ros.policies.messages import doubles
 from rkhs_ros.policies.streams import Batch
 from test.ros.conftest import ROOT, Probe, Process, kill, nodes_of
 

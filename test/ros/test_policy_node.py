@@ -10,9 +10,10 @@ import pytest
 
 from rkhs_interfaces.msg import Observation
 from rkhs_interfaces.srv import SetPolicy
-from rkhs_ros.nodes.policy_messages import policy_message, policy_of, set_policy_request
+from rkhs_ros.nodes.messages import set_policy_request
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.messages import policy_of
 from rkhs_ros.policies.storage import Task, save_policy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance
@@ -93,7 +94,7 @@ def test_any_policy_acts_over_topics_as_in_process(
     node: Process, probe: Probe, variance: str, inputs: Inputs, noise: str
 ) -> None:
     served = replace(policy(4, variance, inputs), noise=noise)
-    assert policy_of(policy_message(served, 2)).noise == noise
+    assert policy_of(set_policy_request(served, 2).policy).noise == noise
     response = probe.ask("set_policy", set_policy_request(served, 2))
     assert (response.accepted, response.version, response.message) == (True, 2, "")
     acting = Acting(served, BATCH, explore=True)

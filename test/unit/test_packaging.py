@@ -42,6 +42,7 @@ def test_pip_installs_the_library_and_the_command_without_ros(tmp_path: Path) ->
     source = tmp_path / "source"
     ours = (
         "rkhs_ros",
+        "rkhs_interfaces",
         "sim_nodes",
         "config",
         "launch",
@@ -58,10 +59,22 @@ def test_pip_installs_the_library_and_the_command_without_ros(tmp_path: Path) ->
     (tmp_path / "still_life.py").write_text(SCRIPT)
     played = run(python, "still_life.py", cwd=tmp_path)
     assert played.returncode == 0, played.stderr
-    arguments = ("train", "--env", "still_life:Still-v0", "--runner", "inline", "--iterations", 2, "--out", "run")
+    arguments = (
+        "train",
+        "--env",
+        "still_life:Still-v0",
+        "--runner",
+        "inline",
+        "--iterations",
+        2,
+        "--out",
+        "run",
+        "--record",
+    )
     learnt = run(rkhs, *arguments, "--quiet", cwd=tmp_path)
     assert learnt.returncode == 0, learnt.stderr
     assert (tmp_path / "run" / "policy.png").is_file()
+    assert (tmp_path / "run" / "recording.mcap").is_file()  # the definitions of the messages are there, too
     assert "fig3-toy" in run(rkhs, "list", cwd=tmp_path).stdout  # the configurations are there, too
     there = run(python, "-c", "import rclpy", cwd=tmp_path)
     assert "ModuleNotFoundError" in there.stderr

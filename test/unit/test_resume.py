@@ -439,7 +439,7 @@ def test_over_topics_the_learner_is_told_to_go_on(rkhs: Cli, tmp_path: Path, mon
     parameters, more, keywords = told
     (tmp_path / "given.yaml").write_text(parameters)
     assert load_config(tmp_path / "given.yaml") == longer(4, simulators=2)
-    assert more == {"output": str(folder), "quiet": True, "resume": True}
+    assert more == {"output": str(folder), "quiet": True, "resume": True, "record": False}
     assert keywords == {"simulators": 2}
 
 

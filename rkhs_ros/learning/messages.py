@@ -1,0 +1,105 @@
+"""Episodes as messages, whatever made the types of these; each is checked before it is used."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rkhs_ros.base.validation import require
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.execution import Execution
+from rkhs_ros.policies.messages import doubles, matrix, shaped
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.streams import Batch
+
+
+def episodes_message(
+    types: Any, identity: int, version: int, episodes: Episodes, executions: Sequence[Execution] = ()
+) -> Any:
+    """Return the episodes of a batch as a message.
+
+    Args:
+        types: of messages, as attributes: Episodes and Execution.
+        identity: number of the batch.
+        version: of the policy that acted.
+        episodes: of the batch.
+        executions: of each episode; none in a simulation.
+    """
+    rows, horizon = episodes.rewards.shape
+    return types.Episodes(
+        batch=identity,
+        policy_version=version,
+        rows=rows,
+        horizon=horizon,
+        lengths=_packed("I", episodes.mask.sum(axis=1), np.uint32),
+        terminated=episodes.terminated.tolist(),
+        observations=doubles(episodes.observations),
+        final_observations=doubles(episodes.final_observations),
+        actions=doubles(episodes.actions),
+        rewards=doubles(episodes.rewards),
+        executions=[_execution_message(types, execution) for execution in executions],
+    )
+
+
+def _execution_message(types: Any, execution: Execution) -> Any:
+    return types.Execution(
+        stamps=_packed("q", execution.stamps, np.int64),
+        executed=doubles(execution.executed),
+        flags=_packed("I", execution.flags, np.uint32),
+        void_reason=execution.void_reason,
+    )
+
+
+def _packed(code: str, values: NDArray[Any], kind: type) -> array[int]:
+    return array(code, np.ascontiguousarray(values, dtype=kind).tobytes())
+
+
+def episodes_of(message: Any, batch: Batch, spaces: Spaces) -> Episodes:
+    """Return the episodes that a message carries; those that are void may have no step.
+
+    Raises:
+        ValueError: they are not of that batch's size, or not finite.
+    """
+    shape = (batch.rows, batch.horizon)
+    require((message.rows, message.horizon) == shape, "episodes", f"{shape}", f"{(message.rows, message.horizon)}")
+    for name in ("lengths", "terminated"):
+        size = len(getattr(message, name))
+        require(size == batch.rows, f"episodes' {name}", f"{batch.rows} entries", size)
+    lengths = np.array(message.lengths, dtype=np.int64)
+    least = 0 if any(execution.void_reason for execution in message.executions) else 1
+    good = bool(((lengths >= least) & (lengths <= batch.horizon)).all())
+    require(good, "episodes' lengths", f"{least} to {batch.horizon} steps", lengths)
+    return Episodes(
+        observations=shaped(message.observations, (*shape, spaces.observation_dim), "episodes' observations"),
+        actions=shaped(message.actions, (*shape, spaces.action_dim), "episodes' actions"),
+        rewards=shaped(message.rewards, shape, "episodes' rewards"),
+        mask=np.arange(batch.horizon) < lengths[:, None],
+        final_observations=shaped(
+            message.final_observations, (batch.rows, spaces.observation_dim), "episodes' final observations"
+        ),
+        terminated=np.array(message.terminated, dtype=bool),
+    )
+
+
+def executions_of(message: Any) -> list[Execution]:
+    """Return how the episodes that a message carries went on a robot; none of a simulation.
+
+    Raises:
+        ValueError: the sizes do not fit, or commands are not finite.
+    """
+    return [_execution_of(execution) for execution in message.executions]
+
+
+def _execution_of(message: Any) -> Execution:
+    steps, size = len(message.flags), len(message.executed)
+    columns = size // steps if steps else 0
+    return Execution(
+        stamps=np.array(message.stamps, dtype=np.int64),
+        executed=matrix(message.executed, steps, columns, "executed commands"),
+        flags=np.array(message.flags, dtype=np.uint32),
+        void_reason=message.void_reason,
+    )

@@ -1,0 +1,171 @@
+"""Policies and spaces as messages, whatever made the types of these: a ROS workspace, or the definitions alone.
+
+A message is anything with the attributes that rkhs_interfaces defines; each is checked before it is used.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterable, Mapping
+from math import prod
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rkhs_ros.base.settings import build
+from rkhs_ros.base.validation import finite_array, require
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance, Variance
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import Array, Kernel, kernel_from_terms
+
+MOST_INPUTS, MOST_ACTIONS = 100_000, 1_000  # dimensions of a policy
+FLOATS = ("float32", "float64")  # types of actions
+# What a variance of each name has no use for.
+UNUSED = {"constant": ("kernel", "centres", "mass", "minimum", "maximum"), "kernel": (), "function": ("mass",)}
+
+
+def doubles(values: NDArray[Any]) -> array[float]:
+    """Return the values as what a float64[] field takes fastest."""
+    return array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())
+
+
+def matrix(values: Any, rows: int, columns: int, what: str) -> Array:
+    """Return a float64[] field as a finite matrix of its own.
+
+    Raises:
+        ValueError: another number of values, or some that are not finite.
+    """
+    return shaped(values, (rows, columns), what)
+
+
+def shaped(values: Any, shape: tuple[int, ...], what: str) -> Array:
+    """Return a float64[] field as a finite array of its own.
+
+    Raises:
+        ValueError: another number of values, or some that are not finite.
+    """
+    if len(values) != prod(shape):  # seen before they are copied: there may be millions
+        raise ValueError(f"{what}: expected {shape} values, got {len(values)}")
+    return finite_array(np.frombuffer(values, dtype=np.float64), shape, what)
+
+
+def spaces_fields(spaces: Spaces) -> dict[str, Any]:
+    """Return the fields of a message that describe a task's spaces."""
+    return {
+        "observation_shape": spaces.observation_shape,
+        "action_shape": spaces.action_low.shape,
+        "action_type": spaces.action_low.dtype.name,
+        "action_low": doubles(spaces.action_low),
+        "action_high": doubles(spaces.action_high),
+    }
+
+
+def spaces_of(message: Any) -> Spaces:
+    """Return the spaces of the task that a message describes.
+
+    Raises:
+        ValueError: the shapes, the type or the bounds do not fit.
+    """
+    require(message.action_type in FLOATS, "action_type", f"one of {', '.join(FLOATS)}", message.action_type)
+    shape = tuple(int(size) for size in message.action_shape)
+    observation_shape = tuple(int(size) for size in message.observation_shape)
+    sizes = (prod(observation_shape), prod(shape))
+    good = 1 <= sizes[0] <= MOST_INPUTS and 1 <= sizes[1] <= MOST_ACTIONS
+    require(good, "task", f"1 to {MOST_INPUTS} observed numbers and 1 to {MOST_ACTIONS} actions", sizes)
+    bounds = (np.array(bound, dtype=message.action_type) for bound in (message.action_low, message.action_high))
+    low, high = (bound.reshape(shape) if bound.size == sizes[1] else bound for bound in bounds)
+    require(low.shape == shape, "action_low", f"{shape} values", low.shape)
+    return Spaces(observation_shape, low, high)
+
+
+def policy_message(types: Any, policy: GaussianPolicy, version: int) -> Any:
+    """Return the policy as a message.
+
+    Args:
+        types: of messages, as attributes: Policy, KernelTerm, Variance and Inputs.
+        policy: the policy.
+        version: its version.
+    """
+    mean, inputs = policy.mean, policy.inputs
+    return types.Policy(
+        version=version,
+        input_dim=mean.input_dim,
+        action_dim=mean.output_dim,
+        kernel=_terms(types, mean.kernel),
+        centres=doubles(mean.centres),
+        weights=doubles(mean.weights),
+        variance=types.Variance(**_variance_fields(types, policy.variance)),
+        inputs=types.Inputs(history=inputs.history, angles=inputs.columns, degree=inputs.degree, offset=inputs.offset),
+        noise=policy.noise,
+    )
+
+
+def policy_of(message: Any) -> GaussianPolicy:
+    """Return the policy that a message carries.
+
+    Raises:
+        ValueError: it is not finite, misshapen or unknown; the message says what.
+    """
+    d, n = message.input_dim, message.action_dim
+    good = 1 <= d <= MOST_INPUTS and 1 <= n <= MOST_ACTIONS
+    require(good, "dimensions", f"at least 1 each, at most {MOST_INPUTS} and {MOST_ACTIONS}", f"{d} and {n}")
+    require(len(message.centres) % d == 0, "centres", f"rows of {d} numbers", f"{len(message.centres)} numbers")
+    m = len(message.centres) // d
+    kernel = _kernel(message.kernel, d)
+    mean = Function(kernel, matrix(message.centres, m, d, "centres"), matrix(message.weights, m, n, "weights"))
+    return GaussianPolicy(mean, _variance_of(message.variance, d, n), _inputs_of(message.inputs, d), message.noise)
+
+
+def _terms(types: Any, kernel: Kernel) -> list[Any]:
+    return [types.KernelTerm(name=t.name, parameters=doubles(np.array(t.parameters))) for t in kernel.terms()]
+
+
+def _kernel(terms: Iterable[Any], d: int) -> Kernel:
+    """Return a kernel that has been seen to be one of d-dimensional points."""
+    most = max((len(term.parameters) for term in terms), default=0)
+    require(most <= MOST_INPUTS, "kernel parameters", f"at most {MOST_INPUTS} a term", most)
+    kernel = kernel_from_terms((term.name, term.parameters) for term in terms)
+    origin = np.zeros((1, d))
+    with np.errstate(all="ignore"):
+        good = bool(np.isfinite(kernel(origin, origin)).all())
+    require(good, "kernel", "parameters that give finite values", "nan or infinity at the origin")
+    return kernel
+
+
+def _inputs_of(message: Any, d: int) -> Inputs:
+    require(len(message.angles) <= d, "inputs.angles", f"at most {d} columns, one for each input", len(message.angles))
+    numbers = {"history": message.history, "degree": message.degree, "offset": message.offset}
+    angles = {"angles": [int(column) for column in message.angles]} if len(message.angles) else {}
+    return build(Inputs, {**numbers, **angles}, "inputs.")
+
+
+def _variance_fields(types: Any, variance: Variance) -> Mapping[str, Any]:
+    if isinstance(variance, ConstantVariance):
+        return {"name": "constant", "values": doubles(variance.values)}
+    bounds = {"minimum": doubles(variance.minimum), "maximum": doubles(variance.maximum)}
+    if isinstance(variance, FunctionVariance):
+        g = variance.function
+        numbers = {"values": doubles(g.weights), "centres": doubles(g.centres)}
+        return {"name": "function", "kernel": _terms(types, g.kernel), **numbers, **bounds}
+    numbers = {name: doubles(getattr(variance, name)) for name in ("values", "centres", "mass")}
+    return {"name": "kernel", "kernel": _terms(types, variance.kernel), **numbers, **bounds}
+
+
+def _variance_of(message: Any, d: int, n: int) -> Variance:
+    require(message.name in UNUSED, "variance", f"one of {', '.join(UNUSED)}", f"'{message.name}'")
+    for name in UNUSED[message.name]:
+        size = len(getattr(message, name))
+        require(size == 0, f"variance {name}", f"none where the variance is '{message.name}'", f"{size} entries")
+    if message.name == "constant":
+        return ConstantVariance(matrix(message.values, 1, n, "variance values")[0])
+    m = len(message.centres) // d
+    kernel = _kernel(message.kernel, d)
+    centres, values = matrix(message.centres, m, d, "variance centres"), matrix(message.values, m, n, "variance values")
+    bounds = [matrix(getattr(message, name), 1, n, f"variance {name}")[0] for name in ("minimum", "maximum")]
+    if message.name == "function":
+        return FunctionVariance(Function(kernel, centres, values), *bounds)
+    return KernelVariance(kernel, centres, matrix(message.mass, m, 1, "variance mass")[:, 0], values, *bounds)

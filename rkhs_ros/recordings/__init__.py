@@ -1,0 +1,1 @@
+"""Recordings: MCAP files of what a run did, written and read without ROS."""

@@ -1,0 +1,132 @@
+"""The recording of a run as it grows."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import fields
+from hashlib import blake2b
+from typing import Any
+
+import numpy as np
+
+from rkhs_ros.learning.algorithm import Metrics
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.execution import Execution
+from rkhs_ros.learning.messages import episodes_message
+from rkhs_ros.learning.training import Iteration
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.messages import doubles, policy_message
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.recordings.container import MessageFile, Stored
+from rkhs_ros.recordings.definitions import Types, definition, encoded
+from rkhs_ros.recordings.recording import Head, Recording, head_fields
+
+TYPES = Types()
+TOPICS = {"Task": "task", "Policy": "policy", "RecordedEpisodes": "recorded_episodes", "Update": "update"}
+ARRAYS = [f.name for f in fields(Episodes)]
+METRICS = [f.name for f in fields(Metrics)]
+
+
+class Checksum:
+    """What follows from every bit of the episodes of an iteration.
+
+    Owns the digest of those added so far.
+    """
+
+    def __init__(self) -> None:
+        self._digest = blake2b(digest_size=8)
+
+    def add(self, episodes: Episodes) -> Episodes:
+        """Add the next episodes, and return them."""
+        for name in ARRAYS:
+            self._digest.update(np.ascontiguousarray(getattr(episodes, name)).tobytes())
+        return episodes
+
+    def take(self) -> int:
+        """Return the checksum, and begin anew."""
+        digest, self._digest = self._digest, blake2b(digest_size=8)
+        return int.from_bytes(digest.digest(), "little")
+
+
+class Recorder:
+    """Writes what a run does as it happens, each thing once: what the file holds already is not written again.
+
+    Owns the versions of the policies, by what they say, and how many batches and updates are recorded.
+
+    Args:
+        file: where it goes.
+        held: what that holds already.
+        clock: tells the nanoseconds since 1970.
+    """
+
+    def __init__(self, file: MessageFile, held: Recording, clock: Callable[[], int] = time.time_ns) -> None:
+        self._file = file
+        self._clock = clock
+        self._versions = {_digest(policy): version for version, policy in held.policies.items()}
+        self._served = 0
+        self._batches = len(held.batches)
+        self._updates = max((update.iteration for update in held.updates), default=0)
+
+    def begin(self, head: Head) -> None:
+        """Record what is learnt and how, which comes first."""
+        self._write(TYPES.Task(**head_fields(head)))
+
+    def serve(self, policy: GaussianPolicy) -> None:
+        """Record a policy that comes into service."""
+        self._served = self._version(policy)
+
+    def ended(self, batch: Batch, episodes: Episodes, executions: list[Execution]) -> None:
+        """Record a batch of the policy in service, finished or void."""
+        self._batches += 1
+        numbers = {"seed": batch.seed, "first_episode": batch.first_episode, "explore": batch.explore}
+        message = episodes_message(TYPES, self._batches, self._served, episodes, executions)
+        stamps = [int(execution.stamps[-1]) for execution in executions if len(execution.stamps)]
+        self._write(TYPES.RecordedEpisodes(**numbers, episodes=message), max(stamps, default=None))
+
+    def updated(self, iteration: Iteration, checksum: int) -> None:
+        """Record what an iteration came to, the policy after it, and the checksum of its episodes."""
+        if iteration.number > self._updates:
+            self._updates = iteration.number
+            version = self._version(iteration.policy)
+            self._write(TYPES.Update(policy_version=version, **update_fields(iteration, checksum)))
+
+    def close(self) -> None:
+        """End the recording."""
+        self._file.close()
+
+    def _version(self, policy: GaussianPolicy) -> int:
+        """Return the version of a policy, which is recorded where it is new."""
+        digest = _digest(policy)
+        if digest not in self._versions:
+            self._versions[digest] = len(self._versions) + 1
+            self._write(policy_message(TYPES, policy, self._versions[digest]))
+        return self._versions[digest]
+
+    def _write(self, message: Any, published: int | None = None) -> None:
+        kind, now = message.__msgtype__, self._clock()
+        topic = TOPICS[kind.rpartition("/")[2]]
+        made = now if published is None else published
+        self._file.write(Stored(topic, kind, definition(kind), encoded(message), now, made))
+
+
+def update_fields(iteration: Iteration, checksum: int) -> dict[str, Any]:
+    """Return the fields of the message of an iteration, less the version of the policy."""
+    return {
+        "iteration": iteration.number,
+        "episodes": iteration.episodes_used,
+        "evaluation_episodes": iteration.state.evaluated,
+        "train_return": iteration.train_return,
+        "train_return_sd": float(iteration.train_returns.std()),
+        "mean_policy_return": iteration.mean_policy_return,
+        **{name: getattr(iteration.metrics, name) for name in METRICS},
+        "imagined_return": iteration.imagined_return,
+        "model_error": iteration.model_error,
+        "train_returns": doubles(iteration.train_returns),
+        "mean_policy_returns": doubles(iteration.mean_policy_returns),
+        "checksum": checksum,
+    }
+
+
+def _digest(policy: GaussianPolicy) -> bytes:
+    return blake2b(encoded(policy_message(TYPES, policy, 0)), digest_size=16).digest()

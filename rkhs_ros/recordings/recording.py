@@ -1,0 +1,245 @@
+"""What a recording holds, as values: what was learnt, each policy, each batch of episodes and each update."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import reduce
+from operator import add
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rkhs_ros.base.validation import require
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.execution import Execution
+from rkhs_ros.learning.messages import episodes_of, executions_of
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.messages import policy_of, spaces_fields, spaces_of
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.storage import Task
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.recordings.container import Stored, read_messages
+from rkhs_ros.recordings.definitions import PACKAGE, decoded, store_of_all
+
+FILE = "recording.mcap"
+BAG = "metadata.yaml"  # in the folder of a bag
+Key = tuple[bool, int]  # whether an episode explored, and its number
+
+
+@dataclass(frozen=True)
+class Head:
+    """What a run learns and how, at the head of its recording.
+
+    Attributes:
+        task: what it learns.
+        spaces: of the task.
+        seed: of all randomness.
+        configuration: all settings, as a ROS parameter file.
+        versions: of code and libraries, "name version" each.
+        warm_start: whether the first policy was given.
+    """
+
+    task: Task
+    spaces: Spaces
+    seed: int
+    configuration: str
+    versions: tuple[str, ...]
+    warm_start: bool
+
+
+class RecordedBatch(NamedTuple):
+    """A batch of episodes that ended.
+
+    Attributes:
+        batch: their numbers.
+        version: of the policy that acted.
+        episodes: what was observed, done and earned.
+        executions: how they went on a robot; none of a simulation.
+        time: when it was recorded, in nanoseconds since 1970.
+    """
+
+    batch: Batch
+    version: int
+    episodes: Episodes
+    executions: list[Execution]
+    time: int
+
+    @property
+    def is_void(self) -> bool:
+        """Whether it is not to be learnt from."""
+        return any(execution.void_reason for execution in self.executions)
+
+
+@dataclass
+class Recording:
+    """What a recording holds.
+
+    Attributes:
+        head: what was learnt and how; None in a bag that others recorded.
+        policies: by version.
+        batches: in the order in which they ended, void ones included.
+        updates: the messages of the iterations done.
+    """
+
+    head: Head | None = None
+    policies: dict[int, GaussianPolicy] = field(default_factory=dict)
+    batches: list[RecordedBatch] = field(default_factory=list)
+    updates: list[Any] = field(default_factory=list)
+
+    @property
+    def finished(self) -> list[RecordedBatch]:
+        """The batches that count."""
+        return [batch for batch in self.batches if not batch.is_void]
+
+    def episodes(self) -> Episodes:
+        """Return all episodes that count, each once.
+
+        Raises:
+            ValueError: there are none, or of different horizons.
+        """
+        horizons = {each.batch.horizon for each in self.finished}
+        require(len(horizons) == 1, "recording", "episodes of one horizon", f"horizons {sorted(horizons) or 'of none'}")
+        return reduce(add, (each.episodes.take(slice(row, row + 1)) for each, row in self.rows().values()))
+
+    def rows(self) -> dict[Key, tuple[RecordedBatch, int]]:
+        """Return where each episode that counts is: its batch and row."""
+        numbered = ((each, row, number) for each in self.finished for row, number in enumerate(each.batch.episodes))
+        return {(each.batch.explore, number): (each, row) for each, row, number in numbered}
+
+
+def head_fields(head: Head) -> dict[str, Any]:
+    """Return the fields of the message at the head of a recording."""
+    return {
+        "environment": head.task.environment,
+        "options": json.dumps(dict(head.task.options)),
+        "horizon": head.task.horizon,
+        "discount": head.task.discount,
+        **spaces_fields(head.spaces),
+        "seed": head.seed,
+        "configuration": head.configuration,
+        "versions": list(head.versions),
+        "warm_start": head.warm_start,
+    }
+
+
+def head_of(message: Any) -> Head:
+    """Return the head of a recording from its message.
+
+    Raises:
+        ValueError: it is none.
+    """
+    task = Task(message.environment, json.loads(message.options), message.horizon, message.discount)
+    versions = tuple(message.versions)
+    return Head(task, spaces_of(message), message.seed, message.configuration, versions, bool(message.warm_start))
+
+
+def recording_file(path: Path) -> Path:
+    """Return the recording of a run's folder; a file, and the folder of a bag, as they are.
+
+    Raises:
+        FileNotFoundError: there is none.
+    """
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such recording")
+    if not path.is_dir() or (path / BAG).is_file():
+        return path
+    if not (path / FILE).is_file():
+        raise FileNotFoundError(f"{path}: no {FILE} in it; runs are recorded by rkhs train --record")
+    return path / FILE
+
+
+def read_recording(path: Path) -> Recording:
+    """Read a recording; what is damaged is passed over, with a line on standard error.
+
+    Args:
+        path: an MCAP file, the folder of a run that was recorded, or that of a bag.
+
+    Raises:
+        ValueError: it is none, or holds nothing of ours.
+        OSError: it cannot be read.
+    """
+    path = recording_file(path)
+    recording = recording_of(_bag_messages(path) if path.is_dir() else _ours(_whole(path)))
+    require(bool(recording.head or recording.batches), f"{path}", "a recording of a run", "none of our messages")
+    return recording
+
+
+def read_held(path: Path) -> tuple[Recording, list[Stored]]:
+    """Return what a file holds of a run that goes on, and its messages; nothing where there is none, or no head.
+
+    Raises:
+        ValueError: it is no recording.
+        OSError: it cannot be read.
+    """
+    messages = _whole(path) if path.is_file() else []
+    recording = recording_of(_ours(messages))
+    return (recording, messages) if recording.head else (Recording(), [])
+
+
+def _whole(path: Path) -> list[Stored]:
+    """Return the messages of an MCAP file that are whole; what is damaged is named on standard error."""
+    found = read_messages(path)
+    for fault in found.faults:
+        print(f"warning: {path}: {fault}", file=sys.stderr)
+    return found.messages
+
+
+def _ours(messages: Iterable[Stored]) -> Iterator[tuple[str, int, Any]]:
+    """Yield type, time and message of those that are ours."""
+    for stored in messages:
+        if stored.kind.startswith(PACKAGE):
+            yield stored.kind, stored.time, decoded(stored.content, stored.kind, stored.definition)
+
+
+def _bag_messages(folder: Path) -> Iterator[tuple[str, int, Any]]:
+    """Yield type, time and message of what a bag holds of ours."""
+    from rosbags.highlevel import AnyReader  # here, since it takes 0.2 s and few need it
+
+    with AnyReader([folder], default_typestore=store_of_all()) as reader:
+        ours = [connection for connection in reader.connections if connection.msgtype.startswith(PACKAGE)]
+        for connection, time, content in reader.messages(ours):
+            yield connection.msgtype, time, reader.deserialize(content, connection.msgtype)
+
+
+def recording_of(messages: Iterable[tuple[str, int, Any]]) -> Recording:
+    """Return what messages say, of a recording or of topics: there a batch's numbers come with its observations.
+
+    Raises:
+        ValueError: one of them says what cannot be.
+    """
+    recording, batches, heard = Recording(), dict[int, Batch](), set[int]()
+    for kind, time, message in messages:
+        match kind.removeprefix(PACKAGE):
+            case "Task":
+                recording.head = recording.head or head_of(message)
+            case "Policy":
+                recording.policies[message.version] = policy_of(message)
+            case "Update":
+                recording.updates.append(message)
+            case "RecordedEpisodes":
+                recording.batches.append(
+                    _batch(recording.head, _numbers(message, message.episodes), message.episodes, time)
+                )
+            case "Observation":
+                batches.setdefault(message.batch, _numbers(message, message))
+            case "Episodes" if message.batch not in heard:  # a simulator may be asked for them again
+                heard.add(message.batch)
+                first = sum(each.batch.rows for each in recording.batches)
+                unknown = Batch(0, first, message.rows, message.horizon, explore=True)
+                recording.batches.append(_batch(None, batches.get(message.batch, unknown), message, time))
+    return recording
+
+
+def _numbers(message: Any, sizes: Any) -> Batch:
+    explore = bool(message.explore)
+    return Batch(int(message.seed), int(message.first_episode), int(sizes.rows), int(sizes.horizon), explore=explore)
+
+
+def _batch(head: Head | None, batch: Batch, message: Any, time: int) -> RecordedBatch:
+    d, n = len(message.final_observations) // batch.rows, len(message.actions) // (batch.rows * batch.horizon)
+    spaces = head.spaces if head else Spaces.unbounded(d, n)
+    return RecordedBatch(
+        batch, message.policy_version, episodes_of(message, batch, spaces), executions_of(message), time
+    )

@@ -1,0 +1,141 @@
+"""A run that is recorded, and goes on from its recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import reduce
+from itertools import groupby
+from operator import add
+from pathlib import Path
+from typing import Protocol
+
+from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS
+from rkhs_ros.base.validation import require
+from rkhs_ros.base.yaml_text import loaded
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.execution import Record
+from rkhs_ros.learning.replay import check_actions
+from rkhs_ros.learning.training import Iteration, Runner
+from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.recordings.container import MessageFile
+from rkhs_ros.recordings.recorder import Checksum, Recorder
+from rkhs_ros.recordings.recording import FILE, Head, Recording, read_held
+from rkhs_ros.runs.checkpoint import FREE
+from rkhs_ros.runs.config import Config
+from rkhs_ros.runs.report import FIRST_POLICY, resolved
+from rkhs_ros.runs.surroundings import surroundings
+
+
+class RecordableRunner(Runner, Protocol):
+    """A runner that tells of each batch as it ends."""
+
+    record: Record
+
+
+class RecordingRunner:
+    """Lets policies act by another runner and records it; episodes that are recorded already do not run again.
+
+    Owns the checksum of the episodes since the last update.
+
+    Args:
+        runner: the other runner.
+        recorder: of the run.
+        held: what the recording held when the run went on.
+
+    """
+
+    def __init__(self, runner: RecordableRunner, recorder: Recorder, held: Recording) -> None:
+        self._runner = runner
+        self._held = held.rows()
+        self._recorder = recorder
+        self._checksum = Checksum()
+        runner.record = recorder.ended
+
+    @property
+    def spaces(self) -> Spaces:
+        """Shape of an observation, and bounds of the actions."""
+        return self._runner.spaces
+
+    def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
+        """Return the episodes of a batch under the policy.
+
+        Raises:
+            ValueError: another policy acted in those that are recorded.
+        """
+        self._recorder.serve(policy)
+        parts: list[Episodes] = []
+        for is_held, numbers in groupby(batch.episodes, lambda number: (batch.explore, number) in self._held):
+            each = list(numbers)
+            part = replace(batch, first_episode=each[0], rows=len(each))
+            parts.append(self._recorded(policy, part) if is_held else self._runner.collect(policy, part))
+        return self._checksum.add(reduce(add, parts))
+
+    def updated(self, iteration: Iteration) -> None:
+        """Record what an iteration came to."""
+        self._recorder.updated(iteration, self._checksum.take())
+
+    def _recorded(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
+        places = [self._held[batch.explore, number] for number in batch.episodes]
+        episodes = reduce(add, (each.episodes.take(slice(row, row + 1)) for each, row in places))
+        check_actions(episodes, policy, batch)
+        return episodes
+
+
+@contextmanager
+def recorded(config: Config, runner: RecordableRunner, folder: Path, *, sync: bool) -> Iterator[RecordingRunner]:
+    """Record a run in its folder, or go on with its recording.
+
+    Args:
+        config: the run.
+        runner: who lets the policies act.
+        folder: of the run.
+        sync: wait until the disk has each record, as for a robot, whose episodes cost.
+
+    Raises:
+        ValueError: the recording is of another run.
+        OSError: it cannot be read or written.
+    """
+    file, head = folder / FILE, head_of_run(config, runner.spaces, warm_start=(folder / FIRST_POLICY).exists())
+    held, messages = read_held(file)
+    if held.head:
+        _check_same_run(file, held.head, head)
+    recorder = Recorder(MessageFile(file, messages, sync=sync), held)
+    try:
+        if not held.head:
+            recorder.begin(head)
+        yield RecordingRunner(runner, recorder, held)
+    finally:
+        recorder.close()
+
+
+def head_of_run(config: Config, spaces: Spaces, *, warm_start: bool) -> Head:
+    """Return the head of the recording of a run."""
+    return Head(config.task, spaces, config.training.seed, resolved(config), versions(), warm_start)
+
+
+def versions() -> tuple[str, ...]:
+    """Return what the bits of a run depend on beside its settings, "name version" each."""
+    return tuple(f"{name} {version}" for name, version in surroundings().items())
+
+
+def training_of(head: Head) -> Training:
+    """Return the learner's settings that a recording was made with.
+
+    Raises:
+        ValueError: they are none.
+    """
+    return training_from(loaded(head.configuration)[LEARNER][PARAMETERS])
+
+
+def _check_same_run(file: Path, began: Head, goes_on: Head) -> None:
+    """Raise ValueError where a recording is of another run than the one that goes on."""
+    trainings = [training_of(head) for head in (began, goes_on)]
+    free = {name: getattr(trainings[1], name) for name in FREE}
+    settings = [replace(training, **free) for training in trainings]
+    same = settings[0] == settings[1] and began.task == goes_on.task and began.versions == goes_on.versions
+    require(same, f"{file}", "the recording of this run, with the same settings and versions", "that of another")

@@ -1,0 +1,141 @@
+"""A run made again from its recording: the same episodes must give the same updates, to the last bit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import reduce
+from operator import add
+from typing import Any
+
+import numpy as np
+
+from rkhs_ros.base.validation import require, shown
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.replay import check_actions
+from rkhs_ros.learning.state import State, first_state
+from rkhs_ros.learning.training import Iteration, train
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.messages import policy_message
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.recordings.definitions import Types
+from rkhs_ros.recordings.recorder import Checksum, update_fields
+from rkhs_ros.recordings.recording import Head, Recording
+from rkhs_ros.runs.recorded import training_of
+
+
+class DifferenceError(ValueError):
+    """What was made again is not what is recorded."""
+
+
+class RecordedRunner:
+    """Lets no policy act, but returns the episodes that are recorded of it; a `Runner` like a simulation.
+
+    Owns the checksum of the episodes since the last update, and the number of the one under way.
+
+    Args:
+        recording: of the run.
+        spaces: of its task.
+
+    Attributes:
+        update: number of the update under way.
+        checksum: of its episodes.
+    """
+
+    def __init__(self, recording: Recording, spaces: Spaces) -> None:
+        self.spaces = spaces
+        self.update = 1
+        self.checksum = Checksum()
+        self._recording = recording
+        self._rows = recording.rows()
+
+    def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
+        """Return the episodes of a batch under the policy.
+
+        Raises:
+            ValueError: some are not recorded.
+            DifferenceError: another policy acted in them.
+        """
+        return self.checksum.add(reduce(add, (self._episode(policy, part) for part in batch.parts(1))))
+
+    def _episode(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
+        number, kind = batch.first_episode, "exploring" if batch.explore else "noise-free"
+        place = self._rows.get((batch.explore, number))
+        if place is None:
+            raise ValueError(f"update {self.update}: expected the {kind} episode {number}, which is not recorded")
+        recorded, row = place
+        where = f"update {self.update}, {kind} episode {number}"
+        self.check_policy(policy, recorded.version, where)
+        require(recorded.batch.seed == batch.seed, f"{where}: seed", str(batch.seed), recorded.batch.seed)
+        episodes = recorded.episodes.take(slice(row, row + 1))
+        try:
+            check_actions(episodes, policy, batch)
+        except ValueError as error:
+            raise DifferenceError(f"update {self.update}, {kind} {error}") from error
+        return episodes
+
+    def check_policy(self, policy: GaussianPolicy, version: int, where: str) -> None:
+        """Raise DifferenceError unless a policy made again is the recorded one of that version."""
+        if version not in self._recording.policies:
+            raise ValueError(f"{where}: expected policy {version}, which is not recorded")
+        recorded, again = (
+            policy_message(Types(), each, version) for each in (self._recording.policies[version], policy)
+        )
+        _check_same(f"{where}: policy {version}", recorded, again)
+
+
+def replay(recording: Recording) -> Iterator[Iteration]:
+    """Make every update of a recording again, and yield each that has the recorded bits.
+
+    Raises:
+        ValueError: what is needed is not recorded.
+        DifferenceError: an update has other bits; the message says which, and where.
+    """
+    head = recording.head
+    if head is None or not recording.updates:
+        raise ValueError("recording: expected one of a run, with updates, got none to make again")
+    runner = RecordedRunner(recording, head.spaces)
+    training = replace(training_of(head), iterations=len(recording.updates))
+    for iteration in train(training, runner, _first_state(recording, head, runner)):
+        update = recording.updates[iteration.number - 1]
+        where = f"update {iteration.number}"
+        require(
+            update.iteration == iteration.number, where, "all updates before it", f"update {update.iteration} there"
+        )
+        for name, value in update_fields(iteration, runner.checksum.take()).items():
+            _check_same(f"{where}, {name}", getattr(update, name), value)
+        runner.check_policy(iteration.policy, update.policy_version, where)
+        runner.update += 1
+        yield iteration
+
+
+def _first_state(recording: Recording, head: Head, runner: RecordedRunner) -> State:
+    """Return the state that the run began in; a policy that was given is the first one recorded."""
+    given = recording.policies.get(1) if head.warm_start else None
+    require(given is not None or not head.warm_start, "recording", "the policy that was given", "none")
+    return first_state(training_of(head), runner.spaces, given)
+
+
+def _check_same(where: str, recorded: Any, again: Any) -> None:
+    """Raise DifferenceError at the first field of two messages that differs in a bit."""
+    if isinstance(recorded, list) and len(recorded) == len(again):
+        for number, (one, other) in enumerate(zip(recorded, again, strict=True)):
+            _check_same(f"{where}[{number}]", one, other)
+    elif hasattr(recorded, "__msgtype__"):
+        for name, value in vars(recorded).items():
+            _check_same(f"{where}, {name}", value, getattr(again, name))
+    else:
+        _check_same_numbers(where, np.asarray(recorded), np.asarray(again))
+
+
+def _check_same_numbers(where: str, recorded: np.ndarray, again: np.ndarray) -> None:
+    again = again.astype(recorded.dtype) if recorded.dtype.kind in "fiu" else again
+    if recorded.shape != again.shape:
+        raise DifferenceError(f"{where}: recorded {recorded.size} numbers, made again {again.size}")
+    if recorded.tobytes() == again.tobytes():
+        return
+    one, other = np.atleast_1d(recorded), np.atleast_1d(again)
+    first = next(i for i in range(len(one)) if one[i].tobytes() != other[i].tobytes())
+    place = f"[{first}]" if recorded.shape else ""
+    raise DifferenceError(f"{where}{place}: recorded {shown(one[first])}, made again {shown(other[first])}")
