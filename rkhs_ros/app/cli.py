@@ -20,11 +20,8 @@ COMMANDS = {
     "evaluate": "measure a policy without exploration",
     "render": "film an episode without exploration",
     "plot": "draw the pictures of a run",
-<<<<<<< HEAD
     "view": "show a run in the browser, while it learns or afterwards",
-=======
     "replay": "make the updates of a recording again, and compare the bits",
->>>>>>> 75c1f802439cf92a5a0dfb3c891d12e81b4d946f
     "compare": "draw the learning curves of several runs, with a table",
     "reproduce": "make the paper's figures again",
     "results": "say which of the paper's claims hold, from reproduced figures",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from rkhs_ros.app.domain import own_domain
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.app.launcher import launch
 from rkhs_ros.app.seeds import begin_seeds, go_on, parse_seeds, seed_folders
+from rkhs_ros.app.view import page_beside, require_viser, stay_with
 from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED, RunError, say
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.streams import Lossy
@@ -62,16 +63,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="settings, as algorithm.ridge=0.1")
     add("--out", type=Path, metavar="DIR", help="folder for the results (results/NAME/TIME)")
     add("--record", action="store_true", help="write recording.mcap, to replay, learn from and look at")
+    add("--view", action="store_true", help="record, and show the run in the browser")
     add("--quiet", action="store_true", help="no progress bar")
 
 
 def run(options: argparse.Namespace) -> int:
     """Train, draw the pictures and print what was learnt."""
     _check_source(options)
+    if options.view:
+        require_viser()
+        options.record = True
     if _has_several_seeds(options):
+        require(not options.view, "--view", "one run, as of --seed", "several")
         return _train_several(options)
     require(options.jobs is None, "--jobs", "it together with --seeds, or with --resume of such runs", options.jobs)
-    return _train_one(options)
+    config, runner, folder = _begun(options)
+    with page_beside(folder) if options.view else nullcontext() as page:
+        code = _train_one(options, config, runner, folder)
+        if page and code == 0:
+            stay_with(page)
+    return code
 
 
 def _has_several_seeds(options: argparse.Namespace) -> bool:
@@ -116,13 +127,14 @@ def _learnable(config: Config, first_policy: Path | None) -> InlineRunner:
     return runner
 
 
-def _train_one(options: argparse.Namespace) -> int:
+def _begun(options: argparse.Namespace) -> tuple[Config, InlineRunner, Path]:
+    """Return the settings of one run, where its policies can act, and its folder, which is made."""
     config = _configuration(options, old_folder(options.resume) / "config.yaml" if options.resume else options.config)
     runner = _learnable(config, options.policy)
     if not options.quiet:
         _tell_of_horizon(config, runner.simulation.own_horizon)
-    over_topics = _is_over_topics(options.runner)
-    if over_topics:
+    options.runner = "ros" if _is_over_topics(options.runner) else "inline"
+    if options.runner == "ros":
         config.check_for_topics()
     elif options.simulators:
         print("note: --simulators is of no use in this process, which is the only simulator", file=sys.stderr)
@@ -131,6 +143,11 @@ def _train_one(options: argparse.Namespace) -> int:
         write_whole(folder / FIRST_POLICY, options.policy.read_bytes())
     elif not options.resume:
         (folder / FIRST_POLICY).unlink(missing_ok=True)  # left by a run that was killed before it began
+    return config, runner, folder
+
+
+def _train_one(options: argparse.Namespace, config: Config, runner: InlineRunner, folder: Path) -> int:
+    over_topics = options.runner == "ros"
     try:
         code = _over_topics(config, folder, options) if over_topics else _in_process(config, folder, options, runner)
     except KeyboardInterrupt:

@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-
 PROBES, PROBE_S = 5, 0.002  # how often, and after how long, a lock is tried again that may be a look of `is_locked`
 
 

@@ -93,8 +93,9 @@ def run(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, Ev
     """Run a node's process: make it, let it work, and end cleanly.
 
     Bad input ends with one line and exit code 2, a silent peer, a failed environment or a full disk with one line and
-    exit code 1, a run that was asked to stop with that of an interrupt, a signal with exit code 0. A signal only sets the event that the work is given: ROS's own handlers
-    would pull the context from under a callback that is about to publish.
+    exit code 1, a run that was asked to stop with that of an interrupt, a signal with exit code 0. A signal only sets
+    the event that the work is given: ROS's own handlers would pull the context from under a callback that is about to
+    publish.
 
     Args:
         make_node: makes it.

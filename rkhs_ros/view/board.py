@@ -82,8 +82,8 @@ def draw(subject: Subject, choice: Choice) -> Board:
         points = _draw_map(axes, subject, choice)
     entries = {"ncols": 4, "columnspacing": 1.2, "handlelength": 1.5, "handletextpad": 0.5, "fontsize": 10}
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.005), frameon=False, borderaxespad=0.1, **entries)
-    axes.xaxis.label.set_size(12)
-    axes.yaxis.label.set_size(12)
+    axes.xaxis.label.set_fontsize(12)
+    axes.yaxis.label.set_fontsize(12)
     canvas.draw()
     return Board(np.array(canvas.buffer_rgba())[:, :, :3], _on_picture(axes, points))
 
@@ -151,11 +151,11 @@ def _draw_attempts(axes: Axes, subject: Subject) -> Array:
     inputs = newest.seen_through(policy.inputs).observations[0]
     mean, sd = policy.mean(inputs)[0, :2], np.sqrt(policy.variance(inputs))[0, :2]
     image = axes.scatter(
-        *tried.T, c=earned, cmap=GOOD, vmin=min(0.0, earned.min()), vmax=max(earned.max(), 1e-9), s=45,
+        tried[:, 0], tried[:, 1], c=earned, cmap=GOOD, vmin=min(0.0, earned.min()), vmax=max(earned.max(), 1e-9), s=45,
         edgecolors="black", linewidths=0.5, label="attempts",
     )  # fmt: skip
     axes.figure.colorbar(image, cax=axes.figure.add_axes(BAR)).set_label("return", fontsize=12)
-    bars = {"color": "#D55E00", "capsize": 4, "linewidth": 2, "zorder": 3}
+    bars: Any = {"color": "#D55E00", "capsize": 4, "linewidth": 2, "zorder": 3}
     axes.errorbar(mean[0], mean[1], xerr=sd[0], yerr=sd[1], fmt="D", label="mean action, exploration", **bars)
     (xlow, xhigh), (ylow, yhigh) = (_limits(subject, action) for action in (0, 1))
     room = MARGIN * np.array([xhigh - xlow, yhigh - ylow])

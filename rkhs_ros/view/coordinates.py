@@ -1,4 +1,4 @@
-"""What a policy is drawn over: the numbers that are observed, or its inputs where those cannot be had from one moment."""
+"""What a policy is drawn over: the numbers that are observed, or its inputs where one moment does not give those."""
 
 from __future__ import annotations
 

@@ -26,11 +26,13 @@ class CurvePlot:
 
     Args:
         gui: of the page.
+        place: folder of the page that it is in.
         known: returns that are known of the task, by name.
     """
 
-    def __init__(self, gui: GuiApi, known: Mapping[str, float]) -> None:
+    def __init__(self, gui: GuiApi, place: Any, known: Mapping[str, float]) -> None:
         self._gui = gui
+        self._place = place
         self._known = known
         self._plot: Any = None
         self._drawn = 0
@@ -56,7 +58,8 @@ class CurvePlot:
             self._plot.remove()
         axes: Any = ({"label": "episodes"}, {"label": "return"})
         scales: Any = {"x": {"time": False}}
-        self._plot = self._gui.add_uplot(data, series, scales=scales, axes=axes, height=HEIGHT_PX, order=2)
+        with self._place:
+            self._plot = self._gui.add_uplot(data, series, scales=scales, axes=axes, height=HEIGHT_PX)
 
 
 def plotted(rows: Sequence[Row], known: Mapping[str, float]) -> dict[str, Array]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.practice import ModelPractice
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import policy_of, read_policy, unpacked
 from rkhs_ros.runs.checkpoint import MEMORY
 from rkhs_ros.runs.config import load_config
@@ -32,7 +34,7 @@ class Folder:
         self.path = old_folder(path)
         config = load_config(path / "config.yaml")
         self.name, self.task, self.total = config.training.name, config.task, config.training.iterations
-        self.spaces = None
+        self.spaces: Spaces | None = None
         self._remembers = isinstance(config.training.practice, ModelPractice)  # all episodes, as they were observed
         self._curve = Curve(path / "curve.csv")
         self._stamp = (0, 0)
@@ -55,8 +57,9 @@ class Folder:
         if stamp != self._stamp:
             self._rows, self._stamp = self._curve.rows(), stamp
         best = self.path / BEST_POLICY
-        if self.spaces is None and best.exists():
-            self.spaces = read_policy(best).spaces
+        if self.spaces is None:
+            with suppress(ValueError, OSError):  # it is not there yet, or damaged
+                self.spaces = read_policy(best).spaces
 
     def seen(self, iteration: int) -> Seen | None:
         """Return what is kept of an iteration."""

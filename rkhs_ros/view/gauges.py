@@ -61,4 +61,4 @@ class Gauges:
         rods, beads = (np.stack([across, 0 * across, z], axis=2) for z in (0 * heights, heights))
         places = np.concatenate([rods, beads], axis=1)
         turns = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*places.shape[:2], 4))
-        return Moved(STEP_S * np.arange(len(values)), places, turns)
+        return Moved(STEP_S * np.arange(len(values), dtype=np.float64), places, turns)

@@ -67,4 +67,5 @@ def state_of(source: Source) -> str:
     """Return whether a run is under way."""
     if source.path.is_dir() and is_locked(source.path):
         return PAUSED if is_pausing(source.path) else RUNNING
-    return FINISHED if len(source.rows) >= source.total else ENDED
+    done = source.rows[-1].iteration if source.rows else 0
+    return FINISHED if done >= source.total else ENDED

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -46,12 +45,14 @@ class Stage:
         self._mark: Any = None
         self._points: Array = np.zeros((0, 2))
 
-    def settle(self, motion: Motion | None) -> None:
+    def settle(self, motion: Motion) -> None:
         """Set the sizes and the camera by a motion, once there is one."""
-        if self._width or motion is None:
+        if self._width:
             return
         sides = np.array([self._right, self._up])
-        reach = np.array([max(body.size) for body in self._bodies])[:, None] / 2
+        axes = SO3(motion.turns).as_matrix()  # of the bodies, in columns
+        sizes = np.array([body.size for body in self._bodies]) / 2
+        reach = (np.abs(sides @ axes) * sizes[:, None]).sum(axis=-1)
         seen = motion.places @ sides.T
         low, high = (seen - reach).min(axis=(0, 1)), (seen + reach).max(axis=(0, 1))
         middle = (motion.places.min(axis=(0, 1)) + motion.places.max(axis=(0, 1))) @ self._eye / 2
@@ -76,7 +77,7 @@ class Stage:
             return
         # The axes of a picture: to its right, down, and away from who looks at it.
         turn = SO3.from_matrix(np.stack([self._right, -self._up, -self._eye], axis=1)).wxyz
-        place = {"wxyz": turn, "position": self._middle}
+        place: Any = {"wxyz": turn, "position": self._middle}
         scene, radius = self._server.scene, MARKER * self._width
         self._picture = scene.add_image("/policy", board.image, self._width, self._height, format="png", **place)
         self._mark = scene.add_icosphere("/mark", radius, color=MARK, position=self._middle)

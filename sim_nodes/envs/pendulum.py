@@ -102,7 +102,7 @@ class Pendulum(VectorTask):
         )
         turns = np.array(upright(places))
         turns[:, 0, 0], turns[:, 0, 2] = np.cos(theta / 2), np.sin(theta / 2)
-        return Motion(self.step_seconds * np.arange(len(theta)), places, turns)
+        return Motion(self.step_seconds * np.arange(len(theta), dtype=np.float64), places, turns)
 
     def _bounded(self, theta: Array) -> Array:
         if self.angle == "clip":

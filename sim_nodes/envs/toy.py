@@ -72,4 +72,4 @@ class Toy(VectorTask):
         x = np.concatenate(along, axis=1)
         height = np.array([-0.05, 0.0, 0.25, *[0.75] * BEADS])
         places = np.stack([x, 0 * x, np.broadcast_to(height, x.shape)], axis=2)
-        return Motion(self.step_seconds * np.arange(len(place)), places, upright(places))
+        return Motion(self.step_seconds * np.arange(len(place), dtype=np.float64), places, upright(places))

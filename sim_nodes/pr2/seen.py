@@ -45,7 +45,7 @@ def motion(base: Array, robot_joints: Mapping[str, Array], door_joints: Mapping[
         *_placed(door.LINKS, door.JOINTS, door_joints, frame),
     ]
     places, turns = (np.stack(each, axis=1) for each in zip(*placed, strict=True))
-    return Motion(period * np.arange(count), places, turns)
+    return Motion(period * np.arange(count, dtype=np.float64), places, turns)
 
 
 def _placed(
