@@ -17,9 +17,9 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.view.coordinates import Coordinates
 
-SIZE, DPI = (6.4, 5.2), 110  # inches
-AREA = (0.135, 0.13, 0.685, 0.72)  # left, bottom, width and height of the plot, in parts of the picture
-BAR = (0.845, 0.13, 0.03, 0.72)  # of the colour bar, alike
+SIZE, DPI = (5.6, 4.7), 150  # inches
+AREA = (0.145, 0.14, 0.655, 0.7)  # left, bottom, width and height of the plot, in parts of the picture
+BAR = (0.83, 0.14, 0.03, 0.7)  # of the colour bar, alike
 CELLS = 90  # of the map, along each side
 MARGIN = 0.06  # of the range visited, beyond it
 SIGNED = "coolwarm"  # equal steps look equal, to the colour-blind, too

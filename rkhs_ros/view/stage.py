@@ -14,8 +14,9 @@ from rkhs_ros.view.board import SIZE, Board
 
 VERTICAL_ANGLE = 0.7  # rad, of the camera
 ASPECT = 1.2  # of the part of the window that is seen beside the panel, about
-ROOM = 1.1  # that is seen, in sizes of what is there
+ROOM = 1.04  # that is seen, in sizes of what is there
 GAP = 0.1  # between task and picture, in heights of the picture
+LARGER = 1.25  # times as high as the task is the picture beside it
 WIDE = 1.6  # times as wide as high is a task that stands below the picture, not beside it
 MARKER = 0.011  # radius of the mark on the picture, in widths of it
 MARK = (0.0, 0.9, 0.45)
@@ -38,12 +39,21 @@ class Stage:
         self._right /= np.linalg.norm(self._right)
         self._up = np.cross(self._right, -self._eye)
         self._bodies = task.bodies()
+        self._light(server.scene)
         self._handles = [_added(server.scene, f"/task/{i}", body) for i, body in enumerate(self._bodies)]
         self._width = 0.0  # of the picture; 0 until the sizes are settled
         self._middle = np.zeros(3)  # of the picture
         self._picture: Any = None
         self._mark: Any = None
         self._points: Array = np.zeros((0, 2))
+
+    def _light(self, scene: SceneApi) -> None:
+        """Light all from above and from the eye; shadows and mirrored surroundings take minutes without a GPU."""
+        scene.configure_default_lights(enabled=False)
+        scene.configure_environment_map(hdri=None)
+        scene.add_light_ambient("/light/everywhere", intensity=1.2)
+        for name, place, intensity in (("above", (0.0, 0.0, 1.0), 0.8), ("eye", self._eye + 0.5 * self._right, 1.6)):
+            scene.add_light_directional(f"/light/{name}", intensity=intensity, position=tuple(place))
 
     def settle(self, motion: Motion) -> None:
         """Set the sizes and the camera by a motion, once there is one."""
@@ -58,13 +68,13 @@ class Stage:
         middle = (motion.places.min(axis=(0, 1)) + motion.places.max(axis=(0, 1))) @ self._eye / 2
         task, shape = high - low, np.array([SIZE[0] / SIZE[1], 1.0])
         is_wide = task[0] > WIDE * task[1]
-        board = shape * (task[0] / shape[0] if is_wide else task[1])
+        board = shape * (task[0] / shape[0] if is_wide else LARGER * task[1])
         gap = GAP * board[1]
         offset = np.array(
             [0.0, task[1] / 2 + gap + board[1] / 2] if is_wide else [task[0] / 2 + gap + board[0] / 2, 0.0]
         )
         whole = np.array([task[0], task[1] + gap + board[1]] if is_wide else [task[0] + gap + board[0], task[1]])
-        corner = (low + high) / 2 - task / 2
+        corner = (low + high) / 2 - np.array([task[0] / 2, (task if is_wide else whole)[1] / 2])
         self._width, self._height = board
         self._middle = self._in_space((low + high) / 2 + offset, middle)
         self._aim_camera(self._in_space(corner + whole / 2, middle), whole)
