@@ -63,6 +63,7 @@ setup(
         "threadpoolctl>=3.1",
     ],
     extras_require={
+        "lerobot": ["pyarrow>=15"],
         "pr2": ["pybullet>=3.2.5"],
         "mujoco": ["gymnasium[mujoco]>=1.1"],
         "peers": ["stable-baselines3>=2.6", "sb3-contrib>=2.6"],

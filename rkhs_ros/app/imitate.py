@@ -14,6 +14,7 @@ from rkhs_ros.learning.imitation import imitation_from
 from rkhs_ros.policies.policy import Policy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
+from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.runs.config import Environment, tree_of
 from rkhs_ros.runs.episode_files import load_episodes
 
@@ -23,7 +24,7 @@ DISCOUNT = 0.99  # of a task that the file does not tell
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
-    add("episodes", type=Path, metavar="DIR|EPISODES.npz", help="a run's folder, or a file of episodes")
+    add("episodes", type=Path, metavar="DIR|EPISODES", help="a run's folder, a file of episodes *.npz, or a recording")
     add("--env", metavar="ID", help="the environment that they are of, where the file does not tell")
     add(
         "--set",
@@ -38,8 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Fit the policy, save it, and say how far it is from what was shown."""
-    file = options.episodes / "episodes.npz" if options.episodes.is_dir() else options.episodes
-    episodes, told = load_episodes(file)
+    file = options.episodes / "episodes.npz" if (options.episodes / "episodes.npz").is_file() else options.episodes
+    episodes, told = load_episodes(file) if file.suffix == ".npz" else _recorded(file)
     imitation = imitation_from(tree_of(options.set))
     task = _task(episodes, told, options.env)
     spaces = runner_of(Environment(task.environment, task.options)).spaces if task.environment else _plain(episodes)
@@ -57,6 +58,12 @@ def run(options: argparse.Namespace) -> int:
     if not task.environment:
         print("It names no environment to be evaluated in: say --env ID.")
     return 0
+
+
+def _recorded(file: Path) -> tuple[Episodes, Task | None]:
+    """Return the episodes of a recording that count, and their task."""
+    recording = read_recording(file)
+    return recording.episodes(), recording.head.task if recording.head else None
 
 
 def _task(episodes: Episodes, told: Task | None, environment: str | None) -> Task:

@@ -54,7 +54,6 @@ class RecordingRunner:
         self._held = held.rows()
         self._recorder = recorder
         self._checksum = Checksum()
-        runner.record = recorder.ended
 
     @property
     def spaces(self) -> Spaces:
@@ -104,12 +103,14 @@ def recorded(config: Config, runner: RecordableRunner, folder: Path, *, sync: bo
     held, messages = read_held(file)
     if held.head:
         _check_same_run(file, held.head, head)
-    recorder = Recorder(MessageFile(file, messages, sync=sync), held)
+    recorder, record_before = Recorder(MessageFile(file, messages, sync=sync), held), runner.record
+    runner.record = recorder.ended
     try:
         if not held.head:
             recorder.begin(head)
         yield RecordingRunner(runner, recorder, held)
     finally:
+        runner.record = record_before
         recorder.close()
 
 

@@ -74,7 +74,7 @@ def run_training(
         control = Control(folder, rest)
         record |= (folder / FILE).is_file()
         recording = recorded(config, runner, folder, sync=sync) if record else nullcontext()
-        with recording as recorder, _finished(report), progress_bar(config.training, done, quiet=quiet) as show:
+        with recording as recorder, finished(report), progress_bar(config.training, done, quiet=quiet) as show:
             state = state or first_state(config.training, runner.spaces, _given(folder))
             for iteration in train(config.training, recorder or runner, state):
                 if recorder:
@@ -101,7 +101,7 @@ def _given(folder: Path) -> GaussianPolicy | None:
 
 
 @contextmanager
-def _finished(report: Report) -> Iterator[None]:
+def finished(report: Report) -> Iterator[None]:
     """Write what was learnt, after an interruption too."""
     try:
         yield

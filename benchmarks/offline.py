@@ -1,0 +1,73 @@
+"""A pendulum learnt from recordings of episodes that only explored: the noise-free return, seed by seed."""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from rkhs_ros.app.inline import runner_of
+from rkhs_ros.base.threads import use_one_thread
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.recordings.recording import read_recording
+from rkhs_ros.runs.config import Config, load_config
+from rkhs_ros.runs.offline import all_episodes, learn_offline
+from rkhs_ros.runs.run import run_training
+
+ROOT = Path(__file__).parents[1]
+GOAL, BEST = 45.0, 51.8  # noise-free returns: what is asked for, and what is possible
+TEST_EPISODES, TEST_SEED = 100, 10**6
+
+
+def main() -> None:
+    """Record exploring episodes, learn from the recording, and print what was reached."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--episodes", type=int, nargs="+", default=[10, 20])
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--config", default="pendulum_model_nac")
+    parser.add_argument("--rounds", type=int, default=3)
+    options = parser.parse_args()
+    use_one_thread()
+    for episodes in options.episodes:
+        returns = []
+        for seed in range(options.seeds):
+            begin = time.perf_counter()
+            returns.append(_return(options.config, episodes, seed, options.rounds))
+            print(f"seed {seed}: {returns[-1]:.1f} ({time.perf_counter() - begin:.0f} s)", flush=True)
+        reached = np.mean([value >= GOAL for value in returns])
+        print(
+            f"{options.config}, {episodes} recorded episodes: {reached:.0%} of {options.seeds} seeds reach {GOAL:g} of "
+            f"{BEST:g}; median {np.median(returns):.1f}, least {min(returns):.1f}"
+        )
+
+
+def _return(name: str, episodes: int, seed: int, rounds: int) -> float:
+    """Return what a policy earns that was learnt from recorded episodes of the first policy, which never learns."""
+    config = load_config(ROOT / "config" / f"{name}.yaml", [f"seed={seed}"])
+    runner = runner_of(config.environment)
+    with tempfile.TemporaryDirectory() as folder:
+        recording = read_recording(
+            run_training(_exploring(config, episodes), runner, Path(folder), quiet=True, record=True)
+        )
+    recorded = all_episodes({"recording": recording})
+    training = replace(config.training, iterations=rounds)
+    *_, last = learn_offline(training, runner.spaces, recorded)
+    test = Batch(TEST_SEED, 0, TEST_EPISODES, training.horizon, explore=False)
+    return float(runner.collect(last.policy, test).returns(training.discount).mean())
+
+
+def _exploring(config: Config, episodes: int) -> Config:
+    """Return a run of one iteration, all of whose episodes run before the policy learns."""
+    practice = replace(config.training.practice, iterations=1, episodes=1)
+    training = replace(
+        config.training, iterations=1, episodes_per_iteration=episodes, evaluate_every=0, practice=practice
+    )
+    return replace(config, training=training)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,220 @@
+"""Recorded episodes as a LeRobotDataset v3.0: parquet files and their description, without pictures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rkhs_ros.base.validation import require
+from rkhs_ros.recordings.recording import RecordedBatch
+from rkhs_ros.rkhs.kernels import Array
+
+if TYPE_CHECKING:
+    import pyarrow
+
+VERSION = "v3.0"  # of the format
+DATA = "data/chunk-000/file-000.parquet"
+EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+TASKS = "meta/tasks.parquet"
+# What info.json says where files that are full are followed by others.
+FILES = {"chunks_size": 1000, "data_files_size_in_mb": 100, "video_files_size_in_mb": 200}
+PLACES = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
+NANOSECONDS = 1e9
+INDEX = "__index_level_0__"  # name of the column that the tasks are looked up by
+Columns = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One episode as columns, a row for each step.
+
+    Attributes:
+        columns: numbers by name, shape (steps,) or (steps, width).
+    """
+
+    columns: Columns
+
+    def __len__(self) -> int:
+        """Return the number of steps."""
+        return len(self.columns["timestamp"])
+
+
+def export(batches: Sequence[RecordedBatch], task: str, folder: Path, fps: float | None) -> int:
+    """Write episodes into a new folder as a dataset, and return their number.
+
+    Args:
+        batches: of episodes that count.
+        task: what they are of.
+        folder: a new one.
+        fps: steps in a second; of a robot's episodes what their stamps say, where None.
+
+    Raises:
+        ValueError: pyarrow is not installed, the folder is there, or there are no episodes.
+        OSError: it cannot be written.
+    """
+    try:
+        from pyarrow import parquet
+    except ImportError as error:
+        raise ValueError("pyarrow: expected it to be installed, got none; pip install pyarrow") from error
+    require(not folder.exists(), f"{folder}", "a new folder", "one that is there")
+    require(bool(batches), "recording", "episodes that count", "none")
+    rate = fps or _rate(batches)
+    episodes = list(_episodes(batches, rate))
+    files = {DATA: _table(_frames(episodes)), EPISODES: _table(_descriptions(episodes, task)), TASKS: _tasks(task)}
+    for name, table in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        parquet.write_table(table, folder / name)
+    everything = {name: np.concatenate([e.columns[name] for e in episodes]) for name in episodes[0].columns}
+    stats = {
+        name: {key: value.tolist() for key, value in _stats(column).items()} for name, column in everything.items()
+    }
+    _write_json(folder / "meta/info.json", _info(episodes, rate))
+    _write_json(folder / "meta/stats.json", stats)
+    return len(episodes)
+
+
+def _rate(batches: Sequence[RecordedBatch]) -> float:
+    """Return the steps in a second that a robot's stamps tell.
+
+    Raises:
+        ValueError: there are no stamps, as of a simulation.
+    """
+    steps = [np.diff(execution.stamps) for each in batches for execution in each.executions]
+    if not steps:
+        raise ValueError("--fps: expected the steps in a second, which no simulation records, got none")
+    return round(NANOSECONDS / float(np.median(np.concatenate(steps))))
+
+
+def _episodes(batches: Sequence[RecordedBatch], fps: float) -> Iterator[Episode]:
+    index = 0
+    rows = ((each, row) for each in batches for row in range(each.batch.rows))
+    for number, (each, row) in enumerate(rows):
+        columns = _columns(each, row, fps)
+        steps = len(columns["timestamp"])
+        columns["frame_index"] = np.arange(steps)
+        columns["episode_index"] = np.full(steps, number)
+        columns["index"] = index + np.arange(steps)
+        columns["task_index"] = np.zeros(steps, dtype=np.int64)
+        index += steps
+        yield Episode(columns)
+
+
+def _columns(each: RecordedBatch, row: int, fps: float) -> Columns:
+    episodes, going = each.episodes, each.episodes.mask[row]
+    steps = int(going.sum())
+    done = np.arange(steps) == steps - 1
+    columns = {
+        "observation.state": episodes.observations[row, going],
+        "action": episodes.actions[row, going],
+        "next.reward": episodes.rewards[row, going],
+    }
+    times = np.arange(steps) / fps
+    if each.executions:
+        execution = each.executions[row]
+        times = (execution.stamps[:steps] - execution.stamps[0]) / NANOSECONDS
+        columns["action.executed"] = execution.executed
+    singles = {name: values.astype(np.float32) for name, values in (columns | {"timestamp": times}).items()}
+    return {**singles, "next.done": done, "next.terminated": done & episodes.terminated[row]}
+
+
+def _frames(episodes: Sequence[Episode]) -> dict[str, Any]:
+    return {name: np.concatenate([each.columns[name] for each in episodes]) for name in episodes[0].columns}
+
+
+def _descriptions(episodes: Sequence[Episode], task: str) -> dict[str, Any]:
+    """Return where each episode is, and its statistics."""
+    lengths = np.array([len(each) for each in episodes])
+    ends = np.cumsum(lengths)
+    none = np.zeros(len(episodes), dtype=np.int64)
+    stats = [{n: _stats(column) for n, column in each.columns.items()} for each in episodes]
+    return {
+        "episode_index": np.arange(len(episodes)),
+        "tasks": [[task]] * len(episodes),
+        "length": lengths,
+        "data/chunk_index": none,
+        "data/file_index": none,
+        "dataset_from_index": ends - lengths,
+        "dataset_to_index": ends,
+        "meta/episodes/chunk_index": none,
+        "meta/episodes/file_index": none,
+        **{
+            f"stats/{name}/{key}": [each[name][key].tolist() for each in stats]
+            for name in stats[0]
+            for key in stats[0][name]
+        },
+    }
+
+
+def _stats(column: np.ndarray) -> Mapping[str, Array]:
+    values = np.asarray(column, dtype=np.float64).reshape(len(column), -1)
+    quantiles = np.quantile(values, list(QUANTILES.values()), axis=0)
+    return {
+        "min": values.min(axis=0),
+        "max": values.max(axis=0),
+        "mean": values.mean(axis=0),
+        "std": values.std(axis=0),
+        "count": np.array([len(values)]),
+        **dict(zip(QUANTILES, quantiles, strict=True)),
+    }
+
+
+def _info(episodes: Sequence[Episode], fps: float) -> dict[str, Any]:
+    return {
+        "codebase_version": VERSION,
+        "robot_type": None,
+        "total_episodes": len(episodes),
+        "total_frames": sum(map(len, episodes)),
+        "total_tasks": 1,
+        **FILES,
+        "fps": int(fps) if fps == int(fps) else fps,
+        "splits": {"train": f"0:{len(episodes)}"},
+        "data_path": f"data/{PLACES}",
+        "video_path": None,
+        "features": {name: _feature(column) for name, column in episodes[0].columns.items()},
+    }
+
+
+def _feature(column: np.ndarray) -> dict[str, Any]:
+    width = 1 if column.ndim == 1 else column.shape[1]
+    return {"dtype": column.dtype.name, "shape": [width], "names": None}
+
+
+def _table(columns: Mapping[str, Any]) -> pyarrow.Table:
+    import pyarrow
+
+    return pyarrow.table({name: _arrow(values) for name, values in columns.items()})
+
+
+def _arrow(values: Any) -> pyarrow.Array:
+    """Return a column: numbers, or lists of equal length where there are several in a row."""
+    import pyarrow
+
+    if not isinstance(values, np.ndarray) or values.ndim == 1:
+        return pyarrow.array(values)
+    if values.shape[1] == 1:
+        return pyarrow.array(values[:, 0])
+    return pyarrow.FixedSizeListArray.from_arrays(pyarrow.array(values.ravel()), values.shape[1])
+
+
+def _tasks(task: str) -> pyarrow.Table:
+    """Return the tasks' numbers by their names, which pandas finds by what is said of the columns."""
+    about = [
+        {"name": name, "field_name": field, "pandas_type": kind, "numpy_type": of_numpy, "metadata": None}
+        for name, field, kind, of_numpy in (
+            ("task_index", "task_index", "int64", "int64"),
+            (None, INDEX, "unicode", "object"),
+        )
+    ]
+    pandas = {"index_columns": [INDEX], "column_indexes": [], "columns": about, "pandas_version": "2.0.0"}
+    table = _table({"task_index": np.zeros(1, dtype=np.int64), INDEX: [task]})
+    return table.replace_schema_metadata({"pandas": json.dumps(pandas)})
+
+
+def _write_json(file: Path, content: Mapping[str, Any]) -> None:
+    file.write_text(json.dumps(content, indent=4))

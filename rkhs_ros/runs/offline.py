@@ -1,0 +1,106 @@
+"""Learning from recordings alone: the policy practises in a model of all recorded episodes, and none runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import reduce
+from math import ceil
+from operator import add
+from typing import Any
+
+from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS
+from rkhs_ros.base.validation import require
+from rkhs_ros.base.yaml_text import loaded
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.practice import ModelPractice, RealExperience, practise
+from rkhs_ros.learning.state import State, first_state, first_variance
+from rkhs_ros.learning.training import Iteration
+from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.recordings.recording import Head, Recording
+from rkhs_ros.runs.config import tree_of
+from rkhs_ros.runs.recorded import training_of
+
+MODEL = "practice={form: model}"
+HELD_OUT = 0.2  # part of the episodes that the model of the others must predict first
+
+
+def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Iterator[Iteration]:
+    """Practise in a model of recorded episodes, yielding each round as an iteration without an evaluation.
+
+    The model of most of the episodes is asked to predict the others. Where it was surer than it ought to have been,
+    practice is more careful, as between real episodes.
+
+    Args:
+        training: the learner's settings, with practice in a model.
+        spaces: of the task.
+        episodes: at least one.
+
+    Raises:
+        ValueError: the settings do not fit, or there is no practice among them.
+    """
+    practice, state = training.practice, first_state(training, spaces)
+    if not isinstance(practice, ModelPractice):
+        raise ValueError("practice.form: expected model, for no episode runs, got none")
+    returns = episodes.returns(training.discount)
+    while state.iterations < training.iterations:
+        experience = RealExperience(
+            episodes=episodes,
+            newest=ceil(HELD_OUT * len(episodes)),
+            discount=training.discount,
+            spaces=spaces,
+            kernel=training.kernel,
+            first_variance=first_variance(training, spaces),
+            seed=training.seed,
+            iteration=state.iterations,
+        )
+        practised = practise(practice, training.algorithm, state.policy, experience)
+        state = State(state.iterations + 1, practised.policy, episodes, len(episodes), 0)
+        yield Iteration(
+            state=state,
+            exploration=episodes,
+            train_returns=returns,
+            evaluation=episodes.take(slice(0)),
+            mean_policy_returns=returns[:0],
+            metrics=practised.metrics,
+            imagined_return=practised.imagined_return,
+            model_error=practised.model_error,
+        )
+
+
+def all_episodes(recordings: Mapping[str, Recording]) -> Episodes:
+    """Return the episodes of all recordings that count.
+
+    Args:
+        recordings: by the names to call them by, all of one task.
+
+    Raises:
+        ValueError: they are of several tasks, or there are none.
+    """
+    found: Sequence[Episodes] = [recording.episodes() for recording in recordings.values()]
+    first_name, first = next(iter(recordings.items()))
+    for (name, recording), episodes in zip(recordings.items(), found, strict=True):
+        expected, got = (_task(each, of) for each, of in ((first, found[0]), (recording, episodes)))
+        require(expected == got, f"{name}: task", f"that of {first_name}, {expected}", got)
+    return reduce(add, found)
+
+
+def _task(recording: Recording, episodes: Episodes) -> tuple[Any, ...]:
+    sizes = *episodes.observations.shape[1:], episodes.actions.shape[2]
+    return (recording.head.task.environment, dict(recording.head.task.options), *sizes) if recording.head else sizes
+
+
+def offline_settings(head: Head, changes: Iterable[str]) -> Training:
+    """Return the settings that a recording was made with, some replaced, with practice in a model in any case.
+
+    Raises:
+        ValueError: settings that are unknown or do not fit.
+    """
+    tree = loaded(head.configuration)[LEARNER][PARAMETERS]
+    return training_from(tree_of(offline_changes(training_of(head), changes), tree))
+
+
+def offline_changes(training: Training, changes: Iterable[str]) -> list[str]:
+    """Return changes of settings after those that have them practise in a model and evaluate nothing."""
+    practises = isinstance(training.practice, ModelPractice)
+    return [*([] if practises else [MODEL]), "evaluate_every=0", *changes]
