@@ -59,12 +59,12 @@ def main(path: Path | None) -> None:
         mesh = panel.pcolormesh(shifts, openings, rewards, vmin=0.0, vmax=1.0, cmap="viridis")
         columns, rows = np.meshgrid(shifts, openings)
         panel.plot(columns[opened], rows[opened], "w.", markersize=5)
-        panel.set(title=f"{name}: {opened.mean():.0%} open it", xlabel="shift along the lever (m)")
+        panel.set(title=f"{name}: {opened.mean():.0%} open it", xlabel=task.action_names[0])
         print(
             f"{name:35s} {opened.mean():5.1%} of the changes open the door, best reward {rewards.max():.3f},"
             f" {np.median(seconds):.3f} s an episode"
         )
-    panels[0].set_ylabel("change of the opening (m)")
+    panels[0].set_ylabel(task.action_names[1])
     figure.colorbar(mesh, label="reward (dots: the door is open)")
     if path is not None:
         figure.savefig(path, dpi=120)

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import sim_nodes.envs  # noqa: F401  # registers the task
-from rkhs_ros.pictures.run_pictures import references
+from rkhs_ros.pictures.known import references
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import new_folder

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from textwrap import wrap
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,46 +10,56 @@ from matplotlib.figure import Figure
 
 from rkhs_ros.paper.experiment import Experiment, Panel
 from rkhs_ros.paper.table import Returns, Table
-from rkhs_ros.pictures.run_pictures import references
+from rkhs_ros.pictures.known import references
+from rkhs_ros.pictures.style import draw_references, label, legend_above, looks, sheet, write
 from rkhs_ros.rkhs.kernels import Array
 
-TITLE_CHARACTERS = 60  # that fit above one plot
 CONFIDENCE = 1.96  # standard errors on both sides of 95 %
+WIDTH_IN, HEIGHT_IN = 6.0, 7.6  # of a panel's two plots
+DPI = 90
 
 
 def draw_experiment(path: Path, experiment: Experiment, table: Table) -> None:
-    """Draw the noise-free returns: their mean over the runs and the experiment's band."""
+    """Draw the noise-free returns: their mean over the runs and the experiment's band.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    write(path, experiment_figure(experiment, table), dpi=DPI)
+
+
+def experiment_figure(experiment: Experiment, table: Table) -> Figure:
+    """Return the figure of an experiment."""
+    runs = max(returns.runs for returns in table.values())
+    band = "95 % confidence of the mean" if experiment.band == "confidence" else "one standard deviation of the runs"
+    told = f"noise-free policy, mean of {runs} runs; band: {band}, no wider than the runs"
     columns = len(experiment.panels)
-    figure = Figure(figsize=(5.6 * columns, 7.6), layout="constrained")
+    figure = sheet(WIDTH_IN * columns, HEIGHT_IN, f"{experiment.title}\n{told}")
     plots = figure.subplots(2, columns, sharey="col", squeeze=False)
     for (above, below), panel in zip(plots.T, experiment.panels, strict=True):
         _draw(above, panel, table, experiment.band, against="iteration")
         _draw(below, panel, table, experiment.band, against="exploring episodes used")
-        above.set_title(panel.title)
-        above.legend(frameon=False, fontsize=8, loc="best")
-    runs = max(returns.runs for returns in table.values())
-    band = "95 % confidence of the mean" if experiment.band == "confidence" else "one standard deviation of the runs"
-    width = TITLE_CHARACTERS * columns
-    lines = [*wrap(experiment.title, width), *wrap(f"noise-free policy, mean of {runs} runs; band: {band}", width)]
-    figure.suptitle("\n".join(lines), fontsize=11)
-    figure.savefig(path, dpi=90)
+        legend_above(above, panel.title)
+    return figure
 
 
 def _draw(axes: Axes, panel: Panel, table: Table, band: str, against: str) -> None:
-    for curve in panel.curves:
+    for curve, (style, colour, _) in zip(panel.curves, looks(len(panel.curves)), strict=True):
         returns = table[panel.title, curve.label]
         x = returns.episodes if against.startswith("exploring") else np.arange(1, len(returns.episodes) + 1)
-        mean, width = returns.mean_policy.mean(axis=0), _width(returns, band)
-        (line,) = axes.plot(x, mean, label=curve.label, linewidth=1.5)
-        axes.fill_between(x, mean - width, mean + width, color=line.get_color(), alpha=0.15, linewidth=0)
-    for name, value in references(panel.curves[0].run(0).task).items():
-        axes.axhline(value, color="grey", linestyle="--", linewidth=1)
-        axes.annotate(name, (0.0, value), xycoords=("axes fraction", "data"), va="bottom", color="grey", fontsize=7)
-    axes.set(xlabel=against, ylabel="discounted return")
+        low, high = _band(returns, band)
+        axes.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0)
+        axes.plot(x, returns.mean_policy.mean(axis=0), style, color=colour, label=curve.label, linewidth=1.5)
+    draw_references(axes, references(panel.curves[0].run(0).task))
+    label(axes, against, "discounted return")
 
 
-def _width(returns: Returns, band: str) -> Array:
+def _band(returns: Returns, band: str) -> tuple[Array, Array]:
+    """Return the ends of the band around the mean, each among what the runs earned."""
+    earned = returns.mean_policy
     if returns.runs == 1:
-        return np.zeros_like(returns.episodes)
-    deviation = returns.mean_policy.std(axis=0, ddof=1)
-    return np.asarray(deviation if band == "sd" else CONFIDENCE * deviation / np.sqrt(returns.runs))
+        return earned[0], earned[0]
+    deviation = earned.std(axis=0, ddof=1)
+    width = deviation if band == "sd" else CONFIDENCE * deviation / np.sqrt(returns.runs)
+    mean, least, most = earned.mean(axis=0), earned.min(axis=0), earned.max(axis=0)
+    return np.maximum(mean - width, least), np.minimum(mean + width, most)

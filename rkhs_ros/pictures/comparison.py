@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from io import BytesIO
-from itertools import cycle, product
 from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.validation import require
-from rkhs_ros.pictures.run_pictures import references
+from rkhs_ros.pictures.known import references
+from rkhs_ros.pictures.style import label, looks, write
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.runs.aggregates import mean_over_runs
 from rkhs_ros.runs.comparison import Comparison, LearningCurve
 
 FORMATS = (".png", ".pdf", ".svg")
-# Okabe and Ito's colours, which the colour-blind tell apart; yellow last, which is faint on white.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#F0E442")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")  # tell them apart in black and white
-STYLES = ("-", "-.", ":")  # another one for every eight curves; that of the optimum is "--"
 MARKER_SPACING = 0.15  # of the plot's diagonal
 SIZE_IN, DPI = (4.8, 3.2), 200  # of the plot; the legend beside it adds to the width
 
@@ -42,31 +36,33 @@ def draw_comparison(path: Path, comparison: Comparison) -> None:
         ValueError: the file's name ends like no format that is known.
         OSError: it cannot be written.
     """
-    figure = Figure(figsize=SIZE_IN)
+    figure = comparison_figure(comparison)
+    write(path, figure, format=format_of(path), dpi=DPI, bbox_inches="tight", pad_inches=0.05)
+
+
+def comparison_figure(comparison: Comparison) -> Figure:
+    """Return a figure of the mean returns with their intervals; its legend stands beside it, outside of its size."""
+    figure = Figure(figsize=SIZE_IN, facecolor="white")
     axes = figure.subplots()
-    looks = cycle((style, *look) for style, look in product(STYLES, zip(COLOURS, MARKERS, strict=True)))
-    for curve, look in zip(comparison.curves, looks, strict=False):
+    for curve, look in zip(comparison.curves, looks(len(comparison.curves)), strict=True):
         _draw_curve(axes, curve, *look)
     _draw_optimum(axes, comparison.task)
     kind = "noise-free" if any(curve.is_noise_free for curve in comparison.curves) else "exploring"
-    axes.set(xlabel="exploring episodes", ylabel=f"{kind} discounted return")
-    axes.set_title(comparison.task.environment, fontsize=10)
+    label(axes, "exploring episodes", f"{kind} discounted return", comparison.task.environment)
     axes.set_xlim(left=0)
     axes.grid(color="0.93", linewidth=0.6)
     axes.set_axisbelow(True)
     title = "mean and 95 % interval" if any(len(curve.returns) > 1 for curve in comparison.curves) else None
     place = {"loc": "upper left", "bbox_to_anchor": (1.02, 1.0), "borderaxespad": 0.0}
     axes.legend(**place, frameon=False, fontsize=9, title=title, title_fontsize=8, alignment="left")
-    content = BytesIO()
-    figure.savefig(content, format=format_of(path), dpi=DPI, bbox_inches="tight", pad_inches=0.05)
-    write_whole(path, content.getvalue())
+    return figure
 
 
 def _draw_curve(axes: Axes, curve: LearningCurve, style: str, colour: str, marker: str) -> None:
     mean, low, high = mean_over_runs(curve.returns)
-    label = curve.label if curve.is_noise_free else f"{curve.label} (exploring)"
+    name = curve.label if curve.is_noise_free else f"{curve.label} (exploring)"
     axes.fill_between(curve.episodes, low, high, color=colour, alpha=0.18, linewidth=0)
-    (line,) = axes.plot(curve.episodes, mean, style, color=colour, linewidth=1.5, label=label)
+    (line,) = axes.plot(curve.episodes, mean, style, color=colour, linewidth=1.5, label=name)
     line.set(marker=marker, markevery=MARKER_SPACING, markersize=4.5)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rkhs_ros.base.validation import require, shown
+from rkhs_ros.pictures.headless import choose_renderer, remedy
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.policies.streams import Batch
@@ -23,7 +26,7 @@ from rkhs_ros.runs.simulation import Simulation
 
 Pictures = NDArray[np.uint8]  # RGB, shape (height, width, 3), or several of them
 FEWEST, MOST, USUAL = 2, 200, 60  # pictures of a film
-SIZE, DPI = (3.2, 2.4), 100  # inches, of a drawn picture
+SIZE, DPI = (4.8, 3.6), 100  # inches, of a drawn picture
 
 
 @dataclass(frozen=True)
@@ -115,16 +118,30 @@ def _with_pictures(task: Task, simulation: Simulation) -> Simulation:
     modes = simulation.shown.metadata.get("render_modes") or []
     what = "an environment that draws itself (render mode rgb_array)"
     require("rgb_array" in modes, task.environment, what, f"one with {', '.join(modes) or 'no render mode'}")
-    return Simulation(task.environment, {**task.options, "render_mode": "rgb_array"})
+    choose_renderer()
+    with _told_what_to_install(task.environment):
+        return Simulation(task.environment, {**task.options, "render_mode": "rgb_array"})
 
 
 def _rendered(simulation: Simulation, action: Array) -> Pictures:
-    try:
+    with _told_what_to_install(simulation.environment), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of what was tried before it failed, which is told in one line
         seen: Any = simulation.shown.render()
-    except (gymnasium.error.DependencyNotInstalled, ImportError) as error:
-        got = f"{shown(error)}"
-        raise ValueError(f"{simulation.environment}: expected what draws it to be installed, got: {got}") from error
-    except Exception as error:  # somebody's code, on somebody's display
-        got = f"{type(error).__name__}: {shown(error)} (for MuJoCo without a display, set MUJOCO_GL=egl or osmesa)"
-        raise ValueError(f"{simulation.environment}: expected a picture, got {got}") from error
     return np.asarray(seen[0] if isinstance(seen, tuple | list) else seen, dtype=np.uint8)
+
+
+@contextmanager
+def _told_what_to_install(environment: str) -> Iterator[None]:
+    """Raise ValueError in place of all that can go wrong in somebody's code, on somebody's display.
+
+    Raises:
+        ValueError: it cannot be drawn; what is to be done is said where it is known.
+    """
+    try:
+        yield
+    except (gymnasium.error.DependencyNotInstalled, ImportError) as error:
+        got = f"{shown(error)}{remedy()}"
+        raise ValueError(f"{environment}: expected what draws it to be installed, got: {got}") from error
+    except Exception as error:
+        got = f"{type(error).__name__}: {shown(error)}{remedy()}"
+        raise ValueError(f"{environment}: expected a picture, got {got}") from error

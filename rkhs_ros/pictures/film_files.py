@@ -7,22 +7,28 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from PIL import Image, ImageDraw
+from matplotlib.font_manager import findfont
+from PIL import Image, ImageDraw, ImageFont
 
 from rkhs_ros.pictures.film import Film, Pictures, spread
+from rkhs_ros.pictures.style import write
 
 MOMENTS = 8  # of the strip
-SECONDS = 6.0  # that the animation lasts
-LIMIT = 2_000_000  # bytes of the animation
+SECONDS, LAST_MS = 6.0, 1500  # that the animation lasts, and its last picture
+LIMIT = 3_000_000  # bytes of the animation
+SMALLER = 0.8  # times the width where it would be larger
 COLOURS = 128
+STILL = 1e-3  # part of the pixels that may differ in pictures of nothing that moves
+CAPTION_PART = 18  # of a picture's height that its caption takes
 
 
 def draw_strip(path: Path, film: Film) -> None:
-    """Draw some moments side by side, a row for each camera."""
-    moments = spread(len(film.captions), MOMENTS)
+    """Draw some moments side by side, from the first motion on, a row for each camera."""
+    first = first_motion(film)
+    moments = [first + moment for moment in spread(len(film.captions) - first, MOMENTS)]
     height, width = next(iter(film.pictures.values())).shape[1:3]
     size = (2.0 * len(moments), 2.0 * height / width * len(film.pictures) + 0.3)
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Figure(figsize=size, layout="constrained", facecolor="white")
     rows = figure.subplots(len(film.pictures), len(moments), squeeze=False)
     for row, (camera, pictures) in zip(rows, film.pictures.items(), strict=True):
         row[0].set_ylabel(camera)
@@ -31,21 +37,36 @@ def draw_strip(path: Path, film: Film) -> None:
             axes.set(xticks=[], yticks=[], frame_on=False)
     for axes, moment in zip(rows[-1], moments, strict=True):
         axes.set_xlabel(film.captions[moment])
-    figure.savefig(path, dpi=120)
+    write(path, figure)
 
 
 def animate(path: Path, film: Film) -> None:
-    """Write all pictures as a GIF, the cameras beside one another; smaller ones where it would be a large file."""
-    wide = np.concatenate(list(film.pictures.values()), axis=2)
-    images = [_captioned(picture, caption) for picture, caption in zip(wide, film.captions, strict=True)]
+    """Write the pictures from the first motion on as a GIF, the cameras beside one another.
+
+    They are made smaller where it would be a large file.
+    """
+    first = first_motion(film)
+    wide = np.concatenate(list(film.pictures.values()), axis=2)[first:]
+    images = [_captioned(picture, caption) for picture, caption in zip(wide, film.captions[first:], strict=True)]
     while len(data := _gif(images)) > LIMIT:
-        images = [image.reduce(2) for image in images]
+        size = [max(round(SMALLER * length), 1) for length in images[0].size]
+        images = [image.resize((size[0], size[1]), Image.Resampling.LANCZOS) for image in images]
     path.write_bytes(data)
+
+
+def first_motion(film: Film) -> int:
+    """Return the number of the last picture before anything moves; 0 where nothing ever does."""
+    moved = np.zeros(len(film.captions), dtype=bool)
+    for pictures in film.pictures.values():
+        moved |= (pictures != pictures[0]).any(axis=3).mean(axis=(1, 2)) > STILL
+    return max(int(moved.argmax()) - 1, 0)
 
 
 def _captioned(picture: Pictures, caption: str) -> Image.Image:
     image = Image.fromarray(picture)
-    ImageDraw.Draw(image).text((6, 4), caption, fill="black", stroke_width=2, stroke_fill="white")
+    size = max(image.height // CAPTION_PART, 6)
+    font = ImageFont.truetype(findfont("DejaVu Sans"), size)
+    ImageDraw.Draw(image).text((size // 2, size // 3), caption, "black", font, stroke_width=2, stroke_fill="white")
     return image
 
 
@@ -55,6 +76,6 @@ def _gif(images: list[Image.Image]) -> bytes:
     palette = Image.fromarray(some).quantize(COLOURS)
     first, *others = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     buffer = BytesIO()
-    duration = round(1000.0 * SECONDS / len(images))
-    first.save(buffer, format="GIF", save_all=True, append_images=others, duration=duration, loop=0)
+    durations = [round(1000.0 * SECONDS / len(images))] * len(others) + [LAST_MS]
+    first.save(buffer, format="GIF", save_all=True, append_images=others, duration=durations, loop=0)
     return buffer.getvalue()

@@ -17,6 +17,7 @@ from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import read_policy, save_policy
+from rkhs_ros.runs.attempts import Attempts
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.episode_files import save_episodes
@@ -79,8 +80,8 @@ class Report:
     """The results of a run, written as it goes.
 
     Owns the files of its folder, less the checkpoints: config.yaml is there from the beginning, curve.csv grows with
-    the run, best_policy.npz is the policy of its greatest noise-free return, policy.npz and episodes.npz come with
-    `finish`.
+    the run, and attempts.npz where the task has one step, best_policy.npz is the policy of its greatest noise-free
+    return, policy.npz and episodes.npz come with `finish`.
 
     Args:
         folder: an empty folder, or that of the run that goes on.
@@ -100,6 +101,7 @@ class Report:
         self._spaces = spaces
         rows = self._curve.rows()[:done]
         self._best = self._best_of(rows)
+        self._attempts = Attempts(folder, config.task, spaces, rows[-1].episodes if rows else 0)
         self._began = time.monotonic() - (rows[-1].seconds if rows else 0.0)
         write_whole(folder / "config.yaml", resolved(config).encode())
         self._curve.begin(rows)
@@ -111,6 +113,7 @@ class Report:
             OSError: it cannot be written.
         """
         self._curve.append(Row.of(iteration, time.monotonic() - self._began))
+        self._attempts.add(iteration.exploration)
         self._keep_best(iteration)
         self._last = iteration
 

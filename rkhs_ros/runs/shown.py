@@ -52,7 +52,7 @@ class Body(Protocol):
     Attributes:
         shape: "box", "ball" or "cylinder", whose axis is z.
         size: along x, y and z, in metres.
-        colour: red, green and blue, from 0 to 1.
+        colour: as "#0072B2", red, green and blue.
     """
 
     @property
@@ -60,7 +60,7 @@ class Body(Protocol):
     @property
     def size(self) -> tuple[float, float, float]: ...  # noqa: D102
     @property
-    def colour(self) -> tuple[float, float, float]: ...  # noqa: D102
+    def colour(self) -> str: ...  # noqa: D102
 
 
 class Motion(Protocol):

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.view.coordinates import Coordinates
@@ -22,8 +23,7 @@ AREA = (0.145, 0.14, 0.655, 0.7)  # left, bottom, width and height of the plot, 
 BAR = (0.83, 0.14, 0.03, 0.7)  # of the colour bar, alike
 CELLS = 90  # of the map, along each side
 MARGIN = 0.06  # of the range visited, beyond it
-SIGNED = "coolwarm"  # equal steps look equal, to the colour-blind, too
-EPISODE, CENTRE, GOOD = "#000000", "#E69F00", "viridis"
+BLUE, RED, _, _, PALE, CENTRE, EPISODE, _ = COLOURS
 FAINTEST = 0.15  # opacity of the oldest episode
 
 
@@ -55,7 +55,6 @@ class Subject(NamedTuple):
         title: above it.
         coordinates: of the policy.
         episodes: one row each, the newest, whose points are marked, last.
-        actions: names of the actions' numbers.
         spaces: of the task; None where they are not known.
         discount: of the returns.
     """
@@ -63,9 +62,13 @@ class Subject(NamedTuple):
     title: str
     coordinates: Coordinates
     episodes: Sequence[Episodes]
-    actions: Sequence[str]
     spaces: Spaces | None
     discount: float
+
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """Names of the actions' numbers."""
+        return self.coordinates.names.actions
 
 
 def draw(subject: Subject, choice: Choice) -> Board:
@@ -128,8 +131,8 @@ def _draw_line(axes: Axes, subject: Subject, choice: Choice) -> Array:
     least, most = _limits(subject, action)
     room = MARGIN * (most - least)
     lower, upper, mean, *done = (np.clip(values, least, most) for values in (mean - sd, mean + sd, mean, *done))
-    axes.fill_between(x, lower, upper, color="#56B4E9", alpha=0.35, linewidth=0, label="exploration")
-    axes.plot(x, mean, color="#0072B2", linewidth=2.5, label="mean action")
+    axes.fill_between(x, lower, upper, color=PALE, alpha=0.35, linewidth=0, label="exploration")
+    axes.plot(x, mean, color=BLUE, linewidth=2.5, label="mean action")
     for points, actions, age in zip(visited, done, _ages(len(visited)), strict=True):
         axes.plot(points[:, 0], actions, ".", color=EPISODE, alpha=age, label="episodes" if age == 1 else None)
     centres = coordinates.centres()
@@ -151,11 +154,11 @@ def _draw_attempts(axes: Axes, subject: Subject) -> Array:
     inputs = newest.seen_through(policy.inputs).observations[0]
     mean, sd = policy.mean(inputs)[0, :2], np.sqrt(policy.variance(inputs))[0, :2]
     image = axes.scatter(
-        tried[:, 0], tried[:, 1], c=earned, cmap=GOOD, vmin=min(0.0, earned.min()), vmax=max(earned.max(), 1e-9), s=45,
+        tried[:, 0], tried[:, 1], c=earned, cmap=UNSIGNED, vmin=min(0.0, earned.min()), vmax=max(earned.max(), 1e-9), s=45,
         edgecolors="black", linewidths=0.5, label="attempts",
     )  # fmt: skip
     axes.figure.colorbar(image, cax=axes.figure.add_axes(BAR)).set_label("return", fontsize=12)
-    bars: Any = {"color": "#D55E00", "capsize": 4, "linewidth": 2, "zorder": 3}
+    bars: Any = {"color": RED, "capsize": 4, "linewidth": 2, "zorder": 3}
     axes.errorbar(mean[0], mean[1], xerr=sd[0], yerr=sd[1], fmt="D", label="mean action, exploration", **bars)
     (xlow, xhigh), (ylow, yhigh) = (_limits(subject, action) for action in (0, 1))
     room = MARGIN * np.array([xhigh - xlow, yhigh - ylow])

@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rkhs_ros.pictures.style import COLOURS
 from rkhs_ros.rkhs.kernels import Array
 
-BLUE, ORANGE, PALE = (0.0, 0.45, 0.7), (0.9, 0.45, 0.0), (0.8, 0.8, 0.8)
+PALE = "#CCCCCC"
 MOST_OBSERVED, MOST_DONE = 12, 6  # numbers that are shown
 STEP_S = 0.1  # that a step takes on the page
 
@@ -19,7 +20,7 @@ class Rigid(NamedTuple):
 
     shape: str
     size: tuple[float, float, float]
-    colour: tuple[float, float, float]
+    colour: str
 
 
 class Moved(NamedTuple):
@@ -47,7 +48,8 @@ class Gauges:
 
     def bodies(self) -> Sequence[Rigid]:
         """Return the rods, and the beads: blue for what is observed, orange for what is done."""
-        colours = [BLUE] * self._shown[0] + [ORANGE] * self._shown[1]
+        blue, orange, *_ = COLOURS
+        colours = [blue] * self._shown[0] + [orange] * self._shown[1]
         return [Rigid("cylinder", (0.03, 0.03, 2.0), PALE) for _ in colours] + [
             Rigid("ball", (0.16, 0.16, 0.16), colour) for colour in colours
         ]

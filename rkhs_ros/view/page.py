@@ -7,7 +7,7 @@ from typing import Any
 
 from viser import ViserServer
 
-from rkhs_ros.pictures.run_pictures import references
+from rkhs_ros.pictures.known import references
 from rkhs_ros.runs.control import PAUSE, RESUME, STOP, ask
 from rkhs_ros.view.curve_plot import CurvePlot
 from rkhs_ros.view.showing import Showing

@@ -11,6 +11,7 @@ from viser import ViserServer
 
 from rkhs_ros.base.endings import told
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.pictures.known import names_of
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.shown import Motion
 from rkhs_ros.view.board import Choice, Subject, draw
@@ -18,7 +19,7 @@ from rkhs_ros.view.coordinates import Coordinates
 from rkhs_ros.view.gauges import Gauges
 from rkhs_ros.view.source import Seen, Source
 from rkhs_ros.view.stage import Stage
-from rkhs_ros.view.tasks import in_space, names_of
+from rkhs_ros.view.tasks import in_space
 
 LONGEST_PLAY_S = 8.0  # of an episode; a longer one is played faster
 MOST_LISTED = 20  # episodes of a kind in the list
@@ -105,17 +106,21 @@ class Showing:
         if self._stage is not None:
             return
         task, widths = self._source.task, (episode.observations.shape[2], episode.actions.shape[2])
-        self._observed = tuple(names_of(task, "observation", widths[0]))
-        self._done = tuple(names_of(task, "action", widths[1]))
+        self._names = names_of(task, *widths)
         self._task = in_space(task) or Gauges(*widths)
         self._stage = Stage(self._server, self._task)
-        labels = Coordinates(seen.policy, self._observed).labels
-        lists = (("Policy across", labels, 0, 2), ("Policy up", labels, 1, 2), ("Action", self._done, 0, 1))
+        coordinates = Coordinates(seen.policy, self._names)
+        labels, (across, up) = coordinates.labels, coordinates.telling(episode)
+        lists = (
+            ("Policy across", labels, across, 2),
+            ("Policy up", labels, up, 2),
+            ("Action", self._names.actions, 0, 1),
+        )
         self._choices = tuple(
             self._server.gui.add_dropdown(
                 name,
                 tuple(options),
-                initial_value=options[min(first, len(options) - 1)],
+                initial_value=options[first],
                 visible=len(options) > fewest and task.horizon > 1,
             )
             for name, options, first, fewest in lists
@@ -128,7 +133,9 @@ class Showing:
         if self._stage is not None and self._motion is not None:
             self._stage.settle(self._motion)
         self._frame.max, self._frame.disabled = max(self._frames - 1, 1), self._frames < 2
-        self._frame.value = self._set_to = min(self._set_to, self._frames - 1)  # at the same moment as in the one before
+        self._frame.value = self._set_to = min(
+            self._set_to, self._frames - 1
+        )  # at the same moment as in the one before
         self._at, self._played_at = -1, time.monotonic()
 
     def _moving(self, observations: Array, actions: Array) -> Motion | None:
@@ -144,14 +151,14 @@ class Showing:
         recent = [_of_kind(each, EXPLORING if one_step else kind) for number, each in sorted(seen.items())]
         before = [each for each in (recent if one_step else recent[:-1]) if each]
         rows = [each.take(slice(i, i + 1)) for each in before for i in range(len(each) if one_step else 1)]
-        coordinates = Coordinates(seen[iteration].policy, self._observed)
+        coordinates = Coordinates(seen[iteration].policy, self._names)
         across, up, action = (each.value for each in self._choices)
-        choice = Choice(coordinates.labels.index(across), coordinates.labels.index(up), self._done.index(action))
+        choice = Choice(
+            coordinates.labels.index(across), coordinates.labels.index(up), self._names.actions.index(action)
+        )
         title, task = f"Policy after iteration {iteration}", self._source.task
         if self._stage is not None and self._episode is not None:
-            subject = Subject(
-                title, coordinates, [*rows, self._episode], self._done, self._source.spaces, task.discount
-            )
+            subject = Subject(title, coordinates, [*rows, self._episode], self._source.spaces, task.discount)
             self._stage.hang(draw(subject, choice))
 
     def _play(self, motion: Motion) -> None:
@@ -169,8 +176,8 @@ class Showing:
     def _told(self, episode: Episodes, step: int, steps: int) -> str:
         """Return in words what is observed, done and earned in a step."""
         done = self._clipped(episode.actions[0, step][None])[0]
-        numbers = [*zip(self._observed, episode.observations[0, step], strict=True)]
-        numbers += [*zip(self._done, done, strict=True)]
+        numbers = [*zip(self._names.observations, episode.observations[0, step], strict=True)]
+        numbers += [*zip(self._names.actions, done, strict=True)]
         told = [
             f"{name} **{value:.3g}**" for name, value in [*numbers[:MOST_TOLD], ("reward", episode.rewards[0, step])]
         ]

@@ -19,7 +19,7 @@ GAP = 0.1  # between task and picture, in heights of the picture
 LARGER = 1.25  # times as high as the task is the picture beside it
 WIDE = 1.6  # times as wide as high is a task that stands below the picture, not beside it
 MARKER = 0.011  # radius of the mark on the picture, in widths of it
-MARK = (0.0, 0.9, 0.45)
+MARK = (0, 230, 115)
 
 
 class Stage:
@@ -73,7 +73,7 @@ class Stage:
         offset = np.array(
             [0.0, task[1] / 2 + gap + board[1] / 2] if is_wide else [task[0] / 2 + gap + board[0] / 2, 0.0]
         )
-        whole = np.array([task[0], task[1] + gap + board[1]] if is_wide else [task[0] + gap + board[0], task[1]])
+        whole = np.array([task[0], task[1] + gap + board[1]] if is_wide else [task[0] + gap + board[0], board[1]])
         corner = (low + high) / 2 - np.array([task[0] / 2, (task if is_wide else whole)[1] / 2])
         self._width, self._height = board
         self._middle = self._in_space((low + high) / 2 + offset, middle)
@@ -123,7 +123,8 @@ class Stage:
 
 
 def _added(scene: SceneApi, name: str, body: Body) -> Any:
-    colour = body.colour
+    red, green, blue = bytes.fromhex(body.colour.removeprefix("#"))
+    colour = red, green, blue
     if body.shape == "ball":
         return scene.add_icosphere(name, radius=body.size[0] / 2, color=colour, visible=False)
     if body.shape == "cylinder":

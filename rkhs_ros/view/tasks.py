@@ -1,4 +1,4 @@
-"""What a task says of itself for the page: the names of its numbers, and how its episodes look in space."""
+"""How the episodes of a task look in space, if it says so."""
 
 from __future__ import annotations
 
@@ -20,21 +20,6 @@ def in_space(task: Task) -> ShowsMotion | None:
                 made = maker(**task.options)
                 return made if isinstance(made, ShowsMotion) else None
     return None
-
-
-def names_of(task: Task, kind: str, count: int) -> list[str]:
-    """Return what a task calls its numbers in ``observation_names`` or ``action_names``, else "observation 1" etc.
-
-    Args:
-        task: the task.
-        kind: "observation" or "action".
-        count: of the numbers.
-    """
-    said: Any = None
-    with suppress(Exception):
-        said = next((getattr(maker, f"{kind}_names", None) for maker in _makers(task)), None)
-    good = isinstance(said, list | tuple) and len(said) == count
-    return [str(name) for name in said] if good else [f"{kind} {i + 1}" for i in range(count)]
 
 
 def _makers(task: Task) -> list[Any]:

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.vector_task import Array, Body, Motion, VectorTask, clip, upright
+from sim_nodes.envs.vector_task import BLUE, DARK, ORANGE, PALE, Array, Body, Motion, VectorTask, clip, upright
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 ANGLES = ("clip", "wrap")
-BLUE, ORANGE, DARK, PALE = (0.0, 0.45, 0.7), (0.9, 0.45, 0.0), (0.15, 0.15, 0.17), (0.8, 0.8, 0.8)
 BEADS = 12  # of the arc that shows the torque
 
 
@@ -34,6 +33,8 @@ class Pendulum(VectorTask):
 
     single_observation_space = Box(np.array([-np.pi, -4 * np.pi]), np.array([np.pi, 4 * np.pi]), dtype=np.float64)
     single_action_space = Box(-3.0, 3.0, (1,), np.float64)
+    observation_names: ClassVar[tuple[str, ...]] = ("angle (rad)", "angular velocity (rad/s)")
+    action_names: ClassVar[tuple[str, ...]] = ("torque",)
     reference_returns: ClassVar[dict[str, float]] = {
         "optimum (dynamic programming)": 51.8,
         "optimum as the paper has it": 46.0,
@@ -68,9 +69,9 @@ class Pendulum(VectorTask):
         """Draw the rod, upright at angle zero and turning clockwise, and the torque as an arc the way it pushes."""
         theta, torque = float(state[0]), float(action[0])
         turn = np.linspace(theta, theta + 0.5 * torque, 30)
-        axes.plot(np.sin(turn) / 2, np.cos(turn) / 2, color="tab:orange", linewidth=3)
-        axes.plot(np.sin(turn[-1]) / 2, np.cos(turn[-1]) / 2, "o", color="tab:orange", markersize=7)
-        axes.plot([0.0, np.sin(theta)], [0.0, np.cos(theta)], color="tab:blue", linewidth=6, solid_capstyle="round")
+        axes.plot(np.sin(turn) / 2, np.cos(turn) / 2, color=ORANGE, linewidth=3)
+        axes.plot(np.sin(turn[-1]) / 2, np.cos(turn[-1]) / 2, "o", color=ORANGE, markersize=7)
+        axes.plot([0.0, np.sin(theta)], [0.0, np.cos(theta)], color=BLUE, linewidth=6, solid_capstyle="round")
         axes.plot(0.0, 0.0, "o", color="black", markersize=8)
         axes.text(1.3, -1.15, f"torque {torque:+.2f}", ha="right", fontsize=12)
         axes.set(xlim=(-1.4, 1.4), ylim=(-1.25, 1.25), aspect="equal")

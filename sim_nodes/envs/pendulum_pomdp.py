@@ -19,6 +19,7 @@ class PendulumPOMDP(Pendulum):
     """
 
     single_observation_space = Box(-np.inf, np.inf, (1,), np.float64)
+    observation_names: ClassVar[tuple[str, ...]] = ("angle seen (rad)",)
     reference_returns: ClassVar[dict[str, float]] = {
         "optimum if all were seen (dynamic programming)": 51.8,
         "balanced, the paper says": 25.0,

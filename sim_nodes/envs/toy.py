@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.vector_task import Array, Body, Motion, VectorTask, clip, upright
+from sim_nodes.envs.vector_task import BLUE, GREEN, ORANGE, PALE, Array, Body, Motion, VectorTask, clip, upright
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 GOAL = 3.0
-BLUE, ORANGE, GREEN, PALE = (0.0, 0.45, 0.7), (0.9, 0.45, 0.0), (0.0, 0.62, 0.45), (0.8, 0.8, 0.8)
 BEADS = 8  # of the line that shows where the point is told to go
 
 
@@ -28,6 +27,8 @@ class Toy(VectorTask):
 
     single_observation_space = Box(-4.0, 4.0, (1,), np.float64)
     single_action_space = Box(-1.0, 1.0, (1,), np.float64)
+    observation_names: ClassVar[tuple[str, ...]] = ("position",)
+    action_names: ClassVar[tuple[str, ...]] = ("move",)
     reference_returns: ClassVar[dict[str, float]] = {"optimum (dynamic programming)": 14.5}
     noise_dim = 1
     noise_sd = 0.11
@@ -45,10 +46,10 @@ class Toy(VectorTask):
         """Draw the line, the goal on it, the point, and the way that it is told to go."""
         place, told = float(state[0]), float(state[0] + action[0])
         axes.plot([-4.0, 4.0], [0.0, 0.0], color="lightgrey", linewidth=4)
-        axes.plot(GOAL, 0.0, "*", color="tab:green", markersize=20)
-        axes.plot([place, told], [0.25, 0.25], color="tab:orange", linewidth=3)
-        axes.plot(told, 0.25, ">" if told > place else "<", color="tab:orange", markersize=9)
-        axes.plot(place, 0.0, "o", color="tab:blue", markersize=14)
+        axes.plot(GOAL, 0.0, "*", color=GREEN, markersize=20)
+        axes.plot([place, told], [0.25, 0.25], color=ORANGE, linewidth=3)
+        axes.plot(told, 0.25, ">" if told > place else "<", color=ORANGE, markersize=9)
+        axes.plot(place, 0.0, "o", color=BLUE, markersize=14)
         axes.text(0.0, -0.6, f"at {place:+.2f}, told {action[0]:+.2f}", ha="center", fontsize=13)
         axes.set(xlim=(-5.2, 5.2), ylim=(-1.0, 1.0))
 

@@ -18,6 +18,8 @@ if TYPE_CHECKING:  # a node draws nothing and need not wait for it
 Array = NDArray[np.float64]
 
 NOISE_BLOCK = 128  # steps
+BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"  # of what is drawn: the colour-blind tell them apart
+DARK, PALE = "#26262B", "#CCCCCC"
 
 
 def clip(values: Array, low: Array | float, high: Array | float) -> Array:
@@ -45,12 +47,12 @@ class Body(NamedTuple):
     Attributes:
         shape: "box", "ball" or "cylinder", whose axis is z.
         size: along x, y and z, in metres.
-        colour: red, green and blue, from 0 to 1.
+        colour: as "#0072B2", red, green and blue.
     """
 
     shape: str
     size: tuple[float, float, float]
-    colour: tuple[float, float, float]
+    colour: str
 
 
 class Motion(NamedTuple):
@@ -91,6 +93,8 @@ class VectorTask(VectorEnv[Array, Array, Any]):
     observation_noise_dim: int = 0  # and of an observation
     step_seconds: float = 1.0  # that a step stands for
     reference_returns: ClassVar[dict[str, float]] = {}  # at the registered horizon and discount 0.99
+    observation_names: ClassVar[tuple[str, ...]] = ()  # of each number, with its unit, for pictures
+    action_names: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, num_envs: int = 1, max_episode_steps: int | None = None) -> None:
         self.num_envs = num_envs

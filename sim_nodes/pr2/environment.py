@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -66,6 +66,9 @@ class PR2Door(VectorTask):
 
     single_observation_space = Box(-np.inf, np.inf, (3,), np.float64)
     single_action_space = Box(np.array([-0.2, -0.08]), np.array([0.2, 0.08]), dtype=np.float64)
+    observation_names: ClassVar[tuple[str, ...]] = ("error in x (sd)", "error in y (sd)", "error in yaw (sd)")
+    action_names: ClassVar[tuple[str, ...]] = ("shift along the lever (m)", "change of the opening (m)")
+    success_reward = float(np.exp(-1.0))  # what does not open the door earns at most this
     noise_dim = 0
     step_seconds = demonstration.SECONDS
 
@@ -96,6 +99,7 @@ class PR2Door(VectorTask):
         self.start = first
         self.outcomes: list[Outcome] = []
         self._world: World | None = None
+        self._filmed: World | None = None
 
     @property
     def world(self) -> World:
@@ -103,6 +107,13 @@ class PR2Door(VectorTask):
         if self._world is None:
             self._world = in_window() if self.gui else World()
         return self._world
+
+    @property
+    def filmed(self) -> World:
+        """The simulator that films are taken in, where the robot looks as it does."""
+        if self._filmed is None:
+            self._filmed = in_window() if self.gui else World(meshes=True)
+        return self._filmed
 
     def initial_states(self, rows: int) -> Array:
         """Return the errors of the pose: x, y in metres, yaw in radians; shape (rows, 3)."""
@@ -144,7 +155,7 @@ class PR2Door(VectorTask):
         return self._attempt(pose, change, None)
 
     def render_frames(
-        self, pose: Array, change: Array, size: tuple[int, int] = (320, 240), every: int = 4
+        self, pose: Array, change: Array, size: tuple[int, int] = (480, 360), every: int = 4
     ) -> dict[str, Any]:
         """Carry out a change and return what the cameras see: RGB of shape (frames, height, width, 3) by name.
 
@@ -164,9 +175,10 @@ class PR2Door(VectorTask):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Give up the simulator, unless it is the one in the window."""
-        if self._world is not None and not self.gui:
-            self._world.close()
-        self._world = None
+        for world in (self._world, self._filmed):
+            if world is not None and not self.gui:
+                world.close()
+        self._world = self._filmed = None
 
     def joint_states(self) -> JointStates | None:
         """Return what the joints did in the first row; None before, or where the arm cannot reach."""
@@ -200,7 +212,7 @@ class PR2Door(VectorTask):
         motion = adapted(shown, clip(change, self.single_action_space.low, self.single_action_space.high))
         if motion is None:
             return Outcome(0.0, False, 0.0, float("inf"), None)
-        trajectory = self.world.run(motion, pose, film)
+        trajectory = (self.filmed if film else self.world).run(motion, pose, film)
         error, angle = tracking_error(trajectory, shown), float(trajectory.door[-1])
         success = angle > door.OPENED
         return Outcome(float(np.exp(-error - (not success))), success, angle, error, trajectory)

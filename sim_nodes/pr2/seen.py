@@ -85,9 +85,9 @@ def _size(low: Vector, high: Vector) -> Vector:
     return float(x), float(y), float(z)
 
 
-def _colour(text: str) -> Vector:
-    red, green, blue, _ = map(float, text.split())
-    return red, green, blue
+def _colour(text: str) -> str:
+    red, green, blue, _ = (round(255 * float(part)) for part in text.split())
+    return f"#{red:02X}{green:02X}{blue:02X}"
 
 
 def _quaternions(rotations: Array) -> Array:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from sim_nodes.pr2 import door, robot
 from sim_nodes.pr2.demonstration import RATE, TORSO
 from sim_nodes.pr2.kinematics import arm_chain, rotation_about
+from sim_nodes.pr2.meshes import with_meshes
 from sim_nodes.pr2.motion import Motion
 from sim_nodes.pr2.silence import silence
 
@@ -83,9 +84,10 @@ class World:
 
     Args:
         gui: whether it is in a window; see `in_window`.
+        meshes: whether the robot looks as it does, where its meshes are installed; it moves alike.
     """
 
-    def __init__(self, *, gui: bool = False) -> None:
+    def __init__(self, *, gui: bool = False, meshes: bool = False) -> None:
         with silence(1):
             self.client = BulletClient(pybullet.GUI if gui else pybullet.DIRECT)
         self.client.setPhysicsEngineParameter(
@@ -94,7 +96,7 @@ class World:
             deterministicOverlappingPairs=1,
             contactERP=CONTACT_CORRECTION,
         )
-        self._robot = self._load("pr2", robot.simulated_urdf(TORSO))
+        self._robot = self._load("pr2", robot.simulated_urdf(TORSO), meshes=meshes)
         self._door = self._load("door", door.urdf())
         self._joints = self._indices(self._robot, JOINT_NAMES)
         self._hinge, self._lever = self._indices(self._door, [joint.name for joint in door.JOINTS])
@@ -192,10 +194,10 @@ class World:
         place = tool + np.array([base[0], base[1], 0.0])
         return Trajectory(positions, velocities, torques, angles[:, 0], angles[:, 1], place, openings)
 
-    def _load(self, name: str, text: str) -> int:
+    def _load(self, name: str, text: str, *, meshes: bool = False) -> int:
         with TemporaryDirectory() as folder:
             path = Path(folder) / f"{name}.urdf"
-            path.write_text(text)
+            path.write_text(with_meshes(text, path.parent) if meshes else text)
             return int(self.client.loadURDF(str(path), useFixedBase=True, flags=pybullet.URDF_USE_INERTIA_FROM_FILE))
 
     def _indices(self, body: int, names: Any) -> list[int]:
@@ -215,7 +217,7 @@ class World:
 @cache
 def in_window() -> World:
     """Return the world in a window: the same one always, since PyBullet opens no second window in a process."""
-    return World(gui=True)
+    return World(gui=True, meshes=True)
 
 
 def require_display() -> None:

@@ -13,7 +13,8 @@ from rich.console import Console
 
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.training_settings import Training
-from rkhs_ros.pictures.comparison import COLOURS, draw_comparison
+from rkhs_ros.pictures.comparison import draw_comparison
+from rkhs_ros.pictures.style import COLOURS
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.runs.aggregates import aggregates, mean_over_runs
 from rkhs_ros.runs.comparison import Comparison, LearningCurve, compare

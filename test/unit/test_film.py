@@ -1,3 +1,4 @@
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from gymnasium.spaces import Box
 from matplotlib.figure import Figure
 from PIL import Image
 
-from rkhs_ros.pictures import film_files
+from rkhs_ros.pictures import film_files, headless
 from rkhs_ros.pictures.film import Film, shoot
 from rkhs_ros.pictures.film_files import animate, draw_strip
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -99,7 +100,7 @@ def striped(frames: int, cameras: tuple[str, ...] = ("",)) -> Film:
 def test_our_tasks_draw_themselves_and_move(environment: str, d: int, horizon: int) -> None:
     seen = film(constant(0.15, d=d), Task(environment, {}, horizon, 0.99), frames=6)
     (pictures,) = seen.pictures.values()
-    assert pictures.shape == (6, 240, 320, 3)
+    assert pictures.shape == (6, 360, 480, 3)
     assert pictures.dtype == np.uint8
     assert len({picture.tobytes() for picture in pictures}) == 6
     assert seen.captions[0] == "step 0"
@@ -169,7 +170,49 @@ def test_a_large_animation_is_made_smaller_not_shorter(tmp_path: Path, monkeypat
     assert (tmp_path / "film.gif").stat().st_size <= 20_000
     with Image.open(tmp_path / "film.gif") as animation:
         assert animation.n_frames == 30
-        assert animation.width in (30, 15)
+        assert animation.width < 60
+
+
+def test_films_begin_at_the_first_motion(tmp_path: Path) -> None:
+    moving = striped(9).pictures[""]
+    still = np.repeat(moving[:1], 4, axis=0)
+    seen = Film({"room": np.concatenate([still, moving])}, [f"{k} s" for k in range(13)])
+    assert film_files.first_motion(seen) == 4  # the last of five that are alike
+    animate(tmp_path / "film.gif", seen)
+    with Image.open(tmp_path / "film.gif") as animation:
+        assert animation.n_frames == 9
+    assert film_files.first_motion(Film({"": still}, ["0", "1", "2", "3"])) == 0
+
+
+# Without a display
+
+
+@pytest.mark.parametrize(
+    ("given", "libraries", "chosen"),
+    [
+        ({}, {"EGL", "OSMesa"}, "egl"),
+        ({}, {"OSMesa"}, "osmesa"),
+        ({}, set(), None),
+        ({"DISPLAY": ":0"}, {"EGL"}, None),
+        ({"WAYLAND_DISPLAY": "wayland-0"}, {"EGL"}, None),
+        ({"MUJOCO_GL": "glfw"}, {"EGL"}, "glfw"),
+    ],
+)
+def test_mujoco_draws_off_screen_where_there_is_no_display_and_nobody_chose(
+    monkeypatch: pytest.MonkeyPatch, given: dict[str, str], libraries: set[str], chosen: str | None
+) -> None:
+    monkeypatch.setattr(headless, "find_library", lambda name: name if name in libraries else None)
+    monkeypatch.setattr(sys, "platform", "linux")
+    headless.choose_renderer(given)
+    assert given.get("MUJOCO_GL") == chosen
+
+
+def test_what_to_install_is_told_to_those_who_use_mujoco(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "mujoco", raising=False)
+    assert headless.remedy({"MUJOCO_GL": "glfw"}) == ""
+    monkeypatch.setitem(sys.modules, "mujoco", headless)
+    assert headless.remedy({"MUJOCO_GL": "glfw"}).startswith(" (MUJOCO_GL is glfw; MuJoCo without a display needs EGL")
+    assert "libosmesa6" in headless.remedy({})
 
 
 # The command

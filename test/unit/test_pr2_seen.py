@@ -32,9 +32,9 @@ def display(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[bool]]:
     made: list[bool] = []
 
     class Unseen(world.World):
-        def __init__(self, *, gui: bool = False) -> None:
+        def __init__(self, *, gui: bool = False, meshes: bool = False) -> None:
             made.append(gui)
-            super().__init__()
+            super().__init__(meshes=meshes)
 
     monkeypatch.setattr(world, "World", Unseen)
     monkeypatch.setattr(environment, "World", Unseen)
@@ -62,7 +62,7 @@ def test_the_film_shows_with_every_camera_what_the_action_does() -> None:
     done = runner.collect(policy, Batch(3, 0, 1, 1, explore=False)).actions[0, 0]
     expected = task.render_frames(task.states[0], task.change(done), every=24)
     for camera, pictures in film.pictures.items():
-        assert pictures.shape == (5, 240, 320, 3)
+        assert pictures.shape == (5, 360, 480, 3)
         assert np.any(pictures[0] != pictures[-1])
         np.testing.assert_array_equal(pictures, expected[camera])
     task.close()

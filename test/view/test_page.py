@@ -60,7 +60,9 @@ def slide(tab: Tab, number: int, key: str) -> None:
     """Move a slider to one of its ends: Home or End."""
     tab.value(f"document.querySelectorAll('[role=slider]')[{number}].focus()")
     for kind in ("keyDown", "keyUp"):
-        tab.ask("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode={"End": 35, "Home": 36}[key])
+        tab.ask(
+            "Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode={"End": 35, "Home": 36}[key]
+        )
 
 
 def lines(folder: Path) -> int:
@@ -117,9 +119,7 @@ def test_a_finished_folder_is_seen_and_the_slider_moves_the_robot(
     assert view.finish()[0] == 130
 
 
-def test_a_recording_alone_shows_each_iteration(
-    chromium: Browser, serve: Serve, folder: Path, tmp_path: Path
-) -> None:
+def test_a_recording_alone_shows_each_iteration(chromium: Browser, serve: Serve, folder: Path, tmp_path: Path) -> None:
     alone = tmp_path / "alone.mcap"
     shutil.copy(folder / "recording.mcap", alone)
     view = serve("view", alone)

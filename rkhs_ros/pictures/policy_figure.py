@@ -1,0 +1,201 @@
+"""Pictures of a policy: what it does over what it sees, drawn over all of it or over the two inputs that tell most."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import isnan
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.pictures.known import Names, input_names
+from rkhs_ros.pictures.slices import best_slice, on_slice
+from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED, colour_bar, label, legend_above, sheet
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.rkhs.kernels import Array
+
+MOST_ACTIONS = 3  # that have a plot
+PANEL, LEAST_WIDTH, HEIGHT = 4.6, 6.6, 4.6  # inches
+LINE_POINTS, PLANE_POINTS = 300, 150  # along an axis
+MOST_DOTS = 300  # visited points that are drawn
+JUMP = 0.5  # part of the range seen: two steps farther apart than that are not joined, as where an angle comes round
+HALO = [withStroke(linewidth=3.5, foreground="white")]
+
+
+@dataclass(frozen=True)
+class View:
+    """A policy as a function of what the axes show: the observation, or what the policy is given of the history.
+
+    Attributes:
+        policy: the policy.
+        spaces: bounds of the actions.
+        inputs: names of what it is drawn over.
+        actions: names of the actions.
+        episode: visited points of the first episode, shape (steps, d).
+        visited: those of all episodes, shape (k, d).
+        is_observed: whether the points are observations.
+    """
+
+    policy: GaussianPolicy
+    spaces: Spaces
+    inputs: tuple[str, ...]
+    actions: tuple[str, ...]
+    episode: Array
+    visited: Array
+    is_observed: bool
+
+    @classmethod
+    def of(cls, policy: GaussianPolicy, spaces: Spaces, names: Names, episodes: Episodes) -> View:
+        """Return the view of a policy and of the episodes as they were observed."""
+        is_observed = policy.inputs.history == 1
+        seen = episodes if is_observed else episodes.seen_through(policy.inputs)
+        inputs = names.observations if is_observed else input_names(policy.inputs, names)
+        episode = seen.observations[0, episodes.mask[0]]
+        return cls(policy, spaces, inputs, names.actions, episode, seen.flat(seen.observations), is_observed)
+
+    def act(self, points: Array) -> Array:
+        """Return the mean actions at points, as the task takes them: within the bounds."""
+        return self.spaces.clip(self.policy.mean(self._features(points)))
+
+    def band(self, points: Array) -> tuple[Array, Array]:
+        """Return the mean less and plus a standard deviation of the exploration, within the bounds."""
+        features = self._features(points)
+        mean, sd = self.policy.mean(features), np.sqrt(self.policy.variance(features))
+        return self.spaces.clip(mean - sd), self.spaces.clip(mean + sd)
+
+    def action(self, column: int) -> Callable[[Array], Array]:
+        """Return one number of the actions as a function of points."""
+        return lambda points: self.act(points)[:, column]
+
+    def bounds(self, column: int) -> tuple[float, float]:
+        """Return the bounds of one number of the actions."""
+        return float(self.spaces.action_low.ravel()[column]), float(self.spaces.action_high.ravel()[column])
+
+    @property
+    def centres(self) -> Array:
+        """The centres of the mean, shape (m, d), where they are points of the axes; none otherwise."""
+        plain = not self.policy.inputs.columns and self.policy.inputs.degree == 0
+        return self.policy.mean.centres if plain or not self.is_observed else self.visited[:0]
+
+    def _features(self, points: Array) -> Array:
+        return self.policy.inputs.features(points) if self.is_observed else points
+
+
+def policy_figure(policy: GaussianPolicy, spaces: Spaces, names: Names, episodes: Episodes, title: str) -> Figure:
+    """Return a figure of the mean action over what the policy sees, with an episode, a plot for each action.
+
+    One and two inputs are drawn whole. Of more, the slice through the medians of what was visited over the two inputs
+    that explain most of the action there, above the action over time.
+
+    Args:
+        policy: the policy.
+        spaces: of the task.
+        names: of what is seen and done.
+        episodes: as they were observed, of at least one step.
+        title: what is learnt.
+    """
+    view = View.of(policy, spaces, names, episodes)
+    kind = {1: _line, 2: _plane}.get(len(view.inputs))
+    shown, rows = min(len(view.actions), MOST_ACTIONS), 1 if kind else 2
+    some = f", {shown} of {len(view.actions)} actions" if shown < len(view.actions) else ""
+    figure = sheet(max(PANEL * shown, LEAST_WIDTH), HEIGHT * (1 if kind else 1.5), f"{title}\nnoise-free policy{some}")
+    panels = figure.subplots(rows, shown, squeeze=False, gridspec_kw={"height_ratios": (2, 1)[:rows]})
+    for column in range(shown):
+        if kind:
+            kind(panels[0, column], view, column)
+        else:
+            _slice(panels[0, column], view, column)
+            _times(panels[1, column], view, column)
+    return figure
+
+
+def _line(axes: Axes, view: View, column: int) -> None:
+    (x,) = _spans(np.concatenate([view.centres, view.visited]), LINE_POINTS)
+    points, action = x[:, None], view.action(column)
+    low, high = view.band(points)
+    axes.fill_between(x, low[:, column], high[:, column], color=COLOURS[4], alpha=0.3, linewidth=0, label="exploration")
+    axes.plot(x, action(points), color=COLOURS[0], linewidth=2, label="mean action")
+    if len(view.centres):
+        axes.plot(view.centres[:, 0], action(view.centres), ".", color="black", label="centres", zorder=3)
+    axes.plot(view.episode[:, 0], action(view.episode), "o", mfc="none", color=COLOURS[1], label="an episode")
+    label(axes, view.inputs[0], view.actions[column])
+    legend_above(axes)
+
+
+def _plane(axes: Axes, view: View, column: int) -> None:
+    spans = _spans(np.concatenate([view.centres, view.visited]), PLANE_POINTS)
+    action = view.action(column)
+    values = action(_grid(spans)).reshape(PLANE_POINTS, PLANE_POINTS)
+    _coloured(axes, spans, values, _norm(view, column, values), view.actions[column])
+    if len(view.centres):
+        axes.plot(*view.centres.T, "o", color="black", markeredgecolor="white", markersize=5, label="centres")
+    axes.plot(*_unwrapped(view.episode).T, color="black", linewidth=1.5, path_effects=HALO, label="an episode")
+    axes.plot(*view.episode[0], "o", color="white", markeredgecolor="black", label="its start")
+    label(axes, view.inputs[0], view.inputs[1])
+    legend_above(axes)
+
+
+def _slice(axes: Axes, view: View, column: int) -> None:
+    action = view.action(column)
+    columns, explained = best_slice(action, view.visited)
+    spans = _spans(view.visited[:, columns], PLANE_POINTS)
+    values = action(on_slice(view.visited, columns, _grid(spans))).reshape(PLANE_POINTS, PLANE_POINTS)
+    norm = _norm(view, column, np.concatenate([values.ravel(), action(view.visited)]))
+    _coloured(axes, spans, values, norm, view.actions[column])
+    some = view.visited[np.linspace(0, len(view.visited) - 1, min(len(view.visited), MOST_DOTS)).astype(int)]
+    x, y = some[:, columns].T
+    axes.scatter(x, y, 14, action(some), cmap=_map(norm), norm=norm, edgecolors="black", linewidths=0.4)
+    title = f"the 2 of {len(view.inputs)} inputs that explain most of it ({_percent(explained)}), and what was visited"
+    label(axes, view.inputs[columns[0]], view.inputs[columns[1]], title)
+
+
+def _times(axes: Axes, view: View, column: int) -> None:
+    action = view.action(column)(view.episode)
+    axes.plot(action, color=COLOURS[0], linewidth=1.2, marker="." if len(action) < 2 else "")
+    for bound in np.unique(view.bounds(column)):
+        if np.isfinite(bound):
+            axes.axhline(bound, color="0.45", linestyle="--", linewidth=1)
+    label(axes, "step of an episode", view.actions[column])
+
+
+def _percent(explained: float) -> str:
+    return "it does not vary" if isnan(explained) else f"{max(explained, 0.0):.0%}"
+
+
+def _coloured(axes: Axes, spans: tuple[Array, ...], values: Array, norm: Normalize, name: str) -> None:
+    image = axes.pcolormesh(*spans, values, cmap=_map(norm), norm=norm, shading="nearest", rasterized=True)
+    colour_bar(axes, image, name)
+
+
+def _norm(view: View, column: int, values: Array) -> Normalize:
+    """Return the range of the colours: what the policy does, within the bounds; around 0 where both signs can be."""
+    low, high = view.bounds(column)
+    size = float(np.abs(values).max()) or 1.0
+    return Normalize(-size, size) if low < 0.0 < high else Normalize(float(values.min()), float(values.max()))
+
+
+def _map(norm: Normalize) -> str:
+    return SIGNED if norm.vmin == -(norm.vmax or 0.0) else UNSIGNED
+
+
+def _grid(spans: tuple[Array, ...]) -> Array:
+    return np.stack(np.meshgrid(*spans), axis=-1).reshape(-1, len(spans))
+
+
+def _spans(points: Array, steps: int) -> tuple[Array, ...]:
+    """Return numbers along each axis, over the points and a little beyond."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.05 * (high - low) + 1e-9 + 1e-6 * np.abs(high)
+    return tuple(np.linspace(a, b, steps) for a, b in zip(low - margin, high + margin, strict=True))
+
+
+def _unwrapped(path: Array) -> Array:
+    """Return a path with a gap wherever a number jumps across what is seen."""
+    jumps = (np.abs(np.diff(path, axis=0)) > JUMP * np.ptp(path, axis=0)).any(axis=1) if len(path) > 3 else np.zeros(0)
+    return np.insert(path, np.flatnonzero(jumps) + 1, np.nan, axis=0)
