@@ -121,7 +121,7 @@ class Browser:
     def __init__(self, port: int) -> None:
         self._address = f"http://127.0.0.1:{port}"
 
-    def open(self, page: str, width: int = 1400, height: int = 900) -> Tab:
+    def open(self, page: str, width: int = 1000, height: int = 640) -> Tab:
         """Open a page in a tab of a size in pixels."""
         request = Request(f"{self._address}/json/new?{page}", method="PUT")
         with urlopen(request, timeout=START_TIMEOUT_S) as answer:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -153,10 +154,9 @@ def _draw_attempts(axes: Axes, subject: Subject) -> Array:
     policy, newest = subject.coordinates.policy, subject.episodes[-1]
     inputs = newest.seen_through(policy.inputs).observations[0]
     mean, sd = policy.mean(inputs)[0, :2], np.sqrt(policy.variance(inputs))[0, :2]
-    image = axes.scatter(
-        tried[:, 0], tried[:, 1], c=earned, cmap=UNSIGNED, vmin=min(0.0, earned.min()), vmax=max(earned.max(), 1e-9), s=45,
-        edgecolors="black", linewidths=0.5, label="attempts",
-    )  # fmt: skip
+    norm = Normalize(min(0.0, float(earned.min())), max(float(earned.max()), 1e-9))
+    dots: Any = {"edgecolors": "black", "linewidths": 0.5, "label": "attempts"}
+    image = axes.scatter(tried[:, 0], tried[:, 1], 45, earned, cmap=UNSIGNED, norm=norm, **dots)
     axes.figure.colorbar(image, cax=axes.figure.add_axes(BAR)).set_label("return", fontsize=12)
     bars: Any = {"color": RED, "capsize": 4, "linewidth": 2, "zorder": 3}
     axes.errorbar(mean[0], mean[1], xerr=sd[0], yerr=sd[1], fmt="D", label="mean action, exploration", **bars)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from ipaddress import ip_address
 from typing import Any
 from urllib.parse import urlsplit
@@ -29,13 +29,15 @@ def guard(server: ViserServer, *, local: bool) -> None:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     sockets: Any = server._websock_server
     update = sockets._incoming_handlers[messages.GuiUpdateMessage]
+    strangers: set[Any] = set()  # what they sent before they were cut off may still be handled
     sockets._incoming_handlers.clear()
-    sockets._incoming_handlers[messages.GuiUpdateMessage] = [_checked(each, server) for each in update]
+    sockets._incoming_handlers[messages.GuiUpdateMessage] = [_checked(each, server, strangers) for each in update]
 
     @sockets.on_client_connect  # type: ignore[untyped-decorator]
     async def _(client: Any) -> None:
         connection = sockets._live_connections[client.client_id]
         if not is_welcome(connection.request.headers, local=local):
+            strangers.add(client.client_id)
             await connection.close(FOREIGN, "from another page")
 
 
@@ -55,12 +57,12 @@ def is_local(host: str | None) -> bool:
         return False
 
 
-def _checked(handle: Callable[..., Any], server: ViserServer) -> Callable[..., Any]:
+def _checked(handle: Callable[..., Any], server: ViserServer, strangers: Container[Any]) -> Callable[..., Any]:
     """Return a handler of updates that passes on only values, of the type that the control has, in its range."""
 
     async def handler(client_id: Any, message: Any) -> None:
         control = server.gui._gui_input_handle_from_uuid.get(message.uuid)
-        if control is not None and is_fitting(control, message.updates):
+        if client_id not in strangers and control is not None and is_fitting(control, message.updates):
             await handle(client_id, message)
 
     return handler

@@ -15,6 +15,7 @@ from rkhs_ros.view.source import PAUSED, RUNNING, Source, state_of
 from rkhs_ros.view.status import status
 
 KEPT = 12  # iterations whose policy and episodes stay in memory
+PANEL_WIDTH_PX = 390
 RECENT = 6  # iterations whose episodes are drawn, that looked at included
 BUTTONS = {
     PAUSE: ("Pause after this iteration", "the run waits until it is resumed", (RUNNING,)),
@@ -38,7 +39,9 @@ class Page:
         self._server, self._source = server, source
         self._seen = lru_cache(KEPT)(source.seen)
         self._state = ""
-        gui.configure_theme(control_layout="fixed", control_width="large", show_logo=False, show_share_button=False)
+        gui.configure_theme(show_logo=False, show_share_button=False)
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(PANEL_WIDTH_PX)
         gui.set_panel_label(source.name)
         self._status = gui.add_markdown("")
         self._buttons = {word: self._button(word, *about) for word, about in BUTTONS.items()}

@@ -90,6 +90,8 @@ class Recorded:
     def _take(self, place: Place, message: Any) -> None:
         if place.kind == "Task":
             self._begin(head_of(message), place)
+        elif self._head is None:
+            return  # it is no recording of a run, or its head is damaged
         elif place.kind == "Policy":
             self._policies[message.version] = place
         elif place.kind == "RecordedEpisodes":

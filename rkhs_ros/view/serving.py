@@ -49,6 +49,19 @@ def wait_for_recording(file: Path) -> None:
     raise ValueError(f"{file}: expected a run to begin its recording within {BEGIN_TIMEOUT_S:g} s, got none")
 
 
+def opened(host: str, port: int) -> ViserServer:
+    """Return a server that takes from browsers what controls send, and nothing else.
+
+    Args:
+        host: address to listen at.
+        port: port to listen at; the next free one is taken.
+    """
+    with redirect_stdout(StringIO()):  # it prints addresses, too
+        server = ViserServer(host=host, port=port, verbose=False)
+    guard(server, local=is_local(host))
+    return server
+
+
 def serve(source: Source, host: str, port: int, tell: Callable[[str], None]) -> None:
     """Serve the page of a run until an interrupt.
 
@@ -61,9 +74,7 @@ def serve(source: Source, host: str, port: int, tell: Callable[[str], None]) -> 
     Raises:
         KeyboardInterrupt: the process was told to end; the page was told of it.
     """
-    with redirect_stdout(StringIO()):  # it prints addresses, too
-        server = ViserServer(host=host, port=port, verbose=False)
-    guard(server, local=is_local(host))
+    server = opened(host, port)
     page = Page(server, source)
     page.refresh()
     shown = "localhost" if is_local(host) or host == "0.0.0.0" else host

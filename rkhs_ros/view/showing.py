@@ -133,9 +133,7 @@ class Showing:
         if self._stage is not None and self._motion is not None:
             self._stage.settle(self._motion)
         self._frame.max, self._frame.disabled = max(self._frames - 1, 1), self._frames < 2
-        self._frame.value = self._set_to = min(
-            self._set_to, self._frames - 1
-        )  # at the same moment as in the one before
+        self._frame.value = self._set_to = min(self._set_to, self._frames - 1)  # at the moment as before
         self._at, self._played_at = -1, time.monotonic()
 
     def _moving(self, observations: Array, actions: Array) -> Motion | None:
