@@ -87,6 +87,9 @@ class ShowsMotion(Protocol):
     def eye(self) -> tuple[float, float, float]:
         """Return the direction, of any length, in which a viewer stands who looks at it."""
 
+    def room(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Return the lower and the upper corner of the box in which all of it stays, in metres."""
+
     def bodies(self) -> Sequence[Body]:
         """Return what is seen."""
 

@@ -46,6 +46,10 @@ class Gauges:
         """Return the direction from which they are looked at."""
         return (0.0, -1.0, 0.1)
 
+    def room(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Return the corners of the box in which they are."""
+        return (-1.1, 0.0, -1.1), (1.1, 0.0, 1.1)
+
     def bodies(self) -> Sequence[Rigid]:
         """Return the rods, and the beads: blue for what is observed, orange for what is done."""
         blue, orange, *_ = COLOURS

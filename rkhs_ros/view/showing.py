@@ -130,8 +130,6 @@ class Showing:
         going = episode.mask[0]
         self._motion = self._moving(episode.observations[0][going], self._clipped(episode.actions[0][going]))
         self._frames = int(going.sum()) if self._motion is None else len(self._motion.times)
-        if self._stage is not None and self._motion is not None:
-            self._stage.settle(self._motion)
         self._frame.max, self._frame.disabled = max(self._frames - 1, 1), self._frames < 2
         self._frame.value = self._set_to = min(self._set_to, self._frames - 1)  # at the moment as before
         self._at, self._played_at = -1, time.monotonic()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ MARK = (0, 230, 115)
 class Stage:
     """The space of a page: the bodies of a task, a picture, and a mark on it where the episode is.
 
-    Owns what is drawn there. The task of the first motion settles the sizes.
+    Owns what is drawn there.
 
     Args:
         server: of the page.
@@ -41,8 +42,7 @@ class Stage:
         self._bodies = task.bodies()
         self._light(server.scene)
         self._handles = [_added(server.scene, f"/task/{i}", body) for i, body in enumerate(self._bodies)]
-        self._width = 0.0  # of the picture; 0 until the sizes are settled
-        self._middle = np.zeros(3)  # of the picture
+        self._arrange(*np.array(task.room()))
         self._picture: Any = None
         self._mark: Any = None
         self._points: Array = np.zeros((0, 2))
@@ -55,29 +55,21 @@ class Stage:
         for name, place, intensity in (("above", (0.0, 0.0, 1.0), 0.8), ("eye", self._eye + 0.5 * self._right, 1.6)):
             scene.add_light_directional(f"/light/{name}", intensity=intensity, position=tuple(place))
 
-    def settle(self, motion: Motion) -> None:
-        """Set the sizes and the camera by a motion, once there is one."""
-        if self._width:
-            return
-        sides = np.array([self._right, self._up])
-        axes = SO3(motion.turns).as_matrix()  # of the bodies, in columns
-        sizes = np.array([body.size for body in self._bodies]) / 2
-        reach = (np.abs(sides @ axes) * sizes[:, None]).sum(axis=-1)
-        seen = motion.places @ sides.T
-        low, high = (seen - reach).min(axis=(0, 1)), (seen + reach).max(axis=(0, 1))
-        middle = (motion.places.min(axis=(0, 1)) + motion.places.max(axis=(0, 1))) @ self._eye / 2
-        task, shape = high - low, np.array([SIZE[0] / SIZE[1], 1.0])
+    def _arrange(self, low: Array, high: Array) -> None:
+        """Set the place of the picture and the camera, for a task within these corners."""
+        corners = np.array(list(product(*zip(low, high, strict=True))))
+        across, up, depth = corners @ self._right, corners @ self._up, float((low + high) @ self._eye) / 2
+        begin, end = np.array([across.min(), up.min()]), np.array([across.max(), up.max()])
+        task, shape = end - begin, np.array([SIZE[0] / SIZE[1], 1.0])
         is_wide = task[0] > WIDE * task[1]
         board = shape * (task[0] / shape[0] if is_wide else LARGER * task[1])
-        gap = GAP * board[1]
-        offset = np.array(
-            [0.0, task[1] / 2 + gap + board[1] / 2] if is_wide else [task[0] / 2 + gap + board[0] / 2, 0.0]
-        )
-        whole = np.array([task[0], task[1] + gap + board[1]] if is_wide else [task[0] + gap + board[0], board[1]])
-        corner = (low + high) / 2 - np.array([task[0] / 2, (task if is_wide else whole)[1] / 2])
+        way = np.array([0.0, 1.0] if is_wide else [1.0, 0.0])  # to the picture
+        distance = way @ (task / 2 + GAP * board[1] + board / 2)
         self._width, self._height = board
-        self._middle = self._in_space((low + high) / 2 + offset, middle)
-        self._aim_camera(self._in_space(corner + whole / 2, middle), whole)
+        self._middle = self._in_space((begin + end) / 2 + distance * way, depth)
+        whole = np.where(way > 0, task + GAP * board[1] + board, np.maximum(task, board))
+        seen = (begin + end) / 2 + (distance + way @ (board - task) / 2) / 2 * way
+        self._aim_camera(self._in_space(seen, depth), whole)
 
     def hang(self, board: Board) -> None:
         """Hang a picture beside the task, or above it."""

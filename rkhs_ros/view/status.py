@@ -19,7 +19,8 @@ def status(source: Source, state: str) -> str:
     lines = [f"### {state.capitalize()}: iteration {rows[-1].iteration if rows else 0} of {source.total}"]
     if rows:
         last = rows[-1]
-        lines.append(f"{last.episodes} episodes, {last.centres} centres, {clock(last.seconds)}{left(source, state)}")
+        sizes = f"{counted(last.episodes, 'episode')}, {counted(last.centres, 'centre')}"
+        lines.append(f"{sizes}, {clock(last.seconds)}{left(source, state)}")
         lines.append(f"Return **{last.train_return:.4g}** exploring{measured(rows)}")
     return "\n\n".join([*lines, f"`{source.task.environment}` in `{source.path}`"])
 
@@ -39,6 +40,11 @@ def left(source: Source, state: str) -> str:
         return ""
     pace = float(np.mean(np.diff([row.seconds for row in some])))
     return f", about {clock(max(pace, 0.0) * (source.total - rows[-1].iteration))} left"
+
+
+def counted(number: int, what: str) -> str:
+    """Return a number of things."""
+    return f"{number} {what}{'s' * (number != 1)}"
 
 
 def clock(seconds: float) -> str:

@@ -16,7 +16,7 @@ def in_space(task: Task) -> ShowsMotion | None:
     """Return the task where its class says how its episodes look; None for others, which are not made at all."""
     with suppress(Exception):  # somebody's code, which the page can do without
         for maker in _makers(task):
-            if all(hasattr(maker, name) for name in ("eye", "bodies", "motion")):
+            if all(hasattr(maker, name) for name in ("eye", "room", "bodies", "motion")):
                 made = maker(**task.options)
                 return made if isinstance(made, ShowsMotion) else None
     return None

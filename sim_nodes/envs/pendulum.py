@@ -80,6 +80,10 @@ class Pendulum(VectorTask):
         """Return the direction from which it is looked at."""
         return (0.0, -1.0, 0.12)
 
+    def room(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Return the corners of the box in which it turns."""
+        return (-1.1, 0.0, -1.1), (1.1, 0.0, 1.1)
+
     def bodies(self) -> list[Body]:
         """Return the rod with its weight, their bearing, where they are to stand, and the torque as an arc of beads."""
         beads = [Body("ball", (size, size, size), ORANGE) for size in [*[0.05] * (BEADS - 1), 0.12]]

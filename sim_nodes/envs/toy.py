@@ -57,6 +57,10 @@ class Toy(VectorTask):
         """Return the direction from which it is looked at."""
         return (0.0, -1.0, 0.2)
 
+    def room(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Return the corners of the box in which the point moves."""
+        return (-4.5, 0.0, -0.3), (4.5, 0.0, 1.0)
+
     def bodies(self) -> list[Body]:
         """Return the line, the goal on it, the point, and beads towards where it is told to go."""
         return [

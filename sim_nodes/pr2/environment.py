@@ -193,6 +193,10 @@ class PR2Door(VectorTask):
         """Return the direction from which it is looked at: behind the robot, on the side of its right arm."""
         return (-0.75, -1.0, 0.55)
 
+    def room(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Return the corners of the box from the robot's back to the wall."""
+        return (-0.4, -0.9, 0.0), (0.9, 1.0, 2.2)
+
     def bodies(self) -> list[Body]:
         """Return what is seen: the robot, the door and the wall."""
         return seen.bodies()
