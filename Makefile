@@ -2,7 +2,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help build pr2 demo demo-long test test-fast test-faults test-extras test-noble test-pythons lint types bench tasks docs pictures pictures-pr2 clean
+.PHONY: help build pr2 demo demo-long test test-fast test-faults test-extras test-noble test-pythons lint types bench tasks docs pictures pictures-pr2 screenshots view-tools clean
 
 # Where ROS 2 Jazzy is installed and sourced it is used; elsewhere it comes as wheels for Python 3.11 to 3.13, of which
 # the first that is there is taken: 3.11, for which PyBullet has a wheel as well, then the newest. PYTHON=... chooses.
@@ -132,6 +132,13 @@ pictures: build ## make the pictures of the README: the pendulum as it learns
 
 pictures-pr2: build ## make the pictures of the PR2's door: minutes
 	@$(ENTER) python docs/make_pr2_pictures.py
+
+screenshots: build view-tools ## make the pictures of the page of a run: minutes
+	@$(ENTER) python docs/make_screenshots.py
+
+view-tools: build ## install Chromium, with which the page of a run is tested and its pictures are made (Debian, Ubuntu)
+	@for name in chromium chromium-browser google-chrome; do command -v $$name >/dev/null && exit 0; done; \
+	$$([ "$$(id -u)" = 0 ] || echo sudo) apt-get install -qq -y --no-install-recommends chromium
 
 clean: ## remove everything that was built or installed
 	@rm -rf .venv .venv-extras .venv-noble build install log docs/_build .hypothesis .mypy_cache .pytest_cache .ruff_cache

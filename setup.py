@@ -67,6 +67,7 @@ setup(
         "pr2": ["pybullet>=3.2.5"],
         "pr2-meshes": ["example-robot-data>=4.1"],
         "mujoco": ["gymnasium[mujoco]>=1.1"],
+        "view": ["viser>=1.1,<1.2"],
         "peers": ["stable-baselines3>=2.6", "sb3-contrib>=2.6"],
         "sweeps": ["optuna>=4"],
         "dask": ["distributed>=2024.8"],

@@ -20,6 +20,7 @@ COMMANDS = {
     "evaluate": "measure a policy without exploration",
     "render": "film an episode without exploration",
     "plot": "draw the pictures of a run",
+    "view": "show a run in the browser, while it learns or afterwards",
     "learn": "learn from recordings alone",
     "replay": "make the updates of a recording again, and compare the bits",
     "export": "write recorded episodes as a LeRobotDataset",

@@ -27,7 +27,7 @@ POLL_INTERVAL_S = 0.05
 MOST_DEATHS, DEATHS_WINDOW_S = 10, 300.0  # of a node in that time; with one more the run is given up
 SHORTEST_BACKOFF_S, LONGEST_BACKOFF_S = 0.05, 5.0  # before a node is started again; doubled with each death
 NEVER_AGAIN = ("gate",)  # nodes that are not started again: what they stopped for is for a person to look at
-OWN_CODES = (0, FAILED, BAD_INPUT)  # that a node ends with itself; with any other it died
+OWN_CODES = (0, FAILED, BAD_INPUT, INTERRUPTED)  # that a node ends with itself; with any other it died
 ENDING = (signal.SIGINT, signal.SIGTERM)
 MODULES = {
     "simulator": "sim_nodes.simulator_node",

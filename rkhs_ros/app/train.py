@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from importlib.util import find_spec
 from pathlib import Path
+from typing import NamedTuple
 
 from rkhs_ros.app.domain import VARIABLE, own_domain
 from rkhs_ros.app.inline import runner_of
@@ -15,6 +16,7 @@ from rkhs_ros.app.launcher import launch
 from rkhs_ros.app.robots import check_robot
 from rkhs_ros.app.seeds import begin_seeds, parse_seeds, seed_folders
 from rkhs_ros.app.study import add_worker_arguments, make_missing, tell_failures, workers_of
+from rkhs_ros.app.view import page_beside, require_viser, stay_with
 from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED, RunError, say
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.streams import Lossy
@@ -72,18 +74,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=RECORDS,
         help="write recording.mcap, to replay, learn from and look at; raw: all topics as well",
     )
+    add("--view", action="store_true", help="record, and show the run in the browser")
     add("--quiet", action="store_true", help="no progress bar")
 
 
 def run(options: argparse.Namespace) -> int:
     """Train, draw the pictures and print what was learnt."""
     _check_source(options)
+    if options.view:
+        require_viser()
+        options.record = options.record or RECORDS[0]
     if _has_several_seeds(options):
+        require(not options.view, "--view", "one run, as of --seed", "several")
         return _train_several(options)
     for name in ("jobs", "scheduler", "ray"):
         given = getattr(options, name)
         require(given is None, f"--{name}", "it together with --seeds, or with --resume of such runs", given)
-    return _train_one(options)
+    begun = _begun(options)
+    with page_beside(begun.folder) if options.view else nullcontext() as page:
+        code = _train_one(options, begun)
+        if page and code == 0:
+            stay_with(page)
+    return code
 
 
 def _has_several_seeds(options: argparse.Namespace) -> bool:
@@ -129,7 +141,24 @@ def _learnable(config: Config, first_policy: Path | None) -> tuple[Spaces, Inlin
     return spaces, runner
 
 
-def _train_one(options: argparse.Namespace) -> int:
+class Begun(NamedTuple):
+    """One run that can be made.
+
+    Attributes:
+        config: its settings.
+        spaces: of its task.
+        runner: where its policies act in this process; None over topics.
+        folder: of its results.
+    """
+
+    config: Config
+    spaces: Spaces
+    runner: InlineRunner | None
+    folder: Path
+
+
+def _begun(options: argparse.Namespace) -> Begun:
+    """Return a run that can be made, whose folder is there."""
     config = _configuration(options, old_folder(options.resume) / "config.yaml" if options.resume else options.config)
     spaces, runner = _learnable(config, options.policy)
     if runner and not options.quiet:
@@ -146,6 +175,11 @@ def _train_one(options: argparse.Namespace) -> int:
         write_whole(folder / FIRST_POLICY, options.policy.read_bytes())
     elif not options.resume:
         (folder / FIRST_POLICY).unlink(missing_ok=True)  # left by a run that was killed before it began
+    return Begun(config, spaces, runner, folder)
+
+
+def _train_one(options: argparse.Namespace, begun: Begun) -> int:
+    config, spaces, runner, folder = begun
     try:
         code = _in_process(config, folder, options, runner) if runner else _over_topics(config, folder, options)
     except KeyboardInterrupt:

@@ -3,9 +3,25 @@
 from __future__ import annotations
 
 import fcntl
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
+
+PROBES, PROBE_S = 5, 0.002  # how often, and after how long, a lock is tried again that may be a look of `is_locked`
+
+
+def is_locked(folder: Path) -> bool:
+    """Return whether a process is in the run of a folder."""
+    try:
+        with (folder / "checkpoints" / "lock").open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
 
 
 @contextmanager
@@ -21,8 +37,16 @@ def locked(folder: Path) -> Iterator[None]:
     """
     (folder / "checkpoints").mkdir(exist_ok=True)
     with (folder / "checkpoints" / "lock").open("ab") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise ValueError(f"{folder}: expected a folder of its own, got one in use by another process") from error
+        if not any(_is_taken(file) for _ in range(PROBES)):
+            raise ValueError(f"{folder}: expected a folder of its own, got one in use by another process")
         yield
+
+
+def _is_taken(file: IO[bytes]) -> bool:
+    """Take the lock and return whether it was free; wait a moment where it was not."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        time.sleep(PROBE_S)
+        return False
+    return True

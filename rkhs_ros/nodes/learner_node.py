@@ -82,7 +82,14 @@ def learn(node: LearnerNode, stop: Event) -> None:
         node.get_logger().info(f"learns {config.environment.id}; the results are in {folder.resolve()}")
         costs = node.runner.is_of_robots
         run_training(
-            config, node.runner, folder, quiet=node.quiet, resume=resume, record=node.record or costs, sync=costs
+            config,
+            node.runner,
+            folder,
+            quiet=node.quiet,
+            resume=resume,
+            record=node.record or costs,
+            sync=costs,
+            rest=node.peers.rest,
         )
 
 

@@ -54,6 +54,14 @@ class Peers:
                 raise StoppedError
         return True
 
+    def rest(self, seconds: float) -> None:
+        """Handle messages for some time.
+
+        Raises:
+            StoppedError: the process was told to end.
+        """
+        self.spin(lambda: False, seconds)
+
     def wait_for_service(self, client: Client, name: str) -> None:
         """Wait until a node offers a service.
 
@@ -91,7 +99,7 @@ class Peers:
         while not (response := ask()).accepted:
             if time.monotonic() > deadline:
                 raise ValueError(f"the {name} node refused: {response.message}")
-            self.spin(lambda: False, SIGNAL_CHECK_S)
+            self.rest(SIGNAL_CHECK_S)
         return response
 
     def call_until_connected(self, ask: Callable[[], Any], name: str) -> Any:

@@ -19,7 +19,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
-from rkhs_ros.base.endings import RunError, say
+from rkhs_ros.base.endings import INTERRUPTED, RunError, say
 from rkhs_ros.base.streams import messages_may_be_lost
 from rkhs_ros.base.validation import shown
 from rkhs_ros.nodes.arguments import check_arguments
@@ -97,8 +97,9 @@ def run(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, Ev
     """Run a node's process: make it, let it work, and end cleanly.
 
     Bad input ends with one line and exit code 2, a silent peer, a failed environment or a full disk with one line and
-    exit code 1, a signal with exit code 0. A signal only sets the event that the work is given: ROS's own handlers
-    would pull the context from under a callback that is about to publish.
+    exit code 1, a run that was asked to stop with that of an interrupt, a signal with exit code 0. A signal only sets
+    the event that the work is given: ROS's own handlers would pull the context from under a callback that is about to
+    publish.
 
     Args:
         make_node: makes it.
@@ -123,6 +124,8 @@ def _code_of(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNod
             node.destroy_node()
     except StoppedError:
         pass
+    except KeyboardInterrupt:  # a run that was asked to stop
+        code = INTERRUPTED
     except (ValueError, OSError, RunError) as error:
         code = say(error)
     finally:

@@ -169,13 +169,13 @@ def read_messages(path: Path) -> Found:
         ValueError: it is no MCAP file.
         OSError: it cannot be read.
     """
-    found, scan = Found(), _Scan()
+    found, scan = Found(), Scan()
     size = path.stat().st_size
     with path.open("rb") as file:
         magic = file.read(len(MCAP0_MAGIC))
         require(magic == MCAP0_MAGIC, f"{path}", "an MCAP file", f"one that begins with {magic!r}")
         at, ended = file.tell(), False
-        for code, content in _records(file, size):
+        for code, content in records(file, size):
             try:
                 found.messages += scan.messages(code, content)
             except Exception as error:  # a damaged record raises almost anything
@@ -189,7 +189,7 @@ def read_messages(path: Path) -> Found:
     return found
 
 
-def _records(file: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
+def records(file: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
     """Yield the opcode and content of each whole record, up to the end of the data or where the file was cut."""
     while file.tell() + HEADER_BYTES <= size:
         begin = file.tell()
@@ -203,7 +203,7 @@ def _records(file: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
             return
 
 
-class _Scan:
+class Scan:
     """The messages of records that come one after the other.
 
     Owns the types and channels seen so far, and counts the messages that must be missing.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
@@ -17,6 +18,7 @@ from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.recordings.recording import FILE
 from rkhs_ros.runs.checkpoint import Checkpoints
 from rkhs_ros.runs.config import Config, Environment, load_config
+from rkhs_ros.runs.control import Control, Rest
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.recorded import RecordableRunner, recorded
@@ -32,6 +34,7 @@ def run_training(
     resume: bool = False,
     record: bool = False,
     sync: bool = False,
+    rest: Rest = time.sleep,
 ) -> Path:
     """Train and write the results.
 
@@ -43,6 +46,7 @@ def run_training(
         resume: go on with the run in the folder; what it leaves has the same bits as that of a run never stopped.
         record: write recording.mcap; a run that goes on and has one goes on with it in any case.
         sync: wait until the disk has each record, as for a robot, whose episodes cost.
+        rest: waits for some seconds, while the run pauses.
 
     Returns:
         The folder of the results.
@@ -51,6 +55,7 @@ def run_training(
         ValueError: the folder holds something already, or no run to go on with, or one that another process is
             in, or one that began with other settings.
         OSError: the folder cannot be written.
+        KeyboardInterrupt: the run was asked to stop, see `control.ask`.
     """
     folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
     with locked(folder):
@@ -66,6 +71,7 @@ def run_training(
                 print(f"note: {folder}: no checkpoint to go on from: the run begins again", file=sys.stderr)
         done = state.iterations if state else 0
         report = Report(folder, config, runner.spaces, done)
+        control = Control(folder, rest)
         record |= (folder / FILE).is_file()
         recording = recorded(config, runner, folder, sync=sync) if record else nullcontext()
         with recording as recorder, finished(report), progress_bar(config.training, done, quiet=quiet) as show:
@@ -76,6 +82,8 @@ def run_training(
                 report.add(iteration)  # before the checkpoint, which is of no use without its line
                 checkpoints.write(iteration.state)
                 show(iteration)
+                control.obey()
+        control.clear()
     return folder
 
 

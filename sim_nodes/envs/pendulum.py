@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.vector_task import BLUE, ORANGE, Array, VectorTask, clip
+from sim_nodes.envs.vector_task import BLUE, DARK, ORANGE, PALE, Array, Body, Motion, VectorTask, clip, upright
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 ANGLES = ("clip", "wrap")
+BEADS = 12  # of the arc that shows the torque
 
 
 class Pendulum(VectorTask):
@@ -74,6 +75,39 @@ class Pendulum(VectorTask):
         axes.plot(0.0, 0.0, "o", color="black", markersize=8)
         axes.text(1.3, -1.15, f"torque {torque:+.2f}", ha="right", fontsize=12)
         axes.set(xlim=(-1.4, 1.4), ylim=(-1.25, 1.25), aspect="equal")
+
+    def eye(self) -> tuple[float, float, float]:
+        """Return the direction from which it is looked at."""
+        return (0.0, -1.0, 0.12)
+
+    def room(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Return the corners of the box in which it turns."""
+        return (-1.1, 0.0, -1.1), (1.1, 0.0, 1.1)
+
+    def bodies(self) -> list[Body]:
+        """Return the rod with its weight, their bearing, where they are to stand, and the torque as an arc of beads."""
+        beads = [Body("ball", (size, size, size), ORANGE) for size in [*[0.05] * (BEADS - 1), 0.12]]
+        return [
+            Body("cylinder", (0.07, 0.07, 1.0), BLUE),
+            Body("ball", (0.2, 0.2, 0.2), BLUE),
+            Body("ball", (0.14, 0.14, 0.14), DARK),
+            Body("box", (0.02, 0.02, 1.1), PALE),
+            *beads,
+        ]
+
+    def motion(self, observations: Array, actions: Array) -> Motion:
+        """Return how the bodies move in an episode; the arc of the torque is half a radian long for one of 1."""
+        theta = observations[:, 0]
+        arc = theta[:, None] + np.linspace(0.0, 0.5, BEADS) * actions[:, :1]
+        angles = np.concatenate([np.stack([theta, theta, 0 * theta, 0 * theta], axis=1), arc], axis=1)
+        radii = np.array([0.5, 1.0, 0.0, 0.55, *[0.5] * BEADS])
+        depth = np.array([0.0, 0.0, 0.0, 0.1, *[-0.12] * BEADS])
+        places = np.stack(
+            [radii * np.sin(angles), np.broadcast_to(depth, angles.shape), radii * np.cos(angles)], axis=2
+        )
+        turns = np.array(upright(places))
+        turns[:, 0, 0], turns[:, 0, 2] = np.cos(theta / 2), np.sin(theta / 2)
+        return Motion(self.step_seconds * np.arange(len(theta), dtype=np.float64), places, turns)
 
     def _bounded(self, theta: Array) -> Array:
         if self.angle == "clip":

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.vector_task import BLUE, GREEN, ORANGE, Array, VectorTask, clip
+from sim_nodes.envs.vector_task import BLUE, GREEN, ORANGE, PALE, Array, Body, Motion, VectorTask, clip, upright
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 GOAL = 3.0
+BEADS = 8  # of the line that shows where the point is told to go
 
 
 class Toy(VectorTask):
@@ -51,3 +52,29 @@ class Toy(VectorTask):
         axes.plot(place, 0.0, "o", color=BLUE, markersize=14)
         axes.text(0.0, -0.6, f"at {place:+.2f}, told {action[0]:+.2f}", ha="center", fontsize=13)
         axes.set(xlim=(-5.2, 5.2), ylim=(-1.0, 1.0))
+
+    def eye(self) -> tuple[float, float, float]:
+        """Return the direction from which it is looked at."""
+        return (0.0, -1.0, 0.2)
+
+    def room(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Return the corners of the box in which the point moves."""
+        return (-4.5, 0.0, -0.3), (4.5, 0.0, 1.0)
+
+    def bodies(self) -> list[Body]:
+        """Return the line, the goal on it, the point, and beads towards where it is told to go."""
+        return [
+            Body("box", (8.0, 0.3, 0.06), PALE),
+            Body("cylinder", (0.6, 0.6, 0.1), GREEN),
+            Body("ball", (0.5, 0.5, 0.5), BLUE),
+            *[Body("ball", (size, size, size), ORANGE) for size in [*[0.1] * (BEADS - 1), 0.24]],
+        ]
+
+    def motion(self, observations: Array, actions: Array) -> Motion:
+        """Return how the bodies move in an episode."""
+        place = observations[:, :1]
+        along = [0 * place, 0 * place + GOAL, place, place + np.linspace(0.0, 1.0, BEADS) * actions[:, :1]]
+        x = np.concatenate(along, axis=1)
+        height = np.array([-0.05, 0.0, 0.25, *[0.75] * BEADS])
+        places = np.stack([x, 0 * x, np.broadcast_to(height, x.shape)], axis=2)
+        return Motion(self.step_seconds * np.arange(len(place), dtype=np.float64), places, upright(places))

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 NOISE_BLOCK = 128  # steps
 BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"  # of what is drawn: the colour-blind tell them apart
+DARK, PALE = "#26262B", "#CCCCCC"
 
 
 def clip(values: Array, low: Array | float, high: Array | float) -> Array:
@@ -38,6 +39,39 @@ class JointStates(NamedTuple):
     names: tuple[str, ...]
     positions: Array
     period: float
+
+
+class Body(NamedTuple):
+    """A rigid body that is seen.
+
+    Attributes:
+        shape: "box", "ball" or "cylinder", whose axis is z.
+        size: along x, y and z, in metres.
+        colour: as "#0072B2", red, green and blue.
+    """
+
+    shape: str
+    size: tuple[float, float, float]
+    colour: str
+
+
+class Motion(NamedTuple):
+    """How bodies move; z is up.
+
+    Attributes:
+        times: of each moment, in seconds, shape (k,).
+        places: of the middles, in metres, shape (k, bodies, 3).
+        turns: unit quaternions w, x, y, z, shape (k, bodies, 4).
+    """
+
+    times: Array
+    places: Array
+    turns: Array
+
+
+def upright(places: Array) -> Array:
+    """Return the turns of bodies that do not turn, for places of shape (k, bodies, 3)."""
+    return np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*places.shape[:2], 4))
 
 
 class VectorTask(VectorEnv[Array, Array, Any]):

@@ -8,8 +8,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.vector_task import Array, JointStates, SingleTask, VectorTask, clip
-from sim_nodes.pr2 import cameras, demonstration, door, robot
+from sim_nodes.envs.vector_task import Array, Body, JointStates, Motion, SingleTask, VectorTask, clip
+from sim_nodes.pr2 import cameras, demonstration, door, robot, seen
 from sim_nodes.pr2.motion import adapted
 from sim_nodes.pr2.world import Trajectory, World, in_window, require_display
 
@@ -188,6 +188,28 @@ class PR2Door(VectorTask):
     def robot_description(self) -> str:
         """Return the robot's URDF."""
         return robot.urdf()
+
+    def eye(self) -> tuple[float, float, float]:
+        """Return the direction from which it is looked at: behind the robot, on the side of its right arm."""
+        return (-0.75, -1.0, 0.55)
+
+    def room(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Return the corners of the box from the robot's back to the wall."""
+        return (-0.4, -0.9, 0.0), (0.9, 1.0, 2.2)
+
+    def bodies(self) -> list[Body]:
+        """Return what is seen: the robot, the door and the wall."""
+        return seen.bodies()
+
+    def motion(self, observations: Array, actions: Array) -> Motion | None:
+        """Return what comes of an episode's action, carried out once more; None where the arm cannot reach."""
+        pose = observations[0] * POSE_SD
+        trajectory = self.attempt(pose, self.change(actions[0])).trajectory
+        if trajectory is None:
+            return None
+        names, positions = trajectory.joint_states()
+        angles = {door.JOINTS[0].name: trajectory.door, door.JOINTS[1].name: trajectory.lever}
+        return seen.motion(pose, dict(zip(names, positions.T, strict=True)), angles, 1.0 / demonstration.RATE)
 
     def _attempt(self, pose: Array, change: Array, film: cameras.Film | None) -> Outcome:
         shown = demonstration.load()

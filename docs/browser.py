@@ -1,0 +1,164 @@
+"""A browser without a window, for pictures and tests of pages: Chromium, by its DevTools protocol."""
+
+from __future__ import annotations
+
+import base64
+import json
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO
+from itertools import count
+from pathlib import Path
+from typing import Any
+from urllib.request import Request, urlopen
+
+import numpy as np
+from PIL import Image
+
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+FLAGS = (
+    "--headless=new", "--no-sandbox", "--disable-gpu-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader", "--no-first-run", "--disable-dev-shm-usage", "--disable-background-networking",
+    "--remote-debugging-port=0", "--hide-scrollbars", "--mute-audio",
+)  # fmt: skip
+START_TIMEOUT_S, ANSWER_TIMEOUT_S = 30.0, 30.0
+POLL_S = 0.1
+
+
+def found() -> str | None:
+    """Return where Chromium is; None where it is not installed."""
+    return next((path for path in map(shutil.which, NAMES) if path), None)
+
+
+class Tab:
+    """A tab of the browser that shows a page.
+
+    Owns its connection.
+
+    Args:
+        address: of the tab's DevTools.
+    """
+
+    def __init__(self, address: str) -> None:
+        from websockets.sync.client import connect
+
+        self._socket = connect(address, max_size=None, compression=None)
+        self._numbers = count(1)
+
+    def ask(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Return the answer to a command of the protocol."""
+        number = next(self._numbers)
+        self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
+        while True:
+            answer = json.loads(self._socket.recv(ANSWER_TIMEOUT_S))
+            if answer.get("id") == number:
+                if "error" in answer:
+                    raise RuntimeError(f"{method}: {answer['error']['message']}")
+                return dict(answer["result"])
+
+    def value(self, script: str) -> Any:
+        """Return the value of an expression of JavaScript."""
+        result = self.ask("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)["result"]
+        return result.get("value")
+
+    def text(self) -> str:
+        """Return the words on the page."""
+        return str(self.value("document.body ? document.body.innerText : ''"))
+
+    def wait_for(self, script: str, timeout_s: float = 20.0) -> Any:
+        """Return the value of an expression once it is true.
+
+        Raises:
+            TimeoutError: it is not in time.
+        """
+        deadline = time.monotonic() + timeout_s
+        while time.monotonic() < deadline:
+            if value := self.value(script):
+                return value
+            time.sleep(POLL_S)
+        raise TimeoutError(f"{script}: not within {timeout_s:g} s; the page says: {self.text()!r}")
+
+    def wait_for_text(self, text: str, timeout_s: float = 20.0) -> None:
+        """Wait until some words are on the page.
+
+        Raises:
+            TimeoutError: they are not in time.
+        """
+        self.wait_for(f"document.body && document.body.innerText.includes({json.dumps(text)})", timeout_s)
+
+    def picture(self) -> np.ndarray[Any, Any]:
+        """Return what is seen, RGB of shape (height, width, 3)."""
+        content = base64.b64decode(self.ask("Page.captureScreenshot", format="png")["data"])
+        return np.asarray(Image.open(BytesIO(content)).convert("RGB"))
+
+    def click(self, x: float, y: float) -> None:
+        """Press and release the mouse at a place of the page."""
+        for kind in ("mousePressed", "mouseReleased"):
+            self.ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+    def click_on(self, script: str) -> None:
+        """Click in the middle of the element that an expression gives, once it is there."""
+        box = f"(() => {{ const e = {script}; if (!e) return null; const b = e.getBoundingClientRect(); "
+        x, y = self.wait_for(box + "return [b.x + b.width / 2, b.y + b.height / 2]; })()")
+        self.click(x, y)
+
+    def close(self) -> None:
+        """Leave the tab."""
+        self._socket.close()
+
+
+class Browser:
+    """A browser.
+
+    Args:
+        port: of its DevTools.
+    """
+
+    def __init__(self, port: int) -> None:
+        self._address = f"http://127.0.0.1:{port}"
+
+    def open(self, page: str, width: int = 1000, height: int = 640) -> Tab:
+        """Open a page in a tab of a size in pixels."""
+        request = Request(f"{self._address}/json/new?{page}", method="PUT")
+        with urlopen(request, timeout=START_TIMEOUT_S) as answer:
+            tab = Tab(json.load(answer)["webSocketDebuggerUrl"])
+        tab.ask("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        return tab
+
+
+@contextmanager
+def started() -> Iterator[Browser]:
+    """Run a browser.
+
+    Raises:
+        FileNotFoundError: Chromium is not installed.
+        TimeoutError: it does not start.
+    """
+    program = found()
+    if program is None:
+        raise FileNotFoundError("chromium: expected it to be installed, got none; see make view-tools")
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        process = subprocess.Popen([program, *FLAGS, f"--user-data-dir={folder}", "about:blank"], **quiet)
+        try:
+            yield Browser(_port(Path(folder) / "DevToolsActivePort"))
+        finally:
+            process.terminate()
+            try:
+                process.wait(5.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def _port(file: Path) -> int:
+    deadline = time.monotonic() + START_TIMEOUT_S
+    while time.monotonic() < deadline:
+        if file.exists() and (lines := file.read_text().splitlines()):
+            return int(lines[0])
+        time.sleep(POLL_S)
+    raise TimeoutError(f"chromium did not start within {START_TIMEOUT_S:g} s")

@@ -1,0 +1,99 @@
+"""Makes the pictures of docs/view.md: the page of a run while it learns, of the pendulum and of the PR2."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import browser
+from PIL import Image
+
+HERE = Path(__file__).parent
+CONFIGS = HERE.parent / "config"
+SIZE = (1280, 800)
+SHARP = "fixedDpr=1"  # without it pictures get coarser where the machine is slow
+LEARNING_TIMEOUT_S = 300.0
+SETTLE_S = 2.0  # for the browser to draw what it was told
+
+
+class Shot(NamedTuple):
+    """A picture of a page.
+
+    Attributes:
+        config: of the run.
+        iteration: that is waited for.
+        kind: of the episode that is shown.
+        part: of its time, from 0 to 1.
+        settings: changes of the configuration.
+    """
+
+    config: str
+    iteration: int
+    kind: str
+    part: float
+    settings: tuple[str, ...] = ()
+
+
+SHOTS = {
+    "view_pendulum.png": Shot("pendulum_model_nac", 5, "noise-free 1", 0.1, ("iterations=40",)),
+    "view_pr2.png": Shot("pr2_door_nac", 11, "noise-free 1", 0.75, ("iterations=60",)),
+}
+
+
+def main() -> None:
+    """Write the pictures beside this file."""
+    with browser.started() as chromium:
+        for name, shot in SHOTS.items():
+            with run_of(shot) as address:
+                picture = taken(chromium.open(f"{address}?{SHARP}", *SIZE), shot)
+            picture.save(HERE / name, optimize=True)
+            print(HERE / name)
+
+
+@contextmanager
+def run_of(shot: Shot) -> Iterator[str]:
+    """Let a run learn and yield the address of its page."""
+    command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", str(CONFIGS / f"{shot.config}.yaml"), "--view"]
+    options = ["--runner", "inline", "--quiet", "--set", *shot.settings, "--out", "results/run"]
+    with tempfile.TemporaryDirectory() as folder:
+        process = subprocess.Popen([*command, *options], cwd=folder, stdout=subprocess.PIPE, text=True)
+        try:
+            yield next(line for line in process.stdout or [] if " at http" in line).split()[-1]
+        finally:
+            process.terminate()
+            process.communicate()
+
+
+def taken(tab: browser.Tab, shot: Shot) -> Image.Image:
+    """Return the page once the run has come to an iteration."""
+    tab.wait_for(reached(shot.iteration), LEARNING_TIMEOUT_S)
+    tab.value("document.querySelector('.mantine-Notification-closeButton')?.click()")
+    if tab.value("!!document.querySelector('input[value=\"noise-free 1\"]')") and shot.kind != "noise-free 1":
+        tab.click_on("document.querySelector('input[value=\"noise-free 1\"]')")
+        tab.click_on(f"[...document.querySelectorAll('[role=option]')].find(e => e.innerText === '{shot.kind}')")
+    tab.click_on("document.querySelectorAll('input[type=checkbox]')[1]")  # play
+    slide(tab, shot.part)
+    time.sleep(SETTLE_S)
+    return Image.fromarray(tab.picture())
+
+
+def reached(iteration: int) -> str:
+    """Return an expression that is true once the page tells of an iteration, or of a later one."""
+    return f"+((document.body?.innerText.match(/iteration (\\d+) of/) || [0, 0])[1]) >= {iteration}"
+
+
+def slide(tab: browser.Tab, part: float) -> None:
+    """Move the slider of the time to a part of its range."""
+    box = "(() => { const b = [...document.querySelectorAll('.mantine-Slider-track')][1].getBoundingClientRect(); "
+    x, y, width = tab.value(box + "return [b.x, b.y + b.height / 2, b.width]; })()")
+    tab.click(x + part * width, y)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,101 @@
+"""``rkhs view``: show a run in the browser, while it learns or afterwards."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+
+import rkhs_ros.app.inline  # noqa: F401  # registers the tasks, which are shown
+from rkhs_ros.base.processes import terminate_with_parent
+from rkhs_ros.base.threads import use_one_thread
+from rkhs_ros.base.validation import require
+from rkhs_ros.recordings.recording import FILE
+
+HOST, PORT = "127.0.0.1", 8080
+MOST_PORT = 65535
+RESULTS = Path("results")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add = parser.add_argument
+    add(
+        "path",
+        type=Path,
+        nargs="?",
+        metavar="DIR|FILE",
+        help="a run's folder, or a recording (the newest run in results/)",
+    )
+    add("--wait", action="store_true", help="for a run that is about to begin its recording")
+    add("--host", default=HOST, help="address to listen at; 0.0.0.0 lets other machines in (%(default)s)")
+    add("--port", type=int, default=PORT, metavar="N", help="port, or the next free one (%(default)s)")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Serve the page until Ctrl-C.
+
+    Raises:
+        ValueError: there is no such run, or viser is missing.
+    """
+    require_viser()
+    require(0 <= options.port <= MOST_PORT, "--port", f"0 to {MOST_PORT}", options.port)
+    from rkhs_ros.view.guard import is_local
+    from rkhs_ros.view.serving import serve, source_of, wait_for_recording
+
+    use_one_thread()
+    path = options.path or newest_run(RESULTS)
+    if options.wait:
+        wait_for_recording(path)
+    source = source_of(path)
+    if not is_local(options.host):
+        print(f"warning: --host {options.host}: whoever reaches it sees the run, and can stop it", file=sys.stderr)
+    serve(source, options.host, options.port, lambda address: print(f"View {source.path} at {address}", flush=True))
+    return 0
+
+
+def require_viser() -> None:
+    """Raise ValueError where what makes the page is missing."""
+    require(find_spec("viser") is not None, "view", "viser (pip install 'rkhs_ros[view]')", "none")
+
+
+@contextmanager
+def page_beside(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Serve the page of a run that is to be recorded, in a process of its own that may end as it likes.
+
+    Args:
+        folder: of the run.
+    """
+    command = [sys.executable, "-m", "rkhs_ros.app.cli", "view", "--wait", str(folder / FILE)]
+    parent = partial(terminate_with_parent, os.getpid())
+    page = subprocess.Popen(command, stdin=subprocess.DEVNULL, process_group=0, preexec_fn=parent)
+    try:
+        yield page
+    finally:
+        page.terminate()
+        page.wait()
+
+
+def stay_with(page: subprocess.Popen[bytes]) -> None:
+    """Wait until the process of a page ends, or Ctrl-C."""
+    if page.poll() is None:
+        print("The page stays until Ctrl-C.", file=sys.stderr, flush=True)
+        with suppress(KeyboardInterrupt):
+            page.wait()
+
+
+def newest_run(results: Path) -> Path:
+    """Return the folder of the run that was written to last.
+
+    Raises:
+        ValueError: there is none.
+    """
+    runs = {file.parent for file in results.glob("**/config.yaml")}
+    require(bool(runs), f"{results}", "the folder of a run in it, or one that is named", "none")
+    return max(runs, key=lambda folder: max(path.stat().st_mtime for path in folder.iterdir()))

@@ -1,0 +1,88 @@
+"""A recording that is read while it grows: where its messages are, and each of them when it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from io import SEEK_SET
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mcap.writer import MCAP0_MAGIC
+
+from rkhs_ros.recordings.container import Scan, Stored, records
+from rkhs_ros.recordings.definitions import PACKAGE, decoded
+
+
+class Place(NamedTuple):
+    """Where a message is.
+
+    Attributes:
+        offset: of its record in the file, in bytes.
+        kind: name of its type within our package.
+        time: when it was recorded, in nanoseconds since 1970.
+    """
+
+    offset: int
+    kind: str
+    time: int
+
+
+class Following:
+    """A recording that may grow, of which no more than one message is in memory.
+
+    Owns how far it was read. What is damaged is passed over.
+
+    Args:
+        path: an MCAP file, which need not be there yet.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._begin(0)
+
+    def news(self) -> tuple[bool, list[tuple[Place, Any]]]:
+        """Return whether this is another file than before, and our messages since the last call."""
+        try:
+            about = self.path.stat()
+        except OSError:
+            return False, []
+        is_other = about.st_ino != self._inode or about.st_size < self._offset
+        if is_other:
+            self._begin(about.st_ino)
+        return is_other, list(self._read(about.st_size))
+
+    def message(self, place: Place) -> Any:
+        """Return the message at a place.
+
+        Raises:
+            ValueError: it is not there any more.
+        """
+        with self.path.open("rb") as file:
+            file.seek(place.offset, SEEK_SET)
+            for code, content in records(file, self.path.stat().st_size):
+                for stored in self._scanned(code, content):
+                    if stored.kind == PACKAGE + place.kind and stored.time == place.time:
+                        return decoded(stored.content, stored.kind, stored.definition)
+                break
+        raise ValueError(f"{self.path}: expected a message of type {place.kind} at {place.offset}, got another")
+
+    def _begin(self, inode: int) -> None:
+        self._inode = inode
+        self._offset = len(MCAP0_MAGIC)
+        self._scan = Scan()
+
+    def _read(self, size: int) -> Iterator[tuple[Place, Any]]:
+        with self.path.open("rb") as file:
+            file.seek(self._offset)
+            for code, content in records(file, size):
+                for stored in self._scanned(code, content):
+                    place = Place(self._offset, stored.kind.removeprefix(PACKAGE), stored.time)
+                    yield place, decoded(stored.content, stored.kind, stored.definition)
+                self._offset = file.tell()
+
+    def _scanned(self, code: int, content: bytes) -> list[Stored]:
+        """Return our messages in a record; none where it is damaged."""
+        try:
+            return [each for each in self._scan.messages(code, content) if each.kind.startswith(PACKAGE)]
+        except Exception:  # a damaged record raises almost anything
+            return []

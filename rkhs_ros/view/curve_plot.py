@@ -1,0 +1,87 @@
+"""The learning curve on the page: returns against episodes, beside what is known of the task."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import cycle
+from typing import Any
+
+import numpy as np
+from viser import GuiApi
+
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.runs.curve import Row
+
+MOST_POINTS = 1000
+HEIGHT_PX = 260
+NAMES = {"train_return": "exploring", "mean_policy_return": "noise-free", "imagined_return": "imagined"}
+COLOURS = {"train_return": "#E69F00", "mean_policy_return": "#0072B2", "imagined_return": "#CC79A7"}
+GREYS = ("#333333", "#777777", "#aaaaaa")  # of known returns
+
+
+class CurvePlot:
+    """The plot of a learning curve.
+
+    Owns the plot, and which lines were drawn last.
+
+    Args:
+        gui: of the page.
+        place: folder of the page that it is in.
+        known: returns that are known of the task, by name.
+    """
+
+    def __init__(self, gui: GuiApi, place: Any, known: Mapping[str, float]) -> None:
+        self._gui = gui
+        self._place = place
+        self._known = known
+        self._plot: Any = None
+        self._drawn = 0
+
+    def draw(self, rows: Sequence[Row]) -> None:
+        """Draw the lines of the curve, if there are others than before."""
+        if len(rows) == self._drawn or not rows:
+            return
+        self._drawn = len(rows)
+        data = plotted(rows, self._known)
+        series = [{"label": "episodes"}, *map(_look, list(data)[1:], self._shades(list(data)[1:]))]
+        if self._plot is None or len(self._plot.series) != len(series):
+            self._renew(tuple(data.values()), tuple(series))
+        else:
+            self._plot.data = tuple(data.values())
+
+    def _shades(self, names: Sequence[str]) -> list[str]:
+        greys = cycle(GREYS)
+        return [COLOURS.get(name) or next(greys) for name in names]
+
+    def _renew(self, data: tuple[Array, ...], series: tuple[Any, ...]) -> None:
+        if self._plot is not None:
+            self._plot.remove()
+        axes: Any = ({"label": "episodes"}, {"label": "return"})
+        scales: Any = {"x": {"time": False}}
+        with self._place:
+            self._plot = self._gui.add_uplot(data, series, scales=scales, axes=axes, height=HEIGHT_PX)
+
+
+def plotted(rows: Sequence[Row], known: Mapping[str, float]) -> dict[str, Array]:
+    """Return what is drawn by column, the episodes first; of many lines a bounded number, the last among them.
+
+    A return that is not measured in each iteration is drawn straight from one that is to the next; one that is never
+    measured is left out.
+    """
+    places = np.unique(np.linspace(0, len(rows) - 1, MOST_POINTS).round().astype(int))
+    some = [rows[place] for place in places]
+    data = {"episodes": np.array([row.episodes for row in some], dtype=float)}
+    for name in NAMES:
+        values = np.array([getattr(row, name) for row in some], dtype=float)
+        measured = np.isfinite(values)
+        if measured.any():
+            x = data["episodes"]
+            data[name] = np.interp(x, x[measured], values[measured], left=np.nan)
+    return data | {name: np.full(len(some), value) for name, value in known.items()}
+
+
+def _look(name: str, colour: str) -> dict[str, Any]:
+    if name in NAMES:
+        width = 2.5 if name == "mean_policy_return" else 1.5
+        return {"label": NAMES[name], "stroke": colour, "width": width, "points": {"show": False}}
+    return {"label": name, "stroke": colour, "width": 1, "dash": [6, 4], "points": {"show": False}}

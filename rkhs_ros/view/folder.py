@@ -1,0 +1,85 @@
+"""A run seen through its folder, where it is not recorded: the curve, and the policies and episodes that are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.practice import ModelPractice
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.storage import policy_of, read_policy, unpacked
+from rkhs_ros.runs.checkpoint import MEMORY
+from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.curve import Curve, Row
+from rkhs_ros.runs.episode_files import load_episodes
+from rkhs_ros.runs.report import BEST_POLICY, old_folder
+from rkhs_ros.view.source import Seen
+
+
+class Folder:
+    """A run in its folder.
+
+    Owns the lines of the curve that were read.
+
+    Args:
+        path: the folder.
+
+    Raises:
+        ValueError: there is no run in it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = old_folder(path)
+        config = load_config(path / "config.yaml")
+        self.name, self.task, self.total = config.training.name, config.task, config.training.iterations
+        self.spaces: Spaces | None = None
+        self._remembers = isinstance(config.training.practice, ModelPractice)  # all episodes, as they were observed
+        self._curve = Curve(path / "curve.csv")
+        self._stamp = (0, 0)
+        self._rows: list[Row] = []
+
+    @property
+    def rows(self) -> Sequence[Row]:
+        """The lines of the learning curve so far."""
+        return self._rows
+
+    @property
+    def iterations(self) -> Sequence[int]:
+        """The iterations of which a policy is kept: those of the checkpoints."""
+        return sorted(int(path.stem) for path in (self.path / "checkpoints").glob("*.npz"))
+
+    def refresh(self) -> None:
+        """Read the curve if it changed, and what the task's spaces are once that is known."""
+        about = self._curve.path.stat() if self._curve.path.exists() else None
+        stamp = (about.st_mtime_ns, about.st_size) if about else (0, 0)
+        if stamp != self._stamp:
+            self._rows, self._stamp = self._curve.rows(), stamp
+        best = self.path / BEST_POLICY
+        if self.spaces is None:
+            with suppress(ValueError, OSError):  # it is not there yet, or damaged
+                self.spaces = read_policy(best).spaces
+
+    def seen(self, iteration: int) -> Seen | None:
+        """Return what is kept of an iteration."""
+        try:
+            arrays = unpacked((self.path / "checkpoints" / f"{iteration:07}.npz").read_bytes())
+            memory = Episodes(*(arrays[f"memory_{name}"] for name in MEMORY))
+            policy = policy_of(arrays)
+        except Exception:  # it is gone meanwhile, or damaged, which raises almost anything
+            return None
+        return Seen(policy, self._explored(memory, iteration), self._evaluated(iteration))
+
+    def _explored(self, memory: Episodes, iteration: int) -> Episodes | None:
+        if not self._remembers or iteration > len(self._rows):
+            return None
+        ends = [0, *(row.episodes for row in self._rows[:iteration])]
+        return memory.take(slice(ends[-2], ends[-1]))
+
+    def _evaluated(self, iteration: int) -> Episodes | None:
+        """Return the episodes that are kept at the end, of the last policy."""
+        file = self.path / "episodes.npz"
+        if iteration < len(self._rows) or not file.exists():
+            return None
+        return load_episodes(file).episodes

@@ -1,0 +1,82 @@
+"""What a browser may say to the page: move what is there to be moved, and press what is there to be pressed."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Container
+from ipaddress import ip_address
+from typing import Any
+from urllib.parse import urlsplit
+
+from viser import ViserServer
+from viser import _messages as messages  # it has no public names for what browsers send
+
+FOREIGN = 1008  # code of a closed web socket: against the rules
+SILENT = ("websockets.server", "asyncio")  # loggers that would tell of each piece of garbage
+
+
+def guard(server: ViserServer, *, local: bool) -> None:
+    """Have a server of viser ignore all that no control of the page sends.
+
+    Files cannot be sent to it, nor can it be asked for a public address. Pages of other origins, which a browser on
+    this machine may have open, are turned away.
+
+    Args:
+        server: the server.
+        local: it is for this machine only, so a browser that took it for another host was misled.
+    """
+    for name in SILENT:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    sockets: Any = server._websock_server
+    update = sockets._incoming_handlers[messages.GuiUpdateMessage]
+    strangers: set[Any] = set()  # what they sent before they were cut off may still be handled
+    sockets._incoming_handlers.clear()
+    sockets._incoming_handlers[messages.GuiUpdateMessage] = [_checked(each, server, strangers) for each in update]
+
+    @sockets.on_client_connect  # type: ignore[untyped-decorator]
+    async def _(client: Any) -> None:
+        connection = sockets._live_connections[client.client_id]
+        if not is_welcome(connection.request.headers, local=local):
+            strangers.add(client.client_id)
+            await connection.close(FOREIGN, "from another page")
+
+
+def is_welcome(headers: Any, *, local: bool) -> bool:
+    """Return whether a web socket is from our page, not from one of another origin, or of another name for us."""
+    host, origin = headers.get("Host", ""), headers.get("Origin")
+    return (origin is None or urlsplit(origin).netloc == host) and (
+        not local or is_local(urlsplit(f"//{host}").hostname)
+    )
+
+
+def is_local(host: str | None) -> bool:
+    """Return whether a name or an address is that of this machine to itself."""
+    try:
+        return host == "localhost" or ip_address(host or "").is_loopback
+    except ValueError:
+        return False
+
+
+def _checked(handle: Callable[..., Any], server: ViserServer, strangers: Container[Any]) -> Callable[..., Any]:
+    """Return a handler of updates that passes on only values, of the type that the control has, in its range."""
+
+    async def handler(client_id: Any, message: Any) -> None:
+        control = server.gui._gui_input_handle_from_uuid.get(message.uuid)
+        if client_id not in strangers and control is not None and is_fitting(control, message.updates):
+            await handle(client_id, message)
+
+    return handler
+
+
+def is_fitting(control: Any, updates: Any) -> bool:
+    """Return whether an update is one that somebody at the control can make."""
+    if not isinstance(updates, dict) or set(updates) != {"value"}:
+        return False
+    value, now = updates["value"], control.value
+    if control.disabled or isinstance(value, bool) != isinstance(now, bool):
+        return False
+    if isinstance(now, bool):
+        return True
+    if isinstance(now, str):
+        return value in getattr(control, "options", ())
+    return isinstance(value, int | float) and control.min <= value <= control.max

@@ -1,0 +1,103 @@
+"""The page of a run: how far it is, its learning curve, and the iteration that is looked at."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+from viser import ViserServer
+
+from rkhs_ros.pictures.known import references
+from rkhs_ros.runs.control import PAUSE, RESUME, STOP, ask
+from rkhs_ros.view.curve_plot import CurvePlot
+from rkhs_ros.view.showing import Showing
+from rkhs_ros.view.source import PAUSED, RUNNING, Source, state_of
+from rkhs_ros.view.status import status
+
+KEPT = 12  # iterations whose policy and episodes stay in memory
+PANEL_WIDTH_PX = 390
+RECENT = 6  # iterations whose episodes are drawn, that looked at included
+BUTTONS = {
+    PAUSE: ("Pause after this iteration", "the run waits until it is resumed", (RUNNING,)),
+    RESUME: ("Resume", "the run goes on", (PAUSED,)),
+    STOP: ("Stop", "as Ctrl-C: what was learnt is kept, and the run can go on later", (RUNNING, PAUSED)),
+}
+
+
+class Page:
+    """The page of a run.
+
+    Owns its controls and what they showed last. `refresh` looks at the run anew, `tick` at the controls.
+
+    Args:
+        server: that serves the page.
+        source: the run.
+    """
+
+    def __init__(self, server: ViserServer, source: Source) -> None:
+        gui = self._gui = server.gui
+        self._server, self._source = server, source
+        self._seen = lru_cache(KEPT)(source.seen)
+        self._state = ""
+        gui.configure_theme(show_logo=False, show_share_button=False)
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(PANEL_WIDTH_PX)
+        gui.set_panel_label(source.name)
+        self._status = gui.add_markdown("")
+        self._buttons = {word: self._button(word, *about) for word, about in BUTTONS.items()}
+        self._curve = CurvePlot(gui, gui.add_folder("Learning curve"), references(source.task))
+        self._iteration: Any = gui.add_slider("Iteration", 0, 1, 1, 0, disabled=True)
+        self._set_to = 0
+        self._follows: Any = gui.add_checkbox("follow the newest", initial_value=True)
+        self._showing = Showing(server, source)
+
+    def refresh(self) -> None:
+        """Look at the run: at its state, its curve, and whether there is a newer iteration to follow."""
+        self._source.refresh()
+        state = state_of(self._source)
+        if state != self._state:
+            self._state = state
+            self._seen.cache_clear()  # at the end there may be more of the last one
+            self._showing.forget()
+        for word, button in self._buttons.items():
+            button.visible = state in BUTTONS[word][2]
+        self._status.content = status(self._source, state)
+        self._curve.draw(self._source.rows)
+        self._follow()
+
+    def tick(self) -> None:
+        """Show what the controls say, if it is not shown yet."""
+        known = [number for number in self._source.iterations if number <= self._iteration.value]
+        if known and not self._showing.is_of(known[-1]):
+            seen = {number: each for number in known[-RECENT:] if (each := self._seen(number)) is not None}
+            self._showing.show(seen)
+        self._showing.move()
+
+    def tell_end(self) -> None:
+        """Say on the page that it will show nothing new any more."""
+        self._status.content = "### The viewer has ended\nStart it again with `rkhs view`."
+        self._server.flush()
+
+    def _button(self, word: str, label: str, hint: str, states: tuple[str, ...]) -> Any:
+        button = self._gui.add_button(label, hint=hint, visible=False)
+
+        @button.on_click
+        def _(event: Any) -> None:
+            if state_of(self._source) in states:
+                ask(self._source.path, word)
+
+        return button
+
+    def _follow(self) -> None:
+        """Have the slider range over the iterations there are, and move on with them unless somebody moved it."""
+        iterations, slider = self._source.iterations, self._iteration
+        if not iterations:
+            return
+        if slider.value != self._set_to:
+            self._follows.value = False
+        if slider.max != iterations[-1]:
+            slider.min, slider.max = min(iterations[0], iterations[-1] - 1), iterations[-1]
+            slider.disabled = False
+        if self._follows.value:
+            slider.value = iterations[-1]
+        self._set_to = slider.value

@@ -1,0 +1,122 @@
+"""A run seen through its recording, whole: policy and episodes of each iteration, read when they are looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import reduce
+from operator import add
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rkhs_ros.base.validation import require
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.policies.messages import policy_of
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.recordings.following import Following, Place
+from rkhs_ros.recordings.recording import Head, RecordedBatch, head_of, recording_file, recording_of
+from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.curve import Row
+from rkhs_ros.runs.recorded import training_of
+from rkhs_ros.runs.report import is_begun
+from rkhs_ros.view.source import Seen
+
+
+class Left(NamedTuple):
+    """Where in the recording is what an iteration left."""
+
+    policy: Place
+    episodes: tuple[Place, ...]
+
+
+class Recorded:
+    """A run in its recording.
+
+    Owns the lines of the learning curve, and where policies and episodes are.
+
+    Args:
+        path: the folder of a run, or an MCAP file.
+
+    Raises:
+        ValueError: it is no recording, or holds no run.
+        OSError: there is none.
+    """
+
+    def __init__(self, path: Path) -> None:
+        file = recording_file(path)
+        self.path = file.parent if is_begun(file.parent) else file
+        self._following = Following(file)
+        self._head: Head | None = None
+        self.spaces: Spaces | None = None
+        self._forget()
+        self.refresh()
+        require(self._head is not None, f"{file}", "the recording of a run", "none of a run, or not begun yet")
+
+    def refresh(self) -> None:
+        """Read what was recorded since the last time."""
+        is_other, news = self._following.news()
+        if is_other:
+            self._forget()
+        for place, message in news:
+            self._take(place, message)
+
+    @property
+    def rows(self) -> Sequence[Row]:
+        """The lines of the learning curve so far."""
+        return self._rows
+
+    @property
+    def iterations(self) -> Sequence[int]:
+        """The iterations done."""
+        return list(self._left)
+
+    def seen(self, iteration: int) -> Seen | None:
+        """Return what an iteration left."""
+        left = self._left.get(iteration)
+        if left is None:
+            return None
+        try:
+            policy = policy_of(self._following.message(left.policy))
+            batches = [self._batch(place) for place in left.episodes]
+        except (ValueError, OSError):  # the run goes on with another file, of which more is known in a moment
+            return None
+        return Seen(policy, *(_together(batches, explore=explore) for explore in (True, False)))
+
+    def _forget(self) -> None:
+        self._rows: list[Row] = []
+        self._left: dict[int, Left] = {}
+        self._policies: dict[int, Place] = {}
+        self._episodes: list[Place] = []
+
+    def _take(self, place: Place, message: Any) -> None:
+        if place.kind == "Task":
+            self._begin(head_of(message), place)
+        elif self._head is None:
+            return  # it is no recording of a run, or its head is damaged
+        elif place.kind == "Policy":
+            self._policies[message.version] = place
+        elif place.kind == "RecordedEpisodes":
+            self._episodes.append(place)
+        elif place.kind == "Update" and message.policy_version in self._policies:
+            self._rows.append(self._row(message, place))
+            self._left[message.iteration] = Left(self._policies[message.policy_version], tuple(self._episodes))
+            self._episodes = []
+
+    def _begin(self, head: Head, place: Place) -> None:
+        training = training_of(head)
+        if self.path.is_dir():
+            training = load_config(self.path / "config.yaml").training  # which may have been told to go on for longer
+        self._head, self._began_ns = head, place.time
+        self.name, self.task, self.spaces, self.total = training.name, head.task, head.spaces, training.iterations
+
+    def _row(self, update: Any, place: Place) -> Row:
+        known = {name: getattr(update, name) for name in Row._fields if name != "seconds"}
+        return Row(**known, seconds=(place.time - self._began_ns) / 1e9)
+
+    def _batch(self, place: Place) -> RecordedBatch:
+        return recording_of([(place.kind, place.time, self._following.message(place))]).batches[0]
+
+
+def _together(batches: Sequence[RecordedBatch], *, explore: bool) -> Episodes | None:
+    """Return the episodes of some batches that count, None where there are none."""
+    some = [each.episodes for each in batches if each.batch.explore == explore and not each.is_void]
+    return reduce(add, some) if some else None

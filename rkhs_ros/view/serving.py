@@ -1,0 +1,99 @@
+"""Serves the page of a run until it is told to end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import redirect_stdout, suppress
+from io import StringIO
+from pathlib import Path
+
+from viser import ViserServer
+
+from rkhs_ros.recordings.recording import FILE
+from rkhs_ros.runs.report import is_begun
+from rkhs_ros.view.folder import Folder
+from rkhs_ros.view.guard import guard, is_local
+from rkhs_ros.view.page import Page
+from rkhs_ros.view.recorded import Recorded
+from rkhs_ros.view.source import Source
+
+REFRESH_S = 0.5  # between looks at the run
+TICK_S = 0.05  # between looks at the controls
+BEGIN_TIMEOUT_S = 30.0  # for a run to begin
+LAST_WORDS_S = 0.3  # for the browsers to take the last words
+
+
+def source_of(path: Path) -> Source:
+    """Return the run in a folder, or in a recording.
+
+    Raises:
+        ValueError: there is none.
+        OSError: there is no such folder or file.
+    """
+    folder = path.parent if path.name == FILE and is_begun(path.parent) else path
+    return Recorded(folder) if folder.is_file() or (folder / FILE).is_file() else Folder(folder)
+
+
+def wait_for_recording(file: Path) -> None:
+    """Wait until a run that is about to begin has begun its recording.
+
+    Raises:
+        ValueError: it does not in time.
+    """
+    deadline = time.monotonic() + BEGIN_TIMEOUT_S
+    while time.monotonic() < deadline:
+        with suppress(ValueError, OSError):
+            return Recorded(file).refresh()
+        time.sleep(TICK_S)
+    raise ValueError(f"{file}: expected a run to begin its recording within {BEGIN_TIMEOUT_S:g} s, got none")
+
+
+def opened(host: str, port: int) -> ViserServer:
+    """Return a server that takes from browsers what controls send, and nothing else.
+
+    Args:
+        host: address to listen at.
+        port: port to listen at; the next free one is taken.
+    """
+    with redirect_stdout(StringIO()):  # it prints addresses, too
+        server = ViserServer(host=host, port=port, verbose=False)
+    guard(server, local=is_local(host))
+    return server
+
+
+def serve(source: Source, host: str, port: int, tell: Callable[[str], None]) -> None:
+    """Serve the page of a run until an interrupt.
+
+    Args:
+        source: the run.
+        host: address to listen at.
+        port: port to listen at; the next free one is taken.
+        tell: is told the address of the page.
+
+    Raises:
+        KeyboardInterrupt: the process was told to end; the page was told of it.
+    """
+    server = opened(host, port)
+    page = Page(server, source)
+    page.refresh()
+    shown = "localhost" if is_local(host) or host == "0.0.0.0" else host
+    tell(f"http://{shown}:{server.get_port()}")
+    try:
+        _work(server, page)
+    finally:
+        page.tell_end()
+        time.sleep(LAST_WORDS_S)
+        with redirect_stdout(StringIO()):
+            server.stop()
+
+
+def _work(server: ViserServer, page: Page) -> None:
+    due = 0.0
+    while True:
+        if server.get_clients() or not due:  # nobody looks: nothing is done
+            if time.monotonic() >= due:
+                page.refresh()
+                due = time.monotonic() + REFRESH_S
+            page.tick()
+        time.sleep(TICK_S)

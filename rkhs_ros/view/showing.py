@@ -1,0 +1,184 @@
+"""The part of the page that shows an iteration: its policy, and one of its episodes as it moves."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from viser import ViserServer
+
+from rkhs_ros.base.endings import told
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.pictures.known import names_of
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.runs.shown import Motion
+from rkhs_ros.view.board import Choice, Subject, draw
+from rkhs_ros.view.coordinates import Coordinates
+from rkhs_ros.view.gauges import Gauges
+from rkhs_ros.view.source import Seen, Source
+from rkhs_ros.view.stage import Stage
+from rkhs_ros.view.tasks import in_space
+
+LONGEST_PLAY_S = 8.0  # of an episode; a longer one is played faster
+MOST_LISTED = 20  # episodes of a kind in the list
+MOST_TOLD = 8  # numbers of a moment
+EXPLORING, NOISE_FREE = "exploring", "noise-free"
+
+
+class Showing:
+    """The episode that is looked at, with the controls that choose it.
+
+    Owns these, the stage, and what was shown last.
+
+    Args:
+        server: of the page.
+        source: the run.
+    """
+
+    def __init__(self, server: ViserServer, source: Source) -> None:
+        self._server, self._source = server, source
+        gui = server.gui
+        self._which = gui.add_dropdown("Episode", ("-",))
+        self._frame: Any = gui.add_slider("Time", 0, 1, 1, 0, disabled=True)
+        self._set_to = 0
+        self._plays: Any = gui.add_checkbox("play", initial_value=True)
+        self._words = gui.add_markdown("")
+        self._choices: tuple[Any, ...] = ()
+        self._stage: Stage | None = None
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget what is shown, which is then shown anew."""
+        self._shown: object = None
+        self._episode: Episodes | None = None
+        self._motion: Motion | None = None
+        self._at = -1  # the frame that is shown
+
+    def is_of(self, iteration: int) -> bool:
+        """Return whether it is this iteration that is shown, as the controls say."""
+        return self._shown == self._chosen(iteration)
+
+    def show(self, seen: Mapping[int, Seen]) -> None:
+        """Show the last of some iterations, with the episodes of those before."""
+        if not seen:
+            return
+        iteration, newest = max(seen.items())
+        self._list(newest)
+        kind, _, number = self._which.value.partition(" ")
+        episodes = _of_kind(newest, kind)
+        if episodes is not None:
+            row = int(number) - 1
+            self._episode = episodes.take(slice(row, row + 1))
+            self._prepare(newest, self._episode)
+            self._set_motion(self._episode)
+            self._hang(seen, iteration, kind)
+        self._shown = self._chosen(iteration)
+
+    def move(self) -> None:
+        """Play on, and show the moment that is chosen."""
+        if self._episode is None or self._stage is None:
+            return
+        if self._frame.value != self._set_to:  # by somebody
+            self._plays.value = False
+        if self._plays.value and self._motion is not None:
+            self._play(self._motion)
+        self._set_to = frame = int(self._frame.value)
+        if frame != self._at:
+            self._at = frame
+            steps, frames = int(self._episode.mask[0].sum()), int(self._frame.max) + 1
+            step = min(frame * steps // frames, steps - 1)
+            self._stage.show(self._motion, min(frame, self._frames - 1), step)
+            self._words.content = self._told(self._episode, step, steps)
+
+    def _chosen(self, iteration: int) -> tuple[object, ...]:
+        return iteration, self._which.value, *(each.value for each in self._choices)
+
+    def _list(self, seen: Seen) -> None:
+        kinds = ((NOISE_FREE, seen.evaluation), (EXPLORING, seen.exploration))
+        listed = [f"{kind} {i + 1}" for kind, each in kinds if each for i in range(min(len(each), MOST_LISTED))]
+        if listed and listed != list(self._which.options):
+            self._which.options = listed
+
+    def _prepare(self, seen: Seen, episode: Episodes) -> None:
+        """Set up the stage and what the policy can be drawn over, once it is known what there is."""
+        if self._stage is not None:
+            return
+        task, widths = self._source.task, (episode.observations.shape[2], episode.actions.shape[2])
+        self._names = names_of(task, *widths)
+        self._task = in_space(task) or Gauges(*widths)
+        self._stage = Stage(self._server, self._task)
+        coordinates = Coordinates(seen.policy, self._names)
+        labels, (across, up) = coordinates.labels, coordinates.telling(episode)
+        lists = (
+            ("Policy across", labels, across, 2),
+            ("Policy up", labels, up, 2),
+            ("Action", self._names.actions, 0, 1),
+        )
+        self._choices = tuple(
+            self._server.gui.add_dropdown(
+                name,
+                tuple(options),
+                initial_value=options[first],
+                visible=len(options) > fewest and task.horizon > 1,
+            )
+            for name, options, first, fewest in lists
+        )
+
+    def _set_motion(self, episode: Episodes) -> None:
+        going = episode.mask[0]
+        self._motion = self._moving(episode.observations[0][going], self._clipped(episode.actions[0][going]))
+        self._frames = int(going.sum()) if self._motion is None else len(self._motion.times)
+        self._frame.max, self._frame.disabled = max(self._frames - 1, 1), self._frames < 2
+        self._frame.value = self._set_to = min(self._set_to, self._frames - 1)  # at the moment as before
+        self._at, self._played_at = -1, time.monotonic()
+
+    def _moving(self, observations: Array, actions: Array) -> Motion | None:
+        try:
+            return self._task.motion(observations, actions)
+        except Exception as error:  # somebody's code
+            print(f"warning: {self._source.task.environment}: not shown ({told(error)})", file=sys.stderr)
+            return None
+
+    def _hang(self, seen: Mapping[int, Seen], iteration: int, kind: str) -> None:
+        """Draw the policy with the episodes that led to it, that looked at last."""
+        one_step = self._source.task.horizon == 1
+        recent = [_of_kind(each, EXPLORING if one_step else kind) for number, each in sorted(seen.items())]
+        before = [each for each in (recent if one_step else recent[:-1]) if each]
+        rows = [each.take(slice(i, i + 1)) for each in before for i in range(len(each) if one_step else 1)]
+        coordinates = Coordinates(seen[iteration].policy, self._names)
+        across, up, action = (each.value for each in self._choices)
+        choice = Choice(
+            coordinates.labels.index(across), coordinates.labels.index(up), self._names.actions.index(action)
+        )
+        title, task = f"Policy after iteration {iteration}", self._source.task
+        if self._stage is not None and self._episode is not None:
+            subject = Subject(title, coordinates, [*rows, self._episode], self._source.spaces, task.discount)
+            self._stage.hang(draw(subject, choice))
+
+    def _play(self, motion: Motion) -> None:
+        """Move the slider to where it is by now, round and round."""
+        now = time.monotonic()
+        period = min(float(motion.times[-1]), LONGEST_PLAY_S) / max(self._frames - 1, 1)
+        passed = int((now - self._played_at) / max(period, 1e-3))
+        if passed:
+            self._frame.value = (int(self._frame.value) + passed) % self._frames
+            self._played_at = now
+
+    def _clipped(self, actions: Array) -> Array:
+        return actions if self._source.spaces is None else self._source.spaces.clip(actions)
+
+    def _told(self, episode: Episodes, step: int, steps: int) -> str:
+        """Return in words what is observed, done and earned in a step."""
+        done = self._clipped(episode.actions[0, step][None])[0]
+        numbers = [*zip(self._names.observations, episode.observations[0, step], strict=True)]
+        numbers += [*zip(self._names.actions, done, strict=True)]
+        told = [
+            f"{name} **{value:.3g}**" for name, value in [*numbers[:MOST_TOLD], ("reward", episode.rewards[0, step])]
+        ]
+        return f"Step {step + 1} of {steps}: {', '.join(told)}"
+
+
+def _of_kind(seen: Seen, kind: str) -> Episodes | None:
+    return seen.evaluation if kind == NOISE_FREE else seen.exploration

@@ -1,0 +1,132 @@
+"""What stands in the page's space: the task as it moves, and beside it the picture of the policy."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+from viser import SceneApi, ViserServer
+from viser.transforms import SO3
+
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.runs.shown import Body, Motion, ShowsMotion
+from rkhs_ros.view.board import SIZE, Board
+
+VERTICAL_ANGLE = 0.7  # rad, of the camera
+ASPECT = 1.2  # of the part of the window that is seen beside the panel, about
+ROOM = 1.04  # that is seen, in sizes of what is there
+GAP = 0.1  # between task and picture, in heights of the picture
+LARGER = 1.25  # times as high as the task is the picture beside it
+WIDE = 1.6  # times as wide as high is a task that stands below the picture, not beside it
+MARKER = 0.011  # radius of the mark on the picture, in widths of it
+MARK = (0, 230, 115)
+
+
+class Stage:
+    """The space of a page: the bodies of a task, a picture, and a mark on it where the episode is.
+
+    Owns what is drawn there.
+
+    Args:
+        server: of the page.
+        task: that shows itself.
+    """
+
+    def __init__(self, server: ViserServer, task: ShowsMotion) -> None:
+        self._server = server
+        self._eye = np.array(task.eye()) / np.linalg.norm(task.eye())
+        self._right = np.cross(-self._eye, (0.0, 0.0, 1.0))
+        self._right /= np.linalg.norm(self._right)
+        self._up = np.cross(self._right, -self._eye)
+        self._bodies = task.bodies()
+        self._light(server.scene)
+        self._handles = [_added(server.scene, f"/task/{i}", body) for i, body in enumerate(self._bodies)]
+        self._arrange(*np.array(task.room()))
+        self._picture: Any = None
+        self._mark: Any = None
+        self._points: Array = np.zeros((0, 2))
+
+    def _light(self, scene: SceneApi) -> None:
+        """Light all from above and from the eye; shadows and mirrored surroundings take minutes without a GPU."""
+        scene.configure_default_lights(enabled=False)
+        scene.configure_environment_map(hdri=None)
+        scene.add_light_ambient("/light/everywhere", intensity=1.2)
+        for name, place, intensity in (("above", (0.0, 0.0, 1.0), 0.8), ("eye", self._eye + 0.5 * self._right, 1.6)):
+            scene.add_light_directional(f"/light/{name}", intensity=intensity, position=tuple(place))
+
+    def _arrange(self, low: Array, high: Array) -> None:
+        """Set the place of the picture and the camera, for a task within these corners."""
+        corners = np.array(list(product(*zip(low, high, strict=True))))
+        across, up, depth = corners @ self._right, corners @ self._up, float((low + high) @ self._eye) / 2
+        begin, end = np.array([across.min(), up.min()]), np.array([across.max(), up.max()])
+        task, shape = end - begin, np.array([SIZE[0] / SIZE[1], 1.0])
+        is_wide = task[0] > WIDE * task[1]
+        board = shape * (task[0] / shape[0] if is_wide else LARGER * task[1])
+        way = np.array([0.0, 1.0] if is_wide else [1.0, 0.0])  # to the picture
+        distance = way @ (task / 2 + GAP * board[1] + board / 2)
+        self._width, self._height = board
+        self._middle = self._in_space((begin + end) / 2 + distance * way, depth)
+        whole = np.where(way > 0, task + GAP * board[1] + board, np.maximum(task, board))
+        seen = (begin + end) / 2 + (distance + way @ (board - task) / 2) / 2 * way
+        self._aim_camera(self._in_space(seen, depth), whole)
+
+    def hang(self, board: Board) -> None:
+        """Hang a picture beside the task, or above it."""
+        self._points = board.points
+        if self._picture is not None:
+            self._picture.image = board.image
+            return
+        # The axes of a picture: to its right, down, and away from who looks at it.
+        turn = SO3.from_matrix(np.stack([self._right, -self._up, -self._eye], axis=1)).wxyz
+        place: Any = {"wxyz": turn, "position": self._middle}
+        scene, radius = self._server.scene, MARKER * self._width
+        self._picture = scene.add_image("/policy", board.image, self._width, self._height, format="png", **place)
+        self._mark = scene.add_icosphere("/mark", radius, color=MARK, position=self._middle)
+
+    def show(self, motion: Motion | None, frame: int, step: int) -> None:
+        """Show a moment.
+
+        Args:
+            motion: of the task; None where nothing is known of it.
+            frame: of the motion.
+            step: of the episode.
+        """
+        with self._server.atomic():
+            for i, handle in enumerate(self._handles):
+                handle.visible = motion is not None
+                if motion is not None:
+                    _move(handle, motion.places[frame, i], motion.turns[frame, i])
+            if self._mark is not None and len(self._points):
+                across, up = self._points[min(step, len(self._points) - 1)] - 0.5
+                place = self._middle + across * self._width * self._right + up * self._height * self._up
+                self._mark.position = place + MARKER * self._width * self._eye
+
+    def _in_space(self, place: Array, depth: float) -> Array:
+        """Return the point at so much to the right and up, and towards the eye."""
+        return np.asarray(place[0] * self._right + place[1] * self._up + depth * self._eye)
+
+    def _aim_camera(self, target: Array, whole: Array) -> None:
+        """Have all of a rectangle seen, of some width and height."""
+        distance = ROOM * max(whole[0] / ASPECT, whole[1]) / 2 / np.tan(VERTICAL_ANGLE / 2)
+        camera = self._server.initial_camera
+        camera.fov, camera.up = VERTICAL_ANGLE, (0.0, 0.0, 1.0)
+        camera.position, camera.look_at = target + distance * self._eye, target
+
+
+def _added(scene: SceneApi, name: str, body: Body) -> Any:
+    red, green, blue = bytes.fromhex(body.colour.removeprefix("#"))
+    colour = red, green, blue
+    if body.shape == "ball":
+        return scene.add_icosphere(name, radius=body.size[0] / 2, color=colour, visible=False)
+    if body.shape == "cylinder":
+        return scene.add_cylinder(name, body.size[0] / 2, body.size[2], color=colour, visible=False)
+    return scene.add_box(name, color=colour, dimensions=body.size, visible=False)
+
+
+def _move(handle: Any, place: Array, turn: Array) -> None:
+    """Place a body, if it is elsewhere: what stays where it is takes no message."""
+    if not np.array_equal(handle.position, place):
+        handle.position = place
+    if not np.array_equal(handle.wxyz, turn):
+        handle.wxyz = turn

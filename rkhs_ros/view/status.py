@@ -1,0 +1,55 @@
+"""How far a run is, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isnan
+
+import numpy as np
+
+from rkhs_ros.runs.curve import Row
+from rkhs_ros.view.source import RUNNING, Source
+
+PACE_OF = 20  # iterations, the last ones, by whose pace the rest is estimated
+
+
+def status(source: Source, state: str) -> str:
+    """Return in Markdown how far a run is."""
+    rows = source.rows
+    lines = [f"### {state.capitalize()}: iteration {rows[-1].iteration if rows else 0} of {source.total}"]
+    if rows:
+        last = rows[-1]
+        sizes = f"{counted(last.episodes, 'episode')}, {counted(last.centres, 'centre')}"
+        lines.append(f"{sizes}, {clock(last.seconds)}{left(source, state)}")
+        lines.append(f"Return **{last.train_return:.4g}** exploring{measured(rows)}")
+    return "\n\n".join([*lines, f"`{source.task.environment}` in `{source.path}`"])
+
+
+def measured(rows: Sequence[Row]) -> str:
+    """Return the last noise-free and imagined returns in words; nothing of those that there are not."""
+    noise_free = next((row.mean_policy_return for row in reversed(rows) if not isnan(row.mean_policy_return)), None)
+    imagined = rows[-1].imagined_return
+    text = "" if noise_free is None else f", **{noise_free:.4g}** noise-free"
+    return text + ("" if isnan(imagined) else f", {imagined:.4g} imagined")
+
+
+def left(source: Source, state: str) -> str:
+    """Return how long a run will take still, by the pace of its last iterations; nothing of one not running."""
+    rows, some = source.rows, source.rows[-PACE_OF:]
+    if state != RUNNING or len(some) < 2:
+        return ""
+    pace = float(np.mean(np.diff([row.seconds for row in some])))
+    return f", about {clock(max(pace, 0.0) * (source.total - rows[-1].iteration))} left"
+
+
+def counted(number: int, what: str) -> str:
+    """Return a number of things."""
+    return f"{number} {what}{'s' * (number != 1)}"
+
+
+def clock(seconds: float) -> str:
+    """Return a time as people say it."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60} min"

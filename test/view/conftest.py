@@ -1,0 +1,109 @@
+"""The page of a run in a real browser without a window, Debian's Chromium; skipped where that is missing."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+browser = pytest.importorskip("browser")  # of docs/, for pictures of the page, too
+PATIENCE_S = 60.0  # far above what anything here takes
+PANEL = 0.72  # part of the window's width where the panel begins
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if Path(__file__).parent in item.path.parents:
+            item.add_marker(pytest.mark.slow)
+            item.add_marker(pytest.mark.xdist_group("chromium"))
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[browser.Browser]:
+    """A browser."""
+    if browser.found() is None:
+        pytest.skip("Chromium is not installed: make view-tools")
+    pytest.importorskip("viser")
+    with browser.started() as each:
+        yield each
+
+
+class Viewing:
+    """A process that serves a page: ``rkhs view``, or ``rkhs train --view``."""
+
+    def __init__(self, *arguments: object) -> None:
+        self.popen = subprocess.Popen(
+            [sys.executable, "-m", "rkhs_ros.app.cli", *map(str, arguments)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"},
+        )
+        lines = iter(self.popen.stdout.readline, "")
+        self.address = next((line.split()[-1] for line in lines if " at http://" in line), "")
+        if not self.address:
+            raise RuntimeError(self.popen.stderr.read())
+
+    @property
+    def port(self) -> int:
+        return int(self.address.rpartition(":")[2])
+
+    def interrupt(self) -> None:
+        self.popen.send_signal(signal.SIGINT)
+
+    def finish(self) -> tuple[int, str]:
+        """Wait for the end; return exit code and standard error."""
+        _, err = self.popen.communicate(timeout=PATIENCE_S)
+        return self.popen.returncode, err
+
+
+@pytest.fixture
+def serve() -> Iterator[Callable[..., Viewing]]:
+    """Start processes that end with the test at the latest."""
+    started: list[Viewing] = []
+
+    def begin(*arguments: object) -> Viewing:
+        started.append(Viewing(*arguments))
+        return started[-1]
+
+    yield begin
+    for each in started:
+        each.popen.kill()
+        each.popen.communicate()
+
+
+def seen(tab: browser.Tab, what: Callable[[np.ndarray], bool], timeout_s: float = PATIENCE_S) -> np.ndarray:
+    """Return a picture of the page once it shows something."""
+    deadline = time.monotonic() + timeout_s
+    while True:
+        picture = tab.picture()
+        if what(picture):
+            return picture
+        assert time.monotonic() < deadline, tab.text()
+        time.sleep(0.2)
+
+
+def near(picture: np.ndarray, colour: tuple[int, int, int], tolerance: int = 12) -> int:
+    """Return the number of pixels of a colour."""
+    return int((np.abs(picture.astype(int) - colour).max(axis=2) <= tolerance).sum())
+
+
+def scene(picture: np.ndarray) -> np.ndarray:
+    """Return the part of a picture where the task stands."""
+    return picture[150:, : int(0.3 * picture.shape[1])]
+
+
+def policy(picture: np.ndarray) -> np.ndarray:
+    """Return the part of a picture where the policy hangs."""
+    return picture[150:, int(0.3 * picture.shape[1]) : int(PANEL * picture.shape[1])]
+
+
+def panel(picture: np.ndarray) -> np.ndarray:
+    """Return the panel's part of a picture."""
+    return picture[:, int(PANEL * picture.shape[1]) :]

@@ -1,0 +1,144 @@
+"""The page of a run: while it learns over topics, of its folder afterwards, and of its recording alone."""
+
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser import Browser, Tab
+
+from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.curve import Curve
+from rkhs_ros.runs.run import run_training
+from test.view.conftest import PATIENCE_S, Viewing, near, panel, policy, scene, seen
+
+CONFIGS = Path(__file__).parents[2] / "config"
+NOISE_FREE, RED, BLUE = (0, 114, 178), (180, 4, 38), (59, 76, 192)
+ORANGE = ((180, 60, 0), (255, 190, 110))  # between these are the beads of the torque, in light and shade
+Serve = Callable[..., Viewing]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that is finished, and recorded."""
+    from rkhs_ros.app.inline import runner_of
+
+    config = load_config(CONFIGS / "pendulum_few_nac.yaml", ["iterations=3"])
+    path = tmp_path_factory.mktemp("page") / "run"
+    return run_training(config, runner_of(config.environment), path, quiet=True, record=True)
+
+
+def shows_policy(picture: np.ndarray) -> bool:
+    return near(policy(picture), RED) + near(policy(picture), BLUE) > 20_000
+
+
+def shows_pendulum(picture: np.ndarray) -> bool:
+    low, high = ORANGE
+    return int(((scene(picture) >= low) & (scene(picture) <= high)).all(axis=2).sum()) > 200
+
+
+def shows_curve(picture: np.ndarray) -> bool:
+    return near(panel(picture), NOISE_FREE, 30) > 150
+
+
+def shows_all(picture: np.ndarray) -> bool:
+    return shows_policy(picture) and shows_pendulum(picture) and shows_curve(picture)
+
+
+def press(tab: Tab, label: str) -> None:
+    tab.click_on(f"[...document.querySelectorAll('button')].find(b => b.innerText.trim() === {label!r})")
+
+
+def stop_playing(tab: Tab) -> None:
+    tab.click_on("document.querySelectorAll('input[type=checkbox]')[1]")
+    tab.wait_for("!document.querySelectorAll('input[type=checkbox]')[1].checked")
+
+
+def slide(tab: Tab, number: int, key: str) -> None:
+    """Move a slider to one of its ends: Home or End."""
+    tab.value(f"document.querySelectorAll('[role=slider]')[{number}].focus()")
+    for kind in ("keyDown", "keyUp"):
+        tab.ask(
+            "Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode={"End": 35, "Home": 36}[key]
+        )
+
+
+def lines(folder: Path) -> int:
+    return len(Curve(folder / "curve.csv").rows())
+
+
+@pytest.mark.ros
+def test_a_run_over_topics_is_seen_paused_resumed_and_stopped(chromium: Browser, serve: Serve, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    # as many iterations as the test does not wait for
+    train = serve("train", CONFIGS / "pendulum_few_nac.yaml", "--iterations", 2000, "--out", out, "--view", "--quiet")
+    tab = chromium.open(train.address)
+    tab.wait_for_text("Running", PATIENCE_S)
+    seen(tab, shows_all)
+    press(tab, "Pause after this iteration")
+    tab.wait_for_text("Paused", PATIENCE_S)
+    second = chromium.open(train.address)
+    second.wait_for_text("Paused", PATIENCE_S)
+    done = lines(out)
+    time.sleep(1.0)
+    assert lines(out) == done
+    press(second, "Resume")
+    tab.wait_for_text("Running", PATIENCE_S)
+    deadline = time.monotonic() + PATIENCE_S
+    while lines(out) == done:
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    press(tab, "Stop")
+    tab.wait_for_text("The viewer has ended", PATIENCE_S)
+    code, err = train.finish()
+    assert code == 130
+    assert "go on with: rkhs train --resume" in err
+    assert (out / "policy.npz").exists()
+
+
+def test_a_finished_folder_is_seen_and_the_slider_moves_the_robot(
+    chromium: Browser, serve: Serve, folder: Path, tmp_path: Path
+) -> None:
+    bare = tmp_path / "run"
+    shutil.copytree(folder, bare, ignore=shutil.ignore_patterns("*.mcap"))
+    view = serve("view", bare)
+    tab = chromium.open(view.address)
+    tab.wait_for_text("Finished: iteration 3 of 3", PATIENCE_S)
+    seen(tab, shows_all)
+    stop_playing(tab)
+    slide(tab, 1, "Home")
+    tab.wait_for_text("Step 1 of 100")
+    first = settled(tab)
+    assert np.array_equal(scene(first), scene(settled(tab)))
+    slide(tab, 1, "End")
+    tab.wait_for_text("Step 100 of 100")
+    last = settled(tab)
+    assert (scene(first) != scene(last)).any(axis=2).sum() > 1000
+    view.interrupt()
+    tab.wait_for_text("The viewer has ended")
+    assert view.finish()[0] == 130
+
+
+def test_a_recording_alone_shows_each_iteration(chromium: Browser, serve: Serve, folder: Path, tmp_path: Path) -> None:
+    alone = tmp_path / "alone.mcap"
+    shutil.copy(folder / "recording.mcap", alone)
+    view = serve("view", alone)
+    tab = chromium.open(view.address)
+    tab.wait_for_text("Finished: iteration 3 of 3", PATIENCE_S)
+    newest = seen(tab, shows_all)
+    slide(tab, 0, "Home")
+    seen(tab, lambda picture: (policy(picture) != policy(newest)).any(axis=2).sum() > 2000)
+    assert not tab.value("document.querySelectorAll('input[type=checkbox]')[0].checked")
+
+
+def settled(tab: Tab) -> np.ndarray:
+    """Return a picture of the page once it is still."""
+    before = tab.picture()
+    while True:
+        time.sleep(0.5)
+        now = tab.picture()
+        if np.array_equal(scene(now), scene(before)):
+            return now
+        before = now
