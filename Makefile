@@ -77,15 +77,12 @@ test-fast: build ## the tests that start no nodes and take under a minute in all
 	@$(ENTER) python -m pytest -n auto -m "not ros and not slow and not faults"
 
 EXTRAS ?= test/faults/test_clusters.py test/unit/test_workers.py
-test-extras: build .venv-extras/.installed ## what needs heavy extras, in an environment of its own above .venv
-	@$(ENTER) .venv-extras/bin/python -m pytest -rs $(EXTRAS)
+test-extras: build .venv-extras/.installed ## what needs heavy extras, which are put beside .venv
+	@$(ENTER) PYTHONPATH=$(CURDIR)/.venv-extras:$$PYTHONPATH python -m pytest -rs $(EXTRAS)
 
 .venv-extras/.installed: requirements/extras.txt | $(VENV)
 	@echo "Installing the extras into .venv-extras ..."
-	@.venv/bin/python -m venv --prompt extras .venv-extras
-	@.venv/bin/python -c 'import site; print(*site.getsitepackages(), sep="\n")' \
-	  > "$$(.venv-extras/bin/python -c 'import site; print(site.getsitepackages()[0])')/below.pth"
-	@.venv-extras/bin/python -m pip install -qq --disable-pip-version-check -r $<
+	@.venv/bin/python -m pip install -qq --disable-pip-version-check --target .venv-extras -r $<
 	@touch $@
 
 # Python 3.12 with Ubuntu 24.04's versions where it is found, else 3.11 with them; no ROS, no PyBullet.
