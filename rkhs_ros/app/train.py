@@ -234,10 +234,10 @@ def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> i
     }
     if config.environment.nodes and "practice_robot" not in config.environment.nodes:
         os.environ.setdefault(VARIABLE, "0")  # where the robot's own nodes are, unless it says otherwise
-    journal = {"journal": str(folder.resolve() / "checkpoints" / "episodes")} if config.environment.nodes else {}
+    folders = {"journal": str(folder.resolve() / "checkpoints" / "episodes")} if config.environment.nodes else {}
+    folders |= {"raw": str(folder.resolve())} if options.record == "raw" else {}
     with own_domain(folder):
-        raw = str(folder.resolve()) if options.record == "raw" else ""
-        return launch(resolved(config), more, simulators=config.training.simulators, raw=raw, **journal)
+        return launch(resolved(config), more, simulators=config.training.simulators, **folders)
 
 
 def _in_process(config: Config, folder: Path, options: argparse.Namespace, runner: InlineRunner) -> int:
