@@ -33,7 +33,7 @@ def test_all_topics_are_recorded_beside_it(start: Callable[..., Process], tmp_pa
     found = read_messages(tmp_path / "run" / "raw.mcap")
     heard = Counter(message.topic for message in found.messages)
     assert found.faults == []
-    assert all(20 <= heard[topic] <= 80 * 11 for topic in ("/observation", "/action"))
+    assert all(heard[topic] > 20 for topic in ("/observation", "/action"))  # more where a batch began anew
     assert heard["/diagnostics"] > 0
     raw, learnt_from = (read_recording(tmp_path / "run" / name).batches for name in ("raw.mcap", "recording.mcap"))
     assert 5 < len(raw) <= len(learnt_from) == 80
