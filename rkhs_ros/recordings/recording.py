@@ -209,7 +209,7 @@ def recording_of(messages: Iterable[tuple[str, int, Any]]) -> Recording:
     Raises:
         ValueError: one of them says what cannot be.
     """
-    recording, batches, heard = Recording(), dict[int, Batch](), set[int]()
+    recording, batches, sent = Recording(), dict[int, Batch](), dict[int, tuple[Any, int]]()
     for kind, time, message in messages:
         match kind.removeprefix(PACKAGE):
             case "Task":
@@ -219,16 +219,16 @@ def recording_of(messages: Iterable[tuple[str, int, Any]]) -> Recording:
             case "Update":
                 recording.updates.append(message)
             case "RecordedEpisodes":
-                recording.batches.append(
-                    _batch(recording.head, _numbers(message, message.episodes), message.episodes, time)
-                )
+                numbers = _numbers(message, message.episodes)
+                recording.batches.append(_batch(recording.head, numbers, message.episodes, time))
             case "Observation":
                 batches.setdefault(message.batch, _numbers(message, message))
-            case "Episodes" if message.batch not in heard:  # a simulator may be asked for them again
-                heard.add(message.batch)
-                first = sum(each.batch.rows for each in recording.batches)
-                unknown = Batch(0, first, message.rows, message.horizon, explore=True)
-                recording.batches.append(_batch(None, batches.get(message.batch, unknown), message, time))
+            case "Episodes":
+                sent.setdefault(message.batch, (message, time))  # a simulator may be asked for them again
+    for message, time in sent.values():  # now that all observations are seen, whose order with these nobody keeps
+        first = sum(each.batch.rows for each in recording.batches)
+        unknown = Batch(0, first, message.rows, message.horizon, explore=True)
+        recording.batches.append(_batch(None, batches.get(message.batch, unknown), message, time))
     return recording
 
 

@@ -110,13 +110,13 @@ def bag(folder: Path, recording: Recording, plugin: StoragePlugin, namespace: st
             name: writer.add_connection(f"{namespace}/{name}", f"{PACKAGE}{kind}", typestore=store())
             for name, kind in {"observation": "Observation", "episodes": "Episodes"}.items()
         }
-        for number, each in enumerate(recording.batches):
+        for number, each in enumerate(recording.batches):  # in an order that nobody keeps
             batch, time = each.batch, each.time
             shown = Types().Observation(batch=1000 + number, **vars(batch))
             for _ in range(2):
-                writer.write(topics["observation"], time, encoded(shown))
                 message = episodes_message(Types(), 1000 + number, each.version, each.episodes, each.executions)
                 writer.write(topics["episodes"], time, encoded(message))
+                writer.write(topics["observation"], time, encoded(shown))
     return folder
 
 
