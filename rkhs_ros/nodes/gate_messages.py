@@ -19,7 +19,7 @@ import rkhs_interfaces.msg as msg
 from rkhs_ros.nodes.messages import doubles
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.gate_settings import FLOATS, TRAJECTORY, TWIST, TWIST_STAMPED, GateSettings
-from rkhs_ros.robot.gate_state import Command, Report, State
+from rkhs_ros.robot.gate_state import Command, CommandReport, Gate
 from rkhs_ros.robot.limits import Limits, Sensed
 from rkhs_ros.robot.motion import Motion, braking
 
@@ -79,7 +79,7 @@ class JointStates:
         return np.array(values, dtype=np.float64)[self._places]
 
 
-def report_message(command: msg.Command, report: Report) -> msg.GateReport:
+def report_message(command: msg.Command, report: CommandReport) -> msg.GateReport:
     """Return what the gate publishes of a command."""
     return msg.GateReport(
         instance=command.instance,
@@ -91,7 +91,7 @@ def report_message(command: msg.Command, report: Report) -> msg.GateReport:
     )
 
 
-def state_message(state: State) -> msg.GateState:
+def state_message(state: Gate) -> msg.GateState:
     """Return what the gate publishes of itself."""
     return msg.GateState(state=str(state.mode), reason=state.reason, **vars(state.counts))
 

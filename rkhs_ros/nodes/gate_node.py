@@ -31,7 +31,7 @@ from rkhs_ros.nodes.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.uniqueness import Uniqueness
 from rkhs_ros.robot.gate import armed, begin, commanded, is_at_rest, sensed, stop_asked, stopped, ticked
 from rkhs_ros.robot.gate_settings import GateSettings, rules
-from rkhs_ros.robot.gate_state import Counts, Mode, State
+from rkhs_ros.robot.gate_state import Counts, Gate, Mode
 
 STOP_TIMEOUT_S = 1.5  # to come to rest in before the process ends; a launcher kills it after 2
 LAST_OUTPUT_TIMEOUT_S = 0.2  # for the hardware to take the last output
@@ -131,7 +131,7 @@ class GateNode(ReportingNode):
         self.create_service(Trigger, "~/arm", self._arm)
         self.create_service(Trigger, "~/stop", self._stop)
 
-    def _turn(self, state: State) -> None:
+    def _turn(self, state: Gate) -> None:
         """Go on to a state, and tell it where something of it is new."""
         self._state, told = state, (state.mode, state.reason, state.counts)
         if told == self._told:

@@ -1,6 +1,6 @@
 """The gate between whoever commands a robot and its hardware, as functions of values.
 
-A gate is a `State`, which every command, every sensed state and every tick of its clock turn into the next one. It is
+A gate is a `Gate`, which every command, every sensed state and every tick of its clock turn into the next one. It is
 asked for an output at each tick; between ticks nothing is sent. All times are seconds of one clock that never goes
 back, the stamps of messages among them.
 """
@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.robot.gate_state import CLAMPED, Command, Flags, Mode, Report, Rules, State
+from rkhs_ros.robot.gate_state import CLAMPED, Command, CommandReport, Flags, Gate, Mode, Rules
 from rkhs_ros.robot.limits import EFFORT, MOST, POSITION, VELOCITY, Limits, Sensed
 from rkhs_ros.robot.motion import Motion, advance, rest_at
 
@@ -21,33 +21,33 @@ REST_SPEED = 0.02  # rad/s or m/s sensed of a joint that is taken to be at rest
 SAME = 1e-9  # relative difference of commands that are taken to be the same
 
 
-def begin(rules: Rules) -> State:
+def begin(rules: Rules) -> Gate:
     """Return the state of a gate that has just begun: disarmed."""
-    return State(motion=None if rules.limits.kind == POSITION else rest_at(np.zeros(rules.limits.joints)))
+    return Gate(motion=None if rules.limits.kind == POSITION else rest_at(np.zeros(rules.limits.joints)))
 
 
-def commanded(state: State, rules: Rules, now: float, command: Command) -> tuple[State, Report]:
+def commanded(state: Gate, rules: Rules, now: float, command: Command) -> tuple[Gate, CommandReport]:
     """Take a command, or refuse it; return what becomes of it."""
     state, motion = _count(state, commands=1), state.motion
     reason = _objection(state, rules, now, command)
     if motion is None or reason:
         newest = motion.value if motion else np.zeros(0)
         refusal = reason or "expected positions to be sensed before a command, got none"
-        return _count(state, refusals=1), Report(newest, Flags.REFUSED, refusal)
+        return _count(state, refusals=1), CommandReport(newest, Flags.REFUSED, refusal)
     interval = now - state.heard_at if state.goal is not None else np.inf
     state = replace(state, heard_at=now, sender=command.instance, number=command.number)
     if command.values is None:
-        return _held(state), Report(np.zeros(0))
+        return _held(state), CommandReport(np.zeros(0))
     if state.mode == Mode.STOPPED:
-        return state, Report(motion.value, Flags.NOT_ARMED)
+        return state, CommandReport(motion.value, Flags.NOT_ARMED)
     goal, flags = _clamp(rules.limits, motion.value, command.values)
     executed, more = _foresee(rules, motion, goal, interval)
     flags |= more if state.is_armed else more | Flags.NOT_ARMED
     state = replace(state, mode=Mode.MOVING if state.is_armed else state.mode, goal=goal)
-    return _count(state, clamps=bool(flags & CLAMPED)), Report(executed, flags)
+    return _count(state, clamps=bool(flags & CLAMPED)), CommandReport(executed, flags)
 
 
-def sensed(state: State, rules: Rules, now: float, news: Sensed) -> tuple[State, str]:
+def sensed(state: Gate, rules: Rules, now: float, news: Sensed) -> tuple[Gate, str]:
     """Take what was sensed, and stop where it passes a limit; return why it was refused, or nothing.
 
     What is refused leaves what was sensed before to grow old.
@@ -60,7 +60,7 @@ def sensed(state: State, rules: Rules, now: float, news: Sensed) -> tuple[State,
     return stopped(state, passed) if passed else state, ""
 
 
-def ticked(state: State, rules: Rules, now: float) -> tuple[State, Array | None]:
+def ticked(state: Gate, rules: Rules, now: float) -> tuple[Gate, Array | None]:
     """Move on by a period where one has passed since the tick before; return what is to be sent.
 
     A late tick is not made up for by a short one: outputs are a period apart or more, so what changes by no more than
@@ -77,7 +77,7 @@ def ticked(state: State, rules: Rules, now: float) -> tuple[State, Array | None]
     return state, motion.value if motion and state.is_armed else None
 
 
-def armed(state: State, rules: Rules, now: float) -> tuple[State, str]:
+def armed(state: Gate, rules: Rules, now: float) -> tuple[Gate, str]:
     """Arm a gate at a person's word; return why not where it refuses, else nothing."""
     if state.mode in (Mode.HOLDING, Mode.MOVING):
         return state, ""
@@ -90,20 +90,20 @@ def armed(state: State, rules: Rules, now: float) -> tuple[State, str]:
     return replace(state, mode=Mode.HOLDING, reason="", goal=None), ""
 
 
-def stopped(state: State, reason: str) -> State:
+def stopped(state: Gate, reason: str) -> Gate:
     """Come to rest and hold until armed again; a gate that is disarmed or stopped stays as it is."""
     if state.mode not in (Mode.HOLDING, Mode.MOVING):
         return state
     return _count(replace(_held(state), mode=Mode.STOPPED, reason=reason), stops=1)
 
 
-def stop_asked(state: State, is_asked: bool, reason: str) -> State:
+def stop_asked(state: Gate, is_asked: bool, reason: str) -> Gate:
     """Stop, and refuse to be armed, as long as somebody keeps asking for it."""
     state = replace(state, stop_asked=is_asked)
     return stopped(state, reason) if is_asked else state
 
 
-def is_at_rest(state: State, rules: Rules) -> bool:
+def is_at_rest(state: Gate, rules: Rules) -> bool:
     """Return whether the robot has come to rest, as far as its commands tell, and of efforts what is sensed."""
     if not state.is_armed or state.motion is None:
         return True
@@ -114,12 +114,12 @@ def is_at_rest(state: State, rules: Rules) -> bool:
     return not (state.motion.rate if rules.limits.kind == POSITION else state.motion.value).any()
 
 
-def _count(state: State, **more: int) -> State:
+def _count(state: Gate, **more: int) -> Gate:
     counts = replace(state.counts, **{name: getattr(state.counts, name) + n for name, n in more.items()})
     return replace(state, counts=counts)
 
 
-def _held(state: State) -> State:
+def _held(state: Gate) -> Gate:
     """Come to rest, those that hold by effort where the joints are as a motion ends, and expect no further command."""
     is_new = state.goal is not None
     anchor = state.sensed.position if state.sensed is not None and is_new else state.anchor
@@ -127,7 +127,7 @@ def _held(state: State) -> State:
     return replace(state, mode=mode, goal=None, anchor=anchor)
 
 
-def _objection(state: State, rules: Rules, now: float, command: Command) -> str:
+def _objection(state: Gate, rules: Rules, now: float, command: Command) -> str:
     """Return why a command is not to be taken; empty where it is."""
     if state.goal is not None and command.instance != state.sender:
         return f"expected commands of process {state.sender} until it holds, got one of {command.instance}"
@@ -171,7 +171,7 @@ def _is_same(value: Array, goal: Array) -> bool:
     return bool((np.abs(value - goal) <= SAME * (1.0 + np.abs(goal))).all())
 
 
-def _flaw(state: State, rules: Rules, now: float, news: Sensed) -> str:
+def _flaw(state: Gate, rules: Rules, now: float, news: Sensed) -> str:
     """Return why what was sensed cannot be used; empty where it can."""
     age = now - news.stamp
     if not -CLOCK_TOLERANCE_S <= age <= rules.stale_after:
@@ -184,7 +184,7 @@ def _flaw(state: State, rules: Rules, now: float, news: Sensed) -> str:
     return ""
 
 
-def _stale(state: State, rules: Rules, now: float) -> str:
+def _stale(state: Gate, rules: Rules, now: float) -> str:
     """Return in words that what was sensed is too old; empty where it is not, or where nothing need be sensed."""
     if rules.stale_after == np.inf:
         return ""
@@ -194,7 +194,7 @@ def _stale(state: State, rules: Rules, now: float) -> str:
     return f"nothing was sensed of the joints for {rules.stale_after:g} s that can be used" if is_stale else ""
 
 
-def _watch(state: State, rules: Rules, now: float) -> State:
+def _watch(state: Gate, rules: Rules, now: float) -> Gate:
     """Stop where commands fail to come, what was sensed is too old or the gate is late; a dry run just ends."""
     is_silent = state.goal is not None and now - state.heard_at > rules.command_timeout
     if is_silent and not state.is_armed:
@@ -206,7 +206,7 @@ def _watch(state: State, rules: Rules, now: float) -> State:
     return stopped(state, fault) if fault else state
 
 
-def _next_motion(state: State, rules: Rules, now: float) -> Motion | None:
+def _next_motion(state: Gate, rules: Rules, now: float) -> Motion | None:
     """Return the next output; while disarmed and without a goal, where an armed one would begin."""
     if state.motion is None or (not state.is_armed and state.goal is None):
         return _start(state.sensed, rules.limits)
@@ -223,7 +223,7 @@ def _start(now_sensed: Sensed | None, limits: Limits) -> Motion | None:
     return rest_at(np.clip(now_sensed.position, limits.minimum, limits.maximum)) if now_sensed is not None else None
 
 
-def _holding_effort(state: State, rules: Rules, now: float) -> Array:
+def _holding_effort(state: Gate, rules: Rules, now: float) -> Array:
     """Return the effort of a spring and a damper at the anchor.
 
     Where nothing is sensed any more the damper is left out, and the spring goes by what was sensed last: what it bore
@@ -237,7 +237,7 @@ def _holding_effort(state: State, rules: Rules, now: float) -> Array:
     return np.clip(effort, *rules.limits.bounds())
 
 
-def _obstacle(state: State, rules: Rules, now: float) -> str:
+def _obstacle(state: Gate, rules: Rules, now: float) -> str:
     """Return why a gate cannot be armed now; empty where it can."""
     if state.stop_asked:
         return "expected nobody to ask for a stop, got one who does"

@@ -99,7 +99,7 @@ class Command:
 
 
 @dataclass(frozen=True, eq=False)
-class Report:
+class CommandReport:
     """What became of a command.
 
     Attributes:
@@ -126,7 +126,7 @@ class Counts:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class Gate:
     """A gate between two events.
 
     Attributes:

@@ -73,17 +73,18 @@ def braking(limits: Limits, period: float, motion: Motion, most: int) -> list[tu
 
 
 def _accelerate(limits: Limits, period: float, motion: Motion, goal: Array | None) -> Motion:
-    """Return the next positions: the velocity nearest to the one wanted, of those that keep all limits."""
+    """Return the next positions: the velocity nearest to the one wanted, of those that keep all limits.
+
+    A velocity from which a joint could come to rest before its goal, or slower by the whole acceleration than one of
+    these, always can before its range ends, as goals lie within it.
+    """
     top = np.minimum(limits.velocity, limits.step / period)
     change = limits.acceleration * period
     wanted = np.zeros_like(motion.rate)
     if goal is not None:
-        way = goal - motion.value
-        wanted = np.sign(way) * _stoppable(np.abs(way), change, period)
+        way = np.clip(goal, limits.minimum, limits.maximum) - motion.value
+        wanted = np.sign(way) * np.minimum(top, _stoppable(np.abs(way), change, period))
     rate = np.clip(wanted, motion.rate - change, motion.rate + change)
-    up = np.minimum(top, _stoppable(limits.maximum - motion.value, change, period))
-    down = np.minimum(top, _stoppable(motion.value - limits.minimum, change, period))
-    rate = np.clip(rate, -down, up)
     return Motion(np.clip(motion.value + rate * period, limits.minimum, limits.maximum), rate)
 
 
@@ -93,7 +94,7 @@ def _stoppable(distance: Array, change: Array, period: float) -> Array:
     At velocity v it moves by v in this period, by v - change in the next, and so on, (n + 1) v - change n (n + 1) / 2
     periods in all, n the whole number of changes in v.
     """
-    steps = np.maximum(distance, 0.0) / period  # the distance, in velocities of one period
+    steps = distance / period  # the distance, in velocities of one period
     with np.errstate(divide="ignore", invalid="ignore"):
         n = np.floor((np.sqrt(1.0 + 8.0 * steps / change) - 1.0) / 2.0)
         velocity = (steps + change * n * (n + 1.0) / 2.0) / (n + 1.0)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from rkhs_ros.robot.gate import armed, begin, commanded, sensed, stop_asked, stopped, ticked
-from rkhs_ros.robot.gate_state import Command, Mode, Report, Rules, State
+from rkhs_ros.robot.gate_state import Command, CommandReport, Gate, Mode, Rules
 from rkhs_ros.robot.limits import EFFORT, POSITION, VELOCITY, Limits, Sensed, SensedLimits
 
 PERIOD = 0.01
@@ -118,7 +118,7 @@ class World:
         for _ in range(round(seconds / PERIOD)):
             self.tick()
 
-    def command(self, values: Any, instance: int = 1, age: float = 0.0, number: int | None = None) -> Report:
+    def command(self, values: Any, instance: int = 1, age: float = 0.0, number: int | None = None) -> CommandReport:
         """Send a command to the gate; ungated, it would go straight to the robot."""
         number = self.numbers[instance] + 1 if number is None else number
         self.numbers[instance] = max(self.numbers[instance], number)
@@ -158,7 +158,7 @@ class World:
 def play(rules: Rules, stream: np.random.Generator, events: int = 24) -> World:
     """Send a gate a stream of what may come, and what should not."""
     world = World(rules, start=rules.limits.minimum if stream.random() < 0.3 else 0.0)
-    before: State = world.state
+    before: Gate = world.state
     if stream.random() < 0.7:
         world.arm()
     for _ in range(events):
@@ -170,7 +170,7 @@ def play(rules: Rules, stream: np.random.Generator, events: int = 24) -> World:
     return world
 
 
-def _check_step(before: State, world: World) -> None:
+def _check_step(before: Gate, world: World) -> None:
     """What was stopped or disarmed before a tick does not begin to move by one."""
     if before.mode in (Mode.STOPPED, Mode.DISARMED):
         assert before.goal is None or before.mode == Mode.DISARMED

@@ -11,7 +11,7 @@ from rkhs_ros.robot.gate_state import Mode, Rules
 from rkhs_ros.robot.limits import EFFORT, KINDS, POSITION, VELOCITY
 from test.unit.gate_streams import NASTY, PERIOD, World, play, rules_of
 
-STREAMS = 340  # of each kind of command
+STREAMS = 240  # of each kind of command
 seeds = st.integers(0, 2**63)
 over_kinds = pytest.mark.parametrize("kind", KINDS)
 
