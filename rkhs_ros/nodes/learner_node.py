@@ -14,6 +14,7 @@ from rkhs_ros.nodes.diagnostics import Diagnostics
 from rkhs_ros.nodes.names import namespaces
 from rkhs_ros.nodes.parameters import declare, declared, given, instance, restarts
 from rkhs_ros.nodes.peers import Peers
+from rkhs_ros.nodes.simulator_link import ROBOT, SIMULATOR
 from rkhs_ros.nodes.spin import ReportingNode, run
 from rkhs_ros.nodes.topic_runner import TopicRunner
 from rkhs_ros.nodes.uniqueness import Uniqueness
@@ -54,7 +55,8 @@ class LearnerNode(ReportingNode):
         self._uniqueness = Uniqueness(self, number)
         self.peers = Peers(self, self.training.timeout)
         rows = max(self.training.episodes_per_iteration, self.training.evaluation_episodes)
-        self.runner = TopicRunner(self, self.peers, self.training.simulators, rows)
+        kind = ROBOT if self.environment and self.environment.nodes else SIMULATOR
+        self.runner = TopicRunner(self, self.peers, self.training.simulators, rows, kind)
 
     def _environment_from(self, tree: dict[str, Any]) -> Environment | None:
         """Take out of the node's tree the environment to learn in; None where the simulator is to tell."""

@@ -30,6 +30,7 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import MOST_ROWS, Environment
 
+SIMULATOR, ROBOT = "simulator", "robot"
 SIGNS_OF_LIFE = 4  # within the time after which a robot takes the learner for dead
 
 
@@ -55,11 +56,20 @@ class SimulatorLink:
         namespace: the simulator's.
         rows: of the batches to come.
         refuse: is told why episodes are refused.
+        kind: name of the node, without its namespace, until it tells itself what it is.
     """
 
-    def __init__(self, node: Node, peers: Peers, namespace: str, rows: int, refuse: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        peers: Peers,
+        namespace: str,
+        rows: int,
+        refuse: Callable[[str], None],
+        kind: str = SIMULATOR,
+    ) -> None:
         self.namespace = namespace
-        self.name = f"{namespace}simulator"  # or robot, once it is known to be one
+        self.name = f"{namespace}{kind}"
         self.task: DescribeTask.Response = DescribeTask.Response()
         self.spaces = Spaces.unbounded(1, 1)  # until it is connected
         self.batch: Batch | None = None
@@ -117,7 +127,7 @@ class SimulatorLink:
             got = shown(_named(environment))
             raise PeerError(f"the {self.name} node: expected one of {_named(expected)}, got one of {got}")
         self.spaces = spaces_of(self.task)
-        self.name = f"{self.namespace}{'robot' if self.is_robot else 'simulator'}"
+        self.name = f"{self.namespace}{ROBOT if self.is_robot else SIMULATOR}"
         require(self.task.room >= 1, f"{self.name}: room", "at least 1 row", self.task.room)
         return expected or environment
 

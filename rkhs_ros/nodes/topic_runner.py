@@ -17,7 +17,7 @@ from rkhs_ros.nodes.peers import Peers
 from rkhs_ros.nodes.policy_link import NAME as POLICY
 from rkhs_ros.nodes.policy_link import PolicyLink
 from rkhs_ros.nodes.publishers import listed
-from rkhs_ros.nodes.simulator_link import SimulatorLink
+from rkhs_ros.nodes.simulator_link import ROBOT, SIMULATOR, SimulatorLink
 from rkhs_ros.nodes.spin import PeerError, ReportingNode
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
@@ -43,19 +43,20 @@ class TopicRunner:
         peers: how it calls others.
         simulators: number of simulator nodes.
         rows: of the batches to come, for which the simulators are to make room.
+        kind: what their nodes are called, simulator or robot, until they tell themselves.
 
     Attributes:
         record: is told of each simulator's batch when all have ended.
     """
 
-    def __init__(self, node: ReportingNode, peers: Peers, simulators: int, rows: int) -> None:
+    def __init__(self, node: ReportingNode, peers: Peers, simulators: int, rows: int, kind: str = SIMULATOR) -> None:
         self._node = node
         self._peers = peers
         self.record: Record = forget
         self._clock_steps = 0
         self._progress_at = 0.0  # monotonic time, seconds
         refuse = node.diagnostics.refuse
-        self._simulators = [SimulatorLink(node, peers, place, rows, refuse) for place in namespaces(simulators)]
+        self._simulators = [SimulatorLink(node, peers, place, rows, refuse, kind) for place in namespaces(simulators)]
         self._policy = PolicyLink(node, peers)
 
     def connect(self, environment: Environment | None = None) -> Environment:
@@ -182,7 +183,8 @@ class TopicRunner:
         for simulator, answered in zip(self._simulators, chain(self._policy.progress, UNKNOWN), strict=False):
             if simulator.busy and simulator.batch is not None:
                 self._recover_batch(simulator, simulator.batch, answered, policy_is_new)
-        if not (self._complete() or self._peers.check_progress(self._progress_at, "no simulator makes a step")):
+        stuck = f"no {ROBOT if self._simulators[0].is_robot else SIMULATOR} makes a step"
+        if not (self._complete() or self._peers.check_progress(self._progress_at, stuck)):
             raise self._peers.silent("policy", "acted in no step")
 
     def _recover_batch(

@@ -13,8 +13,25 @@ from rkhs_interfaces.msg import Action, Command, GateReport, GateState, Observat
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.nodes.gate_link import LATCHED_QOS
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS
-from test.ros.conftest import Probe
+from test.ros.conftest import ROOT, Probe
 
+CONFIG = ROOT / "config" / "robot_pendulum.yaml"
+# Ten times as fast as the wall, so that what is late on a busy machine must be let pass.
+QUICK = (
+    "practice_robot.speed=10.0",
+    "robot.period=0.01",
+    "robot.action_deadline=1.0",
+    "robot.misses_allowed=40",
+    "robot.stale_after=1.0",
+    "robot.learner_timeout=2.0",
+    "robot.reset.home.speed=[30.0]",
+    "gate.command_timeout=2.0",
+    "gate.stale_after=1.0",
+    "practice={form: none}",
+    "algorithm={name: rkhs_nac}",
+    "horizon=40",
+    "episodes_per_iteration=2",
+)
 PERIOD, HORIZON = 0.04, 5
 SENSOR_PERIOD_S, LIFE_PERIOD_S = 0.01, 0.05
 SECTION: dict[str, Any] = {

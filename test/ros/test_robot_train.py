@@ -1,36 +1,23 @@
 """``rkhs train`` of a practice robot, with all its nodes, and what it leaves to go on from."""
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 
+from std_srvs.srv import Trigger
+
+from rkhs_interfaces.srv import DescribeTask
+from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve
-from test.ros.conftest import ROOT, Process, kill, nodes_of
+from test.ros.conftest import Probe, Process
+from test.ros.robot_bench import CONFIG, QUICK
 
 Start = Callable[..., Process]
-# Ten times as fast as the wall, so that what is late on a busy machine must be let pass.
-QUICK = (
-    "practice_robot.speed=10.0",
-    "robot.period=0.01",
-    "robot.action_deadline=1.0",
-    "robot.misses_allowed=40",
-    "robot.stale_after=1.0",
-    "robot.learner_timeout=2.0",
-    "robot.reset.home.speed=[30.0]",
-    "gate.command_timeout=2.0",
-    "gate.stale_after=1.0",
-    "practice={form: none}",
-    "algorithm={name: rkhs_nac}",
-    "horizon=40",
-    "episodes_per_iteration=2",
-)
 
 
 def test_it_learns_on_a_practice_robot_and_goes_on_where_it_was_left(start: Start, tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    config = ROOT / "config" / "robot_pendulum.yaml"
-    command = ("rkhs", "train", config, "--quiet", "--out", folder, "--set", *QUICK, "iterations=1")
+    command = ("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *QUICK, "iterations=1")
     code, out, err = start(*command).finish()
     assert (code, "error" in err) == (0, False), err
     assert out.startswith("Learnt motor_pendulum in 2 episodes")
@@ -44,14 +31,22 @@ def test_it_learns_on_a_practice_robot_and_goes_on_where_it_was_left(start: Star
     assert {name: (journal / name).read_bytes() for name in first} == first
 
 
-def test_a_gate_that_dies_ends_the_run(start: Start, tmp_path: Path) -> None:
-    folder = tmp_path / "run"
-    config = ROOT / "config" / "robot_pendulum.yaml"
-    run = start("rkhs", "train", config, "--quiet", "--out", folder, "--set", *QUICK, "iterations=100")
-    while not list(folder.glob("checkpoints/episodes/*.npz")) and run.popen.poll() is None:
-        time.sleep(0.05)
-    for pid in nodes_of(run, "gate"):
-        kill(pid)
+def test_a_real_robot_waits_for_a_person_to_arm_it(start: Start, tmp_path: Path, probe: Probe) -> None:
+    document = load_config(CONFIG, (*QUICK, "iterations=1")).parameters()
+    practice = tmp_path / "practice.yaml"
+    practice.write_text(dumped({"/**/practice_robot": document.pop("/**/practice_robot")}))
+    config = tmp_path / "real.yaml"
+    config.write_text(dumped(document))
+    start("practice_robot", "--ros-args", "--params-file", practice)  # for this run a robot as any other
+    run = start("rkhs", "train", config, "--quiet", "--out", tmp_path / "run")
+    probe.add_service("gate/arm", Trigger)
+    answer = probe.ask("describe_task", DescribeTask.Request())
+    while not answer.waiting:
+        assert run.popen.poll() is None
+        answer = probe.ask("describe_task", DescribeTask.Request())
+    assert "the gate is not armed" in answer.waiting
+    probe.settle(1.5)  # for the learner to say so
+    assert probe.ask("gate/arm", Trigger.Request()).success
     code, _, err = run.finish()
-    assert code == 1
-    assert "error: the gate node was killed by signal 9; nothing may move without it" in err
+    assert code == 0, err
+    assert "the robot node waits: the gate is not armed; see that the robot may move, then: rkhs robot arm" in err

@@ -1,0 +1,58 @@
+"""Runs on a robot that end badly, or nearly: a gate that dies, a person's veto, a reset that never succeeds."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from std_srvs.srv import Trigger
+
+from rkhs_ros.runs.curve import Curve
+from test.ros.conftest import Probe, Process, kill, nodes_of, probe
+from test.ros.robot_bench import CONFIG, QUICK
+
+__all__ = ["probe"]
+Start = Callable[..., Process]
+
+
+def test_a_gate_that_dies_ends_the_run(start: Start, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    run = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *QUICK, "iterations=100")
+    while not list(folder.glob("checkpoints/episodes/*.npz")) and run.popen.poll() is None:
+        time.sleep(0.05)
+    for pid in nodes_of(run, "gate"):
+        kill(pid)
+    code, _, err = run.finish()
+    assert code == 1
+    assert "error: the gate node was killed by signal 9; nothing may move without it" in err
+
+
+def test_what_a_person_vetoes_is_run_again_and_not_learnt_from(start: Start, tmp_path: Path, probe: Probe) -> None:
+    folder = tmp_path / "run"
+    more = ("iterations=1", "episodes_per_iteration=3")
+    run = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *QUICK, *more)
+    probe.add_service("robot/veto", Trigger)
+    probe.until(lambda: any(m.first_episode == 1 and m.step > 1 for m in probe.heard["observation"]), 100)
+    answer = probe.ask("robot/veto", Trigger.Request(), again=60.0)
+    assert answer.success, answer.message  # the second one is under way, under the same policy
+    code, _, err = run.finish()
+    assert code == 0, err
+    journal = folder / "checkpoints" / "episodes"
+    with np.load(next(journal.glob("*_void_*"))) as void:
+        assert str(void["void_reason"]) == "vetoed by a person"
+        again = np.load(journal / "training_seed_0_episode_0000000_steps_40.npz")
+        assert void["stamps"][0] < again["stamps"][0]
+    returns = [np.load(file)["rewards"][0] @ 0.99 ** np.arange(40) for file in journal.glob("*_steps_40.npz")]
+    (row,) = Curve(folder / "curve.csv").rows()
+    assert len(returns) == 3
+    np.testing.assert_allclose(row.train_return, np.mean(returns))
+
+
+def test_an_episode_that_is_void_again_and_again_ends_the_run(start: Start, tmp_path: Path) -> None:
+    never = ("robot.reset.home.timeout=0.01", "robot.reset.home.settle=60.0")
+    code, _, err = start(
+        "rkhs", "train", CONFIG, "--quiet", "--out", tmp_path / "run", "--set", *QUICK, *never
+    ).finish()
+    assert code == 1
+    line = "error: episode 0 was void 10 times in a row, the last time: home: not settled within 0.01 s"
+    assert line in err
