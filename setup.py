@@ -78,6 +78,7 @@ setup(
             "simulator = sim_nodes.simulator_node:main",
             "policy = rkhs_ros.nodes.policy_node:main",
             "learner = rkhs_ros.nodes.learner_node:main",
+            "recorder = rkhs_ros.nodes.recorder_node:main",
             "rkhs = rkhs_ros.app.cli:main",
         ],
     },

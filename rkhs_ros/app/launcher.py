@@ -15,7 +15,7 @@ from pathlib import Path
 from types import FrameType
 
 from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED
-from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS, POLICY, SIMULATOR
+from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS, POLICY, RECORDER, SIMULATOR
 from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.base.yaml_text import dumped, loaded, require_ros_value
 from rkhs_ros.nodes.names import node_names
@@ -30,6 +30,7 @@ MODULES = {
     "simulator": "sim_nodes.simulator_node",
     "policy": "rkhs_ros.nodes.policy_node",
     "learner": "rkhs_ros.nodes.learner_node",
+    "recorder": "rkhs_ros.nodes.recorder_node",
     "status": "rkhs_ros.nodes.status_node",
 }
 
@@ -122,21 +123,24 @@ def signals_held() -> Iterator[None]:
 Nodes = dict[str, NodeProcess]
 
 
-def launch(parameters: str, learner: Mapping[str, str | bool] | None = None, *, simulators: int = 1) -> int:
+def launch(
+    parameters: str, learner: Mapping[str, str | bool] | None = None, *, simulators: int = 1, raw: str = ""
+) -> int:
     """Run the nodes until the learner ends.
 
     Args:
         parameters: content of a ROS parameter file.
         learner: further parameters of the learner.
         simulators: number of simulator nodes, of more than one each in a namespace of its own.
+        raw: folder for a recording of all topics; empty for none.
 
     Returns:
         The learner's exit code, or that of a node that ended before it.
     """
     task = loaded(parameters)[SIMULATOR][PARAMETERS]["environment"]["id"]
     with (
-        _in_memory(for_all(parameters, simulators, learner)) as file,
-        started(node_names(simulators), file) as nodes,
+        _in_memory(for_all(parameters, simulators, learner, raw)) as file,
+        started([*(["recorder"] if raw else []), *node_names(simulators)], file) as nodes,
         _signals_passed_to(nodes["learner"]),
     ):
         return _supervise(nodes, task)
@@ -151,7 +155,7 @@ def _in_memory(content: str) -> Iterator[Path]:
         yield Path(f"/proc/{os.getpid()}/fd/{file.fileno()}")
 
 
-def for_all(parameters: str, simulators: int, learner: Mapping[str, str | bool] | None = None) -> str:
+def for_all(parameters: str, simulators: int, learner: Mapping[str, str | bool] | None = None, raw: str = "") -> str:
     """Return the parameter file of all nodes.
 
     Args:
@@ -159,6 +163,7 @@ def for_all(parameters: str, simulators: int, learner: Mapping[str, str | bool] 
         simulators: number of simulator nodes. Their environment goes to the learner, too, which refuses simulators of
             another.
         learner: further parameters of the learner, such as paths: as arguments they would be read as YAML.
+        raw: folder for a recording of all topics; empty for none.
 
     Raises:
         ValueError: one of these can be no ROS parameter.
@@ -168,6 +173,8 @@ def for_all(parameters: str, simulators: int, learner: Mapping[str, str | bool] 
     environment = {"environment": document[SIMULATOR][PARAMETERS]["environment"]}
     document[LEARNER][PARAMETERS] |= environment | dict(learner or {})
     document[POLICY] = {PARAMETERS: {"simulators": simulators}}
+    if raw:
+        document[RECORDER] = {PARAMETERS: {"output": raw}}
     return dumped(document)
 
 

@@ -39,6 +39,7 @@ from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.run import run_training
 from rkhs_ros.runs.side_by_side import ALL_CORES, check_jobs
 
+RECORDS = ("episodes", "raw")  # what is recorded
 REMEDY = "run 'make build', then 'source setup.bash'"
 
 
@@ -62,7 +63,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--simulators", type=int, metavar="K", help="simulator nodes that share the episodes")
     add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="settings, as algorithm.ridge=0.1")
     add("--out", type=Path, metavar="DIR", help="folder for the results (results/NAME/TIME)")
-    add("--record", action="store_true", help="write recording.mcap, to replay, learn from and look at")
+    add(
+        "--record",
+        nargs="?",
+        const=RECORDS[0],
+        choices=RECORDS,
+        help="write recording.mcap, to replay, learn from and look at; raw: all topics as well",
+    )
     add("--view", action="store_true", help="record, and show the run in the browser")
     add("--quiet", action="store_true", help="no progress bar")
 
@@ -72,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
     _check_source(options)
     if options.view:
         require_viser()
-        options.record = True
+        options.record = options.record or RECORDS[0]
     if _has_several_seeds(options):
         require(not options.view, "--view", "one run, as of --seed", "several")
         return _train_several(options)
@@ -134,7 +141,9 @@ def _begun(options: argparse.Namespace) -> tuple[Config, InlineRunner, Path]:
     if not options.quiet:
         _tell_of_horizon(config, runner.simulation.own_horizon)
     options.runner = "ros" if _is_over_topics(options.runner) else "inline"
-    if options.runner == "ros":
+    over_topics = options.runner == "ros"
+    require(over_topics or options.record != "raw", "--record", "episodes in this process, which has no topics", "raw")
+    if over_topics:
         config.check_for_topics()
     elif options.simulators:
         print("note: --simulators is of no use in this process, which is the only simulator", file=sys.stderr)
@@ -195,19 +204,21 @@ def _is_over_topics(asked: str | None) -> bool:
 
 
 def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> int:
-    more = {
+    given = {"quiet": options.quiet, "resume": options.resume, "record": options.record}
+    more: dict[str, str | bool] = {
         "output": str(folder.resolve()),
-        "quiet": options.quiet,
-        "resume": bool(options.resume),
-        "record": options.record,
+        **{name: bool(value) for name, value in given.items()},
     }
     with own_domain(folder):
-        return launch(resolved(config), more, simulators=config.training.simulators)
+        raw = str(folder.resolve()) if options.record == "raw" else ""
+        return launch(resolved(config), more, simulators=config.training.simulators, raw=raw)
 
 
 def _in_process(config: Config, folder: Path, options: argparse.Namespace, runner: InlineRunner) -> int:
     try:
-        run_training(config, runner, folder, quiet=options.quiet, resume=bool(options.resume), record=options.record)
+        run_training(
+            config, runner, folder, quiet=options.quiet, resume=bool(options.resume), record=bool(options.record)
+        )
     except (ValueError, OSError, RunError) as error:
         return say(error)
     return 0
@@ -218,11 +229,12 @@ def _train_several(options: argparse.Namespace) -> int:
     jobs = ALL_CORES if options.jobs is None else options.jobs
     check_jobs(jobs)
     require(options.runner != "ros", "--runner", "inline for several seeds", "ros")
+    require(options.record != "raw", "--record", "episodes for several seeds, which have no topics", "raw")
     require(options.seed is None, "--seed", "either it or --seeds", "both")
     folder, runs = _runs_to_go_on_with(options) if options.resume else _new_runs(options)
     title = next(iter(runs.values())).training.name
     try:
-        failures = go_on(runs, jobs=jobs, title=title, quiet=options.quiet, record=options.record)
+        failures = go_on(runs, jobs=jobs, title=title, quiet=options.quiet, record=bool(options.record))
     except KeyboardInterrupt:
         print(f"interrupted; {how_to_go_on(folder)}", file=sys.stderr)
         return INTERRUPTED

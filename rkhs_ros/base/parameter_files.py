@@ -11,7 +11,8 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import read_yaml
 
 PARAMETERS = "ros__parameters"  # the key below the name of a node
-SIMULATOR, POLICY, LEARNER = "/**/simulator", "/**/policy", "/**/learner"  # sections of these nodes in any namespace
+# Sections of these nodes in any namespace.
+SIMULATOR, POLICY, LEARNER, RECORDER = "/**/simulator", "/**/policy", "/**/learner", "/**/recorder"
 WILDCARDS = {"*": "/[^/]+", "**": "(/[^/]+)*"}  # for one part of a node's full name, and for any number of parts
 
 

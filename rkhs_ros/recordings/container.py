@@ -54,12 +54,15 @@ class MessageFile:
         path: the file.
         held: messages to begin with.
         sync: wait until the disk has each message; else a power cut may lose some, which a killed process does not.
+        chunk_bytes: messages that share a checksum, and are lost together where the process is killed.
 
     Raises:
         OSError: it cannot be written.
     """
 
-    def __init__(self, path: Path, held: Iterable[Stored] = (), *, sync: bool = False) -> None:
+    def __init__(
+        self, path: Path, held: Iterable[Stored] = (), *, sync: bool = False, chunk_bytes: int = ONE_MESSAGE
+    ) -> None:
         self.path = path
         self._sync = False  # of all that is held at once
         self._channels: dict[tuple[str, str], int] = {}
@@ -69,7 +72,7 @@ class MessageFile:
             self._file = aside.open("wb", buffering=0)
         self._outgoing = _Outgoing()
         stream = cast("IO[bytes]", self._outgoing)
-        self._writer = Writer(stream, chunk_size=ONE_MESSAGE, compression=CompressionType.NONE)
+        self._writer = Writer(stream, chunk_size=chunk_bytes, compression=CompressionType.NONE)
         self._writer.start("ros2", f"{LIBRARY} {__version__}")
         for message in held:
             self.write(message)

@@ -86,24 +86,30 @@ def decoded(content: bytes | memoryview, kind: str, text: str) -> Any:
 
 
 def _made(kind: str, **given: Any) -> Any:
-    types = store()
-    described = types.fielddefs[kind][1]
-    unknown = given.keys() - {name for name, _ in described}
+    makers = _makers(kind)
+    unknown = given.keys() - makers
     if unknown:
         raise ValueError(f"{kind}: expected its fields, got {', '.join(sorted(unknown))}")
-    return types.types[kind](**{name: _field(about, given.get(name)) for name, about in described})
+    return store().types[kind](**{name: make(given.get(name)) for name, make in makers.items()})
 
 
-def _field(about: Any, value: Any) -> Any:
-    """Return what a field holds: an array of its numbers, a list of its messages, or a single one of these."""
+@cache
+def _makers(kind: str) -> dict[str, Callable[[Any], Any]]:
+    """Return what makes the fields of a message from what is given for them, None where nothing is."""
+    return {name: _maker(about) for name, about in store().fielddefs[kind][1]}
+
+
+def _maker(about: Any) -> Callable[[Any], Any]:
+    """Return what makes a field: an array of its numbers, a list of its messages, or a single one of these."""
     from rosbags.interfaces import Nodetype
 
     node, inner = about
     if node == Nodetype.NAME:
-        return value if value is not None else _made(inner)
+        return lambda value: _made(inner) if value is None else value
     if node == Nodetype.BASE:
-        return value if value is not None else ZEROS.get(inner[0], 0)
+        zero = ZEROS.get(inner[0], 0)
+        return lambda value: zero if value is None else value
     (within, (name, *_)), _ = inner
     if within == Nodetype.BASE and name != "string":
-        return np.asarray([] if value is None else value, dtype=name)
-    return [] if value is None else list(value)
+        return lambda value: np.asarray([] if value is None else value, dtype=name)
+    return lambda value: [] if value is None else list(value)

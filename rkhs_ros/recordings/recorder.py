@@ -17,6 +17,7 @@ from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.messages import doubles, policy_message
+from rkhs_ros.policies.storage import policy_arrays
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.container import MessageFile, Stored
 from rkhs_ros.recordings.definitions import Types, definition, encoded
@@ -65,6 +66,7 @@ class Recorder:
         self._clock = clock
         self._versions = {_digest(policy): version for version, policy in held.policies.items()}
         self._served = 0
+        self._newest: tuple[GaussianPolicy | None, int] = None, 0
         self._batches = len(held.batches)
         self._updates = max((update.iteration for update in held.updates), default=0)
 
@@ -97,10 +99,14 @@ class Recorder:
 
     def _version(self, policy: GaussianPolicy) -> int:
         """Return the version of a policy, which is recorded where it is new."""
+        newest, version = self._newest
+        if policy is newest:
+            return version
         digest = _digest(policy)
         if digest not in self._versions:
             self._versions[digest] = len(self._versions) + 1
             self._write(policy_message(TYPES, policy, self._versions[digest]))
+        self._newest = policy, self._versions[digest]
         return self._versions[digest]
 
     def _write(self, message: Any, published: int | None = None) -> None:
@@ -129,4 +135,7 @@ def update_fields(iteration: Iteration, checksum: int) -> dict[str, Any]:
 
 
 def _digest(policy: GaussianPolicy) -> bytes:
-    return blake2b(encoded(policy_message(TYPES, policy, 0)), digest_size=16).digest()
+    digest = blake2b(digest_size=16)
+    for name, array in policy_arrays(policy).items():
+        digest.update(f"{name} {array.dtype} {array.shape} ".encode() + array.tobytes())
+    return digest.digest()

@@ -25,7 +25,14 @@ from rkhs_ros.runs.surroundings import LIBRARIES, surroundings
 
 BEST_POLICY = "best_policy.npz"
 FIRST_POLICY = "first_policy.npz"  # of a run that began from a given policy
-BEFORE_A_RUN = {"checkpoints", "config.yaml.part", FIRST_POLICY}  # what a run killed before it began may leave
+RAW = "raw.mcap"  # of the recorder node, which begins before the learner
+BEFORE_A_RUN = {
+    "checkpoints",
+    "config.yaml.part",
+    FIRST_POLICY,
+    RAW,
+    f"{RAW}.part",
+}  # what a run killed before it began may leave
 
 
 def new_folder(folder: Path | None, name: str) -> Path:

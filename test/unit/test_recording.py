@@ -18,7 +18,7 @@ from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.run import run_training
 from rkhs_ros.runs.simulation import Simulation
-from test.unit.conftest import Result
+from test.unit.conftest import Result, assert_refused
 from test.unit.recorded_runs import CONFIG, Robot, content, longer, recorded_run, same_batch
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -269,6 +269,13 @@ def test_the_command_records(rkhs: Callable[..., Result]) -> None:
     assert len(read_recording(Path("one")).updates) == 1
     assert rkhs("train", ROOT / "config" / "toy_nac.yaml", *short, "--seeds", "3,5", "--out", "two").code == 0
     assert [read_recording(Path("two") / f"seed_{seed}").head.seed for seed in (3, 5)] == [3, 5]
+
+
+def test_topics_are_not_recorded_where_there_are_none(rkhs: Callable[..., Result]) -> None:
+    toy = ROOT / "config" / "toy_nac.yaml"
+    for more in (("--runner", "inline"), ("--seeds", "0-1")):
+        assert_refused(rkhs("train", toy, "--record", "raw", "--out", "run", *more), "--record: expected episodes")
+    assert not Path("run").exists()
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:

@@ -1,0 +1,122 @@
+"""The recorder node: writes what goes over topics to an MCAP file, as it came."""
+
+from __future__ import annotations
+
+import sys
+import time
+from functools import partial
+from importlib import import_module
+from itertools import chain, count
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from rkhs_ros.base.validation import require
+from rkhs_ros.nodes.arguments import require_section
+from rkhs_ros.nodes.diagnostics import Diagnostics
+from rkhs_ros.nodes.parameters import declared, given, instance, require_known, restarts
+from rkhs_ros.nodes.spin import SIGNAL_CHECK_S, ReportingNode, run
+from rkhs_ros.nodes.uniqueness import Uniqueness
+from rkhs_ros.recordings.container import MessageFile, Stored
+from rkhs_ros.recordings.definitions import store_of_all
+
+NAME = "raw"  # of the file, with a number where there is one already
+SEARCH_PERIOD_S = 0.1  # between searches for new topics
+CHUNK_BYTES = 256 * 1024  # that a killed recorder may lose: there are thousands of messages a second
+DEPTH = 1000  # messages of a topic that wait to be written
+
+
+class RecorderNode(ReportingNode):
+    """Hears every topic there is.
+
+    Owns the file, the topics that it hears or cannot hear, and when it searches for others.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("recorder")
+
+    def open(self) -> None:
+        """Declare the parameters and open the file.
+
+        Raises:
+            ValueError: an unknown parameter, or no folder for the file.
+            OSError: the file cannot be written.
+        """
+        require_section(self.get_fully_qualified_name(), sys.argv)
+        tree = given(self)
+        folder = declared(self, tree, "output", "", "folder for the file")
+        again, number = restarts(self, tree), instance(self, tree)
+        require_known(tree)
+        require(bool(folder), "output", "a folder for the file", "none")
+        self.diagnostics = Diagnostics(self, again, lambda: {"messages": self._messages})
+        self._uniqueness = Uniqueness(self, number)
+        self._topics: set[str] = set()
+        self._messages = 0
+        self._search_at = 0.0  # monotonic time, seconds
+        names = chain([f"{NAME}.mcap"], (f"{NAME}_{number}.mcap" for number in count(2)))
+        free = next(path for path in (Path(folder, name) for name in names) if not path.exists())
+        self.file = MessageFile(free, chunk_bytes=CHUNK_BYTES)
+
+    def heartbeat(self) -> float:
+        """Search for topics that are new, and report; return the seconds until more is due."""
+        self._uniqueness.check()
+        now = time.monotonic()
+        if now >= self._search_at:
+            self._search_at = now + SEARCH_PERIOD_S
+            for topic, kinds in self.get_topic_names_and_types():
+                if topic not in self._topics and self.count_publishers(topic):
+                    self._topics.add(topic)
+                    self._hear(topic, kinds[0])
+        return min(self.diagnostics.heartbeat(), self._search_at - now)
+
+    def _hear(self, topic: str, kind: str) -> None:
+        """Begin to write the messages of a topic, where their definition is known."""
+        types = store_of_all()
+        if kind not in types.types:
+            self.get_logger().warning(f"{topic} is not recorded: the definition of {kind} is not known")
+            return
+        package, _, name = kind.split("/")
+        message = getattr(import_module(f"{package}.msg"), name)
+        definition = types.generate_msgdef(kind, ros_version=2)[0]
+        self.create_subscription(
+            message, topic, partial(self._write, topic, kind, definition), self._qos(topic), raw=True
+        )
+
+    def _qos(self, topic: str) -> QoSProfile:
+        """Return a quality of service that fits all publishers of a topic."""
+        offers = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
+        reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
+        latched = all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
+        return QoSProfile(
+            depth=DEPTH,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        )
+
+    def _write(self, topic: str, kind: str, definition: str, content: bytes, info: dict[str, Any]) -> None:
+        self._messages += 1
+        self.file.write(Stored(topic, kind, definition, content, time.time_ns(), info["source_timestamp"]))
+
+
+def record(node: RecorderNode, stop: Event) -> None:
+    """Record until told to end."""
+    executor = SingleThreadedExecutor()  # the EventsExecutor takes no serialised messages
+    executor.add_node(node)
+    try:
+        with node.diagnostics.errors_reported():
+            while not stop.is_set():
+                executor.spin_once(timeout_sec=min(node.heartbeat(), SIGNAL_CHECK_S))
+    finally:
+        node.file.close()
+
+
+def main() -> None:
+    """Run the recorder node."""
+    run(RecorderNode, "recorder", record)
+
+
+if __name__ == "__main__":
+    main()
