@@ -31,11 +31,11 @@ def attempts_figure(
         spaces: of the task; actions are drawn as it takes them, within their bounds.
         names: of the actions.
         title: what is learnt.
-        success: the reward beyond which an attempt is a success; None where the task does not say.
+        success: reward that only a success exceeds; None where the task does not say.
     """
     rewards = attempts.rewards[:, 0]
     won = rewards > (np.inf if success is None else success)
-    told = f", {won.sum()} of them successful" if success is not None else ""
+    told = f", at least {won.sum()} of them successful" if success is not None else ""
     more = f"; 2 of {len(names.actions)} actions" if len(names.actions) > 2 else ""
     figure = sheet(6.6, 5.0, f"{title}\n{len(rewards)} attempts{told}{more}")
     axes = figure.subplots()
@@ -56,7 +56,7 @@ def attempts_figure(
 def _plane(axes: Axes, tried: Array, rewards: Array, won: Flags) -> None:
     """Draw attempts where they are in the plane of two actions; the better ones cover the others."""
     norm = Normalize(min(float(rewards.min()), 0.0), float(rewards.max()) or 1.0)
-    for marker, edge, name, which in (("X", "none", "attempt", ~won), ("o", "black", "success", won)):
+    for marker, edge, name, which in (("X", "none", "attempt", ~won), ("o", "black", "success, beyond doubt", won)):
         order = np.flatnonzero(which)[np.argsort(rewards[which], kind="stable")]
         x, y = tried[order].T
         if len(order):
@@ -66,6 +66,9 @@ def _plane(axes: Axes, tried: Array, rewards: Array, won: Flags) -> None:
 
 
 def _against_reward(axes: Axes, tried: Array, rewards: Array, won: Flags) -> None:
-    for marker, colour, name, which in (("X", COLOURS[4], "attempt", ~won), ("o", COLOURS[2], "success", won)):
+    for marker, colour, name, which in (
+        ("X", COLOURS[4], "attempt", ~won),
+        ("o", COLOURS[2], "success, beyond doubt", won),
+    ):
         if which.any():
             axes.plot(tried[which], rewards[which], marker, color=colour, label=name)

@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw, ImageFont
 from rkhs_ros.pictures.film import Film, Pictures, spread
 from rkhs_ros.pictures.style import write
 
-MOMENTS = 8  # of the strip
+MOMENTS = 6  # of the strip
 SECONDS, LAST_MS = 6.0, 1500  # that the animation lasts, and its last picture
 LIMIT = 3_000_000  # bytes of the animation
 SMALLER = 0.8  # times the width where it would be larger

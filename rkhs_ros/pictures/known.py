@@ -50,7 +50,7 @@ def names_of(task: Task, observation_dim: int, action_dim: int) -> Names:
 
 
 def success_reward(task: Task) -> float | None:
-    """Return the reward beyond which an attempt is a success, if the task says so in ``success_reward``."""
+    """Return the reward that only a success exceeds, if the task says so in ``success_reward``."""
     said = _said(task, "success_reward")
     return float(said) if isinstance(said, int | float) else None
 

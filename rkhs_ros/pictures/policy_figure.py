@@ -151,7 +151,7 @@ def _slice(axes: Axes, view: View, column: int) -> None:
     some = view.visited[np.linspace(0, len(view.visited) - 1, min(len(view.visited), MOST_DOTS)).astype(int)]
     x, y = some[:, columns].T
     axes.scatter(x, y, 14, action(some), cmap=_map(norm), norm=norm, edgecolors="black", linewidths=0.4)
-    title = f"the 2 of {len(view.inputs)} inputs that explain most of it ({_percent(explained)}), and what was visited"
+    title = f"the 2 of {len(view.inputs)} inputs that explain most: {_percent(explained)}; dots: visited"
     label(axes, view.inputs[columns[0]], view.inputs[columns[1]], title)
 
 
@@ -165,7 +165,7 @@ def _times(axes: Axes, view: View, column: int) -> None:
 
 
 def _percent(explained: float) -> str:
-    return "it does not vary" if isnan(explained) else f"{max(explained, 0.0):.0%}"
+    return "all, as it does not vary" if isnan(explained) else f"{max(explained, 0.0):.0%}"
 
 
 def _coloured(axes: Axes, spans: tuple[Array, ...], values: Array, norm: Normalize, name: str) -> None:

@@ -12,7 +12,7 @@ from rkhs_ros.rkhs.kernels import Array
 
 Action = Callable[[Array], Array]  # from points, shape (k, d), to one number of the actions, shape (k,)
 MOST_POINTS = 200  # at which the choice is made
-SHORTLIST = 12  # inputs of which all pairs are tried
+SHORTLIST = 20  # inputs of which all pairs are tried
 
 
 class Slice(NamedTuple):
