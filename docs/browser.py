@@ -101,10 +101,8 @@ class Tab:
             self.ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
     def click_on(self, script: str) -> None:
-        """Click in the middle of the element that an expression gives, once it is there."""
-        box = f"(() => {{ const e = {script}; if (!e) return null; const b = e.getBoundingClientRect(); "
-        x, y = self.wait_for(box + "return [b.x + b.width / 2, b.y + b.height / 2]; })()")
-        self.click(x, y)
+        """Click on the element that an expression gives, once it is there, wherever it moves meanwhile."""
+        self.wait_for(f"(() => {{ const e = {script}; e?.click(); return !!e; }})()")
 
     def close(self) -> None:
         """Leave the tab."""

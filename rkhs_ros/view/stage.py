@@ -14,7 +14,8 @@ from rkhs_ros.runs.shown import Body, Motion, ShowsMotion
 from rkhs_ros.view.board import SIZE, Board
 
 VERTICAL_ANGLE = 0.7  # rad, of the camera
-ASPECT = 1.2  # of the part of the window that is seen beside the panel, about
+UP = (0.0, 0.0, 1.0)
+ASPECT, SAME_ASPECT = 1.2, 0.02  # of a window beside the panel: until it tells its own, and what is no other one
 ROOM = 1.04  # that is seen, in sizes of what is there
 GAP = 0.1  # between task and picture, in heights of the picture
 LARGER = 1.25  # times as high as the task is the picture beside it
@@ -69,7 +70,7 @@ class Stage:
         self._middle = self._in_space((begin + end) / 2 + distance * way, depth)
         whole = np.where(way > 0, task + GAP * board[1] + board, np.maximum(task, board))
         seen = (begin + end) / 2 + (distance + way @ (board - task) / 2) / 2 * way
-        self._aim_camera(self._in_space(seen, depth), whole)
+        self._aim_cameras(self._in_space(seen, depth), whole)
 
     def hang(self, board: Board) -> None:
         """Hang a picture beside the task, or above it."""
@@ -106,12 +107,30 @@ class Stage:
         """Return the point at so much to the right and up, and towards the eye."""
         return np.asarray(place[0] * self._right + place[1] * self._up + depth * self._eye)
 
-    def _aim_camera(self, target: Array, whole: Array) -> None:
-        """Have all of a rectangle seen, of some width and height."""
-        distance = ROOM * max(whole[0] / ASPECT, whole[1]) / 2 / np.tan(VERTICAL_ANGLE / 2)
-        camera = self._server.initial_camera
-        camera.fov, camera.up = VERTICAL_ANGLE, (0.0, 0.0, 1.0)
-        camera.position, camera.look_at = target + distance * self._eye, target
+    def _aim_cameras(self, target: Array, whole: Array) -> None:
+        """Have each browser see all of a rectangle, of some width and height."""
+
+        def aim(camera: Any, aspect: float) -> None:
+            distance = ROOM * max(whole[0] / aspect, whole[1]) / 2 / np.tan(VERTICAL_ANGLE / 2)
+            camera.fov = VERTICAL_ANGLE
+            camera.up_direction, camera.position, camera.look_at = UP, target + distance * self._eye, target
+
+        initial: Any = self._server.initial_camera
+        initial.up = UP
+        aim(initial, ASPECT)
+
+        @self._server.on_client_connect
+        def _(client: Any) -> None:
+            aimed_for = 0.0
+
+            @client.camera.on_update  # type: ignore[untyped-decorator]
+            def fit(camera: Any) -> None:
+                nonlocal aimed_for
+                if abs(camera.aspect - aimed_for) > SAME_ASPECT:  # of another window than before
+                    aimed_for = camera.aspect
+                    aim(camera, aimed_for)
+
+            fit(client.camera)
 
 
 def _added(scene: SceneApi, name: str, body: Body) -> Any:
