@@ -25,6 +25,7 @@ FLAGS = (
     "--enable-unsafe-swiftshader", "--no-first-run", "--disable-dev-shm-usage", "--disable-background-networking",
     "--remote-debugging-port=0", "--hide-scrollbars", "--mute-audio",
 )  # fmt: skip
+HIDDEN = "[inert]"  # what is around controls of the page that nobody can use
 START_TIMEOUT_S, ANSWER_TIMEOUT_S = 30.0, 30.0
 POLL_S = 0.1
 
@@ -126,6 +127,11 @@ class Browser:
             tab = Tab(json.load(answer)["webSocketDebuggerUrl"])
         tab.ask("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         return tab
+
+
+def each(selector: str) -> str:
+    """Return an expression for the elements that match a selector, less those that nobody can use."""
+    return f"[...document.querySelectorAll({json.dumps(selector)})].filter(e => !e.closest('{HIDDEN}'))"
 
 
 @contextmanager

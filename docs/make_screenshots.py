@@ -77,7 +77,7 @@ def taken(tab: browser.Tab, shot: Shot) -> Image.Image:
     if tab.value("!!document.querySelector('input[value=\"noise-free 1\"]')") and shot.kind != "noise-free 1":
         tab.click_on("document.querySelector('input[value=\"noise-free 1\"]')")
         tab.click_on(f"[...document.querySelectorAll('[role=option]')].find(e => e.innerText === '{shot.kind}')")
-    tab.click_on("document.querySelectorAll('input[type=checkbox]')[1]")  # play
+    tab.click_on(f"{browser.each('input[type=checkbox]')}[1]")  # play
     slide(tab, shot.part)
     time.sleep(SETTLE_S)
     return Image.fromarray(tab.picture())
@@ -90,7 +90,8 @@ def reached(iteration: int) -> str:
 
 def slide(tab: browser.Tab, part: float) -> None:
     """Move the slider of the time to a part of its range."""
-    box = "(() => { const b = [...document.querySelectorAll('.mantine-Slider-track')][1].getBoundingClientRect(); "
+    track = f"{browser.each('.mantine-Slider-track')}[1]"
+    box = f"(() => {{ const b = {track}.getBoundingClientRect(); "
     x, y, width = tab.value(box + "return [b.x, b.y + b.height / 2, b.width]; })()")
     tab.click(x + part * width, y)
 

@@ -55,7 +55,7 @@ def run_training(
         ValueError: the folder holds something already, or no run to go on with, or one that another process is
             in, or one that began with other settings.
         OSError: the folder cannot be written.
-        KeyboardInterrupt: the run was asked to stop, see `control.ask`.
+        KeyboardInterrupt: the run was asked to stop.
     """
     folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
     with locked(folder):

@@ -204,7 +204,7 @@ def test_memory_stays_bounded_over_a_long_run(tmp_path: Path) -> None:
         page.tick()
         sizes.append(resident_bytes())
     assert page._seen.cache_info().currsize <= KEPT
-    assert sizes[-1] - sizes[20] < 10e6  # one picture of each would be 50 MB
+    assert sizes[-1] - sizes[20] < 35e6  # the pictures alone would be 70 MB, were they kept
 
 
 def resident_bytes() -> int:

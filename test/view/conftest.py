@@ -13,7 +13,8 @@ import pytest
 
 browser = pytest.importorskip("browser")  # of docs/, for pictures of the page, too
 PATIENCE_S = 60.0  # far above what anything here takes
-PANEL = 0.72  # part of the window's width where the panel begins
+TASK = 0.25  # part of the window's width where the task ends
+PANEL = 0.61  # part of the window's width where the panel begins, of a window of 1000 pixels
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -96,12 +97,12 @@ def near(picture: np.ndarray, colour: tuple[int, int, int], tolerance: int = 12)
 
 def scene(picture: np.ndarray) -> np.ndarray:
     """Return the part of a picture where the task stands."""
-    return picture[150:, : int(0.3 * picture.shape[1])]
+    return picture[150:, : int(TASK * picture.shape[1])]
 
 
 def policy(picture: np.ndarray) -> np.ndarray:
     """Return the part of a picture where the policy hangs."""
-    return picture[150:, int(0.3 * picture.shape[1]) : int(PANEL * picture.shape[1])]
+    return picture[150:, int(TASK * picture.shape[1]) : int(PANEL * picture.shape[1])]
 
 
 def panel(picture: np.ndarray) -> np.ndarray:
