@@ -192,6 +192,7 @@ def test_buttons_ask_only_what_the_run_can_do(served: Served) -> None:
         assert visible() == ["Resume", "Stop"]
 
 
+@pytest.mark.faults
 def test_memory_stays_bounded_over_a_long_run(tmp_path: Path) -> None:
     config = load_config(CONFIGS / "toy_few_nac.yaml", ["iterations=300", "evaluate_every=0"])
     path = run_training(config, runner_of(config.environment), tmp_path / "run", quiet=True, record=True)

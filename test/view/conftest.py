@@ -20,7 +20,7 @@ PANEL = 0.61  # part of the window's width where the panel begins, of a window o
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if Path(__file__).parent in item.path.parents:
-            item.add_marker(pytest.mark.slow)
+            item.add_marker(pytest.mark.browser)
             item.add_marker(pytest.mark.xdist_group("chromium"))
 
 
