@@ -21,7 +21,7 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.gate_settings import FLOATS, TRAJECTORY, TWIST, TWIST_STAMPED, GateSettings
 from rkhs_ros.robot.gate_state import Command, CommandReport, Gate
 from rkhs_ros.robot.limits import Limits, Sensed
-from rkhs_ros.robot.motion import Motion, braking
+from rkhs_ros.robot.motion import Setpoint, braking
 
 MOST_POINTS = 10  # of a trajectory, which is sent every period
 TYPES = {FLOATS: Float64MultiArray, TRAJECTORY: JointTrajectory, TWIST: Twist, TWIST_STAMPED: TwistStamped}
@@ -96,7 +96,7 @@ def state_message(state: Gate) -> msg.GateState:
     return msg.GateState(state=str(state.mode), reason=state.reason, **vars(state.counts))
 
 
-def hardware_message(settings: GateSettings, limits: Limits, motion: Motion) -> Any:
+def hardware_message(settings: GateSettings, limits: Limits, motion: Setpoint) -> Any:
     """Return an output as the message that the hardware takes."""
     if settings.command.type == FLOATS:
         return Float64MultiArray(data=doubles(motion.value))
@@ -106,7 +106,7 @@ def hardware_message(settings: GateSettings, limits: Limits, motion: Motion) -> 
     return twist if settings.command.type == TWIST else _stamped(twist, settings.command.frame)
 
 
-def _trajectory(settings: GateSettings, limits: Limits, motion: Motion) -> JointTrajectory:
+def _trajectory(settings: GateSettings, limits: Limits, motion: Setpoint) -> JointTrajectory:
     """Return the next positions and how they come to rest, which is what happens where no further message comes."""
     points = [
         JointTrajectoryPoint(

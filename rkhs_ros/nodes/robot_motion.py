@@ -18,7 +18,7 @@ from rkhs_ros.policies.messages import matrix
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.clock import ElasticClock
-from rkhs_ros.robot.episode import RobotEpisode, Sensed
+from rkhs_ros.robot.episode import Reading, RobotEpisode
 from rkhs_ros.robot.reset import Answer, Ask, Failed, Joints, Move, Resetting, Wait
 from rkhs_ros.robot.sensors import SensingError, field_values, fresh
 from rkhs_ros.robot.task import RobotTask
@@ -242,7 +242,7 @@ class RobotMotion:
         if self.episode is not None and number == self._sent[0]:
             self.episode.report(self._sent[1], executed, flags)
 
-    def _sense(self) -> Sensed:
+    def _sense(self) -> Reading:
         """Return what the sensors say now.
 
         Raises:
@@ -252,7 +252,7 @@ class RobotMotion:
         told = 0.0
         if reward.topic:
             (told,) = field_values(fresh(heard, reward.topic, now, self._task.stale_after), reward.field)
-        return Sensed(self._task.sensors.observation(heard, now), told, time.time_ns())
+        return Reading(self._task.sensors.observation(heard, now), told, time.time_ns())
 
     def _sense_joints(self) -> Joints:
         home = self._task.reset.home

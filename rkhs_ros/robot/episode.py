@@ -23,7 +23,7 @@ MISSED, LATE, NO_REPORT = 256, 512, 1024
 LAST_ACTIONS_TIMEOUT_S = 0.5  # after the last step, for actions that are late
 
 
-class Sensed(NamedTuple):
+class Reading(NamedTuple):
     """What the sensors say at a moment.
 
     Attributes:
@@ -127,7 +127,7 @@ class RobotEpisode:
         """The newest reward; None before the first one."""
         return self._rewards[-1] if self._rewards else None
 
-    def begin(self, sensed: Sensed) -> None:
+    def begin(self, sensed: Reading) -> None:
         """Take the first observation."""
         self._observations.append(sensed.observation)
         self._stamps[0] = sensed.stamp
@@ -158,7 +158,7 @@ class RobotEpisode:
         if not self.over:
             self.void_reason = reason
 
-    def proceed(self, now: float, sense: Callable[[], Sensed]) -> bool:
+    def proceed(self, now: float, sense: Callable[[], Reading]) -> bool:
         """Do what is due; return whether there is a new observation.
 
         Args:
@@ -201,7 +201,7 @@ class RobotEpisode:
         if self.misses > self._task.misses_allowed:
             self.void(f"{self.misses} actions came too late, the last one of step {self.step}")
 
-    def _tick(self, now: float, sensed: Sensed, clock: ElasticClock) -> None:
+    def _tick(self, now: float, sensed: Reading, clock: ElasticClock) -> None:
         step = self.step
         self._settle(step)
         late = clock.is_late(now)

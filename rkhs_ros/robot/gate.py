@@ -14,7 +14,7 @@ import numpy as np
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.gate_state import CLAMPED, Command, CommandReport, Flags, Gate, Mode, Rules
 from rkhs_ros.robot.limits import EFFORT, MOST, POSITION, VELOCITY, Limits, Sensed
-from rkhs_ros.robot.motion import Motion, advance, rest_at
+from rkhs_ros.robot.motion import Setpoint, advance, rest_at
 
 CLOCK_TOLERANCE_S = 0.01  # by which a stamp may be ahead of this machine's clock
 REST_SPEED = 0.02  # rad/s or m/s sensed of a joint that is taken to be at rest
@@ -154,7 +154,7 @@ def _clamp(limits: Limits, value: Array, asked: Array) -> tuple[Array, Flags]:
     return near, flags | Flags.CLAMPED_STEP if (near != goal).any() else flags
 
 
-def _foresee(rules: Rules, motion: Motion, goal: Array, interval: float) -> tuple[Array, Flags]:
+def _foresee(rules: Rules, motion: Setpoint, goal: Array, interval: float) -> tuple[Array, Flags]:
     """Return what the output comes to within an interval, the timeout at most, and what keeps it from its goal."""
     periods = max(round(min(interval, rules.command_timeout) / rules.period), 1)
     start = motion.value
@@ -206,7 +206,7 @@ def _watch(state: Gate, rules: Rules, now: float) -> Gate:
     return stopped(state, fault) if fault else state
 
 
-def _next_motion(state: Gate, rules: Rules, now: float) -> Motion | None:
+def _next_motion(state: Gate, rules: Rules, now: float) -> Setpoint | None:
     """Return the next output; while disarmed and without a goal, where an armed one would begin."""
     if state.motion is None or (not state.is_armed and state.goal is None):
         return _start(state.sensed, rules.limits)
@@ -216,7 +216,7 @@ def _next_motion(state: Gate, rules: Rules, now: float) -> Motion | None:
     return advance(rules.limits, rules.period, state.motion, goal)
 
 
-def _start(now_sensed: Sensed | None, limits: Limits) -> Motion | None:
+def _start(now_sensed: Sensed | None, limits: Limits) -> Setpoint | None:
     """Return the output that changes nothing: positions where they are sensed, else 0."""
     if limits.kind != POSITION:
         return rest_at(np.zeros(limits.joints))

@@ -10,7 +10,7 @@ import numpy as np
 from rkhs_ros.base.validation import require
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.limits import EFFORT, LEAST, MOST, POSITION, VELOCITY, Limits, Sensed, SensedLimits
-from rkhs_ros.robot.motion import Motion
+from rkhs_ros.robot.motion import Setpoint
 
 
 class Mode(StrEnum):
@@ -147,7 +147,7 @@ class Gate:
     mode: Mode = Mode.DISARMED
     reason: str = ""
     counts: Counts = field(default_factory=Counts)
-    motion: Motion | None = None
+    motion: Setpoint | None = None
     goal: Array | None = None
     anchor: Array | None = None
     sensed: Sensed | None = None

@@ -16,7 +16,7 @@ from rkhs_ros.robot.limits import POSITION, Limits
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Setpoint:
     """The newest command and how it changes.
 
     Attributes:
@@ -28,12 +28,12 @@ class Motion:
     rate: Array
 
 
-def rest_at(value: Array) -> Motion:
+def rest_at(value: Array) -> Setpoint:
     """Return a command that does not change."""
-    return Motion(value, np.zeros_like(value))
+    return Setpoint(value, np.zeros_like(value))
 
 
-def advance(limits: Limits, period: float, motion: Motion, goal: Array | None) -> Motion:
+def advance(limits: Limits, period: float, motion: Setpoint, goal: Array | None) -> Setpoint:
     """Return the next command on the way to a goal.
 
     Args:
@@ -50,7 +50,7 @@ def advance(limits: Limits, period: float, motion: Motion, goal: Array | None) -
     return rest_at(np.clip(motion.value + np.clip(change, -most, most), low, high))
 
 
-def braking(limits: Limits, period: float, motion: Motion, most: int) -> list[tuple[float, Array]]:
+def braking(limits: Limits, period: float, motion: Setpoint, most: int) -> list[tuple[float, Array]]:
     """Return how positions come to rest, as `advance` without a goal does.
 
     Args:
@@ -72,7 +72,7 @@ def braking(limits: Limits, period: float, motion: Motion, most: int) -> list[tu
     return list(zip((knots * period).tolist(), values, strict=True))
 
 
-def _accelerate(limits: Limits, period: float, motion: Motion, goal: Array | None) -> Motion:
+def _accelerate(limits: Limits, period: float, motion: Setpoint, goal: Array | None) -> Setpoint:
     """Return the next positions: the velocity nearest to the one wanted, of those that keep all limits.
 
     A velocity from which a joint could come to rest before its goal, or slower by the whole acceleration than one of
@@ -85,7 +85,7 @@ def _accelerate(limits: Limits, period: float, motion: Motion, goal: Array | Non
         way = np.clip(goal, limits.minimum, limits.maximum) - motion.value
         wanted = np.sign(way) * np.minimum(top, _stoppable(np.abs(way), change, period))
     rate = np.clip(wanted, motion.rate - change, motion.rate + change)
-    return Motion(np.clip(motion.value + rate * period, limits.minimum, limits.maximum), rate)
+    return Setpoint(np.clip(motion.value + rate * period, limits.minimum, limits.maximum), rate)
 
 
 def _stoppable(distance: Array, change: Array, period: float) -> Array:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.robot.clock import SLACK, ElasticClock
-from rkhs_ros.robot.episode import LATE, MISSED, NO_REPORT, NOT_ARMED, RobotEpisode, Sensed
+from rkhs_ros.robot.episode import LATE, MISSED, NO_REPORT, NOT_ARMED, Reading, RobotEpisode
 from rkhs_ros.robot.journal import Journal
 from rkhs_ros.robot.rules import End, Reward, Rules
 from rkhs_ros.robot.sensors import SensingError
@@ -31,8 +31,8 @@ TASK = robot_task_from(
 )
 
 
-def sensed(value: float) -> Callable[[], Sensed]:
-    return lambda: Sensed(np.array([value]), 0.0, round(1e9 * value))
+def sensed(value: float) -> Callable[[], Reading]:
+    return lambda: Reading(np.array([value]), 0.0, round(1e9 * value))
 
 
 def begun(task: RobotTask = TASK) -> RobotEpisode:
@@ -194,7 +194,7 @@ def test_a_stale_sensor_makes_it_void() -> None:
     episode = begun()
     episode.act(0, np.zeros(1), 0.0)
 
-    def stale() -> Sensed:
+    def stale() -> Reading:
         raise SensingError("sensor position: stale")
 
     assert not episode.proceed(PERIOD, stale)
