@@ -17,6 +17,7 @@ def doubled(number: int) -> int:
     return 2 * number
 
 
+@pytest.mark.faults
 @pytest.mark.slow
 def test_a_worker_with_other_code_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed")
