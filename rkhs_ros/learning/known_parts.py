@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.base.user_code import user_function
-from rkhs_ros.base.validation import finite_array, shown
+from rkhs_ros.base.user_code import user_answer, user_function
+from rkhs_ros.base.validation import finite_array, require, shown
 from rkhs_ros.rkhs.kernels import Array
 
 
@@ -56,8 +56,10 @@ def _call(what: str, name: str, function: Callable[..., Array], shape: tuple[int
     Raises:
         RunError: it raises, or what it returns has another shape or is not finite.
     """
+    expected = len(rows[0]), *shape
     try:
-        values = np.asarray(function(*(np.array(each) for each in rows)))
-        return finite_array(values, (len(rows[0]), *shape), "values")
-    except Exception as error:  # a user's function may raise anything
+        values = np.asarray(user_answer(function, *rows))
+        require(values.shape == expected, "values", f"the shape {expected}", values.shape)
+        return finite_array(values, expected, "values")
+    except (RunError, TypeError, ValueError) as error:  # what it returns may be no array
         raise RunError(f"{what}: {name}: {shown(error)}") from error
