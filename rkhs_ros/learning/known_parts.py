@@ -10,7 +10,7 @@ import numpy as np
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.user_code import user_answer, user_function
-from rkhs_ros.base.validation import finite_array, require, shown
+from rkhs_ros.base.validation import LARGEST, finite_array, require, shown
 from rkhs_ros.rkhs.kernels import Array
 
 
@@ -40,7 +40,7 @@ class KnownParts:
         """
         return cls(
             reward=_checked("practice.reward", reward, ()) if reward else None,
-            end=_checked("practice.end", end, ()) if end else None,
+            end=partial(_ends, _checked("practice.end", end, ()), end) if end else None,
             change=_checked("practice.change", change, (observation_dim,)) if change else None,
         )
 
@@ -48,6 +48,18 @@ class KnownParts:
 def _checked(what: str, name: str, shape: tuple[int, ...]) -> Callable[..., Array]:
     """Return the function of that name, whose values for each row must be finite and have that shape."""
     return partial(_call, what, name, user_function(name, what), shape)
+
+
+def _ends(function: Callable[[Array], Array], name: str, observations: Array) -> Array:
+    """Return which observations end an episode.
+
+    Raises:
+        RunError: the function fails, or returns anything but 1 and 0.
+    """
+    values = function(observations)
+    if not np.isin(values, (0.0, 1.0)).all():
+        raise RunError(f"practice.end: {name}: values: expected 1 or 0 of each row, got others")
+    return values
 
 
 def _call(what: str, name: str, function: Callable[..., Array], shape: tuple[int, ...], *rows: Array) -> Array:
@@ -60,6 +72,8 @@ def _call(what: str, name: str, function: Callable[..., Array], shape: tuple[int
     try:
         values = np.asarray(user_answer(function, *rows))
         require(values.shape == expected, "values", f"the shape {expected}", values.shape)
-        return finite_array(values, expected, "values")
+        finite = finite_array(values, expected, "values")
+        require(bool((np.abs(finite) <= LARGEST).all()), "values", f"at most {LARGEST:g} in size", "greater ones")
+        return finite
     except (RunError, TypeError, ValueError) as error:  # what it returns may be no array
         raise RunError(f"{what}: {name}: {shown(error)}") from error

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import isfinite
 from typing import Any, TypeVar
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.base.user_code import user_answer, user_function
-from rkhs_ros.base.validation import require, shown
+from rkhs_ros.base.validation import LARGEST, require, shown
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.sensors import TYPE, parts_of
 
@@ -77,8 +76,8 @@ class Rules:
         """
         step = before, executed, after
         reward = told + (_called(self.reward, "reward", float, "a number", *step) if self.reward else 0.0)
-        if not isfinite(reward):
-            raise RunError(f"reward: expected a finite number, got {reward}")
+        if not abs(reward) <= LARGEST:  # nan is not
+            raise RunError(f"reward: expected a finite number of at most {LARGEST:g} in size, got {reward}")
         return reward
 
     def ended(self, before: Array, executed: Array, after: Array) -> bool:

@@ -46,6 +46,8 @@ def functions(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     vars(module).update(
         fails=lambda *rows: 1 / 0,
         exits=lambda *rows: sys.exit(0),
+        giant=lambda *rows: np.full(len(rows[0]), 1e200),
+        likely=lambda rows: np.full(len(rows), 0.5),
         not_finite=lambda *rows: np.full(len(rows[0]), np.nan),
         narrow=lambda *rows: [1.0],
         column=lambda *rows: np.ones((len(rows[0]), 1)),
@@ -93,6 +95,7 @@ def test_a_known_part_and_a_learnt_rest_make_the_whole(rng: np.random.Generator)
         ("not_finite", "practice.reward: known_task:not_finite: values: expected finite numbers"),
         ("narrow", "practice.reward: known_task:narrow: values: expected "),
         ("exits", "practice.reward: known_task:exits: SystemExit: 0"),
+        ("giant", "practice.reward: known_task:giant: values: expected at most 1e\\+100"),
         ("column", r"practice.reward: known_task:column: values: expected the shape \(24,\), got \(24, 1\)"),
     ],
 )
@@ -103,6 +106,13 @@ def test_a_function_that_fails_is_named(
     model = WorldModel.fit(lived(rng, rows=3), Inputs(), SPACES, 10, known)
     with pytest.raises(RunError, match=message):
         ImaginedRunner(model).collect(policy_of(rng), batch_of(2))
+
+
+def test_an_end_is_true_or_false(functions: ModuleType) -> None:
+    known = ModelPractice(end="known_task:likely").known_parts(2)
+    assert known.end is not None
+    with pytest.raises(RunError, match=r"practice.end: known_task:likely: values: expected 1 or 0"):
+        known.end(np.zeros((3, 2)))
 
 
 def test_changes_whose_rows_are_columns_are_refused_though_they_are_as_many(functions: ModuleType) -> None:

@@ -45,6 +45,10 @@ def beyond(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> int:
     return 10**400
 
 
+def giant(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
+    return -1e200
+
+
 def several(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> np.ndarray:
     return after > 0.0
 
@@ -127,6 +131,7 @@ def test_the_reward_is_the_functions_plus_the_topics() -> None:
         ("spoilt", "finite"),
         ("leaves", "SystemExit"),
         ("beyond", "expected a number, got 1000"),
+        ("giant", "at most 1e.100 in size"),
     ],
 )
 def test_a_reward_that_fails_is_told_and_what_it_edits_is_its_own(name: str, message: str) -> None:
