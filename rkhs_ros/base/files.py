@@ -18,7 +18,9 @@ def write_whole(path: Path, content: bytes, *, sync: bool = True) -> None:
 
     Raises:
         OSError: it cannot be written; the message names the file.
+        ValueError: there is something else than a file in its place.
     """
+    require_replaceable(path)
     aside = path.with_name(path.name + ".part")
     try:
         with named(path):
@@ -32,6 +34,16 @@ def write_whole(path: Path, content: bytes, *, sync: bool = True) -> None:
         raise
     if sync:
         sync_to_disk(path.parent)
+
+
+def require_replaceable(path: Path) -> None:
+    """Check that a file may take this place: that of a device would be gone for all who use it.
+
+    Raises:
+        ValueError: there is something else than a file.
+    """
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{path}: expected a file, or nothing in its place, got a folder or a device")
 
 
 def sync_to_disk(path: Path) -> None:

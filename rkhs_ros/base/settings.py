@@ -176,8 +176,9 @@ def _named(kind: Any) -> str:
 def check_range(value: Any, about: Mapping[str, Any], name: str) -> None:
     """Raise ValueError where the value, or one of a tuple, is outside its range or not among its choices."""
     each = value if isinstance(value, tuple) else (value,)
-    if isinstance(each[0], str):
-        for text in each:
+    texts = [one for one in each if isinstance(one, str)]
+    if texts:
+        for text in texts:
             if about["choices"] and text not in about["choices"]:
                 raise ValueError(f"{name}: unknown choice '{text}', {hint(text, dict.fromkeys(about['choices']))}")
         return

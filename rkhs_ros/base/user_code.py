@@ -11,7 +11,9 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import hint, require, shown
 
 
@@ -60,3 +62,18 @@ def user_function(name: str, what: str) -> Callable[..., Any]:
         callables = {each: None for each, value in vars(found).items() if callable(value)}
         raise ValueError(f"{what}: no function '{shown(function)}' in {module}, {hint(function, callables)}")
     return getattr(found, function)  # type: ignore[no-any-return]
+
+
+def user_answer(function: Callable[..., Any], *arrays: NDArray[np.float64]) -> Any:
+    """Return what a user's function makes of arrays, of which it is given copies.
+
+    Raises:
+        RunError: it raises anything but an interrupt, as by ``sys.exit``; the message says what.
+    """
+    try:
+        with np.errstate():  # that it sets what numpy raises shall not matter to us
+            return function(*(array.copy() for array in arrays))
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # it is somebody's code
+        raise RunError(f"{type(error).__name__}: {shown(error)}") from error

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 T = TypeVar("T")
 REAL_KINDS = "buif"  # of numpy types, for truth values and numbers; what text and dates stand for is not guessed
+LARGEST = 1e100  # observation or reward: products of a few of them are still finite
 MOST_LISTED, MOST_MEANT = 30, 3  # names in a refusal
 MOST_SHOWN = 200  # characters of what was got
 

@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.base.user_code import user_function
-from rkhs_ros.base.validation import finite_array, shown
+from rkhs_ros.base.user_code import user_answer, user_function
+from rkhs_ros.base.validation import LARGEST, finite_array, require, shown
 from rkhs_ros.rkhs.kernels import Array
 
 
@@ -40,7 +40,7 @@ class KnownParts:
         """
         return cls(
             reward=_checked("practice.reward", reward, ()) if reward else None,
-            end=_checked("practice.end", end, ()) if end else None,
+            end=partial(_ends, _checked("practice.end", end, ()), end) if end else None,
             change=_checked("practice.change", change, (observation_dim,)) if change else None,
         )
 
@@ -50,14 +50,30 @@ def _checked(what: str, name: str, shape: tuple[int, ...]) -> Callable[..., Arra
     return partial(_call, what, name, user_function(name, what), shape)
 
 
+def _ends(function: Callable[[Array], Array], name: str, observations: Array) -> Array:
+    """Return which observations end an episode.
+
+    Raises:
+        RunError: the function fails, or returns anything but 1 and 0.
+    """
+    values = function(observations)
+    if not np.isin(values, (0.0, 1.0)).all():
+        raise RunError(f"practice.end: {name}: values: expected 1 or 0 of each row, got others")
+    return values
+
+
 def _call(what: str, name: str, function: Callable[..., Array], shape: tuple[int, ...], *rows: Array) -> Array:
     """Return what a user's function makes of rows, of which it is given copies.
 
     Raises:
         RunError: it raises, or what it returns has another shape or is not finite.
     """
+    expected = len(rows[0]), *shape
     try:
-        values = np.asarray(function(*(np.array(each) for each in rows)))
-        return finite_array(values, (len(rows[0]), *shape), "values")
-    except Exception as error:  # a user's function may raise anything
+        values = np.asarray(user_answer(function, *rows))
+        require(values.shape == expected, "values", f"the shape {expected}", values.shape)
+        finite = finite_array(values, expected, "values")
+        require(bool((np.abs(finite) <= LARGEST).all()), "values", f"at most {LARGEST:g} in size", "greater ones")
+        return finite
+    except (RunError, TypeError, ValueError) as error:  # what it returns may be no array
         raise RunError(f"{what}: {name}: {shown(error)}") from error

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 import rclpy
 from rcl_interfaces.msg import Log
 from rclpy.duration import Duration
+from rclpy.exceptions import NameValidationException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -152,7 +153,7 @@ def _begin(name: str) -> None:
 def _work(node: AnyNode, work: Callable[[AnyNode, Event], None], stop: Event) -> None:
     try:
         if isinstance(node, ReportingNode):
-            node.open()
+            _open(node)
         gc.collect()
         gc.freeze()  # what was imported need not be searched for garbage between messages
         work(node, stop)
@@ -160,3 +161,10 @@ def _work(node: AnyNode, work: Callable[[AnyNode, Event], None], stop: Event) ->
         if isinstance(node, ReportingNode):
             node.tell_fatal(str(error))
         raise
+
+
+def _open(node: ReportingNode) -> None:
+    try:
+        node.open()
+    except NameValidationException as error:  # a setting that names a topic or a service
+        raise ValueError(" ".join(str(error).rstrip(" ^\n").split())) from error

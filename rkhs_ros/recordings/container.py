@@ -17,7 +17,7 @@ from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from rkhs_ros import __version__
-from rkhs_ros.base.files import named, sync_to_disk
+from rkhs_ros.base.files import named, require_replaceable, sync_to_disk
 from rkhs_ros.base.validation import require
 
 LIBRARY = "rkhs_ros"  # that wrote a file
@@ -58,11 +58,13 @@ class MessageFile:
 
     Raises:
         OSError: it cannot be written.
+        ValueError: there is something else than a file in its place.
     """
 
     def __init__(
         self, path: Path, held: Iterable[Stored] = (), *, sync: bool = False, chunk_bytes: int = ONE_MESSAGE
     ) -> None:
+        require_replaceable(path)
         self.path = path
         self._sync = False  # of all that is held at once
         self._channels: dict[tuple[str, str], int] = {}
@@ -156,10 +158,12 @@ class Found:
     Attributes:
         messages: those that are whole, in order.
         faults: what was passed over, a line each.
+        lost: bytes of the file that were passed over, or left out at its end.
     """
 
     messages: list[Stored] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
+    lost: int = 0
 
 
 def read_messages(path: Path) -> Found:
@@ -180,11 +184,13 @@ def read_messages(path: Path) -> Found:
                 found.messages += scan.messages(code, content)
             except Exception as error:  # a damaged record raises almost anything
                 what = " ".join(f"{type(error).__name__}: {error}".split())
+                found.lost += len(content)
                 found.faults.append(f"{len(content)} bytes at {at} passed over: damaged ({what})")
             ended, at = code == Opcode.DATA_END, file.tell()
     if scan.missing:
         found.faults.append(f"{scan.missing} messages are missing")
     if not ended:
+        found.lost += size - at
         found.faults.append(f"cut after {len(found.messages)} messages: {size - at} bytes at the end are left out")
     return found
 

@@ -11,6 +11,7 @@ from operator import add
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.execution import Execution
@@ -20,7 +21,7 @@ from rkhs_ros.policies.messages import policy_of, spaces_fields, spaces_of
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.recordings.container import Stored, read_messages
+from rkhs_ros.recordings.container import Found, Stored, read_messages
 from rkhs_ros.recordings.definitions import PACKAGE, decoded, store_of_all
 
 FILE = "recording.mcap"
@@ -161,7 +162,7 @@ def read_recording(path: Path) -> Recording:
         OSError: it cannot be read.
     """
     path = recording_file(path)
-    recording = recording_of(_bag_messages(path) if path.is_dir() else _ours(_whole(path)))
+    recording = recording_of(_bag_messages(path) if path.is_dir() else _ours(_whole(path).messages))
     require(bool(recording.head or recording.batches), f"{path}", "a recording of a run", "none of our messages")
     return recording
 
@@ -169,21 +170,32 @@ def read_recording(path: Path) -> Recording:
 def read_held(path: Path) -> tuple[Recording, list[Stored]]:
     """Return what a file holds of a run that goes on, and its messages; nothing where there is none, or no head.
 
+    The run writes the file anew with these. So a file that holds more, which may yet be mended, is kept beside it.
+
     Raises:
         ValueError: it is no recording.
-        OSError: it cannot be read.
+        OSError: it cannot be read, or not kept.
     """
-    messages = _whole(path) if path.is_file() else []
-    recording = recording_of(_ours(messages))
-    return (recording, messages) if recording.head else (Recording(), [])
+    found = _whole(path) if path.is_file() else Found()
+    recording = recording_of(_ours(found.messages))
+    if found.lost or (found.messages and not recording.head):
+        _keep_damaged(path)
+    return (recording, found.messages) if recording.head else (Recording(), [])
 
 
-def _whole(path: Path) -> list[Stored]:
+def _keep_damaged(path: Path) -> None:
+    count = len(list(path.parent.glob(f"{path.stem}_damaged_*{path.suffix}")))
+    kept = path.with_name(f"{path.stem}_damaged_{count + 1}{path.suffix}")
+    write_whole(kept, path.read_bytes())
+    print(f"warning: {path}: kept as it was in {kept}", file=sys.stderr)
+
+
+def _whole(path: Path) -> Found:
     """Return the messages of an MCAP file that are whole; what is damaged is named on standard error."""
     found = read_messages(path)
     for fault in found.faults:
         print(f"warning: {path}: {fault}", file=sys.stderr)
-    return found.messages
+    return found
 
 
 def _ours(messages: Iterable[Stored]) -> Iterator[tuple[str, int, Any]]:

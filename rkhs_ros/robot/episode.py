@@ -210,8 +210,9 @@ class RobotEpisode:
         self._clock, self._ticked_at = clock.ticked(now), now
         action = self._task.action.action(self._executed[step])
         transition = (self.observation, action, sensed.observation)
-        self._rewards.append(self._task.rules.earned(*transition, sensed.reward))
+        reward = self._task.rules.earned(*transition, sensed.reward)
         self._terminated = self._task.rules.ended(*transition)
+        self._rewards.append(reward)  # no sooner: where a rule fails the step is not there at all
         self._observations.append(sensed.observation)
         self._stamps.append(sensed.stamp)
         self.step += 1

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import importlib
-import os
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import isfinite
-from typing import Any
+from typing import Any, TypeVar
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.settings import Settings, setting
-from rkhs_ros.base.validation import require, shown
+from rkhs_ros.base.user_code import user_answer, user_function
+from rkhs_ros.base.validation import LARGEST, require, shown
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.sensors import TYPE, parts_of
 
+T = TypeVar("T")
 Rule = Callable[[Array, Array, Array], Any]
 CALLED_WITH = "of observation, executed action and next observation"
 
@@ -62,7 +60,7 @@ class Rules:
         Raises:
             ValueError: one cannot be imported.
         """
-        return cls(imported(reward.function, "reward.function"), imported(end.function, "end.function"))
+        return cls(_named(reward.function, "reward.function"), _named(end.function, "end.function"))
 
     def earned(self, before: Array, executed: Array, after: Array, told: float) -> float:
         """Return the reward of a step.
@@ -76,48 +74,38 @@ class Rules:
         Raises:
             RunError: the function fails, or returns what is no finite number.
         """
-        value = _called(self.reward, "reward", before, executed, after) if self.reward else 0.0
-        try:
-            reward = float(value) + told
-        except (TypeError, ValueError) as error:
-            raise RunError(f"reward function: expected a number, got {shown(repr(value))}") from error
-        if not isfinite(reward):
-            raise RunError(f"reward: expected a finite number, got {reward}")
+        step = before, executed, after
+        reward = told + (_called(self.reward, "reward", float, "a number", *step) if self.reward else 0.0)
+        if not abs(reward) <= LARGEST:  # nan is not
+            raise RunError(f"reward: expected a finite number of at most {LARGEST:g} in size, got {reward}")
         return reward
 
     def ended(self, before: Array, executed: Array, after: Array) -> bool:
         """Return whether the episode ends with a step.
 
         Raises:
-            RunError: the function fails.
+            RunError: the function fails, or returns what is neither true nor false.
         """
-        return bool(_called(self.end, "end", before, executed, after)) if self.end else False
+        step = before, executed, after
+        return _called(self.end, "end", bool, "True or False", *step) if self.end else False
 
 
-def imported(path: str, what: str) -> Rule | None:
-    """Return the function ``package.module:function``; None of an empty path.
+def _named(path: str, what: str) -> Rule | None:
+    """Return the function of that name; None of an empty one."""
+    return user_function(path, what) if path else None
 
-    Its module is found beside what is installed in the folder that the process was started in, too.
+
+def _called(function: Rule, what: str, kind: Callable[[Any], T], expected: str, *arrays: Array) -> T:
+    """Return what a function answers as a value of that kind.
 
     Raises:
-        ValueError: there is none; the message says why.
+        RunError: it fails, or its answer is none.
     """
-    if not path:
-        return None
-    module, colon, name = path.partition(":")
-    require(bool(module and colon and name), what, "PACKAGE.MODULE:FUNCTION", repr(path))
-    if os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())
     try:
-        function = getattr(importlib.import_module(module), name)
-    except Exception as error:  # it is somebody's code
-        raise ValueError(f"{what}: expected '{path}' to import, got {type(error).__name__}: {shown(error)}") from error
-    require(callable(function), what, "a function", repr(function))
-    return function  # type: ignore[no-any-return]  # it can be called
-
-
-def _called(function: Rule, what: str, *arrays: Array) -> Any:
+        answer = user_answer(function, *arrays)
+    except RunError as error:
+        raise RunError(f"{what} function: {error}") from error
     try:
-        return function(*(array.copy() for array in arrays))
-    except Exception as error:  # it is somebody's code
-        raise RunError(f"{what} function: {type(error).__name__}: {shown(error)}") from error
+        return kind(answer)
+    except Exception as error:  # the answer is somebody's, too
+        raise RunError(f"{what} function: expected {expected}, got {shown(repr(answer))}") from error

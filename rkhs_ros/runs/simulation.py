@@ -12,7 +12,7 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.base.validation import require, shown
+from rkhs_ros.base.validation import LARGEST, require, shown
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
@@ -20,7 +20,6 @@ from rkhs_ros.runs.environments import Source, name_of, options_of, own_horizon,
 from rkhs_ros.runs.rows import AnyEnv, AnyVectorEnv, Flags
 from rkhs_ros.runs.shown import HasRobot, JointStates
 
-LARGEST = 1e100  # observation or reward: products of a few of them are still finite
 Answer = TypeVar("Answer")
 STEP_SECONDS = ("step_seconds", "dt", "tau")  # attributes of environments, the first one counts
 

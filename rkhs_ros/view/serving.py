@@ -7,9 +7,11 @@ from collections.abc import Callable
 from contextlib import redirect_stdout, suppress
 from io import StringIO
 from pathlib import Path
+from socket import create_server
 
 from viser import ViserServer
 
+from rkhs_ros.base.validation import shown
 from rkhs_ros.recordings.recording import FILE
 from rkhs_ros.runs.report import is_begun
 from rkhs_ros.view.folder import Folder
@@ -55,7 +57,14 @@ def opened(host: str, port: int) -> ViserServer:
     Args:
         host: address to listen at.
         port: port to listen at; the next free one is taken.
+
+    Raises:
+        ValueError: the address is none of this machine, for which the server would wait without end.
     """
+    try:
+        create_server((host, 0)).close()
+    except (OSError, UnicodeError) as error:
+        raise ValueError(f"host: expected an address of this machine, got {shown(host)} ({error})") from error
     with redirect_stdout(StringIO()):  # it prints addresses, too
         server = ViserServer(host=host, port=port, verbose=False)
     guard(server, local=is_local(host))
@@ -72,13 +81,14 @@ def serve(source: Source, host: str, port: int, tell: Callable[[str], None]) -> 
         tell: is told the address of the page.
 
     Raises:
+        ValueError: the address is none of this machine.
         KeyboardInterrupt: the process was told to end; the page was told of it.
     """
     server = opened(host, port)
     page = Page(server, source)
     page.refresh()
-    shown = "localhost" if is_local(host) or host == "0.0.0.0" else host
-    tell(f"http://{shown}:{server.get_port()}")
+    name = "localhost" if is_local(host) or host == "0.0.0.0" else host
+    tell(f"http://{name}:{server.get_port()}")
     try:
         _work(server, page)
     finally:

@@ -230,6 +230,10 @@ SENSORS = {"position": {"topic": "position", "type": "std_msgs/msg/Float64", "fi
             {"sensors": {"position": SENSORS["position"] | {"fields": ["date"]}}},
             "error: unknown field 'date' of Float64, did you mean 'data'?",
         ),
+        (
+            {"sensors": {"position": SENSORS["position"] | {"topic": "a b"}}},
+            "error: Invalid topic name: topic name must not contain",
+        ),
     ],
 )
 def test_a_bad_section_ends_the_node_with_one_line(

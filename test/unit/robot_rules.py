@@ -10,3 +10,9 @@ def told(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
 
 def high(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> bool:
     return bool(after[0] > 50)
+
+
+def breaks(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> bool:
+    if after[0] > 2:
+        raise ZeroDivisionError("by nothing")
+    return False

@@ -44,7 +44,14 @@ def functions(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     module = ModuleType("known_task")
     vars(module).update(paid=paid, over=over, moved=moved)
     vars(module).update(
-        fails=lambda *rows: 1 / 0, not_finite=lambda *rows: np.full(len(rows[0]), np.nan), narrow=lambda *rows: [1.0]
+        fails=lambda *rows: 1 / 0,
+        exits=lambda *rows: sys.exit(0),
+        giant=lambda *rows: np.full(len(rows[0]), 1e200),
+        likely=lambda rows: np.full(len(rows), 0.5),
+        not_finite=lambda *rows: np.full(len(rows[0]), np.nan),
+        narrow=lambda *rows: [1.0],
+        column=lambda *rows: np.ones((len(rows[0]), 1)),
+        turned=lambda *rows: np.ones_like(rows[0]).T,
     )
     monkeypatch.setitem(sys.modules, "known_task", module)
     return module
@@ -84,9 +91,12 @@ def test_a_known_part_and_a_learnt_rest_make_the_whole(rng: np.random.Generator)
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("fails", "practice.reward: known_task:fails: division by zero"),
+        ("fails", "practice.reward: known_task:fails: ZeroDivisionError: division by zero"),
         ("not_finite", "practice.reward: known_task:not_finite: values: expected finite numbers"),
         ("narrow", "practice.reward: known_task:narrow: values: expected "),
+        ("exits", "practice.reward: known_task:exits: SystemExit: 0"),
+        ("giant", "practice.reward: known_task:giant: values: expected at most 1e\\+100"),
+        ("column", r"practice.reward: known_task:column: values: expected the shape \(24,\), got \(24, 1\)"),
     ],
 )
 def test_a_function_that_fails_is_named(
@@ -96,6 +106,20 @@ def test_a_function_that_fails_is_named(
     model = WorldModel.fit(lived(rng, rows=3), Inputs(), SPACES, 10, known)
     with pytest.raises(RunError, match=message):
         ImaginedRunner(model).collect(policy_of(rng), batch_of(2))
+
+
+def test_an_end_is_true_or_false(functions: ModuleType) -> None:
+    known = ModelPractice(end="known_task:likely").known_parts(2)
+    assert known.end is not None
+    with pytest.raises(RunError, match=r"practice.end: known_task:likely: values: expected 1 or 0"):
+        known.end(np.zeros((3, 2)))
+
+
+def test_changes_whose_rows_are_columns_are_refused_though_they_are_as_many(functions: ModuleType) -> None:
+    known = ModelPractice(change="known_task:turned").known_parts(2)
+    assert known.change is not None
+    with pytest.raises(RunError, match=r"practice.change: known_task:turned: values: .*\(3, 2\), got \(2, 3\)"):
+        known.change(np.zeros((3, 2)), np.zeros((3, 1)))
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
@@ -287,3 +288,30 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     MessageFile(tmp_path / "b.mcap", noted(["a"])).close()
     with pytest.raises(ValueError, match=r"b\.mcap: expected a recording of a run"):
         read_recording(tmp_path / "b.mcap")
+
+
+def chunks(content: bytes) -> list[int]:
+    """Where the records begin that hold a message each."""
+    found, at = [], len(b"magic...")
+    while content[at] != Opcode.DATA_END:
+        found += [at] if content[at] == Opcode.CHUNK else []
+        at += 9 + int.from_bytes(content[at + 1 : at + 9], "little")
+    return found
+
+
+@pytest.mark.parametrize("damaged", [0, 2])
+def test_a_run_that_goes_on_keeps_what_it_cannot_read_of_its_recording(tmp_path: Path, damaged: int) -> None:
+    file = recorded_run(tmp_path / "run", longer(2))
+    content = bytearray(file.read_bytes())
+    content[chunks(content)[damaged] + 6] ^= 1  # a length beyond the end, so that all after it seems cut
+    file.write_bytes(content)
+    recorded_run(tmp_path / "run", CONFIG, resume=True)
+    assert (file.parent / "recording_damaged_1.mcap").read_bytes() == content
+
+
+def test_of_a_run_that_was_killed_nothing_is_kept_aside(tmp_path: Path) -> None:
+    file = recorded_run(tmp_path / "run", longer(2))
+    content = file.read_bytes()
+    file.write_bytes(content[: chunks(content)[-1]])
+    recorded_run(tmp_path / "run", CONFIG, resume=True)
+    assert not list(file.parent.glob("*damaged*"))

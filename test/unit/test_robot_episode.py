@@ -279,3 +279,15 @@ def test_a_vetoed_episode_is_void_and_forgotten(tmp_path: Path) -> None:
 def test_without_functions_a_topic_alone_tells_the_reward() -> None:
     rules = Rules.of(Reward(topic="reward"), End())
     assert rules.earned(np.zeros(1), np.zeros(1), np.zeros(1), 2.5) == 2.5
+
+
+@pytest.mark.parametrize("rule", ["reward", "end"])
+def test_where_a_rule_fails_the_steps_before_are_whole(rule: str) -> None:
+    breaking = "test.unit.robot_rules:breaks"
+    changes = {"reward": Reward(function=breaking)} if rule == "reward" else {"end": End(function=breaking)}
+    episode = begun(replace(TASK, **changes))
+    with pytest.raises(RunError, match=f"{rule} function: ZeroDivisionError"):
+        play(episode, [0.01] * 5)
+    ended = episode.ended()
+    assert len(ended.execution.flags) == 2
+    assert len(ended.execution.stamps) == 3

@@ -1,5 +1,6 @@
 """The settings of a robot's task: commands, rules and what is refused."""
 
+import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -36,6 +37,22 @@ def spoilt(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
     return float(before[0])
 
 
+def leaves(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
+    sys.exit(0)
+
+
+def beyond(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> int:
+    return 10**400
+
+
+def giant(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
+    return -1e200
+
+
+def several(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> np.ndarray:
+    return after > 0.0
+
+
 def changed(path: str, value: object) -> dict[str, Any]:
     """Return the section with one value replaced; a None leaves it out."""
 
@@ -65,16 +82,17 @@ def test_the_spaces_follow_from_the_section() -> None:
         ("sensors.joints.topik", "x", "unknown key 'sensors.joints.topik'"),
         ("sensors.joints.topic", "", "sensors.joints: topic: expected the name of a topic"),
         ("sensors.joints.fields", ["posit"], "sensors.joints: fields: expected some of position"),
+        ("sensors.joints.fields", [], "sensors.joints: fields: expected at least one, got none"),
         ("sensors.joints.type", "Imu", "sensors.joints: type: expected PACKAGE/msg/TYPE"),
         ("action.minimum", [1.0, 0.0], "action.minimum: expected less than action.maximum"),
         ("action.minimum", [1.0], "action.maximum: expected 1 number, got 2"),
         ("action.scale", [0.0, 1.0], "action.scale: expected no 0"),
         ("action.scale", [1.0, 1.0, 1.0], "action.scale: expected 1 or 2 numbers, got 3"),
         ("reward.function", None, "reward: expected a function or a topic"),
-        ("reward.function", "nowhere:f", "reward.function: expected 'nowhere:f' to import, got ModuleNotFound"),
-        ("reward.function", f"{HERE}:nothing", "to import, got AttributeError"),
-        ("reward.function", HERE, "reward.function: expected PACKAGE.MODULE:FUNCTION"),
-        ("end.function", f"{HERE}:SECTION", "end.function: expected a function"),
+        ("reward.function", "nowhere:f", "reward.function: expected a module 'nowhere' to import, "),
+        ("reward.function", f"{HERE}:squarez", "reward.function: no function 'squarez' in"),
+        ("reward.function", HERE, "reward.function: expected MODULE:FUNCTION"),
+        ("end.function", f"{HERE}:SECTION", "end.function: no function 'SECTION' in"),
         ("reset.steps", ["hom"], "unknown choice 'hom', did you mean 'home'"),
         ("reset.steps", ["home"], "reset.home.joints: expected names of joints"),
         ("reset.steps", ["trigger"], "reset.trigger.service: expected the name of a service"),
@@ -83,7 +101,7 @@ def test_the_spaces_follow_from_the_section() -> None:
     ],
 )
 def test_what_does_not_fit_is_refused_in_one_line(path: str, value: object, message: str) -> None:
-    with pytest.raises(ValueError, match=r"expected|unknown") as refusal:
+    with pytest.raises(ValueError, match=r"expected|unknown|no function") as refusal:
         robot_task_from(changed(path, value))
     assert message in str(refusal.value)
     assert "\n" not in str(refusal.value)
@@ -106,9 +124,27 @@ def test_the_reward_is_the_functions_plus_the_topics() -> None:
     assert not rules.ended(ones, ones, ones)
 
 
-@pytest.mark.parametrize(("name", "message"), [("broken", "ZeroDivisionError: by nothing"), ("spoilt", "finite")])
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("broken", "ZeroDivisionError: by nothing"),
+        ("spoilt", "finite"),
+        ("leaves", "SystemExit"),
+        ("beyond", "expected a number, got 1000"),
+        ("giant", "at most 1e.100 in size"),
+    ],
+)
 def test_a_reward_that_fails_is_told_and_what_it_edits_is_its_own(name: str, message: str) -> None:
     rules, ones = Rules.of(Reward(function=f"{HERE}:{name}"), End()), np.ones(2)
     with pytest.raises(RunError, match=message):
         rules.earned(ones, ones, ones, 0.0)
     np.testing.assert_array_equal(ones, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"), [("several", "expected True or False, got array"), ("leaves", "end function: SystemExit: 0")]
+)
+def test_an_end_that_is_neither_true_nor_false_is_told(name: str, message: str) -> None:
+    rules, ones = Rules.of(Reward(topic="score"), End(function=f"{HERE}:{name}")), np.ones(2)
+    with pytest.raises(RunError, match=message):
+        rules.ended(ones, ones, ones)

@@ -1,4 +1,5 @@
 import json
+import os
 import resource
 import tracemalloc
 from collections.abc import Callable
@@ -11,10 +12,12 @@ from zipfile import ZIP_DEFLATED, ZipFile
 import numpy as np
 import pytest
 
+from rkhs_ros.base.files import write_whole
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import Task, load_policy, save_policy
 from rkhs_ros.policies.variance import FunctionVariance
+from rkhs_ros.recordings.container import MessageFile
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Linear, Polynomial
 from rkhs_ros.runs.episode_files import load_episodes
@@ -296,3 +299,13 @@ def test_a_task_that_cannot_be_written_leaves_the_file_as_it_was(tmp_path: Path,
     with pytest.raises(TypeError, match="not JSON serializable"):
         save_policy(path, random_policy(m=4), Task("x", {"option": object()}, 1, 1.0))
     assert path.read_bytes() == before
+
+
+def test_a_file_takes_the_place_of_files_alone(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "device")
+    with pytest.raises(ValueError, match=r"device: expected a file, or nothing in its place"):
+        write_whole(tmp_path / "device", b"content")
+    with pytest.raises(ValueError, match=r"device: expected a file, or nothing in its place"):
+        MessageFile(tmp_path / "device")
+    assert (tmp_path / "device").is_fifo()
+    assert len(list(tmp_path.iterdir())) == 1

@@ -210,3 +210,9 @@ def test_memory_stays_bounded_over_a_long_run(tmp_path: Path) -> None:
 
 def resident_bytes() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+@pytest.mark.parametrize("host", ["999.1.1.1", "192.0.2.1", "a..b"])
+def test_an_address_of_another_machine_is_refused(host: str) -> None:
+    with pytest.raises(ValueError, match=r"host: expected an address of this machine, got "):
+        opened(host, 0)
