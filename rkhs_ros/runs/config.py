@@ -170,6 +170,8 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
         require("simulator" not in sections, f"{path}", "either a simulator or a robot", "both")
         missing = [name for name in ROBOT_NODES[:2] if name not in robot]
         require(not missing, f"{path}", "sections /**/robot and /**/gate", f"no {', no '.join(missing)}")
+        expected = "a section /**/learner, for a robot moves by what it says"
+        require(bool(sections["learner"]), f"{path}", expected, "none")
         settings = {key: value for key, value in sections["learner"].items() if key != "environment"}
         return _changed({"name": path.stem, **settings, **robot}, changes)
     tree = {"name": path.stem, **sections["learner"], "environment": _environment(path, sections)}

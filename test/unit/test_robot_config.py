@@ -69,13 +69,14 @@ def test_sections_that_do_not_fit_are_refused_before_anything_is_started(
     [
         ("/**/gate", "expected sections /**/robot and /**/gate, got no gate"),
         ("/**/robot", "expected sections /**/robot and /**/gate, got no robot"),
+        ("/**/learner", "expected a section /**/learner, for a robot moves by what it says, got none"),
     ],
 )
 def test_a_robot_needs_its_gate(section: str, message: str, tmp_path: Path) -> None:
     document = loaded(PENDULUM.read_text())
     del document[section]
     (tmp_path / "robot.yaml").write_text(str(document))
-    with pytest.raises(ValueError, match="expected sections") as refusal:
+    with pytest.raises(ValueError, match="expected") as refusal:
         load_config(tmp_path / "robot.yaml")
     assert message in str(refusal.value)
 
