@@ -40,10 +40,10 @@ def require_replaceable(path: Path) -> None:
     """Check that a file may take this place: that of a device would be gone for all who use it.
 
     Raises:
-        ValueError: there is something else than a file.
+        ValueError: there is a device. A folder is the system's to refuse.
     """
-    if path.exists() and not path.is_file():
-        raise ValueError(f"{path}: expected a file, or nothing in its place, got a folder or a device")
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise ValueError(f"{path}: expected a file, or nothing in its place, got a device")
 
 
 def sync_to_disk(path: Path) -> None:

@@ -17,6 +17,7 @@ from rkhs_ros.base.validation import shown
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS
 from rkhs_ros.policies.messages import doubles
 from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.robot.gate_state import STOP_ASKED
 
 LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 MOST_UNANSWERED = 10  # commands sent on without a report, after which the gate is taken to be gone
@@ -85,13 +86,18 @@ class GateLink:
         return arm if is_there else f"start it, {arm}"
 
     def arm_practice(self, now: float) -> bool:
-        """Arm the gate of a practice robot now and then; return whether it is one, in a run of practice."""
+        """Arm the gate of a practice robot now and then; return whether that is done from here.
+
+        Not where somebody had the robot stop: that takes their word, as on any robot.
+        """
+        if not self._arms or (self._state is not None and self._state.reason.startswith(STOP_ASKED)):
+            return False
         stands = self._state is not None and self._state.state in (DISARMED, STOPPED)
-        if self._arms and stands and now >= self._armed_at + ARM_RETRY_S:
+        if stands and now >= self._armed_at + ARM_RETRY_S:
             self._armed_at = now
             if PRACTICE_ROBOT in self._node.get_node_names() and self._arm.service_is_ready():
                 self._arm.call_async(Trigger.Request())
-        return self._arms
+        return True
 
     def close(self) -> None:
         """Have the robot hold, and wait until the gate has heard it."""

@@ -31,7 +31,7 @@ from rkhs_ros.nodes.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.uniqueness import Uniqueness
 from rkhs_ros.robot.gate import armed, begin, commanded, is_at_rest, sensed, stop_asked, stopped, ticked
 from rkhs_ros.robot.gate_settings import GateSettings, rules
-from rkhs_ros.robot.gate_state import Counts, Gate, Mode
+from rkhs_ros.robot.gate_state import STOP_ASKED, Counts, Gate, Mode
 
 STOP_TIMEOUT_S = 1.5  # to come to rest in before the process ends; a launcher kills it after 2
 LAST_OUTPUT_TIMEOUT_S = 0.2  # for the hardware to take the last output
@@ -172,7 +172,7 @@ class GateNode(ReportingNode):
         self._turn(state)
 
     def _hear_stop(self, message: Bool) -> None:
-        self._turn(stop_asked(self._state, message.data, "a stop was asked for on the topic 'stop'"))
+        self._turn(stop_asked(self._state, message.data, f"{STOP_ASKED} on the topic 'stop'"))
 
     def _arm(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         topic = self._settings.command.topic
@@ -189,7 +189,7 @@ class GateNode(ReportingNode):
         return response
 
     def _stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._turn(stopped(self._state, "a stop was asked for by the service 'stop'"))
+        self._turn(stopped(self._state, f"{STOP_ASKED} by the service 'stop'"))
         response.success, response.message = True, str(self._state.mode)
         return response
 

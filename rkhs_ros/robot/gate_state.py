@@ -12,6 +12,8 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.limits import EFFORT, LEAST, MOST, POSITION, VELOCITY, Limits, Sensed, SensedLimits
 from rkhs_ros.robot.motion import Setpoint
 
+STOP_ASKED = "a stop was asked for"  # how the reason begins where somebody had the robot stop
+
 
 class Mode(StrEnum):
     """What a gate does."""
