@@ -13,10 +13,11 @@ from rkhs_ros.runs.curve import Curve
 from test.ros.conftest import Probe, Process
 from test.ros.robot_bench import CONFIG, QUICK
 
+pytestmark = pytest.mark.clock
+
 Start = Callable[..., Process]
 
 
-@pytest.mark.faults
 def test_it_learns_on_a_practice_robot_and_goes_on_where_it_was_left(start: Start, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     command = ("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *QUICK, "iterations=1")
@@ -33,7 +34,6 @@ def test_it_learns_on_a_practice_robot_and_goes_on_where_it_was_left(start: Star
     assert {name: (journal / name).read_bytes() for name in first} == first
 
 
-@pytest.mark.faults
 def test_a_real_robot_waits_for_a_person_to_arm_it(start: Start, tmp_path: Path, probe: Probe) -> None:
     document = load_config(CONFIG, (*QUICK, "iterations=1")).parameters()
     practice = tmp_path / "practice.yaml"
