@@ -82,13 +82,14 @@ test-faults: build ## kill nodes, lose messages, send malformed ones, run for lo
 test-fast: build ## the tests that start no nodes and take under a minute in all
 	@$(ENTER) python -m pytest -n auto -m "not ros and not slow and not faults and not clock and not browser"
 
-EXTRAS ?= test/faults/test_clusters.py test/unit/test_workers.py
+EXTRAS ?= test/faults/test_clusters.py test/unit/test_workers.py test/faults/test_other_learners.py
 test-extras: build .venv-extras/.installed ## what needs heavy extras, which are put beside .venv
 	@$(ENTER) PYTHONPATH=$(CURDIR)/.venv-extras:$$PYTHONPATH python -m pytest -rs $(EXTRAS)
 
-.venv-extras/.installed: requirements/extras.txt | $(VENV)
+.venv-extras/.installed: requirements/extras.txt requirements/core.txt | $(VENV)
 	@echo "Installing the extras into .venv-extras ..."
-	@.venv/bin/python -m pip install -qq --disable-pip-version-check --target .venv-extras -r $<
+	@.venv/bin/python -m pip install -qq --disable-pip-version-check --target .venv-extras \
+	  -c requirements/core.txt -r $<
 	@touch $@
 
 # Python 3.12 with Ubuntu 24.04's versions where it is found, else 3.11 with them; no ROS, no PyBullet.

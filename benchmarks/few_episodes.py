@@ -20,6 +20,7 @@ import numpy as np
 from cmaes import CMA
 from joblib import Parallel, delayed
 
+import sim_nodes.envs  # noqa: F401  # registers the tasks
 from rkhs_ros.learning.training import train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch

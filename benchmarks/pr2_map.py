@@ -56,8 +56,8 @@ def main(path: Path | None) -> None:
     figure, panels = plt.subplots(1, len(POSES), figsize=(14, 4), sharey=True, layout="constrained")
     for panel, (name, pose) in zip(panels, POSES.items(), strict=True):
         rewards, opened, seconds = survey(task, pose)
-        mesh = panel.pcolormesh(shifts, openings, rewards, vmin=0.0, vmax=1.0, cmap="viridis")
-        columns, rows = np.meshgrid(shifts, openings)
+        columns, rows = np.meshgrid(shifts - task.start[0], openings - task.start[1])  # as actions
+        mesh = panel.pcolormesh(columns, rows, rewards, vmin=0.0, vmax=1.0, cmap="viridis")
         panel.plot(columns[opened], rows[opened], "w.", markersize=5)
         panel.set(title=f"{name}: {opened.mean():.0%} open it", xlabel=task.action_names[0])
         print(

@@ -124,7 +124,7 @@ def main() -> None:
     print(f"raw ping-pong of the same message, two processes  {1e6 * raw:8.0f} us")
     print(
         f"lockstep step, {batch.rows} rows, three processes           {1e6 * step:8.0f} us"
-        f"   {step / raw:.2f} times the ping-pong (aim 1.6)"
+        f"   {step / raw:.2f} times the ping-pong (aim 1.5)"
     )
     print(f"the same step in process                          {1e6 * inline_step:8.0f} us")
     print(f"environment steps per second over topics          {batch.rows / step:8.0f}")

@@ -102,6 +102,10 @@ class MeteredRunner:
         self._meter = meter
         self.spaces = self._runner.spaces
 
+    def room(self, rows: int) -> int:
+        """Return 1: none run ahead, so that exploring and noise-free episodes are metered apart."""
+        return 1
+
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Return the episodes of a batch under the policy."""
         if not batch.explore:

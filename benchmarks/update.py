@@ -144,7 +144,8 @@ def main() -> None:
         once(CONFIGS / f"pendulum_pomdp_{name}.yaml", [], "(aim 100 ms)")
     once(CONFIGS / "pendulum_pomdp_enac.yaml", [], "")
     once(CONFIGS / "pendulum_power.yaml", ["algorithm.weighting=printed"], "as printed: cubic in the samples")
-    at_many(CONFIGS / "pendulum_nac.yaml")
+    for name in ("ac", "npg", "nac", "power", "grid_ac", "enac", "grid_power"):
+        at_many(CONFIGS / f"pendulum_{name}.yaml")
     pursuits()
 
 

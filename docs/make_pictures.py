@@ -40,7 +40,7 @@ class Scene(NamedTuple):
         colour: of its line.
         observations: before each step, shape (H, d).
         actions: within their bounds, shape (H, n).
-        earned: discounted return of the steps up to each, shape (H,).
+        earned: discounted return of the steps up to each, mean of all episodes of its kind, shape (H,).
     """
 
     title: str
@@ -62,15 +62,22 @@ def main() -> None:
 
 
 def _scenes(config: Config) -> list[Scene]:
-    """Return the real episode that is learnt from, and one of the policy that practice makes of it."""
+    """Return the real episode that is learnt from, and the one nearest the mean after practice in a model of it."""
     first = next(iterations(config))
+    nearest = int(np.argmin(np.abs(first.mean_policy_returns - first.mean_policy_return)))
     discounts = config.training.discount ** np.arange(config.training.horizon)
     spaces = runner_of(config.environment).spaces
     return [
-        Scene(title, colour, e.observations[0], spaces.clip(e.actions[0]), np.cumsum(discounts * e.rewards[0]))
-        for title, colour, e in (
-            ("the first episode: exploring", COLOURS[1], first.exploration),
-            ("after practice in a model of it", COLOURS[0], first.evaluation),
+        Scene(
+            title,
+            colour,
+            e.observations[row],
+            spaces.clip(e.actions[row]),
+            np.cumsum(discounts * e.rewards.mean(axis=0)),
+        )
+        for title, colour, e, row in (
+            ("the first episode: exploring", COLOURS[1], first.exploration, 0),
+            ("after practice in a model of it", COLOURS[0], first.evaluation, nearest),
         )
     ]
 

@@ -1,4 +1,4 @@
-"""Makes the pictures of docs/view.md: the page of a run while it learns, of the pendulum and of the PR2."""
+"""Makes the pictures of docs/view.md: the page of a run while it learns, of the pendulum, the PR2 and an arm."""
 
 from __future__ import annotations
 
@@ -6,13 +6,16 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
 import browser
 from PIL import Image
+
+from rkhs_ros.runs.control import PAUSE, ask, is_pausing
+from rkhs_ros.runs.curve import Curve
 
 HERE = Path(__file__).parent
 CONFIGS = HERE.parent / "config"
@@ -31,6 +34,7 @@ class Shot(NamedTuple):
         kind: of the episode that is shown.
         part: of its time, from 0 to 1.
         settings: changes of the configuration.
+        over_topics: whether it is by nodes, as of a robot; then it is paused for the picture.
     """
 
     config: str
@@ -38,36 +42,55 @@ class Shot(NamedTuple):
     kind: str
     part: float
     settings: tuple[str, ...] = ()
+    over_topics: bool = False
 
 
 SHOTS = {
     "view_pendulum.png": Shot("pendulum_model_nac", 5, "noise-free 1", 0.1, ("iterations=40",)),
     "view_pr2.png": Shot("pr2_door_nac", 11, "noise-free 1", 0.75, ("iterations=60",)),
+    "view_arm.png": Shot("robot_arm", 8, "exploring 1", 0.45, over_topics=True),
 }
 
 
-def main() -> None:
-    """Write the pictures beside this file."""
+def main(names: Sequence[str]) -> None:
+    """Write the pictures beside this file, or those that are named."""
     with browser.started() as chromium:
         for name, shot in SHOTS.items():
-            with run_of(shot) as address:
+            if names and name not in names:
+                continue
+            with run_of(shot) as (folder, address):
+                if shot.over_topics:
+                    wait_for_pause(folder, shot.iteration)
                 picture = taken(chromium.open(f"{address}?{SHARP}", *SIZE), shot)
             picture.save(HERE / name, optimize=True)
             print(HERE / name)
 
 
 @contextmanager
-def run_of(shot: Shot) -> Iterator[str]:
-    """Let a run learn and yield the address of its page."""
+def run_of(shot: Shot) -> Iterator[tuple[Path, str]]:
+    """Let a run learn and yield its folder, and the address of its page."""
     command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", str(CONFIGS / f"{shot.config}.yaml"), "--view"]
-    options = ["--runner", "inline", "--quiet", "--set", *shot.settings, "--out", "results/run"]
+    where = "ros" if shot.over_topics else "inline"
+    changes = ["--set", *shot.settings] if shot.settings else []
+    options = ["--runner", where, "--quiet", *changes, "--out", "results/run"]
     with tempfile.TemporaryDirectory() as folder:
         process = subprocess.Popen([*command, *options], cwd=folder, stdout=subprocess.PIPE, text=True)
         try:
-            yield next(line for line in process.stdout or [] if " at http" in line).split()[-1]
+            address = next(line for line in process.stdout or [] if " at http" in line).split()[-1]
+            yield Path(folder, "results", "run"), address
         finally:
             process.terminate()
             process.communicate()
+
+
+def wait_for_pause(folder: Path, iteration: int) -> None:
+    """Have a run pause after an iteration: one by the wall clock has no time for a browser that draws on its cores."""
+    deadline = time.monotonic() + LEARNING_TIMEOUT_S
+    while time.monotonic() < deadline and not is_pausing(folder):
+        curve = Curve(folder / "curve.csv")
+        if curve.path.exists() and len(curve.rows()) >= iteration:
+            ask(folder, PAUSE)
+        time.sleep(0.5)
 
 
 def taken(tab: browser.Tab, shot: Shot) -> Image.Image:
@@ -97,4 +120,4 @@ def slide(tab: browser.Tab, part: float) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -1,6 +1,7 @@
 """The nodes that learn on a robot: ``ros2 launch rkhs_ros robot.launch.py config:=FILE output:=DIR``.
 
-The robot's own nodes are not started here, nor is its gate armed: that is for a person to do.
+The robot's own nodes are not started here, nor is its gate armed: that is for a person to do. With ``practice:=true``
+the configuration's practice robot is started, too, and its gate is armed by the robot node.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from launch.events.process import ProcessExited
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from rkhs_ros.app.launcher import robot_parameters
 from rkhs_ros.app.robots import check_robot
 from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.names import require_known_arguments
@@ -24,9 +26,10 @@ ABOUT = {
     "config": "parameter file with the sections /**/robot, /**/gate and /**/learner",
     "output": "folder for the results and for the episodes that the robot made",
     "resume": "true: go on with the run in the output folder, if one began there",
+    "practice": "true: start the practice robot of the section /**/practice_robot as well",
     "namespace": "of all nodes",
 }
-DEFAULTS = {"resume": "false", "namespace": ""}
+DEFAULTS = {"resume": "false", "practice": "false", "namespace": ""}
 AGAIN = {"respawn": True, "respawn_delay": 1.0}
 
 
@@ -53,27 +56,25 @@ def nodes(context: LaunchContext) -> list[Action]:
     """
     require_known_arguments(sys.argv, Path(__file__).name, ABOUT)
     given = {name: LaunchConfiguration(name).perform(context) for name in ABOUT}
-    require(given["resume"] in ("true", "false"), "resume", "true or false", given["resume"])
+    for name in ("resume", "practice"):
+        require(given[name] in ("true", "false"), name, "true or false", given[name])
     config, folder = load_config(Path(given["config"])), Path(given["output"]).expanduser().resolve()
     require(bool(config.environment.nodes), given["config"], "a section /**/robot", "none")
+    practises = given["practice"] == "true"
+    require(not practises or "practice_robot" in config.environment.nodes, "practice", "its section", "none")
     check_robot(config)
-    learner = {"output": str(folder), "resume": given["resume"] == "true", "environment": config.environment.tree()}
-    own = {
-        "gate": ({}, {"on_exit": gate_ended}),
-        "robot": ({"journal": str(folder / "checkpoints" / "episodes")}, AGAIN),
-        "policy": ({}, AGAIN),
-        "learner": (learner, {"on_exit": learner_ended}),
-    }
+    file = robot_parameters(config, folder, resume=given["resume"] == "true", practises=practises)
+    more = {"gate": {"on_exit": gate_ended}, "learner": {"on_exit": learner_ended}}
     return [
         Node(
             package="rkhs_ros",
             executable=name,
             namespace=given["namespace"],
             output="screen",
-            parameters=[given["config"], parameters] if parameters else [given["config"]],
-            **more,
+            parameters=[str(file)],
+            **more.get(name, AGAIN),
         )
-        for name, (parameters, more) in own.items()
+        for name in (*(["practice_robot"] if practises else []), "gate", "robot", "policy", "learner")
     ]
 
 

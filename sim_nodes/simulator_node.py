@@ -6,6 +6,7 @@ import json
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
 from rosgraph_msgs.msg import Clock
@@ -26,12 +27,14 @@ from rkhs_ros.nodes.messages import (
     clock_message,
     describe,
     observation_message,
+    show,
 )
 from rkhs_ros.nodes.parameters import declare, declared, given, instance, require_known, restarts
 from rkhs_ros.nodes.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.uniqueness import Uniqueness
 from rkhs_ros.policies.messages import matrix
 from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.config import environment_from
 from rkhs_ros.runs.recording import EpisodeRecorder
 from rkhs_ros.runs.simulation import Frame, Simulation
@@ -77,7 +80,7 @@ class SimulatorNode(ReportingNode):
         self._clock_steps = 0
         self._clock_is_heard = False
         self._listeners_at = 0.0  # monotonic time, seconds
-        self._last: Observation | None = None  # as long as it waits for its action
+        self._said: Observation | None = None  # of the batch, filled in anew at each step; None where there is none
         self._patience = PATIENCE
         self._again_at = 0.0
         self._ended: Episodes | None = None
@@ -99,10 +102,10 @@ class SimulatorNode(ReportingNode):
         if now >= self._listeners_at:
             self._clock_is_heard = self._clock_ticks.get_subscription_count() > 0
             self._listeners_at = now + LISTENERS_PERIOD_S
-        if self._last is None:
+        if not self._waits:
             return wait
         if now >= self._again_at:
-            self._observations.publish(self._last)
+            self._observations.publish(self._said)
             self._patience = min(2 * self._patience, MOST_PATIENCE)
             self._again_at = now + self._patience
         return min(wait, self._again_at - now)
@@ -129,21 +132,18 @@ class SimulatorNode(ReportingNode):
         return describe(self._simulation, request.rows, *place, failure=self._failure, connected=heard)
 
     def _start(self, request: StartEpisodes.Request, response: StartEpisodes.Response) -> StartEpisodes.Response:
-        try:
+        with self.diagnostics.accepting(response, "to start episodes"):
             self._check_task(request)
             batch = batch_of(request)
             require(request.clock < MOST_STEPS, "clock", f"less than {MOST_STEPS} steps", request.clock)
             if self._batch is not None and request.batch == self._identity:
                 ours, asked = (self._version, self._batch), (request.policy_version, batch)
                 require(asked == ours, f"batch {request.batch}", f"policy version and episodes {ours}", asked)
+                seeds = request.environment_seeds.tolist()
+                require(seeds == self._seeds, f"seeds of batch {request.batch}", "those that it began with", "others")
                 self._repeat()
             else:
                 self._begin(request, batch)
-        except ValueError as error:
-            response.message = str(error)
-            self.diagnostics.refuse(f"to start episodes: {error}")
-            return response
-        response.accepted = True
         return response
 
     def _check_task(self, request: StartEpisodes.Request) -> None:
@@ -152,13 +152,15 @@ class SimulatorNode(ReportingNode):
         require(asked == ours, "task", " with options ".join(ours), " with options ".join(asked))
 
     def _begin(self, request: StartEpisodes.Request, batch: Batch) -> None:
-        frame = self._attempt(self._simulation.start, batch)
+        seeds = request.environment_seeds.tolist()
+        frame = self._attempt(partial(self._simulation.start, seeds=seeds), batch)
+        self._seeds: list[int] = seeds
         self._batch, self._identity, self._version = batch, request.batch, request.policy_version
         self._step, self._ended = 0, None
         self._clock_steps = max(self._clock_steps, request.clock)
-        self._recorder = EpisodeRecorder(batch, self._simulation.spaces)
+        self._recorder = None if seeds else EpisodeRecorder(batch, self._simulation.spaces)
         if frame is not None:
-            self._publish(batch, frame)
+            self._publish(observation_message(self._identity, self._version, batch, 0, frame))
             self._record(batch, frame)
 
     def _attempt(self, call: Callable[[Value], Frame], value: Value) -> Frame | None:
@@ -166,7 +168,7 @@ class SimulatorNode(ReportingNode):
         try:
             frame = call(value)
         except RunError as error:
-            self._last = None
+            self._said = None
             self._failure = self.diagnostics.stuck = str(error)
             return None
         self._failure = self.diagnostics.stuck = ""
@@ -176,12 +178,12 @@ class SimulatorNode(ReportingNode):
         """Say again what was said last, as it may have been lost."""
         if self._ended is not None:
             self._episodes.publish(self._ended)
-        elif self._last is not None:
-            self._observations.publish(self._last)
+        elif self._said is not None:
+            self._observations.publish(self._said)
 
     def _act(self, message: Action) -> None:
-        batch = self._batch
-        if batch is None or not self._awaits(batch, message):
+        batch, said = self._batch, self._said
+        if batch is None or said is None or not self._awaits(message):
             expected = f"batch {self._identity}, step {self._step}, policy version {self._version}"
             got = f"batch {message.batch}, step {message.step}, policy version {message.policy_version}"
             self.diagnostics.pass_over(f"an action: expected {expected}, got {got}")
@@ -196,27 +198,38 @@ class SimulatorNode(ReportingNode):
             return
         self._step += 1
         self._clock_steps += 1
-        self._publish(batch, frame)
-        self._recorder.acted(self._step - 1, actions)
-        self._record(batch, frame)
+        show(said, self._step, frame)
+        self._publish(said)
+        self._record(batch, frame, actions)
         self.diagnostics.steps += 1
         self._tick()
         if self._robot is not None:
             self._robot.publish()
 
-    def _awaits(self, batch: Batch, message: Action) -> bool:
+    def _awaits(self, message: Action) -> bool:
         expected = (self._identity, self._step, self._version)
-        return (message.batch, message.step, message.policy_version) == expected and self._last is not None
+        return (message.batch, message.step, message.policy_version) == expected and self._waits
 
-    def _publish(self, batch: Batch, frame: Frame) -> None:
-        message = observation_message(self._identity, self._version, batch, self._step, frame)
+    @property
+    def _waits(self) -> bool:
+        """Whether an action is awaited."""
+        return self._said is not None and not self._said.over
+
+    def _publish(self, message: Observation) -> None:
+        self._said = message
         self._observations.publish(message)
-        self._last = None if message.over else message
         self._patience = PATIENCE
         self._again_at = time.monotonic() + PATIENCE
 
-    def _record(self, batch: Batch, frame: Frame) -> None:
-        """Record after publishing: the policy node is at work meanwhile."""
+    def _record(self, batch: Batch, frame: Frame, actions: Array | None = None) -> None:
+        """Record a step after publishing: the policy node is at work meanwhile.
+
+        Who steps the environment with seeds of their own keeps what it shows.
+        """
+        if self._recorder is None:
+            return
+        if actions is not None:
+            self._recorder.acted(self._step - 1, actions)
         self._recorder.observed(self._step, frame)
         if not frame.active.any():
             self._ended = episodes_message(msg, self._identity, self._version, self._recorder.episodes())

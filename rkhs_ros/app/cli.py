@@ -29,6 +29,8 @@ COMMANDS = {
     "tune": "search for settings that learn well",
     "reproduce": "make the paper's figures again",
     "results": "say which of the paper's claims hold, from reproduced figures",
+    "simulate": "run a task's simulators, or a robot's nodes, for learners of other libraries",
+    "serve": "have a function of one's own act in a simulator or on a robot",
     "status": "show what the nodes of a run report",
     "robot": "tell the nodes of a robot what a person decides: arm, stop, start, pause, veto",
     "list": "name the tasks, algorithms, kernels and figures",

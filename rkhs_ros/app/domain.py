@@ -19,13 +19,14 @@ DOMAINS = range(100, 0, -1)  # from the top, as people who choose one take small
 
 
 @contextmanager
-def own_domain(folder: Path) -> Iterator[None]:
+def own_domain(folder: Path, default: str | None = None) -> Iterator[None]:
     """Have the nodes that are started meanwhile in a domain that no other run has, and say in the folder which.
 
     Where the environment says which domain, that stays.
 
     Args:
         folder: the run's; the file ``checkpoints/domain`` is in it as long as the run goes on.
+        default: the domain where the environment does not say, as of a robot; None for one that no other run has.
 
     Raises:
         RunError: all domains are taken.
@@ -34,7 +35,7 @@ def own_domain(folder: Path) -> Iterator[None]:
     """
     given = os.environ.get(VARIABLE)
     with socket.socket() as claim:
-        domain = given or str(_claimed(claim))
+        domain = given or default or str(_claimed(claim))
         with locked(folder):  # else the run under way could not be found any more
             _file(folder).write_text(f"{domain}\n")
         os.environ[VARIABLE] = domain

@@ -25,6 +25,8 @@ def run(options: argparse.Namespace) -> int:
     recording = read_recording(options.recording)
     task = options.task or (recording.head.task.environment if recording.head else "")
     require(bool(task), "--task", "what the episodes of a bag are of", "none")
-    count = export(recording.finished, task, options.lerobot, options.fps)
+    count = export(
+        recording.finished, task, options.lerobot, options.fps, recording.head.spaces if recording.head else None
+    )
     print(f"Exported {count} episodes: {options.lerobot}")
     return 0

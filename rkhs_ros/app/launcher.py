@@ -16,17 +16,19 @@ from types import FrameType
 from typing import Any
 
 from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED
-from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS, POLICY, PRACTICE_ROBOT, RECORDER, ROBOT, SIMULATOR
+from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS, POLICY, PRACTICE_ROBOT, ROBOT, SIMULATOR
 from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.base.yaml_text import dumped, loaded, require_ros_value
 from rkhs_ros.nodes.names import node_names
-from rkhs_ros.runs.config import ROBOT_NODES, environment_of_robot
+from rkhs_ros.runs.config import Config, environment_of_robot, robot_nodes
 
 TERMINATION_TIMEOUT_S = 2.0  # for a node to end after SIGTERM, before it is killed
 POLL_INTERVAL_S = 0.05
 MOST_DEATHS, DEATHS_WINDOW_S = 10, 300.0  # of a node in that time; with one more the run is given up
 SHORTEST_BACKOFF_S, LONGEST_BACKOFF_S = 0.05, 5.0  # before a node is started again; doubled with each death
 NEVER_AGAIN = ("gate",)  # nodes that are not started again: what they stopped for is for a person to look at
+LEARNING = ("policy", "learner")  # nodes that are no part of a world
 OWN_CODES = (0, FAILED, BAD_INPUT, INTERRUPTED)  # that a node ends with itself; with any other it died
 ENDING = (signal.SIGINT, signal.SIGTERM)
 MODULES = {
@@ -38,6 +40,7 @@ MODULES = {
     "learner": "rkhs_ros.nodes.learner_node",
     "recorder": "rkhs_ros.nodes.recorder_node",
     "status": "rkhs_ros.nodes.status_node",
+    "monitor": "rkhs_ros.nodes.monitor_node",
     "operator": "rkhs_ros.nodes.operator_node",
 }
 
@@ -77,7 +80,7 @@ class NodeProcess:
         """Have the node end, and not be started again."""
         self.is_interrupted = True
         self._restart_at = None
-        self.process.terminate()  # while it imports it dies of this without words, unlike of SIGINT
+        _tell_to_end(self.process)
 
     def restart_later(self) -> bool:
         """Have a node that died started again after a back-off; return False where it died too often."""
@@ -108,7 +111,7 @@ class NodeProcess:
                 [sys.executable, "-m", MODULES[kind], *ros],
                 stdin=subprocess.DEVNULL,
                 process_group=0,
-                env=_environment(),
+                env=environment(),
                 preexec_fn=partial(terminate_with_parent, os.getpid()),
             )
 
@@ -130,33 +133,43 @@ def signals_held() -> Iterator[None]:
 Nodes = dict[str, NodeProcess]
 
 
-def launch(
-    parameters: str,
-    learner: Mapping[str, str | bool] | None = None,
-    *,
-    simulators: int = 1,
-    journal: str = "",
-    raw: str = "",
-) -> int:
+Further = Mapping[str, Mapping[str, str | bool]]  # parameters of nodes, by the nodes' names
+
+
+def launch(parameters: str, further: Further, *, simulators: int = 1) -> int:
     """Run the nodes until the learner ends.
 
     Args:
         parameters: content of a ROS parameter file.
-        learner: further parameters of the learner.
+        further: parameters of nodes, such as paths. The recorder runs where it has some.
         simulators: number of simulator nodes, of more than one each in a namespace of its own.
-        journal: folder in which a robot keeps its episodes.
-        raw: folder for a recording of all topics; empty for none.
 
     Returns:
         The learner's exit code, or that of a node that ended before it.
     """
     document = loaded(parameters)
-    robot = [name for name in ROBOT_NODES if f"/**/{name}" in document]
+    recorder = [name for name in further if name == "recorder"]
     with (
-        _in_memory(for_all(parameters, simulators, learner, journal, raw)) as file,
-        started([*(["recorder"] if raw else []), *node_names(simulators, robot)], file) as nodes,
+        _in_memory(for_all(parameters, simulators, further)) as file,
+        started([*recorder, *node_names(simulators, robot_nodes(document))], file) as nodes,
         _signals_passed_to(nodes["learner"]),
     ):
+        return _supervise(nodes, _environment_in(document)["id"])
+
+
+def launch_worlds(parameters: str, simulators: int) -> int:
+    """Run simulators, or the nodes of a robot, until one ends; those that die are started again.
+
+    Args:
+        parameters: content of a ROS parameter file.
+        simulators: number of simulator nodes, of more than one each in a namespace of its own.
+
+    Returns:
+        The exit code of the node that ended.
+    """
+    document = loaded(parameters)
+    worlds = [name for name in node_names(simulators, robot_nodes(document)) if name not in LEARNING]
+    with _in_memory(for_all(parameters, simulators)) as file, started(worlds, file) as nodes:
         return _supervise(nodes, _environment_in(document)["id"])
 
 
@@ -169,44 +182,74 @@ def _in_memory(content: str) -> Iterator[Path]:
         yield Path(f"/proc/{os.getpid()}/fd/{file.fileno()}")
 
 
-def for_all(
-    parameters: str,
-    simulators: int,
-    learner: Mapping[str, str | bool] | None = None,
-    journal: str = "",
-    raw: str = "",
-) -> str:
+def for_all(parameters: str, simulators: int, further: Further | None = None) -> str:
     """Return the parameter file of all nodes.
 
     Args:
-        parameters: content of a ROS parameter file.
+        parameters: content of a ROS parameter file. A robot to practise on has its gate armed without a person.
         simulators: number of simulator nodes. Their environment goes to the learner, too, which refuses simulators of
             another.
-        learner: further parameters of the learner, such as paths: as arguments they would be read as YAML.
-        journal: folder in which a robot keeps its episodes. One to practise on has its gate armed without a person.
-        raw: folder for a recording of all topics; empty for none.
+        further: parameters of nodes, such as paths: as arguments they would be read as YAML.
 
     Raises:
         ValueError: one of these can be no ROS parameter.
     """
     document = loaded(parameters)
-    require_ros_value({**(learner or {}), "journal": journal}, "learner")
-    document[LEARNER][PARAMETERS] |= {"environment": _environment_in(document), **(learner or {})}
-    document[POLICY] = {PARAMETERS: {"simulators": simulators}}
+    own: dict[str, dict[str, Any]] = {
+        LEARNER: {"environment": _environment_in(document)},
+        POLICY: {"simulators": simulators},
+    }
     if ROBOT in document:
-        node = {"journal": journal, "practice": PRACTICE_ROBOT in document}
-        document[ROBOT] = {PARAMETERS: document[ROBOT][PARAMETERS] | node}
-    if raw:
-        document[RECORDER] = {PARAMETERS: {"output": raw}}
+        own[ROBOT] = {"practice": PRACTICE_ROBOT in document}
+    for name, given in (further or {}).items():
+        require_ros_value(given, name)
+        own[f"/**/{name}"] = {**own.get(f"/**/{name}", {}), **given}
+    for name, added in own.items():
+        document[name] = {PARAMETERS: document.get(name, {PARAMETERS: {}})[PARAMETERS] | added}
     return dumped(document)
+
+
+def robot_parameters(config: Config, folder: Path, *, resume: bool, practises: bool) -> Path:
+    """Write the parameter file of all nodes that learn on a robot into the folder of the run; return it.
+
+    Args:
+        config: of the run.
+        folder: of its results; made where it is missing.
+        resume: whether the learner goes on with what is in the folder.
+        practises: whether the robot is the configuration's practice robot, and its gate armed without a person.
+
+    Raises:
+        ValueError: a setting can be no ROS parameter.
+        OSError: the file cannot be written.
+    """
+    document = config.parameters()
+    if not practises:
+        document.pop(PRACTICE_ROBOT, None)
+    further: Further = {
+        "learner": {"output": str(folder), "resume": resume},
+        "robot": {"journal": journal_in(folder)},
+    }
+    file = folder / "checkpoints" / "parameters.yaml"
+    write_whole(file, for_all(dumped(document), 1, further).encode())
+    return file
+
+
+def journal_in(folder: Path) -> str:
+    """Return where in the folder of a run a robot keeps its episodes, made before anything starts.
+
+    Raises:
+        OSError: there is a file in its place.
+    """
+    journal = folder / "checkpoints" / "episodes"
+    journal.mkdir(parents=True, exist_ok=True)
+    return str(journal)
 
 
 def _environment_in(document: Mapping[str, Any]) -> dict[str, Any]:
     """Return the environment of a parameter file, as the learner is told it."""
     if ROBOT not in document:
         return dict(document[SIMULATOR][PARAMETERS]["environment"])
-    nodes = {name: document[f"/**/{name}"][PARAMETERS] for name in ROBOT_NODES if f"/**/{name}" in document}
-    return environment_of_robot(nodes).tree()
+    return environment_of_robot(robot_nodes(document)).tree()
 
 
 @contextmanager
@@ -232,7 +275,8 @@ def assigned(parameters: Iterable[str]) -> list[str]:
     return [word for assignment in parameters for word in ("-p", assignment)]
 
 
-def _environment() -> dict[str, str]:
+def environment() -> dict[str, str]:
+    """Return the environment of a node's process."""
     # The wheels of ROS 2 start Python once more to set the library path, unless this says that they did.
     return {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
 
@@ -245,12 +289,12 @@ def _supervise(nodes: Nodes, task: str) -> int:
             again = code not in OWN_CODES and not node.is_interrupted and node.name not in NEVER_AGAIN
             if code is None or (again and node.restart_later()):
                 continue
-            return _code_at_end(node, code, task)
+            return _code_at_end(node, code, task, "before the learner" if "learner" in nodes else "unasked")
         time.sleep(POLL_INTERVAL_S)
 
 
-def _code_at_end(node: NodeProcess, code: int, task: str) -> int:
-    """Return the run's exit code where a node ended with this one and is not started again."""
+def _code_at_end(node: NodeProcess, code: int, task: str, when: str) -> int:
+    """Return the run's exit code where a node ended with this one and is not started again, and say when."""
     if node.is_interrupted:
         return max(code, 0) or INTERRUPTED
     named = f"the {node.name} node" + (f", of {task}," if node.name.endswith("simulator") else "")
@@ -261,7 +305,7 @@ def _code_at_end(node: NodeProcess, code: int, task: str) -> int:
         print(f"error: {named} died more than {MOST_DEATHS} times within {DEATHS_WINDOW_S:g} s", file=sys.stderr)
         return FAILED
     if node.name != "learner":
-        print(f"error: {named} {_how_it_ended(code)} before the learner", file=sys.stderr)
+        print(f"error: {named} {_how_it_ended(code)} {when}", file=sys.stderr)
         return code or FAILED
     return code
 
@@ -289,10 +333,16 @@ def _signals_passed_to(learner: NodeProcess) -> Iterator[None]:
             signal.signal(number, handler)
 
 
+def _tell_to_end(process: subprocess.Popen[bytes]) -> None:
+    """Have a process end, one that was stopped (SIGSTOP) as well, which would not hear of it."""
+    process.terminate()  # while it imports it dies of this without words, unlike of SIGINT
+    process.send_signal(signal.SIGCONT)
+
+
 def _terminate(processes: Iterable[subprocess.Popen[bytes]]) -> None:
     processes = list(processes)
     for process in processes:
-        process.terminate()
+        _tell_to_end(process)
     deadline = time.monotonic() + TERMINATION_TIMEOUT_S
     for process in processes:
         try:

@@ -25,6 +25,7 @@ from rkhs_ros.policies.policy import Policy, load
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.rkhs.kernels import Array, Kernel
 from rkhs_ros.runs.any_task import settings_for
+from rkhs_ros.runs.config import name_of_run
 from rkhs_ros.runs.curve import Row, columns
 from rkhs_ros.runs.environments import Source
 from rkhs_ros.runs.progress import progress_bar
@@ -151,7 +152,11 @@ def _prepared(
     for name in given:
         if name not in known:
             raise ValueError(f"unknown setting '{name}', {_meant(name, known)}")
-    given = {"name": simulation.environment, "horizon": simulation.own_horizon or Training.horizon, **given}
+    given = {
+        "name": name_of_run(simulation.environment),
+        "horizon": simulation.own_horizon or Training.horizon,
+        **given,
+    }
     if isinstance(algorithm, str):
         pick(algorithm, ALGORITHMS, "algorithm")
     untuned = training_from(settings_for(algorithm) if isinstance(algorithm, str) else settings_for())

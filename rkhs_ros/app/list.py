@@ -13,6 +13,7 @@ from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.paper.experiment import known
 
 OUR_NAMESPACE = "rkhs/"  # of the tasks' ids
+REMOTE = "rkhs/Remote-v0"  # which is whatever task runs elsewhere
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print tasks, algorithms, kernels and figures."""
-    tasks = [name for name in gymnasium.registry if name.startswith(OUR_NAMESPACE)]
+    tasks = [name for name in gymnasium.registry if name.startswith(OUR_NAMESPACE) and name != REMOTE]
     kinds: dict[str, Iterable[str]] = {"tasks": tasks, "algorithms": ALGORITHMS, "kernels": KERNELS, "figures": known()}
     for title, names in kinds.items():
         print(f"{title}: {', '.join(names)}")

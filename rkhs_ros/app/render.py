@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 
 from rkhs_ros.app.inline import load_acting
+from rkhs_ros.app.robots import robot_of
+from rkhs_ros.base.validation import require
 from rkhs_ros.pictures.film import USUAL, shoot
 from rkhs_ros.pictures.film_files import animate, draw_strip
 
@@ -20,6 +22,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Write the film strip and the moving picture, and print where they are."""
+    require(
+        robot_of(options.policy) is None,
+        f"{options.policy}",
+        "a run in simulation, of which films are made",
+        f"one on a robot: rkhs evaluate {options.policy} moves it, rkhs view {options.policy} shows what it did",
+    )
     film = shoot(*load_acting(options.policy), seed=options.seed, frames=options.frames)
     folder = options.out or (options.policy if options.policy.is_dir() else options.policy.parent)
     folder.mkdir(parents=True, exist_ok=True)

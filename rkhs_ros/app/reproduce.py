@@ -6,7 +6,7 @@ import argparse
 from functools import partial
 from pathlib import Path
 
-from rkhs_ros.app.study import add_worker_arguments, make_missing, workers_of
+from rkhs_ros.app.study import add_worker_arguments, make_missing, study_folder, workers_of
 from rkhs_ros.base.validation import require
 from rkhs_ros.paper.experiment import known, load_experiment
 from rkhs_ros.paper.figures import draw_experiment
@@ -28,11 +28,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Make the runs, their table and its picture, and print where they are."""
     require(options.runs is None or options.runs >= 1, "--runs", "at least 1", options.runs)
-    workers = workers_of(options)
+    workers, out = workers_of(options), study_folder(options.out)
     names = list(known()) if options.figure == "all" else [options.figure]
     for experiment in [load_experiment(name) for name in names]:
         make = partial(make_missing, workers=workers, title=experiment.name, quiet=options.quiet)
-        table = reproduce(experiment, options.out.resolve(), make, runs=options.runs or experiment.runs, packages=TASKS)
+        table = reproduce(experiment, out, make, runs=options.runs or experiment.runs, packages=TASKS)
         picture = table.with_suffix(".png")
         draw_experiment(picture, experiment, load_table(table))
         print(f"{experiment.name}: {table} and {picture}")

@@ -3,28 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import os
-from importlib.util import find_spec
-from pathlib import Path
 
-from rkhs_ros.app.domain import VARIABLE, domain_of
-from rkhs_ros.app.launcher import NodeProcess
-from rkhs_ros.base.validation import require
+from rkhs_ros.app.beside import add_folder, run_beside
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    about = "a run under way, in whose domain to listen (the domain of ROS_DOMAIN_ID)"
-    parser.add_argument("folder", type=Path, nargs="?", metavar="DIR", help=about)
+    add_folder(parser)
+    parser.add_argument("--watch", action="store_true", help="show it anew each second, until Ctrl-C")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Start the node that listens to the others, and wait for its end.
-
-    Raises:
-        ValueError: there is no ROS.
-    """
-    require(find_spec("rclpy") is not None, "rkhs status", "ROS 2, on which nodes report", "none")
-    if options.folder is not None:
-        os.environ[VARIABLE] = domain_of(options.folder)
-    return NodeProcess("status").process.wait()
+    """Start the node that listens to the others, and wait for its end, which of a watch is Ctrl-C."""
+    try:
+        return run_beside(options.folder, "status", [f"watch:={str(options.watch).lower()}"])
+    except KeyboardInterrupt:
+        if options.watch:
+            return 0
+        raise

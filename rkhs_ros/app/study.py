@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.validation import require
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import is_begun, resolved
@@ -34,6 +35,36 @@ def workers_of(options: argparse.Namespace) -> Workers:
         ValueError: the options do not go together, or a library is not installed.
     """
     return Workers(ALL_CORES if options.jobs is None else options.jobs, options.scheduler, options.ray)
+
+
+def study_folder(given: Path | None, *default: str) -> Path:
+    """Return the folder of a study, as an absolute path: who makes its runs may be in another folder.
+
+    Args:
+        given: by the user.
+        default: its place in results/ where none is.
+
+    Raises:
+        ValueError: there is a file in its place.
+    """
+    folder = (given or Path("results", *default)).resolve()
+    file = next((each for each in (folder, *folder.parents) if each.exists() and not each.is_dir()), None)
+    require(file is None, "--out", "a folder", f"the file {file}")
+    return folder
+
+
+def require_all_heeded(changes: Sequence[str], others: Mapping[str, Iterable[str]]) -> None:
+    """Raise ValueError where another option replaces what --set says.
+
+    Args:
+        changes: of --set.
+        others: by the options' names the settings that they say.
+    """
+    for change in changes:
+        name = change.partition("=")[0].strip()
+        for option, names in others.items():
+            replaced = any(f"{name}.".startswith(f"{each}.") for each in names)
+            require(not replaced, "--set", f"no setting that {option} says", name)
 
 
 def make_missing(

@@ -5,13 +5,22 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from pathlib import Path
 
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.app.seeds import parse_seeds
-from rkhs_ros.app.study import add_worker_arguments, make_missing, tell_failures, workers_of
+from rkhs_ros.app.study import (
+    add_worker_arguments,
+    make_missing,
+    require_all_heeded,
+    study_folder,
+    tell_failures,
+    workers_of,
+)
 from rkhs_ros.base.endings import FAILED, INTERRUPTED
 from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.validation import require
 from rkhs_ros.learning.state import first_state
 from rkhs_ros.pictures.comparison import draw_comparison
 from rkhs_ros.runs.comparison import compare
@@ -41,6 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Make the runs that are missing, their tables and their picture; 1 where some runs failed, which are named."""
     workers, seeds, varied = workers_of(options), parse_seeds(options.seeds), parse_varied(options.vary)
+    require_all_heeded(options.set, {"--vary": [each.name for each in varied], "--seeds": ["seed"]})
+    require(all(map(isfinite, options.thresholds)), "--thresholds", "finite numbers", options.thresholds)
     configs = {
         (point, seed): load_config(options.config, [*options.set, *point, f"seed={seed}"])
         for point in points(varied)
@@ -52,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
         if seed == seeds[0]:
             require_evaluated(config)
             first_state(config.training, runner.spaces)
-    out = (options.out or Path("results") / "sweeps" / first.training.name).resolve()
+    out = study_folder(options.out, "sweeps", first.training.name)
     folders = {key: filed(out, config, *TASKS) for key, config in configs.items()}
     runs = {folders[key]: config for key, config in configs.items()}
     try:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from contextlib import nullcontext, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
-from rkhs_ros.app.domain import VARIABLE, own_domain
+from rkhs_ros.app.domain import own_domain
 from rkhs_ros.app.inline import runner_of
-from rkhs_ros.app.launcher import launch
-from rkhs_ros.app.robots import check_robot
+from rkhs_ros.app.launcher import journal_in, launch
+from rkhs_ros.app.robots import check_robot, default_domain
 from rkhs_ros.app.seeds import begin_seeds, parse_seeds, seed_folders
 from rkhs_ros.app.study import add_worker_arguments, make_missing, tell_failures, workers_of
 from rkhs_ros.app.view import page_beside, require_viser, stay_with
@@ -227,17 +226,15 @@ def _is_over_topics(asked: str | None) -> bool:
 
 
 def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> int:
-    given = {"quiet": options.quiet, "resume": options.resume, "record": options.record}
-    more: dict[str, str | bool] = {
-        "output": str(folder.resolve()),
-        **{name: bool(value) for name, value in given.items()},
-    }
-    if config.environment.nodes and "practice_robot" not in config.environment.nodes:
-        os.environ.setdefault(VARIABLE, "0")  # where the robot's own nodes are, unless it says otherwise
-    folders = {"journal": str(folder.resolve() / "checkpoints" / "episodes")} if config.environment.nodes else {}
-    folders |= {"raw": str(folder.resolve())} if options.record == "raw" else {}
-    with own_domain(folder):
-        return launch(resolved(config), more, simulators=config.training.simulators, **folders)
+    output = str(folder.resolve())
+    given = {name: bool(getattr(options, name)) for name in ("quiet", "resume", "record")}
+    further: dict[str, dict[str, str | bool]] = {"learner": {"output": output, **given}}
+    if config.environment.nodes:
+        further["robot"] = {"journal": journal_in(folder.resolve())}
+    if options.record == "raw":
+        further["recorder"] = {"output": output}
+    with own_domain(folder, default_domain(config)):
+        return launch(resolved(config), further, simulators=config.training.simulators)
 
 
 def _in_process(config: Config, folder: Path, options: argparse.Namespace, runner: InlineRunner) -> int:

@@ -1,4 +1,4 @@
-"""Trials of a search for settings: what each is, where all are stored, and how one is made."""
+"""Trials of a search for settings: what each is, where all are stored, and how they are made."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import blake2b
-from math import isfinite
+from math import isfinite, nan
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, NamedTuple
 
 import optuna
 from optuna.trial import FrozenTrial, TrialState
@@ -77,19 +77,15 @@ class Search:
         digest = blake2b(json.dumps(content, default=str).encode(), digest_size=6).hexdigest()
         return f"{self.first.training.name}-{digest}"
 
-    def study(self, seed: int = 0) -> optuna.Study:
-        """Return the study, a new one or that which is there.
-
-        Args:
-            seed: of the settings that are proposed next.
-        """
+    def study(self) -> optuna.Study:
+        """Return the study, a new one or that which is there."""
         optuna.logging.set_verbosity(logging.ERROR)
         return optuna.create_study(
             study_name=self.name,
             storage=self.storage,
             load_if_exists=True,
             direction="maximize",
-            sampler=optuna.samplers.TPESampler(seed=seed, constant_liar=True),
+            sampler=sampler(0),
             pruner=optuna.pruners.MedianPruner(),
         )
 
@@ -121,24 +117,95 @@ def ended(study: optuna.Study) -> list[FrozenTrial]:
     return [trial for trial in study.get_trials(deepcopy=False) if trial.state in came or WHY in trial.user_attrs]
 
 
-def make_trial(search: Search, number: int) -> None:
-    """Make the next trial, which is told to the study; settings that cannot be learnt with fail.
+class Measured(NamedTuple):
+    """What a trial came to on its way.
+
+    Attributes:
+        trial: its number in the study.
+        iterations: after which it was measured.
+        value: the median over the seeds of the last noise-free return.
+        why: it cannot be learnt with these settings; empty where it can.
+    """
+
+    trial: int
+    iterations: int
+    value: float
+    why: str = ""
+
+
+class Asking:
+    """The trials of a search that are under way.
+
+    Owns the study: it alone asks for settings and tells what came of them. Who learns knows of no study, nor
+    where it is stored, and is asked for no more than the way to the next rung.
 
     Args:
         search: what is looked for.
-        number: of the trials before it, from which the settings proposed follow.
+        study: its study.
+        count: trials to be made.
     """
-    study = search.study(number)
-    trial = study.ask({each.name: _distribution(each) for each in search.space})
+
+    def __init__(self, search: Search, study: optuna.Study, count: int) -> None:
+        self._search = search
+        self._study = study
+        self._rungs = rungs(search.first.training.iterations)
+        self._space = {each.name: _distribution(each) for each in search.space}
+        self._numbers = iter(range(len(ended(study)), count))
+        self._under_way: dict[int, optuna.Trial] = {}
+        self._waiting: list[tuple[optuna.Trial, int]] = []  # and until which iteration they are to be measured
+
+    def take(self) -> tuple[Search, int, Parameters, int] | None:
+        """Return what is to be measured next: one that goes on, or a new trial; None where there is none for now."""
+        ready = self._ready()
+        if ready is None and (number := next(self._numbers, None)) is not None:
+            self._study.sampler = sampler(number)
+            self._waiting.append((self._study.ask(self._space), self._rungs[0]))
+            ready = self._ready()
+        if ready is None:
+            return None
+        self._waiting.remove(ready)
+        trial, iterations = ready
+        self._under_way[trial.number] = trial
+        return self._search, trial.number, dict(trial.params), iterations
+
+    def _ready(self) -> tuple[optuna.Trial, int] | None:
+        """Return a trial that can go on; not one with the settings, and so the runs, of another at work."""
+        at_work = [trial.params for trial in self._under_way.values()]
+        return next((each for each in self._waiting if each[0].params not in at_work), None)
+
+    def tell(self, measured: Measured) -> bool:
+        """Take what a trial came to; return whether that is its end."""
+        trial = self._under_way.pop(measured.trial)
+        if measured.why:
+            trial.set_user_attr(WHY, measured.why)
+            self._study.tell(trial, state=TrialState.FAIL)
+            return True
+        trial.report(measured.value, measured.iterations)
+        if measured.iterations == self._rungs[-1]:
+            self._study.tell(trial, measured.value)
+        elif trial.should_prune():
+            self._study.tell(trial, state=TrialState.PRUNED)
+        else:
+            self._waiting.append((trial, self._rungs[self._rungs.index(measured.iterations) + 1]))
+            return False
+        return True
+
+
+def measure(search: Search, trial: int, parameters: Parameters, iterations: int) -> Measured:
+    """Go on with the runs of a trial until they have made so many iterations; of settings that fail say why."""
     try:
-        value = _objective(search, trial)
-    except optuna.TrialPruned:
-        study.tell(trial, state=TrialState.PRUNED)
+        runs = {filed(search.folder, each, *TASKS): each for each in _configs(search, parameters)}
+        value = median(_return_after(folder, config, iterations) for folder, config in runs.items())
+        if not isfinite(value):
+            raise ValueError(f"noise-free return: expected a number, got {value} after {iterations} iterations")
     except Exception as error:  # of these settings, which shall not end the search
-        trial.set_user_attr(WHY, " ".join(f"{type(error).__name__}: {error}".split()))
-        study.tell(trial, state=TrialState.FAIL)
-    else:
-        study.tell(trial, value)
+        return Measured(trial, iterations, nan, " ".join(f"{type(error).__name__}: {error}".split()))
+    return Measured(trial, iterations, value)
+
+
+def sampler(number: int) -> optuna.samplers.BaseSampler:
+    """Return what proposes settings, after a number of trials on which alone its randomness depends."""
+    return optuna.samplers.TPESampler(seed=number, constant_liar=True)
 
 
 def _distribution(dimension: Dimension) -> optuna.distributions.BaseDistribution:
@@ -148,19 +215,6 @@ def _distribution(dimension: Dimension) -> optuna.distributions.BaseDistribution
     if dimension.is_whole:
         return optuna.distributions.IntDistribution(int(low), int(high), log=log)
     return optuna.distributions.FloatDistribution(low, high, log=log)
-
-
-def _objective(search: Search, trial: optuna.Trial) -> float:
-    """Return the median over the seeds of the last noise-free return; given up where it falls behind on the way."""
-    runs = {filed(search.folder, each, *TASKS): each for each in _configs(search, trial.params)}
-    for rung in rungs(search.first.training.iterations):
-        value = median(_return_after(folder, config, rung) for folder, config in runs.items())
-        if not isfinite(value):
-            raise ValueError(f"noise-free return: expected a number, got {value} after {rung} iterations")
-        trial.report(value, rung)
-        if rung < search.first.training.iterations and trial.should_prune():
-            raise optuna.TrialPruned
-    return value
 
 
 def _configs(search: Search, parameters: Parameters) -> Iterator[Config]:

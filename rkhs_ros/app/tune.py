@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.app.seeds import parse_seeds
-from rkhs_ros.app.study import add_worker_arguments, workers_of
+from rkhs_ros.app.study import add_worker_arguments, require_all_heeded, study_folder, workers_of
 from rkhs_ros.base.endings import INTERRUPTED, RunError
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.lock import locked
@@ -22,7 +22,7 @@ from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.grid import require_evaluated
 from rkhs_ros.runs.report import resolved
 from rkhs_ros.runs.search_space import search_space
-from rkhs_ros.runs.side_by_side import side_by_side
+from rkhs_ros.runs.side_by_side import progress_bar
 from rkhs_ros.runs.workers import require_extra
 
 if TYPE_CHECKING:  # Optuna is an extra
@@ -57,13 +57,13 @@ def run(options: argparse.Namespace) -> int:
     search.folder.mkdir(parents=True, exist_ok=True)
     with locked(search.folder):
         study = trials.begin(search)
-        made = len(trials.ended(study))
-        work = [(search, number) for number in range(made, options.trials)]
+        missing = max(options.trials - len(trials.ended(study)), 0)
+        title, asking = search.first.training.name, trials.Asking(search, study, options.trials)
         try:
-            for _ in side_by_side(
-                trials.make_trial, work, workers=workers, title=search.first.training.name, quiet=options.quiet
-            ):
-                pass  # each is in the storage
+            with workers.opened(missing) as pool, progress_bar(title, missing, quiet=options.quiet) as advance:
+                for measured in pool.results(trials.measure, asking.take, most=pool.width):
+                    if asking.tell(measured):
+                        advance()
         except KeyboardInterrupt:
             print("interrupted; the same command goes on", file=sys.stderr)
             return INTERRUPTED
@@ -79,10 +79,11 @@ def _search(options: argparse.Namespace) -> Search:
     """
     from rkhs_ros.app.trials import Search  # once it is known that Optuna is there
 
+    require_all_heeded(options.set, {"--seeds": ["seed"]})
     config = load_config(options.config, options.set)
     require_evaluated(config)
     first_state(config.training, runner_of(config.environment).spaces)
-    folder = (options.out or Path("results") / "tuned" / config.training.name).resolve()
+    folder = study_folder(options.out, "tuned", config.training.name)
     storage = options.storage or f"sqlite:///{folder / 'study.db'}"
     space = search_space(config, options.over)
     return Search(options.config.resolve(), tuple(options.set), parse_seeds(options.seeds), space, folder, storage)

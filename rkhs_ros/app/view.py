@@ -13,6 +13,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import rkhs_ros.app.inline  # noqa: F401  # registers the tasks, which are shown
+from rkhs_ros.app.domain import VARIABLE, domain_of
+from rkhs_ros.app.launcher import MODULES, environment
 from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import require
@@ -47,6 +49,7 @@ def run(options: argparse.Namespace) -> int:
     require_viser()
     require(0 <= options.port <= MOST_PORT, "--port", f"0 to {MOST_PORT}", options.port)
     from rkhs_ros.view.guard import is_local
+    from rkhs_ros.view.monitor import Monitor
     from rkhs_ros.view.serving import serve, source_of, wait_for_recording
 
     use_one_thread()
@@ -55,9 +58,31 @@ def run(options: argparse.Namespace) -> int:
         wait_for_recording(path)
     source = source_of(path)
     if not is_local(options.host):
-        print(f"warning: --host {options.host}: whoever reaches it sees the run, and can stop it", file=sys.stderr)
-    serve(source, options.host, options.port, lambda address: print(f"View {source.path} at {address}", flush=True))
+        print(
+            f"warning: --host {options.host}: whoever reaches it sees the run, and can stop it, a robot too",
+            file=sys.stderr,
+        )
+    monitor = Monitor(partial(monitor_process, source.path))
+    told = partial(print, f"View {source.path} at", flush=True)
+    serve(source, monitor, options.host, options.port, told)
     return 0
+
+
+def monitor_process(folder: Path) -> subprocess.Popen[bytes] | None:
+    """Start the node that hears the others of a run over topics; None where there is no such run, or no ROS."""
+    if find_spec("rclpy") is None:
+        return None
+    with suppress(ValueError, OSError):
+        return subprocess.Popen(
+            [sys.executable, "-m", MODULES["monitor"], "--ros-args", "--log-level", "error"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            process_group=0,
+            env=environment() | {VARIABLE: domain_of(folder)},
+            preexec_fn=partial(terminate_with_parent, os.getpid()),
+        )
+    return None
 
 
 def require_viser() -> None:

@@ -12,7 +12,7 @@ from rkhs_ros.base.yaml_text import read_yaml
 
 PARAMETERS = "ros__parameters"  # the key below the name of a node
 # Sections of these nodes in any namespace.
-SIMULATOR, POLICY, LEARNER, RECORDER = "/**/simulator", "/**/policy", "/**/learner", "/**/recorder"
+SIMULATOR, POLICY, LEARNER = "/**/simulator", "/**/policy", "/**/learner"
 ROBOT, GATE, PRACTICE_ROBOT = "/**/robot", "/**/gate", "/**/practice_robot"
 WILDCARDS = {"*": "/[^/]+", "**": "(/[^/]+)*"}  # for one part of a node's full name, and for any number of parts
 

@@ -34,6 +34,10 @@ class Settings:
             if f.metadata or is_dataclass(types[f.name]):
                 object.__setattr__(self, f.name, _checked(f, types[f.name], getattr(self, f.name), f.name))
 
+    def unused(self) -> set[str]:
+        """Return the names of its settings, dotted where nested, that change nothing beside the words chosen."""
+        return set()
+
 
 class Entry(NamedTuple):
     """One setting with its dotted name and value."""
@@ -207,3 +211,12 @@ def entries(settings: Any, path: str = "") -> Iterator[Entry]:
             yield from entries(value, f"{path}{f.name}.")
         elif "description" in f.metadata:
             yield Entry(path + f.name, value, f.metadata)
+
+
+def unused(settings: Any, path: str = "") -> Iterator[str]:
+    """Walk through the settings that change nothing beside the words chosen, by dotted names; some come twice."""
+    yield from (path + name for name in settings.unused())
+    for f in fields(settings):
+        value = getattr(settings, f.name)
+        if is_dataclass(value):
+            yield from unused(value, f"{path}{f.name}.")

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import chdir, contextmanager
 from importlib import import_module
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -15,6 +18,10 @@ from numpy.typing import NDArray
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import hint, require, shown
+
+
+class HangError(BaseException):
+    """A user's function does not return; no error, so that its own ``except Exception`` lets it pass."""
 
 
 @contextmanager
@@ -64,16 +71,44 @@ def user_function(name: str, what: str) -> Callable[..., Any]:
     return getattr(found, function)  # type: ignore[no-any-return]
 
 
-def user_answer(function: Callable[..., Any], *arrays: NDArray[np.float64]) -> Any:
+def user_answer(function: Callable[..., Any], *arrays: NDArray[np.float64], seconds: float = 0.0) -> Any:
     """Return what a user's function makes of arrays, of which it is given copies.
 
+    Args:
+        function: the user's.
+        arrays: its arguments.
+        seconds: after which it is taken to hang; 0 to wait for it however long. Heeded in the main thread only.
+
     Raises:
-        RunError: it raises anything but an interrupt, as by ``sys.exit``; the message says what.
+        RunError: it hangs, or raises anything but an interrupt, as by ``sys.exit``; the message says what.
     """
     try:
-        with np.errstate():  # that it sets what numpy raises shall not matter to us
+        with np.errstate(), _no_longer_than(seconds):  # that it sets what numpy raises shall not matter to us
             return function(*(array.copy() for array in arrays))
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:  # it is somebody's code
+        if isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            raise  # elsewhere no Ctrl-C raises it
+        if isinstance(error, HangError):
+            raise RunError(f"did not return within {seconds:g} s") from error
         raise RunError(f"{type(error).__name__}: {shown(error)}") from error
+
+
+@contextmanager
+def _no_longer_than(seconds: float) -> Iterator[None]:
+    """Raise HangError within after so many seconds; 0 for never. An alarm set before goes on afterwards."""
+    if not seconds or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def hangs(number: int, frame: FrameType | None) -> None:
+        raise HangError
+
+    handler, begin = signal.signal(signal.SIGALRM, hangs), time.monotonic()
+    left, interval = signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, handler)
+        if left:
+            signal.setitimer(signal.ITIMER_REAL, max(left - (time.monotonic() - begin), 1e-6), interval)

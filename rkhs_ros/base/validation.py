@@ -73,6 +73,12 @@ def numbers(*counts: int) -> str:
     return f"{' or '.join(map(str, each))} number{'s' * (each[-1] != 1)}"
 
 
+def require_finite(array: NDArray[np.float64], what: str) -> None:
+    """Raise ValueError where a number is not finite."""
+    if not np.isfinite(array).all():
+        raise ValueError(f"{what}: expected finite numbers, got nan or infinity")
+
+
 def finite_array(values: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
     """Return the values as a read-only array of that shape, row by row in memory.
 
@@ -84,8 +90,7 @@ def finite_array(values: ArrayLike, shape: tuple[int, ...], what: str) -> NDArra
     array = np.array(values, dtype=np.float64, order="C")  # the memory order would change last bits of products
     if array.size != prod(shape):
         raise ValueError(f"{what}: expected {shape} values, got {array.shape}")
-    if not np.isfinite(array).all():
-        raise ValueError(f"{what}: expected finite numbers, got nan or infinity")
+    require_finite(array, what)
     array = array.reshape(shape)
     array.setflags(write=False)
     return array

@@ -43,6 +43,10 @@ class ActorCritic(Algorithm):
     )
     step: StepRule = variant(KLStep(), STEP_RULES, "rule")
 
+    def unused(self) -> set[str]:
+        """Return the names of the settings of the value, where there is none."""
+        return {"value_ridge", "trace"} if self.critic == "trajectory" else set()
+
     @property
     def chosen_critic(self) -> Critic:
         """The critic that the settings choose."""

@@ -11,15 +11,16 @@ those of the samples' basis. In a Newton basis their squared norm is that of the
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from rkhs_ros.learning.samples import Samples
+from rkhs_ros.learning.samples import Rows, Samples
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.pursuit import pursue_atoms
-from rkhs_ros.rkhs.regression import dual_regression, ridge_regression, ridge_regression_by_blocks
+from rkhs_ros.rkhs.regression import by_blocks, relative_ridge_regression, ridge_regression_by_blocks
 
 TREND_RIDGE = 1e-6  # penalty on the coefficients of 1, t and t^2, all but none
 RIDGE_NORMS = ("norm", "scale_free")
@@ -70,9 +71,13 @@ class ValueBaseline:
 
     def values(self, samples: Samples, discount: float) -> Array:
         """Return the values, trend included, at each sample, shape (samples,)."""
-        columns = np.concatenate([samples.features, samples.time_features], axis=1)
-        solution = ridge_regression(columns, samples.rewards_to_go(discount)[:, None], self.penalty(samples))
-        return np.asarray(columns @ solution[:, 0])
+        time_features, returns = samples.time_features, samples.rewards_to_go(discount)
+
+        def columns(rows: slice) -> Array:
+            return np.concatenate([samples.features[rows], time_features[rows]], axis=1)
+
+        solution = ridge_regression_by_blocks(columns, returns[:, None], self.penalty(samples))
+        return by_blocks(lambda rows: np.asarray(columns(rows) @ solution[:, 0]), len(returns))
 
     def returns(self, samples: Samples, discount: float) -> Array:
         """Return the lambda returns of each sample, shape (samples,)."""
@@ -154,8 +159,8 @@ class TrajectoryCritic:
         features = samples.trajectory_features(discount)
         units = np.sqrt(ridge_scales(features, self.ridge_norm))
         scaled = features / units
-        dual = dual_regression(scaled, samples.episodes.returns(discount), self.ridge)
-        return samples.as_coefficients(scaled.T @ dual / units)
+        solution = relative_ridge_regression(scaled, samples.episodes.returns(discount), self.ridge)
+        return samples.as_coefficients(solution / units)
 
 
 @dataclass(frozen=True)
@@ -172,8 +177,8 @@ class StepPursuitCritic:
 
     def fit(self, samples: Samples, discount: float) -> Array:
         """Return the coefficients of w, shape (m, n)."""
-        scores = samples.deviation * samples.score_features
-        return _pursue_w(samples, scores, self.baseline.advantages(samples, discount), scores, self.ridge)
+        advantages = self.baseline.advantages(samples, discount)
+        return _pursue_w(samples, _scores(samples), advantages, self.ridge)
 
 
 @dataclass(frozen=True)
@@ -188,22 +193,26 @@ class TrajectoryPursuitCritic:
 
     def fit(self, samples: Samples, discount: float) -> Array:
         """Return the coefficients of w, shape (m, n)."""
-        scores = samples.deviation * samples.score_features
-        rows = samples.deviation * samples.trajectory_features(discount)
+        features = samples.deviation * samples.trajectory_features(discount)
         returns = samples.episodes.returns(discount)
-        return _pursue_w(samples, rows, returns - returns.mean(), scores, self.ridge)
+        return _pursue_w(samples, features.__getitem__, returns - returns.mean(), self.ridge)
 
 
-def _pursue_w(samples: Samples, rows: Array, targets: Array, scores: Array, ridge: float) -> Array:
+def _scores(samples: Samples) -> Callable[[Rows], Array]:
+    """Return what gives some samples' u times features, in the units of the step critic."""
+    deviation = samples.deviation
+    return lambda rows: deviation * samples.score_features_of(rows)
+
+
+def _pursue_w(samples: Samples, rows: Callable[[slice], Array], targets: Array, ridge: float) -> Array:
     r"""Return the coefficients of :math:`w = \sum_j \beta_j K(s_j, \cdot)\, u_j` over at most m samples (Eq 11).
 
     Args:
-        samples: samples of the iteration.
-        rows: left sides of the equations for w, shape (equations, m n).
+        samples: samples of the iteration, among whose kernel functions is chosen.
+        rows: from a slice of the equations for w to their left sides, shape (rows, m n).
         targets: their right sides, shape (equations,).
-        scores: the kernel functions to choose among, shape (samples, m n).
         ridge: penalty on the squared norm of w.
     """
-    budget = samples.features.shape[1]
-    chosen, weights = pursue_atoms(rows, targets[:, None], scores, budget=budget, ridge=ridge)
-    return samples.deviation * samples.as_coefficients(weights[:, 0] @ scores[chosen])
+    scores, (count, budget) = _scores(samples), samples.features.shape
+    chosen, weights = pursue_atoms(rows, targets[:, None], scores, count, budget=budget, ridge=ridge)
+    return samples.deviation * samples.as_coefficients(weights[:, 0] @ scores(chosen))

@@ -42,6 +42,12 @@ class Execution:
 Record = Callable[[Batch, Episodes, list[Execution]], None]
 
 
+def record_kinds(record: Record, batch: Batch, episodes: Episodes, executions: list[Execution]) -> None:
+    """Record a batch, noise-free episodes first: exploring ones beside them ran ahead, and are of use after them."""
+    for kind, rows in reversed(batch.kinds):
+        record(kind, episodes.take(rows), executions[rows])
+
+
 def forget(batch: Batch, episodes: Episodes, executions: list[Execution]) -> None:
     """Record nothing: what runners do with ended episodes unless told otherwise.
 

@@ -39,6 +39,11 @@ class KernelChoice(Settings):
         for name in self.form.replace("*", "+").split("+"):
             pick(name.strip(), KERNELS, "kernel")
 
+    def unused(self) -> set[str]:
+        """Return the names of the settings of kernels that are not in the form."""
+        own = {"rbf": {"bandwidth", "bandwidth_scale"}, "polynomial": {"offset", "degree"}}
+        return set().union(*(names for kernel, names in own.items() if kernel not in self.form))
+
     def fit(self, points: Array, ages: int = 1) -> Kernel:
         """Return the kernel, its bandwidths taken from the points where they are not given.
 

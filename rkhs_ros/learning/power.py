@@ -35,6 +35,10 @@ class PoWER(GridSettings, WeightedExploration):
         "full", "the matrix W of Kober and Peters, or its diagonal, Eq 6", choices=("full", "diagonal")
     )
 
+    def unused(self) -> set[str]:
+        """Return the names of the settings of the regression too, where there is none."""
+        return super().unused() | ({"ridge", "ridge_unit"} if self.solution == "diagonal" else set())
+
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
         """Return the policy with new mean and variance."""
         samples = self.space.samples(policy, experience.episodes + experience.memory)  # phi, Eq 3

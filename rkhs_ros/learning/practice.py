@@ -121,9 +121,9 @@ def practise(
     functions drawn now stray further from their mean, and practice is shorter.
     """
     episodes, inputs, spaces = experience.episodes, policy.inputs, experience.spaces
-    policy = _in_wider_space(policy, algorithm, experience)
-    test = _test_before(practice, policy, experience)
+    policy = _made_ready(policy, algorithm, experience)
     known = practice.known_parts(spaces.observation_dim)
+    test = _test_before(practice, policy, experience, known)
     model = WorldModel.fit(episodes, inputs, spaces, practice.centres, known)
     runner = ImaginedRunner(model, test.overconfidence)
     rounds = max(1, round(practice.iterations / test.overconfidence))
@@ -144,20 +144,24 @@ def practise(
     return Practised(replace(policy, variance=real, noise=practice.noise), metrics, last, test.error)
 
 
-def _in_wider_space(policy: GaussianPolicy, algorithm: Algorithm, experience: RealExperience) -> GaussianPolicy:
-    """Return the policy with the kernel that all episodes so far settle, where its own has become another.
+def _made_ready(policy: GaussianPolicy, algorithm: Algorithm, experience: RealExperience) -> GaussianPolicy:
+    """Return the policy with the kernel that all episodes so far settle, and a mean within the bounds of the actions.
 
-    The first episodes may have seen little. The mean keeps its values, within the bounds of the actions.
+    The first episodes may have seen little, and another kernel fits now. Where the mean strayed beyond a bound
+    exploration changes no action, so nothing could be learnt any more: at all points seen it comes back to the bound.
     """
     seen = experience.episodes.seen_through(policy.inputs)
     points = seen.flat(seen.observations)
     few = points[:: -(-len(points) // MOST_COMPARED)]
-    kernel = experience.kernel.fit(points, policy.inputs.ages)
+    own, kernel = policy.mean.kernel, experience.kernel.fit(points, policy.inputs.ages)
     if len(policy.mean.centres) == 0:
         return policy.with_mean(replace(policy.mean, kernel=kernel))
-    if _alignment(kernel(few, few), policy.mean.kernel(few, few)) > SAME_KERNEL:
+    if _alignment(kernel(few, few), own(few, few)) > SAME_KERNEL:
+        kernel = own
+    means = policy.mean(points)
+    values = experience.spaces.clip(means)
+    if kernel is own and np.array_equal(values, means):
         return policy
-    values = experience.spaces.clip(policy.mean(points))
     return policy.with_mean(algorithm.space.fit(kernel, points, values))
 
 
@@ -166,15 +170,15 @@ def _alignment(gram: Array, other: Array) -> float:
     return float(np.sum(gram * other) / (np.linalg.norm(gram) * np.linalg.norm(other)))
 
 
-def _test_before(practice: ModelPractice, policy: GaussianPolicy, experience: RealExperience) -> ModelTest:
+def _test_before(
+    practice: ModelPractice, policy: GaussianPolicy, experience: RealExperience, known: KnownParts
+) -> ModelTest:
     """Return how the model of the episodes before the newest ones predicts these."""
     old = len(experience.episodes) - experience.newest
     if old == 0:
         return ModelTest(float("nan"), 1.0)
     before, newest = (experience.episodes.take(part) for part in (slice(old), slice(old, None)))
-    spaces = experience.spaces
-    known = practice.known_parts(spaces.observation_dim)
-    return prediction_test(before, newest, policy.inputs, spaces, practice.centres, known)
+    return prediction_test(before, newest, policy.inputs, experience.spaces, practice.centres, known)
 
 
 def _horizon(experience: RealExperience) -> int:

@@ -24,12 +24,14 @@ def check_actions(episodes: Episodes, policy: GaussianPolicy, batch: Batch) -> N
     """
     rows, steps = np.nonzero(episodes.mask)
     points = policy.inputs.unfold(episodes.observations, episodes.actions)[rows, steps]
-    exploration = policy.exploration(batch)[rows, steps] if batch.explore else None
+    draws = policy.exploration(batch)  # of the first rows
+    exploring = rows < len(draws)
+    exploration = draws[rows[exploring], steps[exploring]]
     actions = episodes.actions[rows, steps]
     for begin in range(0, len(points), SAMPLES_AT_ONCE):
         part = slice(begin, begin + SAMPLES_AT_ONCE)
         seen = points[part]
-        expected = policy.mean(seen) if exploration is None else policy.act(seen, exploration[part])
+        expected = policy.act(seen, exploration[part])
         wrong = (expected != actions[part]).any(axis=1)
         if wrong.any():
             first = int(wrong.argmax())

@@ -14,7 +14,7 @@ from rkhs_ros.learning.spaces import SparseSettings
 from rkhs_ros.learning.steps import STEP_RULES, KLStep, StepRule
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rkhs.regression import dual_regression
+from rkhs_ros.rkhs.regression import relative_ridge_regression
 
 
 @dataclass(frozen=True)
@@ -37,14 +37,18 @@ class RKHSNPG(SparseSettings, Algorithm):
     value_ridge: float = setting(0.01, "penalty on the value's squared norm in the RKHS", minimum=1e-12, maximum=1e6)
     step: StepRule = variant(KLStep(), STEP_RULES, "rule")
 
+    def unused(self) -> set[str]:
+        """Return the names of the settings of the value, where it is not taken off."""
+        return {"value_ridge"} if self.baseline != "value" else set()
+
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
         """Return the policy one natural step on."""
         samples = self.space.samples(policy, experience.episodes)
         scores = samples.trajectory_features(discount=1.0)  # grad log P(xi), Eq 19; Lambda is their Gram
         returns = self._returns(samples, experience.discount)  # R
-        weights = dual_regression(scores, returns, self.ridge, intercept=self.baseline != "printed")  # R hat, Eq 18
-        gradient = samples.as_coefficients(scores.T @ weights)
-        return self.climb(policy, gradient, samples, experience, self.step)  # Eq 20
+        with_intercept = self.baseline != "printed"
+        gradient = relative_ridge_regression(scores, returns, self.ridge, intercept=with_intercept)  # by R hat, Eq 18
+        return self.climb(policy, samples.as_coefficients(gradient), samples, experience, self.step)  # Eq 20
 
     def _returns(self, samples: Samples, discount: float) -> Array:
         """Return R, less the value of the first state where that is the baseline, shape (N,)."""

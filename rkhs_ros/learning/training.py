@@ -16,6 +16,8 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 
+MOST_SAMPLES_AHEAD = 10**5  # of a batch with episodes that run ahead; more rows save nothing, and take memory
+
 
 class Runner(Protocol):
     """Who lets a policy act: an in-process simulation, or nodes behind topics."""
@@ -23,6 +25,9 @@ class Runner(Protocol):
     @property
     def spaces(self) -> Spaces:
         """Shape of an observation, and bounds of the actions."""
+
+    def room(self, rows: int) -> int:
+        """Return how many of so many rows can run side by side."""
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Return the episodes of a batch under the policy."""
@@ -41,6 +46,7 @@ class Iteration:
         metrics: what the update did, the last one of practice.
         imagined_return: mean return of the last exploring episodes in the model; nan without practice.
         model_error: of the model that came before, at this iteration's episodes; nan where there was none.
+        tried: the exploring episodes in which the update tried steps out, as they were collected.
     """
 
     state: State
@@ -51,6 +57,7 @@ class Iteration:
     metrics: Metrics
     imagined_return: float = float("nan")
     model_error: float = float("nan")
+    tried: tuple[Episodes, ...] = ()
 
     @property
     def number(self) -> int:
@@ -81,7 +88,10 @@ class Iteration:
 class Collector:
     """Lets policies act in ever new episodes, and counts them.
 
-    Owns the numbers of the next exploring and the next noise-free episode.
+    After an update the noise-free episodes and the next exploring ones are under the same policy. Where there is room
+    for both side by side, the exploring ones run ahead, beside the noise-free ones: the steps are half as many.
+
+    Owns the numbers of the next exploring and the next noise-free episode, and the exploring ones that ran ahead.
 
     Args:
         training: the learner's settings.
@@ -94,25 +104,51 @@ class Collector:
         self._runner = runner
         self.explored = state.explored
         self.evaluated = state.evaluated
+        self._tried: list[Episodes] = []
+        self._ahead: Episodes | None = None
 
-    def explore(self, policy: GaussianPolicy, episodes: int) -> Episodes:
-        """Return a number of exploring episodes."""
-        first, self.explored = self.explored, self.explored + episodes
-        return self._collect(policy, first, episodes, explore=True)
+    def explore(self, policy: GaussianPolicy) -> Episodes:
+        """Return the exploring episodes of an iteration; nobody acted since the policy was evaluated, if it was."""
+        ahead, self._ahead = self._ahead, None
+        batch = self._exploring(self._training.episodes_per_iteration)
+        self.explored += batch.rows
+        return self._runner.collect(policy, batch) if ahead is None else ahead
 
-    def explore_inputs(self, policy: GaussianPolicy, episodes: int) -> Episodes:
-        """Return a number of exploring episodes, with the policy's inputs as observations."""
-        return self.explore(policy, episodes).seen_through(policy.inputs)
+    def try_out(self, policy: GaussianPolicy, episodes: int) -> Episodes:
+        """Return a number of exploring episodes in which a step is tried out, the policy's inputs as observations."""
+        batch = self._exploring(episodes)
+        self.explored += episodes
+        self._tried.append(self._runner.collect(policy, batch))
+        return self._tried[-1].seen_through(policy.inputs)
 
-    def evaluate(self, policy: GaussianPolicy) -> Episodes:
-        """Return noise-free episodes."""
-        episodes = self._training.evaluation_episodes
-        first, self.evaluated = self.evaluated, self.evaluated + episodes
-        return self._collect(policy, first, episodes, explore=False)
+    def take_tried(self) -> tuple[Episodes, ...]:
+        """Return the episodes in which steps were tried out since this was asked last."""
+        tried, self._tried = tuple(self._tried), []
+        return tried
 
-    def _collect(self, policy: GaussianPolicy, first: int, episodes: int, *, explore: bool) -> Episodes:
-        batch = Batch(self._training.seed, first, episodes, self._training.horizon, explore=explore)
-        return self._runner.collect(policy, batch)
+    def evaluate(self, policy: GaussianPolicy, *, explores_next: bool) -> Episodes:
+        """Return noise-free episodes.
+
+        Args:
+            policy: who acts.
+            explores_next: whether the policy explores in the next iteration.
+        """
+        training = self._training
+        batch = Batch(training.seed, self.evaluated, training.evaluation_episodes, training.horizon, explore=False)
+        self.evaluated += batch.rows
+        if not (explores_next and self._has_room_for_both()):
+            return self._runner.collect(policy, batch)
+        ahead = self._exploring(training.episodes_per_iteration)
+        both = self._runner.collect(policy, ahead.beside(batch))
+        self._ahead = both.take(slice(ahead.rows))
+        return both.take(slice(ahead.rows, None))
+
+    def _exploring(self, episodes: int) -> Batch:
+        return Batch(self._training.seed, self.explored, episodes, self._training.horizon, explore=True)
+
+    def _has_room_for_both(self) -> bool:
+        rows = self._training.rows
+        return rows * self._training.horizon <= MOST_SAMPLES_AHEAD and self._runner.room(rows) >= rows
 
 
 def train(training: Training, runner: Runner, state: State | None = None) -> Iterator[Iteration]:
@@ -127,19 +163,19 @@ def train(training: Training, runner: Runner, state: State | None = None) -> Ite
         ValueError: the settings do not fit the task.
     """
     state = state or first_state(training, runner.spaces)
+    collector = Collector(training, runner, state)
     while state.iterations < training.iterations:
-        iteration = _iteration_after(state, training, runner)
+        iteration = _iteration_after(state, training, collector, runner.spaces)
         yield iteration
         state = iteration.state
 
 
-def _iteration_after(state: State, training: Training, runner: Runner) -> Iteration:
-    collector = Collector(training, runner, state)
-    exploration = collector.explore(state.policy, training.episodes_per_iteration)
+def _iteration_after(state: State, training: Training, collector: Collector, spaces: Spaces) -> Iteration:
+    exploration = collector.explore(state.policy)
     policy = state.policy
     if isinstance(training.practice, ModelPractice):
         memory = state.memory + exploration
-        practised = _practised(training.practice, training, policy, memory, runner.spaces, state.iterations)
+        practised = _practised(training.practice, training, policy, memory, spaces, state.iterations)
         policy, metrics = practised.policy, practised.metrics
         imagined_return, model_error = practised.imagined_return, practised.model_error
     else:
@@ -147,14 +183,15 @@ def _iteration_after(state: State, training: Training, runner: Runner) -> Iterat
         if state.iterations == 0 and len(policy.mean.centres) == 0:  # a policy given has its kernel
             kernel = training.kernel.fit(episodes.flat(episodes.observations), policy.inputs.ages)
             policy = policy.with_mean(replace(policy.mean, kernel=kernel))
-        experience = Experience(episodes, training.discount, state.memory, collector.explore_inputs, state.iterations)
+        experience = Experience(episodes, training.discount, state.memory, collector.try_out, state.iterations)
         policy, metrics, memory = training.algorithm.update(policy, experience)
         imagined_return = model_error = float("nan")
-    every = training.evaluate_every
-    due = every > 0 and (state.iterations + 1) % every == 0
-    evaluation = collector.evaluate(policy) if due else exploration.take(slice(0))
+    done = state.iterations + 1
+    due = training.evaluate_every > 0 and done % training.evaluate_every == 0
+    explores_next = done < training.iterations
+    evaluation = collector.evaluate(policy, explores_next=explores_next) if due else exploration.take(slice(0))
     return Iteration(
-        state=State(state.iterations + 1, policy, memory, collector.explored, collector.evaluated),
+        state=State(done, policy, memory, collector.explored, collector.evaluated),
         exploration=exploration,
         train_returns=exploration.returns(training.discount),
         evaluation=evaluation,
@@ -162,6 +199,7 @@ def _iteration_after(state: State, training: Training, runner: Runner) -> Iterat
         metrics=metrics,
         imagined_return=imagined_return,
         model_error=model_error,
+        tried=collector.take_tried(),
     )
 
 

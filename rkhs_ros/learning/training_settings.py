@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from rkhs_ros.base.settings import Settings, build, setting, variant
@@ -54,6 +55,18 @@ class Training(Settings):
         searches = isinstance(getattr(self.algorithm, "step", None), LineSearch)
         good = not (searches and isinstance(self.practice, ModelPractice))
         require(good, "algorithm.step.rule", "fixed or kl for practice.form=model", "line_search")
+        plain = self.name.isprintable() and self.name not in ("", "..") and Path(self.name).name == self.name
+        require(plain, "name", "a plain name, for a folder is called so", repr(self.name))
+
+    def unused(self) -> set[str]:
+        """Return the names of the settings of exploration that practice has its own in place of."""
+        practises = isinstance(self.practice, ModelPractice)
+        return {"algorithm.exploration_decay", "algorithm.exploration_minimum"} if practises else set()
+
+    @property
+    def rows(self) -> int:
+        """Most episodes that can run side by side: those of an evaluation and the exploring ones after it."""
+        return self.episodes_per_iteration + self.evaluation_episodes
 
 
 def training_from(tree: Mapping[str, Any]) -> Training:

@@ -73,6 +73,12 @@ class WeightedExploration(Algorithm):
         if self.sd_minimum > self.sd_maximum:
             raise ValueError(f"algorithm.sd_minimum: expected at most {self.sd_maximum}, got {self.sd_minimum}")
 
+    def unused(self) -> set[str]:
+        """Return the names of the settings of a variance that does not decay or is not learnt, and of no value."""
+        fixed = {"sd_minimum", "sd_maximum"}
+        names = fixed if self.variance == "constant" else {"exploration_decay", "exploration_minimum"}
+        return names | ({"value_ridge"} if self.weighting == "returns" else set())
+
     def check_kernel(self, kernel: Kernel) -> None:
         """Raise ValueError where the variance is to be learnt as a mean that the kernel cannot weigh."""
         remedy = "take rbf, polynomial of an even degree, or algorithm.variance=constant"

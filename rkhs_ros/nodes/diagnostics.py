@@ -1,4 +1,4 @@
-"""Diagnostics: what a node reports of itself on /diagnostics."""
+"""Diagnostics: what a node reports of itself on /diagnostics, and events that a person may want to know of."""
 
 from __future__ import annotations
 
@@ -6,23 +6,28 @@ import socket
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from rkhs_interfaces.msg import LearningEvent
 from rkhs_ros.nodes.publishers import SinglePublishers
 
 TOPIC = "/diagnostics"
 DIAGNOSTICS_QOS = QoSProfile(depth=10)  # reliable and volatile, as of everybody who reports there
+EVENTS_TOPIC = "/rkhs/events"
+EVENTS_QOS = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # the last ones of each node
+VOID_EPISODE, STOP, RESTART = LearningEvent.VOID_EPISODE, LearningEvent.STOP, LearningEvent.RESTART
 REPORT_PERIOD_S = 1.0
-LOG_PERIOD_S = 1.0  # between lines in the log
+LOG_PERIOD_S = 1.0  # between lines in the log, and between events, of refusals
 LAST_REPORT_TIMEOUT_S = 0.5  # for listeners to take the report of an error before the node ends
 
 
 class Diagnostics:
-    """A node's reports of how it fares, once a second.
+    """A node's reports of how it fares, once a second, and of events.
 
     Owns the numbers of messages refused or passed over and of steps made, why the node is stuck, if it is, what it
     waits for a person to do, and which of the topics that it hears have more than one publisher.
@@ -51,13 +56,40 @@ class Diagnostics:
         self._host = socket.gethostname()
         self._due = self._reported_at = time.monotonic()
         self._refusals_reported = self._steps_reported = 0
+        self._refusal_told_at = -LOG_PERIOD_S  # monotonic time, seconds
         self._reports = node.create_publisher(DiagnosticArray, TOPIC, DIAGNOSTICS_QOS)
+        self._events = node.create_publisher(LearningEvent, EVENTS_TOPIC, EVENTS_QOS)
+        if restarts:
+            self.tell(RESTART, f"started again, {restarts} time{'s' * (restarts > 1)} so far")
+
+    def tell(self, kind: str, text: str) -> None:
+        """Tell of an event of a kind."""
+        stamp, name = self._node.get_clock().now().to_msg(), str(self._node.get_fully_qualified_name())
+        self._events.publish(LearningEvent(stamp=stamp, node=name, kind=kind, text=text))
 
     def refuse(self, reason: str) -> None:
         """Count a message that was refused, and log why."""
         self.refusals += 1
         self.last_refusal = reason
         self._node.get_logger().warning(f"refused {reason}", throttle_duration_sec=LOG_PERIOD_S)
+        if (now := time.monotonic()) >= self._refusal_told_at + LOG_PERIOD_S:
+            self._refusal_told_at = now
+            self.tell(LearningEvent.REFUSAL, f"refused {reason}")
+
+    @contextmanager
+    def accepting(self, response: Any, what: str) -> Iterator[None]:
+        """Have a service accept what is asked for; where that is bad input, refuse it, and say why.
+
+        Args:
+            response: of the service, with ``accepted`` and ``message``.
+            what: is refused, for the log.
+        """
+        try:
+            yield
+            response.accepted = True
+        except (ValueError, TypeError) as error:
+            response.message = str(error)
+            self.refuse(f"{what}: {error}")
 
     def pass_over(self, reason: str) -> None:
         """Count a message that came late, twice or for another, as some do wherever messages are lost."""
@@ -80,6 +112,7 @@ class Diagnostics:
             yield
         except Exception as error:
             self._publish(DiagnosticStatus.ERROR, f"ends: {error}")
+            self.tell(STOP, f"ends: {error}")
             self._reports.wait_for_all_acked(Duration(seconds=LAST_REPORT_TIMEOUT_S))
             raise
 

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from math import inf
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
 from rkhs_interfaces.msg import Command, GateReport, GateState
 from rkhs_ros.base.validation import shown
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS
+from rkhs_ros.nodes.messages import LATCHED_QOS, LOCKSTEP_QOS
 from rkhs_ros.policies.messages import doubles
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.gate_state import STOP_ASKED
 
-LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-MOST_UNANSWERED = 10  # commands sent on without a report, after which the gate is taken to be gone
 ARM_RETRY_S = 1.0  # between attempts to arm the gate of a practice robot
 LAST_COMMAND_TIMEOUT_S = 0.5  # for the gate to take the last command before the node ends
 PRACTICE_ROBOT = "practice_robot"
@@ -35,18 +33,22 @@ class GateLink:
     Args:
         node: the robot node.
         instance: of its process, which the gate tells from others by it.
+        timeout: seconds without a report of a command after which the gate is taken to be gone.
         arms: whether the gate is armed from here, as that of a practice robot may be; never that of another.
         report: is told of each report: the number of the command, what was executed, and the flags.
     """
 
-    def __init__(self, node: Node, instance: int, *, arms: bool, report: Callable[[int, Array, int], None]) -> None:
+    def __init__(
+        self, node: Node, instance: int, timeout: float, *, arms: bool, report: Callable[[int, Array, int], None]
+    ) -> None:
         self.number = 0
         self._node = node
         self._instance = instance
         self._arms = arms
         self._report = report
         self._state: GateState | None = None
-        self._unanswered = 0
+        self._timeout = timeout
+        self._unanswered_since = inf  # monotonic time of the first command that no report came of, seconds
         self._armed_at = 0.0
         self._commands = node.create_publisher(Command, "command", LOCKSTEP_QOS)
         self._arm = node.create_client(Trigger, "gate/arm")
@@ -56,7 +58,7 @@ class GateLink:
     def send(self, values: Array, stamp: int) -> int:
         """Send a command, which follows from an observation of that time in nanoseconds; return its number."""
         self.number += 1
-        self._unanswered += 1
+        self._unanswered_since = min(self._unanswered_since, time.monotonic())
         self._publish(stamp, values=doubles(values))
         return self.number
 
@@ -69,8 +71,8 @@ class GateLink:
         """Return why the robot cannot be moved; empty where it can."""
         if self._state is None:
             return "no gate is heard"
-        if self._unanswered > MOST_UNANSWERED:
-            return "the gate does not report what it does with commands"
+        if self._is_silent:
+            return f"the gate did not report within {self._timeout:g} s (stale_after) what it made of a command"
         if self._state.state == DISARMED:
             return "the gate is not armed"
         if self._state.state == STOPPED:
@@ -78,11 +80,15 @@ class GateLink:
         return ""
 
     @property
+    def _is_silent(self) -> bool:
+        return time.monotonic() - self._unanswered_since > self._timeout
+
+    @property
     def remedy(self) -> str:
         """What a person is to do where there is an obstacle."""
         service = self._node.resolve_service_name("gate/arm")
         arm = f"see that the robot may move, then: rkhs robot arm, or ros2 service call {service} std_srvs/srv/Trigger"
-        is_there = self._state is not None and self._unanswered <= MOST_UNANSWERED
+        is_there = self._state is not None and not self._is_silent
         return arm if is_there else f"start it, {arm}"
 
     def arm_practice(self, now: float) -> bool:
@@ -111,8 +117,8 @@ class GateLink:
 
     def _hear_report(self, message: GateReport) -> None:
         if message.instance == self._instance:
-            self._unanswered = 0
+            self._unanswered_since = inf
             self._report(message.number, np.array(message.executed), message.flags)
 
     def _hear_state(self, message: GateState) -> None:
-        self._state, self._unanswered = message, 0
+        self._state, self._unanswered_since = message, inf

@@ -16,6 +16,7 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 import rkhs_interfaces.msg as msg
+from rkhs_ros.nodes.clocks import now_by_both_clocks
 from rkhs_ros.policies.messages import doubles
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.gate_settings import FLOATS, TRAJECTORY, TWIST, TWIST_STAMPED, GateSettings
@@ -27,21 +28,20 @@ MOST_POINTS = 10  # of a trajectory, which is sent every period
 TYPES = {FLOATS: Float64MultiArray, TRAJECTORY: JointTrajectory, TWIST: Twist, TWIST_STAMPED: TwistStamped}
 
 
-def seconds_of(stamp: Stamp, now: float) -> float:
-    """Return the time of a stamp on the gate's clock, which no correction of the system's clock moves.
+def seconds_of(stamp: Stamp) -> float:
+    """Return the time of a stamp by the system's clock on the monotonic one, in seconds.
 
-    Args:
-        stamp: by the system's clock.
-        now: the time on the gate's clock, s.
+    That is the gate's, which no correction of the system's clock moves. However busy the machine is, of two stamps
+    the later one stays so: both clocks are read at once, not one when the message came and the other when it is read.
     """
-    age = time.time_ns() - (stamp.sec * 1_000_000_000 + stamp.nanosec)
-    return now - 1e-9 * age
+    now, now_ns = now_by_both_clocks()
+    return now - 1e-9 * (now_ns - (stamp.sec * 1_000_000_000 + stamp.nanosec))
 
 
-def command_of(message: msg.Command, now: float) -> Command:
+def command_of(message: msg.Command) -> Command:
     """Return the command that a message carries."""
     values = None if message.hold else np.array(message.values, dtype=np.float64)
-    return Command(message.instance, message.number, seconds_of(message.stamp, now), values)
+    return Command(message.instance, message.number, seconds_of(message.stamp), values)
 
 
 class JointStates:
@@ -58,7 +58,7 @@ class JointStates:
         self._names: list[str] = []
         self._places = np.zeros(0, dtype=np.intp)
 
-    def sensed_of(self, message: JointState, now: float) -> Sensed:
+    def sensed_of(self, message: JointState) -> Sensed:
         """Return what a message tells of the joints, nan for what it does not tell.
 
         Raises:
@@ -71,7 +71,7 @@ class JointStates:
             self._names = list(message.name)
             self._places = np.array([self._names.index(joint) for joint in self._joints])
         fields = (self._picked(values) for values in (message.position, message.velocity, message.effort))
-        return Sensed(seconds_of(message.header.stamp, now), *fields)
+        return Sensed(seconds_of(message.header.stamp), *fields)
 
     def _picked(self, values: Any) -> Array:
         if len(values) != len(self._names):

@@ -7,7 +7,7 @@ import time
 from dataclasses import dataclass
 
 from rclpy.duration import Duration
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 from rkhs_interfaces.msg import Command, GateReport, GateState
 from rkhs_ros.base.settings import build, entries
 from rkhs_ros.nodes.arguments import require_section
-from rkhs_ros.nodes.diagnostics import Diagnostics
+from rkhs_ros.nodes.diagnostics import STOP, Diagnostics
 from rkhs_ros.nodes.gate_messages import (
     TYPES,
     JointStates,
@@ -24,7 +24,7 @@ from rkhs_ros.nodes.gate_messages import (
     report_message,
     state_message,
 )
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS
+from rkhs_ros.nodes.messages import LATCHED_QOS, LOCKSTEP_QOS
 from rkhs_ros.nodes.parameters import declare, given, instance, restarts
 from rkhs_ros.nodes.publishers import listed, publishers
 from rkhs_ros.nodes.spin import ReportingNode, run, serve
@@ -36,7 +36,6 @@ from rkhs_ros.robot.gate_state import STOP_ASKED, Counts, Gate, Mode
 STOP_TIMEOUT_S = 1.5  # to come to rest in before the process ends; a launcher kills it after 2
 LAST_OUTPUT_TIMEOUT_S = 0.2  # for the hardware to take the last output
 LATE = 2  # periods between ticks from which one is missed
-LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 HARDWARE_QOS = QoSProfile(depth=1)
 
 
@@ -139,6 +138,7 @@ class GateNode(ReportingNode):
         is_new = self._told is None or self._told[0] != Mode.STOPPED
         if state.mode == Mode.STOPPED and is_new and self._end_at is None:
             self.get_logger().error(f"stopped: {state.reason}")
+            self.diagnostics.tell(STOP, state.reason)
         self.diagnostics.stuck = state.reason
         self._states.publish(state_message(state))
         self._told = told
@@ -153,7 +153,7 @@ class GateNode(ReportingNode):
 
     def _command(self, message: Command) -> None:
         now = time.monotonic()
-        state, report = commanded(self._state, self._rules, now, command_of(message, now))
+        state, report = commanded(self._state, self._rules, now, command_of(message))
         self._reports.publish(report_message(message, report))
         if report.reason:
             self.diagnostics.refuse(f"a command: {report.reason}")
@@ -162,7 +162,7 @@ class GateNode(ReportingNode):
     def _sense(self, message: JointState) -> None:
         now = time.monotonic()
         try:
-            news = self._joints.sensed_of(message, now)
+            news = self._joints.sensed_of(message)
         except ValueError as error:  # from others than ours, as where each arm of a robot tells of itself
             self.diagnostics.pass_over(f"what was sensed: {error}")
             return

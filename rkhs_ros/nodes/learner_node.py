@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from threading import Event
@@ -10,17 +11,24 @@ from typing import Any
 from rkhs_ros.base.settings import Entry, entries
 from rkhs_ros.learning.training_settings import training_from
 from rkhs_ros.nodes.arguments import require_section
-from rkhs_ros.nodes.diagnostics import Diagnostics
+from rkhs_ros.nodes.diagnostics import STOP, Diagnostics
+from rkhs_ros.nodes.learning_topics import LearningTopics
 from rkhs_ros.nodes.names import namespaces
 from rkhs_ros.nodes.parameters import declare, declared, given, instance, restarts
 from rkhs_ros.nodes.peers import Peers
 from rkhs_ros.nodes.simulator_link import ROBOT, SIMULATOR
-from rkhs_ros.nodes.spin import ReportingNode, run
+from rkhs_ros.nodes.spin import ReportingNode, StoppedError, run
 from rkhs_ros.nodes.topic_runner import TopicRunner
 from rkhs_ros.nodes.uniqueness import Uniqueness
+from rkhs_ros.policies.storage import load_policy
+from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import Config, Environment, environment_from
-from rkhs_ros.runs.report import is_begun, new_folder, old_folder
+from rkhs_ros.runs.episode_files import save_episodes
+from rkhs_ros.runs.evaluation import evaluation_of
+from rkhs_ros.runs.report import is_begun, new_folder, old_folder, what_next
 from rkhs_ros.runs.run import run_training
+
+EVALUATION = "evaluation.npz"  # in the output folder: the episodes that measured a policy
 
 
 class LearnerNode(ReportingNode):
@@ -46,6 +54,8 @@ class LearnerNode(ReportingNode):
             self, tree, "resume", False, "go on with the run in the output folder, if one began there"
         )
         self.record = declared(self, tree, "record", False, "record the run in recording.mcap, in its folder")
+        about = "policy.npz to measure in noise-free episodes, in place of learning; empty to learn"
+        self.evaluate = declared(self, tree, "evaluate", "", about)
         again, number = restarts(self, tree), instance(self, tree)
         self.environment = self._environment_from(tree)
         self.training = training_from(tree)
@@ -54,9 +64,9 @@ class LearnerNode(ReportingNode):
         self.diagnostics = Diagnostics(self, again, lambda: self.runner.report(), topics)
         self._uniqueness = Uniqueness(self, number)
         self.peers = Peers(self, self.training.timeout)
-        rows = max(self.training.episodes_per_iteration, self.training.evaluation_episodes)
         kind = ROBOT if self.environment and self.environment.nodes else SIMULATOR
-        self.runner = TopicRunner(self, self.peers, self.training.simulators, rows, kind)
+        self.runner = TopicRunner(self, self.peers, self.training.simulators, self.training.rows, kind)
+        self.topics = LearningTopics(self, self.training)
 
     def _environment_from(self, tree: dict[str, Any]) -> Environment | None:
         """Take out of the node's tree the environment to learn in; None where the simulator is to tell."""
@@ -70,7 +80,7 @@ class LearnerNode(ReportingNode):
     def heartbeat(self) -> float:
         """Report, and give signs of life; return the seconds until the next time."""
         self._uniqueness.check()
-        return min(self.diagnostics.heartbeat(), self.runner.heartbeat())
+        return min(self.diagnostics.heartbeat(), self.runner.heartbeat(), self.topics.heartbeat())
 
 
 def learn(node: LearnerNode, stop: Event) -> None:
@@ -83,21 +93,47 @@ def learn(node: LearnerNode, stop: Event) -> None:
         folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
         node.get_logger().info(f"learns {config.environment.id}; the results are in {folder.resolve()}")
         costs = node.runner.is_of_robots
-        run_training(
-            config,
-            node.runner,
-            folder,
-            quiet=node.quiet,
-            resume=resume,
-            record=node.record or costs,
-            sync=costs,
-            rest=node.peers.rest,
-        )
+        node.topics.begin(folder, node.runner.spaces)
+        try:
+            run_training(
+                config,
+                node.runner,
+                folder,
+                quiet=node.quiet,
+                resume=resume,
+                record=node.record or costs,
+                sync=costs,
+                rest=node.peers.rest,
+                look_on=node.topics.tell,
+            )
+        except (StoppedError, KeyboardInterrupt):
+            node.diagnostics.tell(STOP, "the run was asked to stop")
+            raise
+        finally:
+            node.topics.close()
+        node.get_logger().info(what_next(folder, config.training.iterations))
+
+
+def measure(node: LearnerNode, stop: Event) -> None:
+    """Print what noise-free episodes of a policy come to, and leave them in the output folder."""
+    node.peers.stop = stop
+    with node.diagnostics.errors_reported():
+        policy, task = load_policy(Path(node.evaluate))
+        environment, training = node.runner.connect(node.environment), node.training
+        batch = Batch(training.seed, 0, training.evaluation_episodes, training.horizon, explore=False)
+        episodes = node.runner.collect(policy, batch)
+        save_episodes(Path(node.output) / EVALUATION, episodes, task)
+        print(json.dumps(evaluation_of(episodes, environment.id, training.seed, training.discount), indent=2))
+
+
+def work(node: LearnerNode, stop: Event) -> None:
+    """Learn, or measure what was learnt."""
+    (measure if node.evaluate else learn)(node, stop)
 
 
 def main() -> None:
     """Run the learner node."""
-    run(LearnerNode, "learner", learn)
+    run(LearnerNode, "learner", work)
 
 
 if __name__ == "__main__":

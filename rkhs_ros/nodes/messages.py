@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+from array import array
 from dataclasses import fields
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import ArrayLike
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
@@ -30,21 +33,29 @@ if TYPE_CHECKING:  # a policy node needs no simulation
 # Reliable. Volatile, since keeping messages for late peers doubles the time of a round trip: the learner waits
 # until the peers say that they are connected.
 LOCKSTEP_QOS = QoSProfile(depth=16, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
+LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # for those who come later, too
 BATCH = attrgetter(*(field.name for field in fields(Batch)))  # what a message says of its batch
 CLOCK_ENDS = 2**31  # seconds, which /clock cannot tell any more
 
 
 def observation_message(identity: int, version: int, batch: Batch, step: int, frame: Frame) -> msg.Observation:
     """Return what the simulator publishes after ``step`` steps of a batch."""
-    return msg.Observation(
-        batch=identity,
-        policy_version=version,
-        step=step,
-        over=not frame.active.any(),
-        **vars(batch),
-        observations=doubles(frame.observations),
-        rewards=doubles(frame.rewards),
-    )
+    message = msg.Observation(batch=identity, policy_version=version, **vars(batch))
+    show(message, step, frame)
+    return message
+
+
+def show(message: msg.Observation, step: int, frame: Frame) -> None:
+    """Fill in the message of a batch what it shows after ``step`` steps; to make a new one for each takes longer."""
+    message.step, message.over = step, not frame.active.any()
+    message.observations, message.rewards = doubles(frame.observations), doubles(frame.rewards)
+    if not frame.active.all():
+        message.terminated, message.truncated = _rows_where(frame.terminated), _rows_where(frame.truncated)
+
+
+def _rows_where(flags: ArrayLike) -> array[int]:
+    """Return the rows of which something holds, from a flag for each."""
+    return array("I", np.flatnonzero(flags).tolist())
 
 
 def robot_observation_message(
@@ -59,17 +70,17 @@ def robot_observation_message(
         **vars(batch),
         observations=doubles(episode.observation),
         rewards=[] if episode.reward is None else [episode.reward],
+        terminated=_rows_where([episode.complete and episode.terminated]),
+        truncated=_rows_where([episode.complete and not episode.terminated]),
     )
 
 
 def observations_of(message: msg.Observation, batch: Batch) -> Array:
-    """Return the observations that a message carries, shape (rows, d).
+    """Return the observations that a message of a batch carries, shape (rows, d).
 
     Raises:
-        ValueError: they are not of that batch, misshapen or not finite; nor may the rewards be.
+        ValueError: the step cannot be, or they are misshapen or not finite; nor may the rewards be.
     """
-    if BATCH(message) != BATCH(batch):  # no text is made unless it is needed: every step comes by here
-        raise ValueError(f"batch {message.batch}: expected {batch}, got {batch_of(message)}")
     if message.step + (not message.over) > batch.horizon:
         expected = f"at most {batch.horizon}, and less unless all is over"
         raise ValueError(f"step: expected {expected}, got {message.step}")
@@ -77,6 +88,11 @@ def observations_of(message: msg.Observation, batch: Batch) -> Array:
     columns = max(len(message.observations) // batch.rows, 1)
     require(columns <= MOST_INPUTS, "observations", f"at most {MOST_INPUTS} numbers a row", columns)
     return matrix(message.observations, batch.rows, columns, "observations")
+
+
+def is_of(message: msg.Observation, batch: Batch) -> bool:
+    """Return whether a message is of a batch; to make the batch of each message takes longer."""
+    return bool(BATCH(message) == BATCH(batch))
 
 
 def batch_of(message: msg.Observation | StartEpisodes.Request) -> Batch:
@@ -91,6 +107,8 @@ def batch_of(message: msg.Observation | StartEpisodes.Request) -> Batch:
         rows=message.rows,
         horizon=message.horizon,
         explore=message.explore,
+        noise_free=message.noise_free,
+        first_noise_free=message.first_noise_free,
     )
 
 
@@ -118,10 +136,15 @@ def describe(
     simulation: Simulation, rows: int, identity: int, step: int, clock: int, *, failure: str, connected: bool
 ) -> DescribeTask.Response:
     """Return what a simulation's task is, how many of so many rows it has room for, and how far it is."""
+    space = simulation.observation_space
     return DescribeTask.Response(
         environment=simulation.environment,
         options=json.dumps(simulation.options),
         **spaces_fields(simulation.spaces),
+        observation_type=space.dtype.name,
+        observation_low=doubles(space.low),
+        observation_high=doubles(space.high),
+        horizon=simulation.own_horizon or 0,
         room=simulation.room(rows),
         rows_at_once=simulation.rows_at_once,
         batch=identity,

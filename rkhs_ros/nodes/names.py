@@ -33,6 +33,11 @@ def node_names(simulators: int, robot: Collection[str] = ()) -> list[str]:
     return [*worlds, "policy", "learner"]
 
 
+def in_one_line(error: Exception) -> str:
+    """Return why a topic's name is none; ROS points to the place in further lines."""
+    return " ".join(str(error).rstrip(" ^\n").split())
+
+
 def require_known_arguments(words: Sequence[str], file: str, known: Mapping[str, object]) -> None:
     """Refuse arguments that a launch file does not have, which ``ros2 launch`` passes over in silence.
 

@@ -13,7 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 from rkhs_ros.base.validation import pick
 from rkhs_ros.nodes.spin import SIGNAL_CHECK_S, PeerError, run
 
-ANSWER_TIMEOUT_S = 10.0
+FOUND_TIMEOUT_S, ANSWER_TIMEOUT_S = 3.0, 10.0  # until the node is found, and until it answers
 SERVICES: dict[str, tuple[str, Any, Any]] = {  # of each word: the service, its type, what is asked
     "arm": ("gate/arm", Trigger, Trigger.Request()),
     "stop": ("gate/stop", Trigger, Trigger.Request()),
@@ -42,14 +42,14 @@ def pass_on(node: OperatorNode, stop: Event) -> None:
     """
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    deadline, future = time.monotonic() + ANSWER_TIMEOUT_S, None
+    deadline, future = time.monotonic() + FOUND_TIMEOUT_S, None
     while not (future and future.done()) and not stop.is_set():
         if time.monotonic() > deadline:
             what = "does not answer" if future else "is not there; name the run's folder, or set ROS_DOMAIN_ID"
             raise PeerError(f"{node.service}: the node {what}")
         executor.spin_once(timeout_sec=SIGNAL_CHECK_S)
         if future is None and node.client.service_is_ready():
-            future = node.client.call_async(node.request)
+            deadline, future = time.monotonic() + ANSWER_TIMEOUT_S, node.client.call_async(node.request)
     if future and future.done():
         answer = future.result()
         if not answer.success:

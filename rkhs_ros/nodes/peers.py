@@ -13,7 +13,12 @@ from rclpy.experimental import EventsExecutor
 from rkhs_ros.nodes.spin import SIGNAL_CHECK_S, PeerError, ReportingNode, StoppedError
 
 REFUSAL_STANDS_S = 2.0  # that a node must keep to its refusal
+SAID_AFTER_S = 3.0  # that a node is waited for
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.5, 2.0  # without an answer before a request is sent again; back-off by two
+
+
+class SilentError(PeerError):
+    """A node was silent for too long."""
 
 
 class Peers:
@@ -34,8 +39,12 @@ class Peers:
         self.stop = Event()
         self.timeout_s = timeout_s
         self._node = node
-        self._executor = EventsExecutor()
+        self._executor = EventsExecutor(context=node.context)
         self._executor.add_node(node)
+
+    def close(self) -> None:
+        """Handle no more messages."""
+        self._executor.shutdown()
 
     def spin(self, condition: Callable[[], bool], seconds: float) -> bool:
         """Handle messages until the condition holds or the time is over; return whether it holds.
@@ -68,8 +77,16 @@ class Peers:
         Raises:
             PeerError: it does not in time.
         """
-        if not self.spin(client.service_is_ready, self.timeout_s):
+        begin = time.monotonic()
+        if self.spin(client.service_is_ready, min(SAID_AFTER_S, self.timeout_s)):
+            return
+        self._say_waiting(name, begin)
+        if not self.spin(client.service_is_ready, begin + self.timeout_s - time.monotonic()):
             raise self.silent(name)
+
+    def _say_waiting(self, name: str, begin: float) -> None:
+        left = max(begin + self.timeout_s - time.monotonic(), 0.0)
+        self._node.get_logger().info(f"waits for the {name} node, for {left:.0f} s more at most")
 
     def call(self, client: Client, request: Any, name: str) -> Any:
         """Return a node's answer; ask again where it was lost, as happens to peers that have just met.
@@ -108,10 +125,14 @@ class Peers:
         Raises:
             PeerError: it is not in time.
         """
-        deadline = time.monotonic() + self.timeout_s
+        begin, said = time.monotonic(), False
         while not (response := ask()).connected:
-            if time.monotonic() > deadline:
+            waited = time.monotonic() - begin
+            if waited > self.timeout_s:
                 raise self.silent(name, "found no peers")
+            if waited > SAID_AFTER_S and not said:
+                self._say_waiting(f"peers of the {name}", begin)
+                said = True
         return response
 
     def check_progress(self, since: float, what: str) -> bool:
@@ -128,6 +149,6 @@ class Peers:
         """Return whether half of the timeout passed since the last progress, a monotonic time in seconds."""
         return time.monotonic() - since > self.timeout_s / 2
 
-    def silent(self, name: str, how: str = "did not answer") -> PeerError:
+    def silent(self, name: str, how: str = "did not answer") -> SilentError:
         """Return the error that a node was silent for too long."""
-        return PeerError(f"the {name} node {how} within {self.timeout_s:g} s")
+        return SilentError(f"the {name} node {how} within {self.timeout_s:g} s")

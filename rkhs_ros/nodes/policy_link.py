@@ -24,9 +24,12 @@ class PolicyLink:
     Args:
         node: the learner node.
         peers: how it calls others.
+        several: whether there are several simulators, of which some may be lost once all have been met.
     """
 
-    def __init__(self, node: Node, peers: Peers) -> None:
+    def __init__(self, node: Node, peers: Peers, *, several: bool) -> None:
+        self._several = several
+        self._has_met_all = False
         self.version = 0
         self.progress: list[BatchProgress] = []
         self.policy: GaussianPolicy | None = None
@@ -54,7 +57,8 @@ class PolicyLink:
         """
         ask = partial(self._peers.call_until_accepted, partial(self._set, policy), NAME)
         before = (self._instance, self.version)
-        response = self._peers.call_until_connected(ask, NAME)
+        response = ask() if self._has_met_all else self._peers.call_until_connected(ask, NAME)
+        self._has_met_all = self._several
         self._instance, self.progress = response.instance, response.progress
         return (self._instance, self.version) != before
 

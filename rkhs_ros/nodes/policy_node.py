@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
+from rkhs_interfaces import msg
 from rkhs_interfaces.msg import Action, BatchProgress
 from rkhs_interfaces.msg import Observation as ObservationMessage
 from rkhs_interfaces.msg import Policy as PolicyMessage
 from rkhs_interfaces.srv import SetPolicy
 from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.diagnostics import Diagnostics
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS, batch_of, observations_of
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS, batch_of, is_of, observations_of
 from rkhs_ros.nodes.names import namespaces
+from rkhs_ros.nodes.newest_topic import NewestTopic
 from rkhs_ros.nodes.parameters import declared, given, instance, require_known, restarts
 from rkhs_ros.nodes.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.uniqueness import Uniqueness
-from rkhs_ros.policies.messages import doubles, policy_of
+from rkhs_ros.policies.messages import doubles, policy_message, policy_of
 from rkhs_ros.policies.serving import Answer, Failed, Ignored, Observation, Refused, Reply, ServedPolicy, Session
 from rkhs_ros.policies.storage import load_policy
+from rkhs_ros.policies.streams import Batch
 
 MOST_SIMULATORS = 64
 
@@ -25,7 +29,8 @@ MOST_SIMULATORS = 64
 class SimulatorTopics:
     """The topics of one simulator: what it shows goes to its session, the answers go back.
 
-    Owns the session, and in which batch the policy failed.
+    Owns the session, and in which batch the policy failed. The batch of the last observation and the message of the
+    last action are kept: to make others at each step takes longer.
 
     Args:
         node: the policy node.
@@ -36,6 +41,8 @@ class SimulatorTopics:
         self._node = node
         self.session = Session()
         self._failed: BatchProgress | None = None
+        self._batch: Batch | None = None
+        self._action = Action()
         self.actions = node.create_publisher(Action, f"{namespace}action", LOCKSTEP_QOS)
         node.create_subscription(ObservationMessage, f"{namespace}observation", self._observe, LOCKSTEP_QOS)
 
@@ -45,7 +52,7 @@ class SimulatorTopics:
             case Answer() as answer:
                 self._failed = None
                 self._node.diagnostics.stuck = ""
-                self.actions.publish(_action_message(answer))
+                self._publish(answer)
                 self._node.diagnostics.steps += answer is not before
             case Ignored(reason):
                 self._node.diagnostics.pass_over(f"an observation: {reason}")
@@ -55,6 +62,12 @@ class SimulatorTopics:
                 self._failed = BatchProgress(batch=message.batch, step=message.step, failure=reason)
                 self._node.diagnostics.stuck = reason
 
+    def _publish(self, answer: Answer) -> None:
+        message = self._action
+        message.batch, message.policy_version, message.step = answer.identity, answer.version, answer.step
+        message.actions = doubles(answer.actions)
+        self.actions.publish(message)
+
     def progress(self) -> BatchProgress:
         """Return how far the policy came with the simulator's batch."""
         last = self.session.last
@@ -62,10 +75,28 @@ class SimulatorTopics:
 
     def _reply(self, message: ObservationMessage) -> Reply:
         try:
-            observation = _observation_of(message)
+            observation = self._observation_of(message)
         except ValueError as error:
             return Refused(str(error))
         return self.session.answer(observation, self._node.served)
+
+    def _observation_of(self, message: ObservationMessage) -> Observation:
+        """Return the observation that a message carries.
+
+        Raises:
+            ValueError: it is misshapen, not finite, or a number is out of range.
+        """
+        batch = self._batch
+        if batch is None or not is_of(message, batch):
+            batch = self._batch = batch_of(message)
+        return Observation(
+            identity=message.batch,
+            version=message.policy_version,
+            step=message.step,
+            batch=batch,
+            observations=observations_of(message, batch),
+            over=message.over,
+        )
 
 
 class PolicyNode(ReportingNode):
@@ -95,14 +126,17 @@ class PolicyNode(ReportingNode):
         topics = [f"{namespace}observation" for namespace in namespaces(simulators)]
         self.diagnostics = Diagnostics(self, again, self._report, topics)
         self._uniqueness = Uniqueness(self, number)
+        self._in_service = NewestTopic(self, PolicyMessage, "policy_in_service")
+        if self.served:
+            self._in_service.offer(partial(policy_message, msg, self.served.policy, self.served.version))
         self.create_service(SetPolicy, "set_policy", self._set_policy)
         whose = "with the policy of a file, noise-free" if self.served else "for a learner's policy"
         self.get_logger().info(f"ready {whose}; serves {simulators} simulator{'s' * (simulators > 1)}")
 
     def heartbeat(self) -> float:
-        """Report; return the seconds until the next report."""
+        """Report, and tell of the policy in service; return the seconds until more is due."""
         self._uniqueness.check()
-        return self.diagnostics.heartbeat()
+        return min(self.diagnostics.heartbeat(), self._in_service.heartbeat())
 
     @property
     def _version(self) -> int:
@@ -127,12 +161,9 @@ class PolicyNode(ReportingNode):
         return ServedPolicy(policy, version=0, explores=False)
 
     def _set_policy(self, request: SetPolicy.Request, response: SetPolicy.Response) -> SetPolicy.Response:
-        try:
+        with self.diagnostics.accepting(response, "a policy"):
             self.served, self._message = self._accept(request.policy), request.policy
-            response.accepted = True
-        except (ValueError, TypeError) as error:
-            response.message = str(error)
-            self.diagnostics.refuse(f"a policy: {error}")
+            self._in_service.offer(lambda: self._message)
         response.version = self._version
         response.instance = self._uniqueness.instance
         response.progress = [simulator.progress() for simulator in self._simulators]
@@ -147,32 +178,6 @@ class PolicyNode(ReportingNode):
         if served is not None and message.version == served.version:
             require(message == self._message, "version", "another one for another policy", message.version)
         return ServedPolicy(policy, message.version)
-
-
-def _observation_of(message: ObservationMessage) -> Observation:
-    """Return the observation that a message carries.
-
-    Raises:
-        ValueError: it is misshapen, not finite, or a number is out of range.
-    """
-    batch = batch_of(message)
-    return Observation(
-        identity=message.batch,
-        version=message.policy_version,
-        step=message.step,
-        batch=batch,
-        observations=observations_of(message, batch),
-        over=message.over,
-    )
-
-
-def _action_message(answer: Answer) -> Action:
-    return Action(
-        batch=answer.identity,
-        policy_version=answer.version,
-        step=answer.step,
-        actions=doubles(answer.actions),
-    )
 
 
 def main() -> None:

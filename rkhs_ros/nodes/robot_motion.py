@@ -23,8 +23,9 @@ from rkhs_ros.robot.reset import Answer, Ask, Failed, Joints, Move, Resetting, W
 from rkhs_ros.robot.sensors import SensingError, field_values, fresh
 from rkhs_ros.robot.task import RobotTask
 
+RESET_PERIOD_S = 0.05  # between the commands of a reset, at most
 IDLE_S = 1.0  # between looks at nothing
-SENSORS_TIMEOUT_S = 5.0  # for the sensors to speak before a reset, after which the run ends
+PEERS_TIMEOUT_S = 5.0  # for sensors to speak and the service to be there before a reset, after which the run ends
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.02, 1.0  # without the first action before the observation is said again; doubled
 
 
@@ -60,12 +61,13 @@ class RobotMotion:
         self._task = task
         self._ended = ended
         self._reset: Resetting | None = None
-        self._clock = ElasticClock(task.period, 0.0)  # of a reset
+        self._reset_period = min(task.period, RESET_PERIOD_S)
+        self._clock = ElasticClock(self._reset_period, 0.0)  # of a reset
         self._began_at = self._retry_at = 0.0  # monotonic times, seconds
         self._retry_s = FIRST_RETRY_S
         self._sent = (0, 0)  # number of the last command, and its step
         self._shown: Observation | None = None
-        self._gate = GateLink(node, instance, arms=arms, report=self._hear_report)
+        self._gate = GateLink(node, instance, task.stale_after, arms=arms, report=self._hear_report)
         self._sensors = SensorTopics(node, task)
         self._observations = node.create_publisher(Observation, "observation", LOCKSTEP_QOS)
         self._service = node.create_client(Trigger, task.reset.trigger.service or "~/trigger")
@@ -81,7 +83,7 @@ class RobotMotion:
         self.episode = RobotEpisode(batch, self._task, time.time_ns())
         self.lockstep = (identity, version)
         self._began_at = time.monotonic()
-        self._clock = ElasticClock(self._task.period, self._began_at)
+        self._clock = ElasticClock(self._reset_period, self._began_at)
 
     def rename(self, identity: int, version: int) -> None:
         """Go on under another batch number and policy version, unless the policy acts under those before already."""
@@ -128,7 +130,7 @@ class RobotMotion:
             self._show(episode)
         if episode.over:
             self._finish(episode)
-        return min(episode.due, now + self._task.learner_timeout)
+        return min(episode.due, now + min(self._task.learner_timeout, self._task.stale_after))
 
     def _silence(self, now: float) -> str:
         silent, most = now - self.alive_at, self._task.learner_timeout
@@ -151,7 +153,7 @@ class RobotMotion:
             what = f"{obstacle}; {self._gate.remedy}" if obstacle else f"paused; to go on: {self.call('start')}"
             self.waiting = "" if armed_from_here else what
             self._began_at = now
-        elif self._is_sensing(now):
+        elif self._is_sensing(now) and self._is_served(now):
             self.waiting = ""
             self._reset = Resetting(self._task.reset, self._task.action.kind, self.call("start"), now)
         return self._clock.due
@@ -168,12 +170,25 @@ class RobotMotion:
             RunError: they do not in time.
         """
         try:
-            self._sense()
+            self._observe()
         except SensingError as error:
-            if now - self._began_at > SENSORS_TIMEOUT_S:
-                raise RunError(f"{error}, for {SENSORS_TIMEOUT_S:g} s") from error
+            if now - self._began_at > PEERS_TIMEOUT_S:
+                raise RunError(f"{error}, for {PEERS_TIMEOUT_S:g} s") from error
             return False
         return True
+
+    def _is_served(self, now: float) -> bool:
+        """Return whether the service that a reset calls is there, or none is called.
+
+        Raises:
+            RunError: it is not in time.
+        """
+        if "trigger" not in self._task.reset.steps or self._service.service_is_ready():
+            return True
+        if now - self._began_at > PEERS_TIMEOUT_S:
+            name = self._node.resolve_service_name(self._task.reset.trigger.service)
+            raise RunError(f"reset.trigger: expected a service {name}, got none for {PEERS_TIMEOUT_S:g} s")
+        return False
 
     def _continue_reset(self, reset: Resetting, episode: RobotEpisode, now: float) -> None:
         outcome = reset.proceed(now, self._sense_joints)
@@ -202,7 +217,7 @@ class RobotMotion:
 
     def _show_first(self, episode: RobotEpisode) -> None:
         try:
-            episode.begin(self._sense())
+            episode.begin(self._observe())
         except SensingError as error:
             self.void(str(error))
             return
@@ -242,17 +257,26 @@ class RobotMotion:
         if self.episode is not None and number == self._sent[0]:
             self.episode.report(self._sent[1], executed, flags)
 
-    def _sense(self) -> Reading:
-        """Return what the sensors say now.
+    def _observe(self) -> Reading:
+        """Return what the sensors say now, before anything is earned.
 
         Raises:
             SensingError: one is silent or stale.
         """
-        now, heard, reward = time.monotonic(), self._sensors.heard(), self._task.reward
-        told = 0.0
-        if reward.topic:
-            (told,) = field_values(fresh(heard, reward.topic, now, self._task.stale_after), reward.field)
-        return Reading(self._task.sensors.observation(heard, now), told, time.time_ns())
+        return Reading(self._task.sensors.observation(self._sensors.heard(), time.monotonic()), 0.0, time.time_ns())
+
+    def _sense(self) -> Reading:
+        """Return what the sensors say now, and what the reward's topic does.
+
+        Raises:
+            SensingError: one is silent or stale.
+        """
+        reading, reward = self._observe(), self._task.reward
+        if not reward.topic:
+            return reading
+        message = fresh(self._sensors.heard(), reward.topic, time.monotonic(), self._task.stale_after)
+        (told,) = field_values(message, reward.field)
+        return reading._replace(reward=told)
 
     def _sense_joints(self) -> Joints:
         home = self._task.reset.home

@@ -121,7 +121,7 @@ class RobotNode(ReportingNode):
 
     def _start(self, request: StartEpisodes.Request, response: StartEpisodes.Response) -> StartEpisodes.Response:
         self._motion.alive_at = time.monotonic()
-        try:
+        with self.diagnostics.accepting(response, "to start episodes"):
             batch = batch_of(request)
             asked = (request.environment, request.options)
             require(asked == (self._task.task, "{}"), "task", self._task.task, " with options ".join(asked))
@@ -131,11 +131,6 @@ class RobotNode(ReportingNode):
                 self._repeat()
             else:
                 self._take(request, batch)
-        except ValueError as error:
-            response.message = str(error)
-            self.diagnostics.refuse(f"to start episodes: {error}")
-            return response
-        response.accepted = True
         return response
 
     def _take(self, request: StartEpisodes.Request, batch: Batch) -> None:

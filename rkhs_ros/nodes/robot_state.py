@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from rkhs_ros.base.validation import require
-from rkhs_ros.nodes.messages import joint_state_messages
+from rkhs_ros.nodes.messages import LATCHED_QOS, joint_state_messages
 from rkhs_ros.runs.simulation import Simulation
 
 MOTION_QOS = QoSProfile(depth=256)  # a whole motion
-LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class RobotState:

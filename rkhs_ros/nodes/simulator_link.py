@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
@@ -31,6 +31,7 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import MOST_ROWS, Environment
 
 SIMULATOR, ROBOT = "simulator", "robot"
+PROBE_S = 0.2  # for a simulator that fell silent to answer, each time that others begin
 SIGNS_OF_LIFE = 4  # within the time after which a robot takes the learner for dead
 
 
@@ -76,6 +77,7 @@ class SimulatorLink:
         self.episodes: Episodes | None = None
         self.request = StartEpisodes.Request()
         self.step = 0
+        self.is_gone = False  # it fell silent, and others make its episodes
         self.attempts = 0
         self.executions: list[Execution] = []
         self.refusal = ""  # why episodes of the batch were refused; empty while none were
@@ -141,6 +143,17 @@ class SimulatorLink:
         """Whether it is a robot, whose steps the wall clock ends."""
         return bool(self.task.period > 0)
 
+    def answers(self) -> bool:
+        """Return whether the simulator, of the same task as before, answers at once."""
+        if not self._describe.service_is_ready():
+            return False
+        future = self._describe.call_async(DescribeTask.Request(rows=self._rows))
+        if not self._peers.spin(future.done, PROBE_S):
+            self._describe.remove_pending_request(future)
+            return False
+        task = future.result()
+        return bool((task.environment, task.options) == (self.task.environment, self.task.options))
+
     def mark_idle(self) -> None:
         """Mark the simulator idle."""
         self.batch, self.episodes, self.void = None, None, None
@@ -167,10 +180,19 @@ class SimulatorLink:
             self._node.get_logger().warning(f"the {self.name} node waits: {text}")
         self._told = text
 
-    def begin(self, batch: Batch, policy: GaussianPolicy | None, version: int, clock: int) -> None:
+    def begin(
+        self, batch: Batch, policy: GaussianPolicy | None, version: int, clock: int, seeds: Sequence[int] = ()
+    ) -> None:
         """Have the simulator begin a batch, in which the policy of that version acts.
 
         A robot gives episodes that it finished before again, unless they were refused here.
+
+        Args:
+            batch: the episodes.
+            policy: that acts, by which the episodes are checked; None where they are not.
+            version: of the policy.
+            clock: steps counted so far.
+            seeds: of the environment, in place of those of the batch.
 
         Raises:
             ValueError: it refuses.
@@ -182,6 +204,7 @@ class SimulatorLink:
             self.step = 0  # what it did was done by the wall clock: there is no coming further in the same again
         self._policy = policy
         self.request = start_request(fresh_number(), version, batch, self.task, clock, anew=anew)
+        self.request.environment_seeds = seeds
         with self._place_named():
             self._peers.call_until_accepted(self._ask, self.name)
 
@@ -196,7 +219,7 @@ class SimulatorLink:
     @property
     def busy(self) -> bool:
         """Whether episodes are still to come."""
-        return self.batch is not None and self.episodes is None
+        return self.batch is not None and self.episodes is None and not self.is_gone
 
     def lost(self, task: DescribeTask.Response) -> bool:
         """Return whether the batch is lost: the simulator died since, or somebody else had it begin another."""
@@ -227,7 +250,7 @@ class SimulatorLink:
         try:
             yield
         except PeerError as error:
-            raise PeerError(f"{error}; {self.place}" if self.batch else str(error)) from error
+            raise type(error)(f"{error}; {self.place}" if self.batch else str(error)) from error
 
     def _hear(self, message: EpisodesMessage) -> None:
         try:
@@ -245,23 +268,31 @@ class SimulatorLink:
 
     def _take(self, message: EpisodesMessage) -> None:
         """Take the episodes of the batch under way, finished or void."""
-        if self.batch is None or self._policy is None or self.void:
+        if self.batch is None or self.void:
             return
         episodes = episodes_of(message, self.batch, self.spaces)
-        executions = executions_of(message)
+        executions = self._executions(message, self.batch)
         if any(execution.void_reason for execution in executions):
             self.void = Ended(self.batch, episodes, executions)
             return
-        check_actions(episodes, self._policy, self.batch)
+        if self._policy is not None:
+            check_actions(episodes, self._policy, self.batch)
         self.episodes, self.executions = episodes, executions
         self._finished[message.batch] = self.batch
 
     def _hear_veto(self, message: EpisodesMessage, batch: Batch) -> None:
         """Take note that finished episodes are void after all; what is finished may be told twice."""
-        executions = executions_of(message)
+        executions = self._executions(message, batch)
         if any(execution.void_reason for execution in executions):
             self.vetoed.append(Ended(batch, episodes_of(message, batch, self.spaces), executions))
             del self._finished[message.batch]
+
+    def _executions(self, message: EpisodesMessage, batch: Batch) -> list[Execution]:
+        expected = batch.rows if self.is_robot else 0  # nothing befalls a simulation
+        require(
+            len(message.executions) == expected, "episodes' executions", f"{expected} of them", len(message.executions)
+        )
+        return executions_of(message)
 
 
 def _environment_of(task: DescribeTask.Response) -> Environment:

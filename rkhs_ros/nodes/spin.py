@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import rclpy
 from rcl_interfaces.msg import Log
+from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.exceptions import NameValidationException
 from rclpy.experimental import EventsExecutor
@@ -24,6 +25,7 @@ from rkhs_ros.base.endings import INTERRUPTED, RunError, say
 from rkhs_ros.base.streams import messages_may_be_lost
 from rkhs_ros.base.validation import shown
 from rkhs_ros.nodes.arguments import check_arguments
+from rkhs_ros.nodes.names import in_one_line
 from rkhs_ros.nodes.transport import by_udp
 
 if TYPE_CHECKING:
@@ -48,6 +50,8 @@ class ReportingNode(Node):
 
     Args:
         name: the node's.
+        context: that it lives in, of a process that is not the node's alone; that of the process where None.
+        namespace: the node's.
 
     Attributes:
         diagnostics: its reports.
@@ -55,8 +59,10 @@ class ReportingNode(Node):
 
     diagnostics: Diagnostics
 
-    def __init__(self, name: str) -> None:
-        super().__init__(name, automatically_declare_parameters_from_overrides=True)
+    def __init__(self, name: str, *, context: Context | None = None, namespace: str | None = None) -> None:
+        super().__init__(
+            name, context=context, namespace=namespace, automatically_declare_parameters_from_overrides=True
+        )
         self._rosout = self.create_publisher(Log, "/rosout", ROSOUT_QOS)
 
     def open(self) -> None:
@@ -167,4 +173,4 @@ def _open(node: ReportingNode) -> None:
     try:
         node.open()
     except NameValidationException as error:  # a setting that names a topic or a service
-        raise ValueError(" ".join(str(error).rstrip(" ^\n").split())) from error
+        raise ValueError(in_one_line(error)) from error

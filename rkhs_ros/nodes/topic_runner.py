@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import reduce
 from itertools import chain, repeat
 from operator import add
@@ -11,13 +13,14 @@ from operator import add
 from rkhs_interfaces.msg import BatchProgress
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.execution import Record, forget
+from rkhs_ros.learning.execution import Record, forget, record_kinds
+from rkhs_ros.nodes.diagnostics import RESTART, VOID_EPISODE
 from rkhs_ros.nodes.names import namespaces
-from rkhs_ros.nodes.peers import Peers
+from rkhs_ros.nodes.peers import Peers, SilentError
 from rkhs_ros.nodes.policy_link import NAME as POLICY
 from rkhs_ros.nodes.policy_link import PolicyLink
 from rkhs_ros.nodes.publishers import listed
-from rkhs_ros.nodes.simulator_link import ROBOT, SIMULATOR, SimulatorLink
+from rkhs_ros.nodes.simulator_link import ROBOT, SIMULATOR, Ended, SimulatorLink
 from rkhs_ros.nodes.spin import PeerError, ReportingNode
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
@@ -35,8 +38,9 @@ class TopicRunner:
     Owns the steps that the simulators' clocks have counted, and when there was progress. Does not own the environment,
     the policy in service or the steps of a batch: it hears whole episodes, so that a step costs one message each way
     between simulator and policy node. Brings peers back that died: what one of them no longer knows begins anew, and
-    comes out the same to the last bit. So it does where another policy acted. A robot's episode that is void is asked
-    for again, under the same number.
+    comes out the same to the last bit. So it does where another policy acted. What was asked of one of several
+    simulators that falls silent, the others make. A robot's episode that is void is asked for again, under the same
+    number.
 
     Args:
         node: the learner node.
@@ -57,7 +61,7 @@ class TopicRunner:
         self._progress_at = 0.0  # monotonic time, seconds
         refuse = node.diagnostics.refuse
         self._simulators = [SimulatorLink(node, peers, place, rows, refuse, kind) for place in namespaces(simulators)]
-        self._policy = PolicyLink(node, peers)
+        self._policy = PolicyLink(node, peers, several=simulators > 1)
 
     def connect(self, environment: Environment | None = None) -> Environment:
         """Wait for simulators and policy node, and return the environment.
@@ -81,6 +85,10 @@ class TopicRunner:
         self.spaces = self._simulators[0].spaces
         return environment
 
+    def room(self, rows: int) -> int:
+        """Return how many of so many rows, at most those of the batches to come, can run side by side."""
+        return min(rows, sum(simulator.task.room for simulator in self._simulators))
+
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Return the episodes of a batch under the policy, as many at a time as the simulators have room for.
 
@@ -91,15 +99,19 @@ class TopicRunner:
             ValueError: a node refused the policy or the batch.
         """
         self._policy.serve(policy)
-        room = sum(simulator.task.room for simulator in self._simulators)
-        parts = deque(batch.parts(room))
+        parts = deque([batch])
         done: dict[Batch, Episodes] = {}
         while parts:
-            done |= self._together(policy, parts.popleft())
-            parts.extend(self._vetoed(done))
+            room = sum(simulator.task.room for simulator in self._simulators if not simulator.is_gone)
+            part, *rest = parts.popleft().parts(room)
+            parts.extendleft(reversed(rest))
+            done |= self._together(policy, part)
+            parts.extend([*self._vetoed(done), *self._left_over()])
         for simulator in self._simulators:
             simulator.forget_finished()
-        return reduce(add, (done[part] for part in sorted(done, key=lambda part: part.first_episode)))
+        return reduce(
+            add, (done[part] for part in sorted(done, key=lambda part: (not part.explore, part.first_episode)))
+        )
 
     @property
     def is_of_robots(self) -> bool:
@@ -110,13 +122,17 @@ class TopicRunner:
         """Give robots the signs of life that are due; return the seconds until the next one."""
         return min(simulator.heartbeat() for simulator in self._simulators)
 
+    def _left_over(self) -> list[Batch]:
+        """Return what simulators that fell silent had been asked for."""
+        return [each.batch for each in self._simulators if each.is_gone and each.batch is not None]
+
     def _vetoed(self, done: dict[Batch, Episodes]) -> list[Batch]:
         """Take out of what is done the episodes that a person made void since, and return them."""
         vetoed = [ended for simulator in self._simulators for ended in simulator.vetoed]
         for simulator in self._simulators:
             simulator.vetoed.clear()
         for ended in vetoed:
-            self.record(*ended)
+            self._tell_void(ended)
             del done[ended.batch]
         return [ended.batch for ended in vetoed]
 
@@ -130,7 +146,11 @@ class TopicRunner:
         """Return the episodes of a batch that there is room for, by the batches of the simulators."""
         for simulator in self._simulators:
             simulator.mark_idle()
-        self._begin(list(zip(self._simulators, batch.split(len(self._simulators)), strict=False)))
+            if simulator.is_gone and simulator.answers():
+                simulator.is_gone = False
+                self._node.get_logger().warning(f"the {simulator.name} node is back")
+        there = [simulator for simulator in self._simulators if not simulator.is_gone]
+        self._begin(list(zip(there, batch.split(len(there)), strict=False)))
         self._progress_at = time.monotonic()
         while not self._complete():
             if self._peers.spin(self._has_news, IDLE_CHECK_S):
@@ -142,7 +162,7 @@ class TopicRunner:
         done: dict[Batch, Episodes] = {}
         for each in self._simulators:
             if each.batch and each.episodes is not None:
-                self.record(each.batch, each.episodes, each.executions)
+                record_kinds(self.record, each.batch, each.episodes, each.executions)
                 done[each.batch] = each.episodes
         return done
 
@@ -159,14 +179,20 @@ class TopicRunner:
             if simulator.void is None:
                 continue
             ended = simulator.void
-            self.record(*ended)
+            reason = self._tell_void(ended)
             simulator.voids += 1
-            reason = next(execution.void_reason for execution in ended.executions if execution.void_reason)
             if simulator.voids >= MOST_VOIDS:
                 number = ended.batch.first_episode
                 raise RunError(f"episode {number} was void {simulator.voids} times in a row, the last time: {reason}")
             self._begin([(simulator, ended.batch)])
             self._progressed(simulator)
+
+    def _tell_void(self, ended: Ended) -> str:
+        """Record an episode that does not count, tell of it, and return why."""
+        self.record(*ended)
+        reason = next(execution.void_reason for execution in ended.executions if execution.void_reason)
+        self._node.diagnostics.tell(VOID_EPISODE, f"episode {ended.batch.first_episode}: {reason}")
+        return reason
 
     def _complete(self) -> bool:
         return not any(simulator.busy for simulator in self._simulators)
@@ -174,7 +200,8 @@ class TopicRunner:
     def _begin(self, parts: list[tuple[SimulatorLink, Batch]]) -> None:
         """Have simulators begin batches side by side."""
         for simulator, batch in parts:
-            simulator.begin(batch, self._policy.policy, self._policy.version, self._clock_steps)
+            with self._others_at_hand(simulator):
+                simulator.begin(batch, self._policy.policy, self._policy.version, self._clock_steps)
         self._clock_steps += max(batch.horizon for _, batch in parts)
 
     def _recover(self, policy: GaussianPolicy) -> None:
@@ -182,10 +209,27 @@ class TopicRunner:
         policy_is_new = self._policy.push(policy)
         for simulator, answered in zip(self._simulators, chain(self._policy.progress, UNKNOWN), strict=False):
             if simulator.busy and simulator.batch is not None:
-                self._recover_batch(simulator, simulator.batch, answered, policy_is_new)
+                with self._others_at_hand(simulator):
+                    self._recover_batch(simulator, simulator.batch, answered, policy_is_new)
         stuck = f"no {ROBOT if self._simulators[0].is_robot else SIMULATOR} makes a step"
         if not (self._complete() or self._peers.check_progress(self._progress_at, stuck)):
             raise self._peers.silent("policy", "acted in no step")
+
+    @contextmanager
+    def _others_at_hand(self, simulator: SimulatorLink) -> Iterator[None]:
+        """Have others make a simulator's episodes where it falls silent meanwhile; a robot may still move.
+
+        Raises:
+            PeerError: there are no others.
+        """
+        try:
+            yield
+        except SilentError as error:
+            simulator.is_gone = True
+            if simulator.is_robot or all(each.is_gone for each in self._simulators):
+                raise
+            self._node.get_logger().warning(f"{error}: the others make its episodes")
+            self._progressed(simulator)
 
     def _recover_batch(
         self, simulator: SimulatorLink, batch: Batch, answered: BatchProgress, policy_is_new: bool
@@ -213,7 +257,9 @@ class TopicRunner:
     def _begin_anew(self, simulator: SimulatorLink, batch: Batch, died: str) -> None:
         if simulator.attempts >= MOST_ATTEMPTS:
             raise RunError(f"the {died} node died {simulator.attempts} times at the same place; {simulator.place}")
-        self._node.get_logger().info(f"the batch of the {simulator.name} node begins anew")
+        text = f"the batch of the {simulator.name} node begins anew"
+        self._node.get_logger().info(text)
+        self._node.diagnostics.tell(RESTART, f"{text}, as the {died} node died")
         self._begin([(simulator, batch)])
 
     def _take_again(self, simulator: SimulatorLink, batch: Batch) -> None:

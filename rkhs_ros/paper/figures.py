@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,7 @@ from rkhs_ros.rkhs.kernels import Array
 CONFIDENCE = 1.96  # standard errors on both sides of 95 %
 WIDTH_IN, HEIGHT_IN = 6.0, 7.6  # of a panel's two plots
 DPI = 90
+PREFIX = re.compile(r"^(RKHS-|e(?=[A-Z]))")  # of a method's name: where its policies are
 
 
 def draw_experiment(path: Path, experiment: Experiment, table: Table) -> None:
@@ -36,15 +39,31 @@ def experiment_figure(experiment: Experiment, table: Table) -> Figure:
     columns = len(experiment.panels)
     figure = sheet(WIDTH_IN * columns, HEIGHT_IN, f"{experiment.title}\n{told}")
     plots = figure.subplots(2, columns, sharey="col", squeeze=False)
+    shown = looks_of(experiment)
     for (above, below), panel in zip(plots.T, experiment.panels, strict=True):
-        _draw(above, panel, table, experiment.band, against="iteration")
-        _draw(below, panel, table, experiment.band, against="exploring episodes used")
+        _draw(above, panel, table, experiment.band, shown, against="iteration")
+        _draw(below, panel, table, experiment.band, shown, against="exploring episodes used")
         legend_above(above, panel.title)
     return figure
 
 
-def _draw(axes: Axes, panel: Panel, table: Table, band: str, against: str) -> None:
-    for curve, (style, colour, _) in zip(panel.curves, looks(len(panel.curves)), strict=True):
+def looks_of(experiment: Experiment) -> dict[str, tuple[str, str, str]]:
+    """Return the look of each curve by its label: a method has the same in all panels, in the RKHS and on a grid."""
+    methods = dict.fromkeys(_method(curve.label) for panel in experiment.panels for curve in panel.curves)
+    by_method = dict(zip(methods, looks(len(methods)), strict=True))
+    return {curve.label: by_method[_method(curve.label)] for panel in experiment.panels for curve in panel.curves}
+
+
+def _method(label: str) -> str:
+    """Return what a method is called wherever its policies are: RKHS-NAC and eNAC are both NAC."""
+    return PREFIX.sub("", label)
+
+
+def _draw(
+    axes: Axes, panel: Panel, table: Table, band: str, shown: Mapping[str, tuple[str, str, str]], against: str
+) -> None:
+    for curve in panel.curves:
+        style, colour, _ = shown[curve.label]
         returns = table[panel.title, curve.label]
         x = returns.episodes if against.startswith("exploring") else np.arange(1, len(returns.episodes) + 1)
         low, high = _band(returns, band)

@@ -24,6 +24,11 @@ CAPTION_PART = 18  # of a picture's height that its caption takes
 
 def draw_strip(path: Path, film: Film) -> None:
     """Draw some moments side by side, from the first motion on, a row for each camera."""
+    write(path, strip_figure(film))
+
+
+def strip_figure(film: Film) -> Figure:
+    """Return the figure of some moments of a film."""
     first = first_motion(film)
     moments = [first + moment for moment in spread(len(film.captions) - first, MOMENTS)]
     height, width = next(iter(film.pictures.values())).shape[1:3]
@@ -37,7 +42,7 @@ def draw_strip(path: Path, film: Film) -> None:
             axes.set(xticks=[], yticks=[], frame_on=False)
     for axes, moment in zip(rows[-1], moments, strict=True):
         axes.set_xlabel(film.captions[moment])
-    write(path, figure)
+    return figure
 
 
 def animate(path: Path, film: Film) -> None:

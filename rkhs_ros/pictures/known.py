@@ -2,35 +2,18 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from itertools import combinations_with_replacement
 from typing import Any
 
 import gymnasium
 from gymnasium.envs.registration import load_env_creator
 
-from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.input_names import Names, plain_names
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.runs.environments import spec_of
 
 REFERENCE_DISCOUNT = 0.99
-UNIT = re.compile(r"\s*\([^()]*\)$")
-
-
-@dataclass(frozen=True)
-class Names:
-    """What the numbers of a task are called, with their units.
-
-    Attributes:
-        observations: of each number of an observation.
-        actions: of each number of an action.
-    """
-
-    observations: tuple[str, ...]
-    actions: tuple[str, ...]
 
 
 def references(task: Task) -> dict[str, float]:
@@ -41,12 +24,13 @@ def references(task: Task) -> dict[str, float]:
     return getattr(spec.vector_entry_point, "reference_returns", {})
 
 
-def names_of(task: Task, observation_dim: int, action_dim: int) -> Names:
+def names_of(task: Task, observation_dim: int, action_dim: int, spaces: Spaces | None = None) -> Names:
     """Return what a task calls its numbers in ``observation_names`` and ``action_names``, else "observation 0" etc.
 
-    The attributes are those of the environment's class, or of the function that makes it.
+    The attributes are those of its spaces, as of a robot, of the environment's class, or of the function that makes it.
     """
-    return Names(_names(task, "observation", observation_dim), _names(task, "action", action_dim))
+    sizes = {"observation": observation_dim, "action": action_dim}
+    return Names(*(getattr(spaces, f"{kind}_names", ()) or _names(task, kind, size) for kind, size in sizes.items()))
 
 
 def success_reward(task: Task) -> float | None:
@@ -58,7 +42,7 @@ def success_reward(task: Task) -> float | None:
 def _names(task: Task, kind: str, count: int) -> tuple[str, ...]:
     said = _said(task, f"{kind}_names")
     good = isinstance(said, list | tuple) and len(said) == count and all(isinstance(name, str) for name in said)
-    return tuple(said) if good else tuple(f"{kind} {i}" if count > 1 else kind for i in range(count))
+    return tuple(said) if good else plain_names(kind, count)
 
 
 def _said(task: Task, attribute: str) -> Any:
@@ -70,25 +54,3 @@ def _said(task: Task, attribute: str) -> Any:
             if hasattr(maker, attribute):
                 return getattr(maker, attribute)
     return None
-
-
-def input_names(inputs: Inputs, names: Names) -> tuple[str, ...]:
-    """Return what the policy's inputs are made of, in their order."""
-    seen = _turned(names.observations, inputs.columns)
-    if inputs.history > 1:
-        ages = range(inputs.history - 1, -1, -1)
-        seen = [name for ago in ages for name in [*_aged(seen, ago), *_aged(names.actions, ago + 1)]]
-    if inputs.degree == 0:
-        return tuple(seen)
-    chosen = combinations_with_replacement(range(len(seen) + 1), inputs.degree)
-    return tuple(" · ".join(seen[i] for i in columns if i < len(seen)) or "constant" for columns in chosen)
-
-
-def _turned(observations: Sequence[str], angles: Sequence[int]) -> list[str]:
-    turned = [UNIT.sub("", observations[column]) for column in angles]
-    rest = [name for column, name in enumerate(observations) if column not in angles]
-    return [f"{function} of {name}" for function in ("sine", "cosine") for name in turned] + rest
-
-
-def _aged(names: Sequence[str], ago: int) -> list[str]:
-    return [f"{name}, {ago} step{'s' * (ago > 1)} ago" for name in names] if ago else list(names)

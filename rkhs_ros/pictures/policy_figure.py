@@ -13,12 +13,13 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.pictures.known import Names, input_names
-from rkhs_ros.pictures.slices import best_slice, on_slice
 from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED, colour_bar, label, legend_above, sheet
 from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.input_names import Names
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rkhs.slices import best_slice, on_slice
+from rkhs_ros.runs.coordinates import Coordinates
 
 MOST_ACTIONS = 3  # that have a plot
 PANEL, LEAST_WIDTH, HEIGHT = 4.6, 6.6, 4.6  # inches
@@ -30,42 +31,46 @@ HALO = [withStroke(linewidth=3.5, foreground="white")]
 
 @dataclass(frozen=True)
 class View:
-    """A policy as a function of what the axes show: the observation, or what the policy is given of the history.
+    """A policy as a function of what the axes show.
 
     Attributes:
         policy: the policy.
         spaces: bounds of the actions.
-        inputs: names of what it is drawn over.
-        actions: names of the actions.
+        coordinates: what it is drawn over.
         episode: visited points of the first episode, shape (steps, d).
         visited: those of all episodes, shape (k, d).
-        is_observed: whether the points are observations.
     """
 
     policy: GaussianPolicy
     spaces: Spaces
-    inputs: tuple[str, ...]
-    actions: tuple[str, ...]
+    coordinates: Coordinates
     episode: Array
     visited: Array
-    is_observed: bool
 
     @classmethod
     def of(cls, policy: GaussianPolicy, spaces: Spaces, names: Names, episodes: Episodes) -> View:
         """Return the view of a policy and of the episodes as they were observed."""
-        is_observed = policy.inputs.history == 1
-        seen = episodes if is_observed else episodes.seen_through(policy.inputs)
-        inputs = names.observations if is_observed else input_names(policy.inputs, names)
-        episode = seen.observations[0, episodes.mask[0]]
-        return cls(policy, spaces, inputs, names.actions, episode, seen.flat(seen.observations), is_observed)
+        coordinates = Coordinates(policy, names)
+        points = coordinates.of(episodes)
+        return cls(policy, spaces, coordinates, points[0], np.concatenate(points))
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of what it is drawn over."""
+        return self.coordinates.labels
+
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """Names of the actions."""
+        return self.coordinates.names.actions
 
     def act(self, points: Array) -> Array:
         """Return the mean actions at points, as the task takes them: within the bounds."""
-        return self.spaces.clip(self.policy.mean(self._features(points)))
+        return self.spaces.clip(self.policy.mean(self.coordinates.inputs(points)))
 
     def band(self, points: Array) -> tuple[Array, Array]:
         """Return the mean less and plus a standard deviation of the exploration, within the bounds."""
-        features = self._features(points)
+        features = self.coordinates.inputs(points)
         mean, sd = self.policy.mean(features), np.sqrt(self.policy.variance(features))
         return self.spaces.clip(mean - sd), self.spaces.clip(mean + sd)
 
@@ -80,11 +85,8 @@ class View:
     @property
     def centres(self) -> Array:
         """The centres of the mean, shape (m, d), where they are points of the axes; none otherwise."""
-        plain = not self.policy.inputs.columns and self.policy.inputs.degree == 0
-        return self.policy.mean.centres if plain or not self.is_observed else self.visited[:0]
-
-    def _features(self, points: Array) -> Array:
-        return self.policy.inputs.features(points) if self.is_observed else points
+        centres = self.coordinates.centres()
+        return self.visited[:0] if centres is None else centres
 
 
 def policy_figure(policy: GaussianPolicy, spaces: Spaces, names: Names, episodes: Episodes, title: str) -> Figure:

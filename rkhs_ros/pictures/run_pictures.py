@@ -49,7 +49,7 @@ def _policy_figure(
 ) -> Figure:
     """Return the figure of what a policy does; of tasks of one step, that of what was tried."""
     widths = episodes.observations.shape[2], episodes.actions.shape[2]
-    names, spaces = names_of(task, *widths), spaces or Spaces.unbounded(*widths)
+    names, spaces = names_of(task, *widths, spaces), spaces or Spaces.unbounded(*widths)
     if task.horizon == 1 and (folder / ATTEMPTS).is_file():
         attempts = load_episodes(folder / ATTEMPTS).episodes
         return attempts_figure(attempts, episodes, spaces, names, task.environment, success_reward(task))

@@ -50,11 +50,14 @@ class GaussianPolicy:
             require(self.variance.input_dim == d, "variance centres", f"{d} columns", self.variance.input_dim)
 
     def act(self, observations: Array, exploration: Array) -> Array:
-        """Return actions, shape (batch, n), from standard normal draws of that shape."""
-        return self.mean(observations) + np.sqrt(self.variance(observations)) * exploration
+        """Return actions, shape (batch, n), from standard normal draws for the first rows; the others take the mean."""
+        actions, exploring = self.mean(observations), len(exploration)
+        if exploring:
+            actions[:exploring] += np.sqrt(self.variance(observations[:exploring])) * exploration
+        return actions
 
     def exploration(self, batch: Batch) -> Array:
-        """Return the standard normal draws of all steps of a batch, shape (rows, horizon, n), for `act`."""
+        """Return the standard normal draws of all steps of the rows that explore, shape (rows, horizon, n)."""
         return FILTERS[self.noise](batch.exploration(self.mean.output_dim))
 
     def score(self, observations: Array, actions: Array) -> Array:
@@ -88,7 +91,7 @@ class Acting:
     Args:
         policy: the policy, the same throughout the batch.
         batch: the episodes.
-        explore: whether actions are drawn; by the mean otherwise.
+        explore: whether the actions of exploring episodes are drawn; all are by the mean otherwise.
     """
 
     def __init__(self, policy: GaussianPolicy, batch: Batch, *, explore: bool) -> None:
@@ -134,10 +137,10 @@ class Acting:
     def _act(self, step: int, points: Array) -> Array:
         policy = self.policy
         with np.errstate(over="ignore", invalid="ignore"):  # told by row and step instead
-            actions = policy.act(points, self._exploration[:, step]) if self._explore else policy.mean(points)
-        finite = np.isfinite(actions).all(axis=1)
+            actions = policy.act(points, self._exploration[:, step])
+        finite = np.isfinite(actions)
         if not finite.all():
-            row = int(finite.argmin())
+            row = int(finite.all(axis=1).argmin())
             raise RunError(
                 f"the policy's action in row {row}, step {step + 1}: expected finite numbers, got {shown(actions[row])}"
             )
@@ -146,4 +149,5 @@ class Acting:
     @cached_property
     def _exploration(self) -> Array:
         """The draws of the whole batch, made once it is known that the policy fits what is observed."""
-        return self.policy.exploration(self.batch)
+        policy, horizon = self.policy, self.batch.horizon
+        return policy.exploration(self.batch) if self._explore else np.zeros((0, horizon, policy.mean.output_dim))

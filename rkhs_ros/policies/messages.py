@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rkhs_ros.base.settings import build
-from rkhs_ros.base.validation import finite_array, require
+from rkhs_ros.base.validation import require, require_finite
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
@@ -50,7 +50,10 @@ def shaped(values: Any, shape: tuple[int, ...], what: str) -> Array:
     """
     if len(values) != prod(shape):  # seen before they are copied: there may be millions
         raise ValueError(f"{what}: expected {shape} values, got {len(values)}")
-    return finite_array(np.frombuffer(values, dtype=np.float64), shape, what)
+    array = np.array(np.frombuffer(values, dtype=np.float64).reshape(shape))
+    require_finite(array, what)
+    array.setflags(write=False)
+    return array
 
 
 def spaces_fields(spaces: Spaces) -> dict[str, Any]:
@@ -61,6 +64,8 @@ def spaces_fields(spaces: Spaces) -> dict[str, Any]:
         "action_type": spaces.action_low.dtype.name,
         "action_low": doubles(spaces.action_low),
         "action_high": doubles(spaces.action_high),
+        "observation_names": spaces.observation_names,
+        "action_names": spaces.action_names,
     }
 
 
@@ -79,7 +84,10 @@ def spaces_of(message: Any) -> Spaces:
     bounds = (np.array(bound, dtype=message.action_type) for bound in (message.action_low, message.action_high))
     low, high = (bound.reshape(shape) if bound.size == sizes[1] else bound for bound in bounds)
     require(low.shape == shape, "action_low", f"{shape} values", low.shape)
-    return Spaces(observation_shape, low, high)
+    names = (
+        tuple(getattr(message, f"{kind}_names", ())) for kind in ("observation", "action")
+    )  # not of old recordings
+    return Spaces(observation_shape, low, high, *names)
 
 
 def policy_message(types: Any, policy: GaussianPolicy, version: int) -> Any:

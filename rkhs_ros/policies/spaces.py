@@ -22,11 +22,15 @@ class Spaces:
         observation_shape: shape of one observation.
         action_low: least action, in the shape and type of the task's actions; may be infinite.
         action_high: greatest action, alike.
+        observation_names: of each number of an observation, with its unit; none where the task does not say.
+        action_names: of each number of an action, alike.
     """
 
     observation_shape: tuple[int, ...]
     action_low: NDArray[np.floating[Any]]
     action_high: NDArray[np.floating[Any]]
+    observation_names: tuple[str, ...] = ()
+    action_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Raise ValueError where the bounds are no bounds."""
@@ -36,6 +40,9 @@ class Spaces:
         require(bool(np.issubdtype(low.dtype, np.floating)), "action_low", "real numbers", low.dtype)
         require(low.shape == high.shape and low.dtype == high.dtype, "action_high", "the low bound's kind", high)
         require(bool((low <= high).all()), "action_low", "at most action_high", low)
+        for kind, size in (("observation", self.observation_dim), ("action", self.action_dim)):
+            names = getattr(self, f"{kind}_names")
+            require(len(names) in (0, size), f"{kind}_names", f"{size} names, or none", ", ".join(names))
 
     @classmethod
     def unbounded(cls, observation_dim: int, action_dim: int) -> Spaces:

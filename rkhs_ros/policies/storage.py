@@ -26,6 +26,7 @@ from rkhs_ros.rkhs.kernels import Kernel, Term, kernel_from_terms
 
 SCHEMA = 2
 SMALL, MOST_EXPANSION = 2**26, 20  # bytes that any archive may grow to, and how many times its size beyond
+NAMES = ("observation_names", "action_names")  # of the spaces, in a file that has them
 Arrays = dict[str, np.ndarray]
 
 
@@ -111,14 +112,16 @@ def read_policy(path: Path) -> SavedPolicy:
 
 def _spaces_arrays(spaces: Spaces) -> Arrays:
     shape = np.array(spaces.observation_shape, dtype=np.int64)
-    return {"observation_shape": shape, "action_low": spaces.action_low, "action_high": spaces.action_high}
+    names = {name: np.array(told) for name in NAMES if (told := getattr(spaces, name))}
+    return {"observation_shape": shape, "action_low": spaces.action_low, "action_high": spaces.action_high, **names}
 
 
 def _spaces(arrays: Arrays) -> Spaces | None:
     if "observation_shape" not in arrays:
         return None
     shape = whole_numbers(arrays["observation_shape"], "observation_shape")
-    return Spaces(tuple(shape), arrays["action_low"], arrays["action_high"])
+    names = (tuple(map(str, arrays.get(name, ()))) for name in NAMES)
+    return Spaces(tuple(shape), arrays["action_low"], arrays["action_high"], *names)
 
 
 def packed(arrays: Arrays) -> bytes:

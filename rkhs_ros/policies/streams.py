@@ -40,6 +40,8 @@ class Batch:
         horizon: steps of an episode.
         explore: actions are drawn from the policy; otherwise they are its mean. Exploring and noise-free
             episodes of the same number have different streams.
+        noise_free: how many of the rows, the last ones, hold noise-free episodes beside exploring ones.
+        first_noise_free: number of the first of these; 0 where there are none.
     """
 
     seed: int
@@ -47,6 +49,8 @@ class Batch:
     rows: int
     horizon: int
     explore: bool
+    noise_free: int = 0
+    first_noise_free: int = 0
 
     def __post_init__(self) -> None:
         """Raise ValueError where a number is out of range."""
@@ -58,17 +62,57 @@ class Batch:
         require(
             samples <= MAX_BATCH_SAMPLES, "rows and horizon", f"at most {MAX_BATCH_SAMPLES} samples in all", samples
         )
+        most = self.rows - 1 if self.explore else 0
+        require(0 <= self.noise_free <= most, "noise_free", f"at most {most} rows", self.noise_free)
+        last = 2**63 - 1 if self.noise_free else 0
+        require(0 <= self.first_noise_free <= last, "first_noise_free", f"0 to {last}", self.first_noise_free)
 
     @property
-    def episodes(self) -> range:
+    def keys(self) -> list[tuple[bool, int]]:
+        """Whether the episode of each row explores, and its number among those of its kind."""
+        numbers = range(self.first_episode, self.first_episode + self.rows - self.noise_free)
+        beside = range(self.first_noise_free, self.first_noise_free + self.noise_free)
+        return [(self.explore, number) for number in numbers] + [(False, number) for number in beside]
+
+    @property
+    def episodes(self) -> list[int]:
         """The episodes' numbers."""
-        return range(self.first_episode, self.first_episode + self.rows)
+        return [number for _, number in self.keys]
+
+    @property
+    def kinds(self) -> list[tuple[Batch, slice]]:
+        """The exploring episodes and the noise-free ones as a batch each, where there are any, and their rows."""
+        ends = [0, self.rows - self.noise_free, self.rows]
+        return [(self.part(begin, end), slice(begin, end)) for begin, end in pairwise(ends) if end > begin]
+
+    def beside(self, noise_free: Batch) -> Batch:
+        """Return these exploring episodes and, in rows after them, noise-free ones of the same run.
+
+        Raises:
+            ValueError: they are too many for a batch.
+        """
+        rows, first = noise_free.rows, noise_free.first_episode
+        return replace(self, rows=self.rows + rows, noise_free=rows, first_noise_free=first)
+
+    def part(self, begin: int, end: int) -> Batch:
+        """Return the episodes of the rows from ``begin`` to before ``end``, at least one, as a batch."""
+        first_kind = self.rows - self.noise_free
+        if begin >= first_kind:
+            first = self.first_noise_free + begin - first_kind
+            return Batch(self.seed, first, end - begin, self.horizon, explore=False)
+        beside = max(end - first_kind, 0)
+        return replace(
+            self,
+            first_episode=self.first_episode + begin,
+            rows=end - begin,
+            noise_free=beside,
+            first_noise_free=self.first_noise_free if beside else 0,
+        )
 
     def split(self, parts: int) -> list[Batch]:
         """Return the same episodes as that many batches of near the same size, in order; fewer where rows are few."""
         ends = [self.rows * part // parts for part in range(parts + 1)]
-        shares = ((a, b - a) for a, b in pairwise(ends) if b > a)
-        return [replace(self, first_episode=self.first_episode + a, rows=rows) for a, rows in shares]
+        return [self.part(begin, end) for begin, end in pairwise(ends) if end > begin]
 
     def parts(self, rows: int) -> list[Batch]:
         """Return the same episodes as batches of at most that many rows, in order."""
@@ -76,13 +120,16 @@ class Batch:
 
     def environment_seeds(self) -> list[int]:
         """Return a seed for the environment of each row."""
-        return [stream_seed(self.seed, self._name("environment"), episode) for episode in self.episodes]
+        return [stream_seed(self.seed, _name("environment", explore), number) for explore, number in self.keys]
 
     def exploration(self, action_dim: int) -> NDArray[np.float64]:
-        """Return the standard normal draws of all steps, shape (rows, horizon, action_dim)."""
-        shape = (self.horizon, action_dim)
-        name = self._name("exploration")
-        return np.stack([stream(self.seed, name, episode).standard_normal(shape) for episode in self.episodes])
+        """Return the standard normal draws of all steps of the rows that explore, shape (rows, horizon, action_dim)."""
+        numbers = [number for explore, number in self.keys if explore]
+        draws = np.empty((len(numbers), self.horizon, action_dim))
+        for row, number in enumerate(numbers):
+            stream(self.seed, _name("exploration", True), number).standard_normal(out=draws[row])
+        return draws
 
-    def _name(self, of: str) -> str:
-        return f"{'training' if self.explore else 'evaluation'}/{of}"
+
+def _name(of: str, explore: bool) -> str:
+    return f"{'training' if explore else 'evaluation'}/{of}"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rkhs_ros.base.validation import require
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.recordings.recording import RecordedBatch
 from rkhs_ros.rkhs.kernels import Array
 
@@ -45,7 +46,9 @@ class Episode:
         return len(self.columns["timestamp"])
 
 
-def export(batches: Sequence[RecordedBatch], task: str, folder: Path, fps: float | None) -> int:
+def export(
+    batches: Sequence[RecordedBatch], task: str, folder: Path, fps: float | None, spaces: Spaces | None = None
+) -> int:
     """Write episodes into a new folder as a dataset, and return their number.
 
     Args:
@@ -53,6 +56,7 @@ def export(batches: Sequence[RecordedBatch], task: str, folder: Path, fps: float
         task: what they are of.
         folder: a new one.
         fps: steps in a second; of a robot's episodes what their stamps say, where None.
+        spaces: of the task, which may name its numbers; None where they are not known.
 
     Raises:
         ValueError: pyarrow is not installed, the folder is there, or there are no episodes.
@@ -74,7 +78,7 @@ def export(batches: Sequence[RecordedBatch], task: str, folder: Path, fps: float
     stats = {
         name: {key: value.tolist() for key, value in _stats(column).items()} for name, column in everything.items()
     }
-    _write_json(folder / "meta/info.json", _info(episodes, rate))
+    _write_json(folder / "meta/info.json", _info(episodes, rate, spaces))
     _write_json(folder / "meta/stats.json", stats)
     return len(episodes)
 
@@ -164,7 +168,8 @@ def _stats(column: np.ndarray) -> Mapping[str, Array]:
     }
 
 
-def _info(episodes: Sequence[Episode], fps: float) -> dict[str, Any]:
+def _info(episodes: Sequence[Episode], fps: float, spaces: Spaces | None) -> dict[str, Any]:
+    names = {"observation.state": spaces.observation_names, "action": spaces.action_names} if spaces else {}
     return {
         "codebase_version": VERSION,
         "robot_type": None,
@@ -176,13 +181,13 @@ def _info(episodes: Sequence[Episode], fps: float) -> dict[str, Any]:
         "splits": {"train": f"0:{len(episodes)}"},
         "data_path": f"data/{PLACES}",
         "video_path": None,
-        "features": {name: _feature(column) for name, column in episodes[0].columns.items()},
+        "features": {n: _feature(column, names.get(n, ())) for n, column in episodes[0].columns.items()},
     }
 
 
-def _feature(column: np.ndarray) -> dict[str, Any]:
+def _feature(column: np.ndarray, names: Sequence[str]) -> dict[str, Any]:
     width = 1 if column.ndim == 1 else column.shape[1]
-    return {"dtype": column.dtype.name, "shape": [width], "names": None}
+    return {"dtype": column.dtype.name, "shape": [width], "names": list(names) or None}
 
 
 def _table(columns: Mapping[str, Any]) -> pyarrow.Table:

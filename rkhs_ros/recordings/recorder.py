@@ -29,27 +29,6 @@ ARRAYS = [f.name for f in fields(Episodes)]
 METRICS = [f.name for f in fields(Metrics)]
 
 
-class Checksum:
-    """What follows from every bit of the episodes of an iteration.
-
-    Owns the digest of those added so far.
-    """
-
-    def __init__(self) -> None:
-        self._digest = blake2b(digest_size=8)
-
-    def add(self, episodes: Episodes) -> Episodes:
-        """Add the next episodes, and return them."""
-        for name in ARRAYS:
-            self._digest.update(np.ascontiguousarray(getattr(episodes, name)).tobytes())
-        return episodes
-
-    def take(self) -> int:
-        """Return the checksum, and begin anew."""
-        digest, self._digest = self._digest, blake2b(digest_size=8)
-        return int.from_bytes(digest.digest(), "little")
-
-
 class Recorder:
     """Writes what a run does as it happens, each thing once: what the file holds already is not written again.
 
@@ -86,12 +65,12 @@ class Recorder:
         stamps = [int(execution.stamps[-1]) for execution in executions if len(execution.stamps)]
         self._write(TYPES.RecordedEpisodes(**numbers, episodes=message), max(stamps, default=None))
 
-    def updated(self, iteration: Iteration, checksum: int) -> None:
+    def updated(self, iteration: Iteration) -> None:
         """Record what an iteration came to, the policy after it, and the checksum of its episodes."""
         if iteration.number > self._updates:
             self._updates = iteration.number
             version = self._version(iteration.policy)
-            self._write(TYPES.Update(policy_version=version, **update_fields(iteration, checksum)))
+            self._write(TYPES.Update(policy_version=version, **update_fields(iteration)))
 
     def close(self) -> None:
         """End the recording."""
@@ -116,7 +95,7 @@ class Recorder:
         self._file.write(Stored(topic, kind, definition(kind), encoded(message), now, made))
 
 
-def update_fields(iteration: Iteration, checksum: int) -> dict[str, Any]:
+def update_fields(iteration: Iteration) -> dict[str, Any]:
     """Return the fields of the message of an iteration, less the version of the policy."""
     return {
         "iteration": iteration.number,
@@ -130,8 +109,17 @@ def update_fields(iteration: Iteration, checksum: int) -> dict[str, Any]:
         "model_error": iteration.model_error,
         "train_returns": doubles(iteration.train_returns),
         "mean_policy_returns": doubles(iteration.mean_policy_returns),
-        "checksum": checksum,
+        "checksum": _checksum(iteration),
     }
+
+
+def _checksum(iteration: Iteration) -> int:
+    """Return what follows from every bit of the episodes of an iteration."""
+    digest = blake2b(digest_size=8)
+    for episodes in (iteration.exploration, *iteration.tried, iteration.evaluation):
+        for name in ARRAYS:
+            digest.update(np.ascontiguousarray(getattr(episodes, name)).tobytes())
+    return int.from_bytes(digest.digest(), "little")
 
 
 def _digest(policy: GaussianPolicy) -> bytes:

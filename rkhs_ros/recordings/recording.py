@@ -106,8 +106,7 @@ class Recording:
 
     def rows(self) -> dict[Key, tuple[RecordedBatch, int]]:
         """Return where each episode that counts is: its batch and row."""
-        numbered = ((each, row, number) for each in self.finished for row, number in enumerate(each.batch.episodes))
-        return {(each.batch.explore, number): (each, row) for each, row, number in numbered}
+        return {key: (each, row) for each in self.finished for row, key in enumerate(each.batch.keys)}
 
 
 def head_fields(head: Head) -> dict[str, Any]:
@@ -240,13 +239,18 @@ def recording_of(messages: Iterable[tuple[str, int, Any]]) -> Recording:
     for message, time in sent.values():  # now that all observations are seen, whose order with these nobody keeps
         first = sum(each.batch.rows for each in recording.batches)
         unknown = Batch(0, first, message.rows, message.horizon, explore=True)
-        recording.batches.append(_batch(None, batches.get(message.batch, unknown), message, time))
+        whole = _batch(None, batches.get(message.batch, unknown), message, time)
+        recording.batches += [
+            whole._replace(batch=kind, episodes=whole.episodes.take(rows), executions=whole.executions[rows])
+            for kind, rows in whole.batch.kinds
+        ]
     return recording
 
 
 def _numbers(message: Any, sizes: Any) -> Batch:
-    explore = bool(message.explore)
-    return Batch(int(message.seed), int(message.first_episode), int(sizes.rows), int(sizes.horizon), explore=explore)
+    first, rows, horizon = (int(each) for each in (message.first_episode, sizes.rows, sizes.horizon))
+    noise_free = {name: int(getattr(message, name, 0)) for name in ("noise_free", "first_noise_free")}  # of topics
+    return Batch(int(message.seed), first, rows, horizon, explore=bool(message.explore), **noise_free)
 
 
 def _batch(head: Head | None, batch: Batch, message: Any, time: int) -> RecordedBatch:

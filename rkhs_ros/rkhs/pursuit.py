@@ -8,7 +8,7 @@ rank r of the basis.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -19,6 +19,7 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array, Kernel
 from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky
+from rkhs_ros.rkhs.regression import blocks_of
 
 Fitting = Literal["basic", "back_fitting", "pre_fitting"]
 DEPENDENCE_TOLERANCE = 1e-10  # squared distance from the span of those chosen, relative to the squared length
@@ -82,7 +83,7 @@ def pursue(
     cholesky = pivoted_cholesky(kernel, candidates, rank, tolerance=1e-13)
     basis = NewtonBasis.of(kernel, candidates, cholesky)
     size = len(basis.centres)
-    blocks = _blocks(basis, points, targets)
+    blocks = _blocks(lambda rows: basis(points[rows]), targets)
     triangle, reduced, unreachable = _reduce(blocks, size, targets.shape[1], ridge * len(points))
     dictionary = triangle @ cholesky.values.T
     search = _basic if fitting == "basic" else _orthogonal
@@ -93,14 +94,22 @@ def pursue(
 
 
 def pursue_atoms(
-    rows: Array, targets: Array, atoms: Array, *, budget: int, ridge: float = 0.0, fitting: Fitting = "back_fitting"
+    rows: Callable[[slice], Array],
+    targets: Array,
+    atoms: Callable[[slice], Array],
+    count: int,
+    *,
+    budget: int,
+    ridge: float = 0.0,
+    fitting: Fitting = "back_fitting",
 ) -> tuple[np.ndarray, Array]:
     """Fit targets by linear functionals of rows, built from at most ``budget`` atoms.
 
     Args:
-        rows: coordinates in an orthonormal basis, shape (n, m).
+        rows: from a slice of the rows to these, coordinates in an orthonormal basis, shape (rows, m).
         targets: shape (n, k).
-        atoms: vectors in the same coordinates to choose among, shape (p, m).
+        atoms: from a slice of the vectors to choose among to these, in the same coordinates, shape (atoms, m).
+        count: number of the vectors.
         budget: number of choices at most.
         ridge: weight of the fitted vector's squared norm beside the mean squared residual.
         fitting: ``back_fitting`` or ``pre_fitting``.
@@ -108,19 +117,18 @@ def pursue_atoms(
     Returns:
         The indices of the atoms chosen, shape (c,), and their weights, shape (c, k).
     """
-    blocks = (
-        np.concatenate([rows[i : i + BLOCK_ROWS], targets[i : i + BLOCK_ROWS]], 1)
-        for i in range(0, len(rows), BLOCK_ROWS)
-    )
-    triangle, reduced, unreachable = _reduce(blocks, rows.shape[1], targets.shape[1], ridge * len(rows))
-    chosen, weights, _ = _orthogonal(triangle @ atoms.T, reduced, budget, -unreachable, fitting)
+    m = atoms(slice(0)).shape[1]
+    triangle, reduced, unreachable = _reduce(_blocks(rows, targets), m, targets.shape[1], ridge * len(targets))
+    dictionary = np.empty((m, count))
+    for block in blocks_of(count):
+        dictionary[:, block] = triangle @ atoms(block).T
+    chosen, weights, _ = _orthogonal(dictionary, reduced, budget, -unreachable, fitting)
     return chosen, weights
 
 
-def _blocks(basis: NewtonBasis, points: Array, targets: Array) -> Iterator[Array]:
-    for start in range(0, len(points), BLOCK_ROWS):
-        block = slice(start, start + BLOCK_ROWS)
-        yield np.concatenate([basis(points[block]), targets[block]], axis=1)
+def _blocks(rows: Callable[[slice], Array], targets: Array) -> Iterator[Array]:
+    for block in blocks_of(len(targets), BLOCK_ROWS):
+        yield np.concatenate([rows(block), targets[block]], axis=1)
 
 
 def _reduce(blocks: Iterable[Array], m: int, k: int, ridge: float) -> tuple[Array, Array, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -10,6 +10,7 @@ from scipy.linalg import cho_factor, cho_solve
 from rkhs_ros.rkhs.kernels import Array
 
 BLOCK_ROWS = 20_000  # more than the steps of an iteration usually are
+MOST_IN_GRAM = 1000  # rows of the features whose Gram matrix is formed, where it is larger than need be
 LEAST_DIAGONAL = 1e-200  # mean of a Gram matrix's diagonal; below it all features vanish, as far from every centre
 
 
@@ -50,12 +51,21 @@ def ridge_regression_by_blocks(
     if n <= block_rows:
         return ridge_regression(features(slice(0, n)), targets, penalty)
     normal, right = np.diag(n * penalty), np.zeros((len(penalty), targets.shape[1]))
-    for start in range(0, n, block_rows):
-        block = slice(start, start + block_rows)
+    for block in blocks_of(n, block_rows):
         rows = features(block)
         normal += rows.T @ rows
         right += rows.T @ targets[block]
     return np.asarray(cho_solve(cho_factor(normal, check_finite=False), right))
+
+
+def blocks_of(count: int, block_rows: int = BLOCK_ROWS) -> Iterator[slice]:
+    """Walk through so many rows, by no more at once than a block has."""
+    return (slice(start, min(start + block_rows, count)) for start in range(0, count, block_rows))
+
+
+def by_blocks(rows: Callable[[slice], Array], count: int, block_rows: int = BLOCK_ROWS) -> Array:
+    """Return so many rows, at least one, of which no more are made at once than a block has."""
+    return np.concatenate([rows(block) for block in blocks_of(count, block_rows)])
 
 
 def _dual_ridge_regression(features: Array, targets: Array, penalty: Array, weights: Array) -> Array:
@@ -66,13 +76,11 @@ def _dual_ridge_regression(features: Array, targets: Array, penalty: Array, weig
     return np.asarray(scaled.T @ cho_solve(cho_factor(gram, check_finite=False), root * targets))
 
 
-def dual_regression(features: Array, targets: Array, ridge: float, *, intercept: bool = True) -> Array:
-    r"""Return the dual coefficients of a ridge regression with an intercept b, shape (n,).
+def relative_ridge_regression(features: Array, targets: Array, ridge: float, *, intercept: bool = True) -> Array:
+    r"""Return the coefficients of a ridge regression with an intercept b, shape (p,).
 
     .. math:: \theta = \Phi^\top M (y - b 1), \qquad M = (\Phi \Phi^\top + \lambda I)^{-1}, \qquad
         b = 1^\top M y / 1^\top M 1
-
-    Returned is :math:`M (y - b 1)`.
 
     Args:
         features: Phi, shape (n, p).
@@ -80,10 +88,29 @@ def dual_regression(features: Array, targets: Array, ridge: float, *, intercept:
         ridge: lambda relative to the mean diagonal of the Gram matrix.
         intercept: whether there is one; else b = 0.
     """
+    if len(features) > max(MOST_IN_GRAM, features.shape[1]):
+        return _primal_regression(features, targets, ridge, intercept)
     gram = features @ features.T
-    scale = np.trace(gram) / len(gram)
-    regular = gram + ridge * (scale if scale > LEAST_DIAGONAL else 1.0) * np.eye(len(gram))
+    regular = gram + ridge * _scale(np.trace(gram) / len(gram)) * np.eye(len(gram))
     ones = np.ones(len(gram))
     inverse_ones, inverse_targets = np.linalg.solve(regular, np.stack([ones, targets], axis=1)).T
     b = (ones @ inverse_targets) / (ones @ inverse_ones) if intercept else 0.0
-    return np.asarray(inverse_targets - b * inverse_ones)
+    return np.asarray(features.T @ (inverse_targets - b * inverse_ones))
+
+
+def _primal_regression(features: Array, targets: Array, ridge: float, intercept: bool) -> Array:
+    r"""Solve the same problem without the Gram.
+
+    .. math:: \lambda M = I - \Phi (\Phi^\top \Phi + \lambda I)^{-1} \Phi^\top
+    """
+    normal = features.T @ features
+    regular = normal + ridge * _scale(np.trace(normal) / len(features)) * np.eye(len(normal))
+    both = np.stack([np.ones(len(features)), targets], axis=1)
+    coefficients = cho_solve(cho_factor(regular, check_finite=False), features.T @ both)
+    of_ones, of_targets = np.sum(both - features @ coefficients, axis=0)
+    b = of_targets / of_ones if intercept else 0.0
+    return np.asarray(coefficients[:, 1] - b * coefficients[:, 0])
+
+
+def _scale(diagonal: float) -> float:
+    return diagonal if diagonal > LEAST_DIAGONAL else 1.0

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.base.validation import numbers, require
-from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 
-KINDS = ("position", "velocity", "effort")
+UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m"}  # of joints that turn, by what is commanded or sensed
+KINDS = tuple(UNITS)
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -24,6 +27,7 @@ class Commands(Settings):
         scale: in the units of a command for one unit of the action, one or one per action.
         offset: in the units of a command, one or one per action.
         kind: what a command is; motions to the home position depend on it.
+        unit: of the commands, one or one per action; empty for that of the kind, of joints that turn.
     """
 
     minimum: tuple[float, ...] = setting((-1.0,), "least actions", minimum=-1e9, maximum=1e9)
@@ -35,15 +39,16 @@ class Commands(Settings):
         (0.0,), "command for the action 0, one or one per action", minimum=-1e9, maximum=1e9
     )
     kind: str = setting("position", "what a command sets", choices=KINDS)
+    unit: tuple[str, ...] = setting((), "units for pictures, one or one per action; none for rad, rad/s or N m")
 
     def __post_init__(self) -> None:
         """Raise ValueError where the sizes do not fit, bounds cross, or an action has no effect."""
         super().__post_init__()
         count = len(self.minimum)
         require(len(self.maximum) == count, "action.maximum", numbers(count), len(self.maximum))
-        for name in ("scale", "offset"):
+        for name in ("scale", "offset", "unit"):
             size = len(getattr(self, name))
-            require(size in (1, count), f"action.{name}", numbers(1, count), size)
+            require(size in (1, count) or (name == "unit" and not size), f"action.{name}", numbers(1, count), size)
         crossed = any(low >= high for low, high in zip(self.minimum, self.maximum, strict=True))
         require(not crossed, "action.minimum", "less than action.maximum", self.minimum)
         require(0.0 not in self.scale, "action.scale", "no 0, which makes actions without effect", self.scale)
@@ -53,9 +58,15 @@ class Commands(Settings):
         """Number of numbers in an action, and in a command."""
         return len(self.minimum)
 
-    def spaces(self, observation_dim: int) -> Spaces:
-        """Return the spaces of a task with these actions."""
-        return Spaces((observation_dim,), np.array(self.minimum), np.array(self.maximum))
+    def names(self, joints: Sequence[str]) -> tuple[str, ...]:
+        """Return what the numbers of an action are called where they command joints: as "elbow position (rad)".
+
+        Of scaled ones the unit is what 1 stands for.
+        """
+        count = self.dimension
+        units, scales = _each(self.unit or (UNITS[self.kind],), count), _each(self.scale, count)
+        units = [unit if scale == 1.0 else f"{scale:g} {unit}" for unit, scale in zip(units, scales, strict=True)]
+        return tuple(f"{joint} {self.kind} ({unit})" for joint, unit in zip(joints, units, strict=True))
 
     def command(self, action: Array) -> Array:
         """Return the command for an action, shape (n,) each."""
@@ -65,3 +76,8 @@ class Commands(Settings):
     def action(self, command: Array) -> Array:
         """Return the action that has this command, shape (n,) each."""
         return np.asarray((command - np.array(self.offset)) / np.array(self.scale))
+
+
+def _each(values: Sequence[T], count: int) -> list[T]:
+    """Return so many values, where one may stand for all."""
+    return list(values) * count if len(values) == 1 else list(values)

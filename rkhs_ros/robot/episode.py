@@ -94,6 +94,11 @@ class RobotEpisode:
         return self._terminated or self.step == self.batch.horizon
 
     @property
+    def terminated(self) -> bool:
+        """Whether the task ended it."""
+        return self._terminated
+
+    @property
     def _missing(self) -> int | None:
         """The first step whose action did not come yet, of those that are over."""
         return next((step for step in range(self.step) if self._drawn[step] is None), None)

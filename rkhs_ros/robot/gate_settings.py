@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.gate_state import Rules
 from rkhs_ros.robot.limits import EFFORT, KINDS, MOST, POSITION, VELOCITY, Limits, SensedLimits
-from rkhs_ros.robot.urdf import JointLimit, read_limits
+from rkhs_ros.robot.urdf import JointLimit, located, read_limits
 
 FLOATS, TRAJECTORY = "std_msgs/msg/Float64MultiArray", "trajectory_msgs/msg/JointTrajectory"
 TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
@@ -54,7 +53,8 @@ class LimitSettings(Settings):
     """Limits of the commands; 0 is a limit, and one that is not given there is none of."""
 
     urdf: str = setting(
-        "", "file of the robot's URDF to take limits from; those below may tighten them; empty for none"
+        "",
+        "URDF to take limits from, FILE or package://PACKAGE/FILE; those below may tighten them; empty for none",
     )
     minimum: Numbers = _places("least command of each joint, in its unit")
     maximum: Numbers = _places("greatest command of each joint, in its unit")
@@ -121,7 +121,7 @@ def rules(settings: GateSettings) -> Rules:
     """
     require(bool(settings.joints), "joints", "the names of the joints", "none")
     require(bool(settings.command.topic), "command.topic", "the topic that takes the commands", "none")
-    limits = read_limits(Path(settings.limits.urdf), settings.joints) if settings.limits.urdf else []
+    limits = read_limits(located(settings.limits.urdf), settings.joints) if settings.limits.urdf else []
     return Rules(
         _limits(settings, limits),
         _sensed_limits(settings, limits),

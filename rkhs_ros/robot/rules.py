@@ -15,6 +15,7 @@ from rkhs_ros.robot.sensors import TYPE, parts_of
 
 T = TypeVar("T")
 Rule = Callable[[Array, Array, Array], Any]
+ANSWER_TIMEOUT_S = 2.0  # of a function, after which it is taken to hang; the gate has stopped the robot by then
 CALLED_WITH = "of observation, executed action and next observation"
 
 
@@ -102,7 +103,7 @@ def _called(function: Rule, what: str, kind: Callable[[Any], T], expected: str, 
         RunError: it fails, or its answer is none.
     """
     try:
-        answer = user_answer(function, *arrays)
+        answer = user_answer(function, *arrays, seconds=ANSWER_TIMEOUT_S)
     except RunError as error:
         raise RunError(f"{what} function: {error}") from error
     try:

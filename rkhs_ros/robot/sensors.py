@@ -12,11 +12,23 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rkhs_ros.base.settings import Settings, setting
-from rkhs_ros.base.validation import hint, require, shown
+from rkhs_ros.base.validation import hint, numbers, require, shown
 from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.robot.commands import KINDS, UNITS
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
-JOINT_FIELDS = ("position", "velocity", "effort")
+JOINT_FIELDS = KINDS
+# Of the vectors in standard messages; a Pose's orientation has none.
+UNITS_OF_VECTORS = {
+    "position": "m",
+    "point": "m",
+    "linear": "m/s",
+    "angular": "rad/s",
+    "linear_acceleration": "m/s²",
+    "angular_velocity": "rad/s",
+    "force": "N",
+    "torque": "N m",
+}
 PART = re.compile(r"([A-Za-z]\w*)(?:\[(\d+)(?::(\d+))?\])?")  # of a path: name, name[2] or name[0:3]
 TYPE = re.compile(r"[a-z]\w*/msg/[A-Z]\w*")
 MOST_NUMBERS = 1000  # of a field
@@ -55,6 +67,7 @@ class Sensor(Settings):
         ("position", "velocity"), "fields that are observed, as linear.x, data[2] or data[0:3]"
     )
     joints: tuple[str, ...] = setting((), "of a JointState: the joints of which the fields are observed, in this order")
+    units: tuple[str, ...] = setting((), "units for pictures, one per field; none for those that their names stand for")
 
     def __post_init__(self) -> None:
         """Raise ValueError where a name is none, or the joints are of no JointState."""
@@ -62,6 +75,7 @@ class Sensor(Settings):
         require(bool(self.topic), "topic", "the name of a topic", repr(self.topic))
         require(bool(TYPE.fullmatch(self.type)), "type", "PACKAGE/msg/TYPE, as std_msgs/msg/Float64", repr(self.type))
         require(bool(self.fields), "fields", "at least one", "none")
+        require(len(self.units) in (0, len(self.fields)), "units", numbers(len(self.fields)), len(self.units))
         if self.joints:
             require(self.type == JOINT_STATE, "joints", f"them for a {JOINT_STATE} alone", self.type)
             unknown = [field for field in self.fields if field not in JOINT_FIELDS]
@@ -76,6 +90,20 @@ class Sensor(Settings):
         if self.joints:
             return len(self.fields) * len(self.joints)
         return sum(_size(parts_of(field)) for field in self.fields)
+
+    def names(self, name: str) -> list[str]:
+        """Return what its numbers are called, each with its unit: as "elbow position (rad)", "tip position.x (m)".
+
+        Args:
+            name: the sensor's.
+        """
+        if self.joints:
+            units = self.units or [UNITS[field] for field in self.fields]
+            pairs = zip(self.fields, units, strict=True)
+            return [f"{joint} {field} ({unit})" for field, unit in pairs for joint in self.joints]
+        units = self.units or [_unit_of(parts_of(field)) for field in self.fields]
+        paths = [(path, unit) for field, unit in zip(self.fields, units, strict=True) for path in _paths(field)]
+        return [f"{name} {path} ({unit})" if unit else f"{name} {path}" for path, unit in paths]
 
     def numbers(self, message: Any) -> list[float]:
         """Return what a message says, a field after another, of each the joints in order.
@@ -111,6 +139,19 @@ def _part(match: re.Match[str]) -> Part:
     if first is None:
         return Part(name, None)
     return Part(name, range(int(first), int(first) + 1 if end is None else int(end)))
+
+
+def _unit_of(parts: list[Part]) -> str:
+    """Return the unit of a field by the names on its way, as the standard messages have them; empty where unknown."""
+    return next((UNITS_OF_VECTORS[part.name] for part in parts if part.name in UNITS_OF_VECTORS), "")
+
+
+def _paths(field: str) -> list[str]:
+    """Return the last two parts of the path of each number in a field."""
+    *way, last = field.split(".")[-2:]
+    (part,) = parts_of(last)
+    ends = [last] if part.entries is None else [f"{part.name}[{entry}]" for entry in part.entries]
+    return [".".join([*way, end]) for end in ends]
 
 
 def _size(parts: list[Part]) -> int:
@@ -187,9 +228,21 @@ class Sensors:
         return iter(sorted(self.by_name.items()))
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """What the numbers of an observation are called, with their units."""
+        return tuple(each for name, sensor in self for each in sensor.names(name))
+
+    @property
     def dimension(self) -> int:
         """How many numbers are observed."""
         return sum(sensor.dimension for _, sensor in self)
+
+    def columns(self) -> Iterator[tuple[int, str, Sensor]]:
+        """Walk through the sensors in order, each after the column of the observation at which its numbers begin."""
+        begin = 0
+        for name, sensor in self:
+            yield begin, name, sensor
+            begin += sensor.dimension
 
     def observation(self, heard: Mapping[str, Heard], now: float) -> Array:
         """Return what is observed, shape (d,).

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from rkhs_ros.base.settings import Entry, Settings, build, entries, setting
 from rkhs_ros.base.validation import require
 from rkhs_ros.policies.spaces import Spaces
@@ -63,8 +65,11 @@ class RobotTask(Settings):
 
     @property
     def spaces(self) -> Spaces:
-        """The shape of an observation and the bounds of the actions."""
-        return self.action.spaces(self.sensors.dimension)
+        """The shape of an observation and the bounds of the actions, and what their numbers are called."""
+        joints = self.reset.home.joints
+        named = self.action.names(joints) if len(joints) == self.action.dimension else ()
+        bounds = np.array(self.action.minimum), np.array(self.action.maximum)
+        return Spaces((self.sensors.dimension,), *bounds, self.sensors.names, named)
 
     def entries(self) -> Iterator[Entry]:
         """Walk through the settings by their dotted names."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -12,6 +14,7 @@ import numpy as np
 from rkhs_ros.base.validation import pick, require
 
 ROTATES_FREELY = "continuous"  # type of joints without a range
+PACKAGE = "package://"  # how a file in a package begins
 
 
 class JointLimit(NamedTuple):
@@ -21,6 +24,26 @@ class JointLimit(NamedTuple):
     upper: float
     velocity: float
     effort: float
+
+
+def located(name: str) -> Path:
+    """Return where a file is that is named by its path, or as ``package://PACKAGE/FILE``.
+
+    Args:
+        name: the file's; the package is a ROS package, or one of Python as ``pybullet_data``.
+
+    Raises:
+        ValueError: there is no such package.
+    """
+    if not name.startswith(PACKAGE):
+        return Path(name)
+    package, _, file = name.removeprefix(PACKAGE).partition("/")
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    shares = [share for prefix in prefixes if prefix and (share := Path(prefix, "share", package)).is_dir()]
+    spec = find_spec(package) if package.isidentifier() and not shares else None
+    folders = [*shares, *map(Path, spec.submodule_search_locations or [])] if spec else shares
+    require(bool(folders), "urdf", f"a package '{package}' that is installed", "none")
+    return folders[0] / file
 
 
 def read_limits(file: Path, joints: Iterable[str]) -> list[JointLimit]:

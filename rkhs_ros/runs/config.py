@@ -27,7 +27,7 @@ NODE_PARAMETERS = {
     "gate": OF_ANY_NODE,
     "practice_robot": OF_ANY_NODE,
     "policy": OF_ANY_NODE | {"simulators", "policy_file"},
-    "learner": OF_ANY_NODE | {"output", "quiet", "resume", "record"},
+    "learner": OF_ANY_NODE | {"output", "quiet", "resume", "record", "evaluate"},
 }
 
 
@@ -146,6 +146,11 @@ def environment_of_robot(nodes: Mapping[str, Mapping[str, Any]]) -> Environment:
     return Environment(nodes["robot"].get("task", "robot"), {}, 1, nodes)
 
 
+def robot_nodes(document: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Return the parameters of a robot's nodes in the tree of a ROS parameter file, by their names."""
+    return {name: document[f"/**/{name}"][PARAMETERS] for name in ROBOT_NODES if f"/**/{name}" in document}
+
+
 def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
     """Read a configuration file.
 
@@ -213,12 +218,16 @@ def config_for(environment: str, horizon: int | None, changes: Iterable[str] = (
     Raises:
         ValueError: settings that are unknown or do not fit.
     """
-    name = re.sub(r"\W+", "_", environment.rpartition(":")[2]).strip("_").lower()
     changes = list(changes)
     algorithm = tree_of(changes).get("algorithm", {})
     chosen = algorithm.get("name", "rkhs_nac") if isinstance(algorithm, Mapping) else "rkhs_nac"
-    tree = {"name": name or "run", "environment": {"id": environment}, **settings_for(str(chosen))}
+    tree = {"name": name_of_run(environment), "environment": {"id": environment}, **settings_for(str(chosen))}
     return _changed(tree | ({"horizon": horizon} if horizon else {}), changes)
+
+
+def name_of_run(environment: str) -> str:
+    """Return what a run on an environment is called unless it is told, a plain name."""
+    return re.sub(r"\W+", "_", environment.rpartition(":")[2]).strip("_").lower() or "run"
 
 
 def _changed(tree: dict[str, Any], changes: Iterable[str]) -> Config:

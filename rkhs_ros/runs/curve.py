@@ -14,6 +14,7 @@ from rkhs_ros.base.files import named, write_whole
 from rkhs_ros.learning.training import Iteration
 
 END = "\r\n"
+PACE_OF = 20  # iterations, the last ones, by whose pace the rest is estimated
 
 
 class Row(NamedTuple):
@@ -54,9 +55,27 @@ class Row(NamedTuple):
         )
 
 
+NAN = float("nan")
+BEGINNING = Row(0, 0, 0, NAN, NAN, NAN, 0, NAN, NAN, NAN, NAN, NAN, 0.0)  # before the first iteration
+
+
 def columns(rows: Sequence[Row]) -> dict[str, NDArray[Any]]:
     """Return the lines as arrays by the names of the columns."""
     return {name: np.array([getattr(row, name) for row in rows]) for name in Row._fields}
+
+
+def seconds_left(rows: Sequence[Row], iterations: int) -> float:
+    """Return how long a run will take still, by the pace of its last lines; nan where they are fewer than two.
+
+    Args:
+        rows: the lines, or the last of them.
+        iterations: number of those that are to be made.
+    """
+    if len(rows) < 2:
+        return NAN
+    newest, oldest = rows[-1], rows[-min(PACE_OF, len(rows))]
+    pace = (newest.seconds - oldest.seconds) / (newest.iteration - oldest.iteration)
+    return max(pace, 0.0) * (iterations - newest.iteration)
 
 
 KINDS = tuple(get_type_hints(Row).values())

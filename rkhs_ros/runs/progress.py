@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import isnan
+from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -27,20 +28,23 @@ def bar_console(*, quiet: bool) -> Console:
 
 
 @contextmanager
-def progress_bar(training: Training, done: int = 0, *, quiet: bool = False) -> Iterator[Show]:
+def progress_bar(
+    training: Training, done: int = 0, *, quiet: bool = False, folder: Path | None = None
+) -> Iterator[Show]:
     """Show how far a run is, on standard error; yield what is told of each iteration.
 
     Args:
         training: the learner's settings.
         done: iterations made before.
         quiet: show nothing.
+        folder: of the results, which lines name.
     """
     console = bar_console(quiet=quiet)
     if console.is_terminal or console.is_jupyter or quiet:
         with _bar(training, done, console, quiet=quiet) as show:
             yield show
     else:
-        yield _lines(training)
+        yield _lines(training, folder)
 
 
 @contextmanager
@@ -67,15 +71,16 @@ def _bar(training: Training, done: int, console: Console, *, quiet: bool) -> Ite
         yield show
 
 
-def _lines(training: Training) -> Show:
+def _lines(training: Training, folder: Path | None) -> Show:
     due = 0.0  # monotonic time, seconds
+    where = f"; {folder}" if folder else ""
 
     def show(iteration: Iteration) -> None:
         nonlocal due
         if time.monotonic() >= due or iteration.number == training.iterations:
             mean = f", noise-free {iteration.mean_policy_return:.4g}" if len(iteration.evaluation) else ""
             line = f"{training.name}: iteration {iteration.number} of {training.iterations}, "
-            text = f"{line}return {iteration.train_return:.4g}{mean}{_imagined(iteration)}"
+            text = f"{line}return {iteration.train_return:.4g}{mean}{_imagined(iteration)}{where}"
             print(text, file=sys.stderr, flush=True)
             due = time.monotonic() + LINE_PERIOD_S
 

@@ -23,7 +23,7 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.container import MessageFile
-from rkhs_ros.recordings.recorder import Checksum, Recorder
+from rkhs_ros.recordings.recorder import Recorder
 from rkhs_ros.recordings.recording import FILE, Head, Recording, read_held
 from rkhs_ros.runs.checkpoint import FREE
 from rkhs_ros.runs.config import Config
@@ -40,8 +40,6 @@ class RecordableRunner(Runner, Protocol):
 class RecordingRunner:
     """Lets policies act by another runner and records it; episodes that are recorded already do not run again.
 
-    Owns the checksum of the episodes since the last update.
-
     Args:
         runner: the other runner.
         recorder: of the run.
@@ -53,12 +51,15 @@ class RecordingRunner:
         self._runner = runner
         self._held = held.rows()
         self._recorder = recorder
-        self._checksum = Checksum()
 
     @property
     def spaces(self) -> Spaces:
         """Shape of an observation, and bounds of the actions."""
         return self._runner.spaces
+
+    def room(self, rows: int) -> int:
+        """Return how many of so many rows can run side by side."""
+        return self._runner.room(rows)
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Return the episodes of a batch under the policy.
@@ -68,18 +69,19 @@ class RecordingRunner:
         """
         self._recorder.serve(policy)
         parts: list[Episodes] = []
-        for is_held, numbers in groupby(batch.episodes, lambda number: (batch.explore, number) in self._held):
-            each = list(numbers)
-            part = replace(batch, first_episode=each[0], rows=len(each))
+        keys = batch.keys
+        for is_held, group in groupby(range(batch.rows), lambda row: keys[row] in self._held):
+            rows = list(group)
+            part = batch.part(rows[0], rows[-1] + 1)
             parts.append(self._recorded(policy, part) if is_held else self._runner.collect(policy, part))
-        return self._checksum.add(reduce(add, parts))
+        return reduce(add, parts)
 
     def updated(self, iteration: Iteration) -> None:
         """Record what an iteration came to."""
-        self._recorder.updated(iteration, self._checksum.take())
+        self._recorder.updated(iteration)
 
     def _recorded(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
-        places = [self._held[batch.explore, number] for number in batch.episodes]
+        places = [self._held[key] for key in batch.keys]
         episodes = reduce(add, (each.episodes.take(slice(row, row + 1)) for each, row in places))
         check_actions(episodes, policy, batch)
         return episodes

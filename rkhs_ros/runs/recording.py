@@ -30,7 +30,7 @@ class EpisodeRecorder:
     def observed(self, step: int, frame: Frame) -> None:
         """Record what was seen before a step, and the rewards of the step before it."""
         if step < self._horizon:
-            self._observations[frame.active, step] = frame.observations[frame.active]
+            np.copyto(self._observations[:, step], frame.observations, where=frame.active[:, None])
             self._mask[:, step] = frame.active
         if step > 0:
             self._rewards[:, step - 1] = frame.rewards
@@ -38,8 +38,7 @@ class EpisodeRecorder:
 
     def acted(self, step: int, actions: Array) -> None:
         """Record the actions of a step."""
-        going = self._mask[:, step]
-        self._actions[going, step] = actions[going]
+        np.copyto(self._actions[:, step], actions, where=self._mask[:, step, None])
 
     def episodes(self) -> Episodes:
         """Return the recorded episodes."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 import sys
 import time
+from collections import deque
 from collections.abc import Iterable
 from datetime import datetime
 from math import inf, isnan
@@ -25,6 +26,7 @@ from rkhs_ros.runs.surroundings import LIBRARIES, surroundings
 
 BEST_POLICY = "best_policy.npz"
 FIRST_POLICY = "first_policy.npz"  # of a run that began from a given policy
+MOST_RECENT = 256  # lines of the curve that are at hand for those who look on
 RAW = "raw.mcap"  # of the recorder node, which begins before the learner
 BEFORE_A_RUN = {
     "checkpoints",
@@ -96,6 +98,9 @@ class Report:
         spaces: of its task.
         done: number of iterations whose lines are kept.
 
+    Attributes:
+        recent: the last lines of the learning curve.
+
     Raises:
         OSError: the folder cannot be written.
     """
@@ -107,6 +112,7 @@ class Report:
         self._last: Iteration | None = None
         self._spaces = spaces
         rows = self._curve.rows()[:done]
+        self.recent = deque(rows, MOST_RECENT)
         self._best = self._best_of(rows)
         self._attempts = Attempts(folder, config.task, spaces, rows[-1].episodes if rows else 0)
         self._began = time.monotonic() - (rows[-1].seconds if rows else 0.0)
@@ -119,7 +125,9 @@ class Report:
         Raises:
             OSError: it cannot be written.
         """
-        self._curve.append(Row.of(iteration, time.monotonic() - self._began))
+        row = Row.of(iteration, time.monotonic() - self._began)
+        self._curve.append(row)
+        self.recent.append(row)
         self._attempts.add(iteration.exploration)
         self._keep_best(iteration)
         self._last = iteration
@@ -177,6 +185,7 @@ def summary(folder: Path, config: Config) -> str:
         f"Learnt {config.environment.id} in {_episodes(last.episodes)}{evaluations}, {last.seconds:.1f} s.",
         f"Return: {first.train_return:.4g} of the first exploring episodes, {_end(rows)}; {last.centres} centres.",
         f"Pictures: {folder / 'curve.png'} and {folder / 'policy.png'}",
+        what_next(folder, config.training.iterations),
     ]
     return "\n".join(lines)
 
@@ -188,6 +197,14 @@ def what_was_kept(folder: Path, config: Config) -> str:
     return (
         f"interrupted after {done} of {config.training.iterations} iterations; kept: {', '.join(kept) or 'nothing'}; "
         f"{how_to_go_on(folder)}"
+    )
+
+
+def what_next(folder: Path, iterations: int) -> str:
+    """Return where the results of a run that is done are, and what to type to look at them and to go on."""
+    name = quote(str(folder))
+    return (
+        f"Results: {name}; see them: rkhs view {name}; go on: rkhs train --resume {name} --iterations {2 * iterations}"
     )
 
 

@@ -7,7 +7,7 @@ from operator import add
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.execution import Record, forget
+from rkhs_ros.learning.execution import Record, forget, record_kinds
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
@@ -30,13 +30,17 @@ class InlineRunner:
         self.spaces = simulation.spaces
         self.record: Record = forget
 
+    def room(self, rows: int) -> int:
+        """Return how many of so many rows can run side by side."""
+        return self.simulation.room(rows)
+
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Return the episodes of a batch under the policy, as many at a time as the simulation has room for.
 
         Raises:
             RunError: the environment failed, or a number is not finite.
         """
-        parts = batch.parts(self.simulation.room(batch.rows))
+        parts = batch.parts(self.room(batch.rows))
         return reduce(add, (self._together(policy, part) for part in parts))
 
     def _together(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
@@ -52,7 +56,7 @@ class InlineRunner:
             step += 1
             recorder.observed(step, frame)
         episodes = recorder.episodes()
-        self.record(batch, episodes, [])
+        record_kinds(self.record, batch, episodes, [])
         return episodes
 
     def _actions(self, acting: Acting, step: int, observations: Array) -> Array:

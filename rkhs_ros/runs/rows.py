@@ -22,6 +22,8 @@ from rkhs_ros.rkhs.kernels import Array
 Flags = NDArray[np.bool_]
 AnyEnv = Env[Any, Any]
 AnyVectorEnv = VectorEnv[Any, Any, Any]
+# In place of a seed: the row begins anew, its random stream going on as it is; or its episode goes on.
+GOES_ON, KEPT = -1, -2
 MOST_COPIES = 32  # of an environment side by side; more of them save nothing
 MOST_VECTORS = 8  # vector environments kept; more than a run has kinds of batches
 
@@ -63,7 +65,10 @@ class Rows(Protocol):
         """Return how many of so many rows can run side by side."""
 
     def reset(self, seeds: list[int], horizon: int) -> Array:
-        """Begin an episode in as many rows as there are seeds; return the observations, shape (rows, d)."""
+        """Begin an episode in as many rows as there are seeds; return the observations, shape (rows, d).
+
+        A seed may be `GOES_ON` or `KEPT`; the observations of rows that are kept mean nothing.
+        """
 
     def step(self, actions: NDArray[Any], active: Flags) -> Step:
         """Make a step with actions of shape ``(rows, *shape)``; what rows show that are not active means nothing."""
@@ -85,6 +90,7 @@ class SeparateRows:
         self._make = make
         self._name = name
         self._copies = [_flat(make())]
+        self._observations: Array = np.empty((0, 0))
         self.current: int | None = None
         self._most = most or _rows_at_once(self.shown) or MOST_COPIES
         self.observation_space = self._copies[0].observation_space
@@ -119,9 +125,13 @@ class SeparateRows:
 
     def reset(self, seeds: list[int], horizon: int) -> Array:
         """Begin an episode in as many rows as there are seeds; return the observations, shape (rows, d)."""
-        first = []
+        first: list[Array] = []
         for self.current, seed in enumerate(seeds):
-            first.append(self._row(self._copies[self.current].reset(seed=seed)[0]))
+            if seed == KEPT:
+                first.append(self._observations[self.current])
+            else:
+                given = None if seed == GOES_ON else seed
+                first.append(self._row(self._copies[self.current].reset(seed=given)[0]))
         self._observations = np.stack(first)
         return self._observations.copy()
 
@@ -177,8 +187,28 @@ class VectorRows:
         self._current = self._vector(len(seeds), horizon)
         self._rows = len(seeds)
         spare = self._current.num_envs - self._rows  # of an environment whose size is its own
-        observations, _ = self._current.reset(seed=seeds + seeds[-1:] * spare)  # type: ignore[arg-type]
+        seeds = seeds + seeds[-1:] * spare
+        if min(seeds) >= 0:
+            observations, _ = self._current.reset(seed=seeds)  # type: ignore[arg-type]
+        elif set(seeds) == {GOES_ON}:
+            observations, _ = self._current.reset()
+        else:
+            observations, _ = self._current.reset(options={"reset_mask": self._anew(seeds)})
         return self._flat(observations)
+
+    def _anew(self, seeds: list[int]) -> Flags:
+        """Return which rows begin anew while others go on.
+
+        Raises:
+            RunError: the environment cannot do that.
+        """
+        if self._mode != AutoresetMode.DISABLED or set(seeds) != {GOES_ON, KEPT}:
+            raise RunError("expected all rows to begin anew together, as this environment steps them together")
+        return np.array([seed == GOES_ON for seed in seeds])
+
+    @property
+    def _mode(self) -> Any:
+        return self._current.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP)
 
     def step(self, actions: NDArray[Any], active: Flags) -> Step:
         """Make a step in all rows with actions of shape ``(rows, *shape)``."""
@@ -193,10 +223,9 @@ class VectorRows:
 
     def _as_they_ended(self, observations: Any, ended: Flags, info: dict[str, Any]) -> Any:
         """Return the observations, those of episodes that ended being their last, whichever way they begin anew."""
-        mode = self._current.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP)
-        if not ended.any() or mode == AutoresetMode.NEXT_STEP:
+        if not ended.any() or self._mode == AutoresetMode.NEXT_STEP:
             return observations
-        if mode == AutoresetMode.SAME_STEP:
+        if self._mode == AutoresetMode.SAME_STEP:
             observations = np.array(observations)
             observations[ended] = np.stack(list(info["final_obs"][ended]))
             return observations
@@ -228,8 +257,10 @@ def _real(observation: Any, kind: Any) -> NDArray[Any]:
     array = np.asarray(observation)
     if array.dtype.kind not in REAL_KINDS:
         raise RunError(f"expected an observation of real numbers, got {array.dtype}")
+    if array.dtype == kind:
+        return array
     with np.errstate(over="ignore"):  # what is infinite is refused by its row and step
-        return array.astype(kind, copy=False)
+        return array.astype(kind)
 
 
 def _rows_at_once(env: AnyEnv) -> int:
@@ -242,7 +273,7 @@ def _rows_at_once(env: AnyEnv) -> int:
 def _check_size(shape: tuple[int, ...], space: Space[Any]) -> None:
     """Raise RunError where an observation has another number of numbers than its space."""
     expected = space.shape or ()
-    if prod(shape) != prod(expected):
+    if shape != expected and prod(shape) != prod(expected):
         raise RunError(f"expected an observation of shape {expected}, got one of {shape}")
 
 

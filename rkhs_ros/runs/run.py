@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
@@ -12,17 +12,23 @@ from rkhs_ros.base.lock import locked
 from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.state import first_state
-from rkhs_ros.learning.training import train
+from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.recordings.recording import FILE
 from rkhs_ros.runs.checkpoint import Checkpoints
 from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.control import Control, Rest
-from rkhs_ros.runs.curve import Curve
+from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.recorded import RecordableRunner, recorded
 from rkhs_ros.runs.report import FIRST_POLICY, Report, new_folder, old_folder
+
+LookOn = Callable[[Iteration, Sequence[Row]], None]  # is told of each iteration, with the last lines of the curve
+
+
+def look_away(iteration: Iteration, rows: Sequence[Row]) -> None:
+    """Look at nothing: what those do who do not look on."""
 
 
 def run_training(
@@ -35,6 +41,7 @@ def run_training(
     record: bool = False,
     sync: bool = False,
     rest: Rest = time.sleep,
+    look_on: LookOn = look_away,
 ) -> Path:
     """Train and write the results.
 
@@ -47,6 +54,7 @@ def run_training(
         record: write recording.mcap; a run that goes on and has one goes on with it in any case.
         sync: wait until the disk has each record, as for a robot, whose episodes cost.
         rest: waits for some seconds, while the run pauses.
+        look_on: is told of each iteration once it is written.
 
     Returns:
         The folder of the results.
@@ -74,7 +82,8 @@ def run_training(
         control = Control(folder, rest)
         record |= (folder / FILE).is_file()
         recording = recorded(config, runner, folder, sync=sync) if record else nullcontext()
-        with recording as recorder, finished(report), progress_bar(config.training, done, quiet=quiet) as show:
+        bar = progress_bar(config.training, done, quiet=quiet, folder=folder)
+        with recording as recorder, finished(report), bar as show:
             state = state or first_state(config.training, runner.spaces, _given(folder))
             for iteration in train(config.training, recorder or runner, state):
                 if recorder:
@@ -82,6 +91,7 @@ def run_training(
                 report.add(iteration)  # before the checkpoint, which is of no use without its line
                 checkpoints.write(iteration.state)
                 show(iteration)
+                look_on(iteration, report.recent)
                 control.obey()
         control.clear()
     return folder

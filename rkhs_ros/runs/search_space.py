@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from math import isfinite
 
-from rkhs_ros.base.settings import Entry, check_range, entries
+from rkhs_ros.base.settings import Entry, check_range, entries, unused
 from rkhs_ros.base.validation import pick, require, shown
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.grid import require_comparable
@@ -14,7 +14,8 @@ from rkhs_ros.runs.grid import require_comparable
 SPREAD = 30.0  # a range of many decades is searched by this factor to both sides of the setting's value
 LARGE = 1e5  # from there on a value says that there is no bound
 SEARCHED = ("algorithm.", "kernel.", "practice.", "exploration_sd")
-ONLY_NAMED = ("algorithm.centres",)  # of it more cost time and earn no less
+# Of these more cost time, or real episodes, and earn no less.
+ONLY_NAMED = ("algorithm.centres", "algorithm.grid_counts", "algorithm.step.choices", "algorithm.step.episodes")
 OF_THE_BUDGET = ("iterations", "episodes_per_iteration", "evaluate_every", "evaluation_episodes")
 
 
@@ -54,7 +55,7 @@ def search_space(config: Config, over: Iterable[str]) -> tuple[Dimension, ...]:
     Args:
         config: where the search begins.
         over: names of settings, each with a range or choices if wanted, as ``algorithm.ridge=1e-4:1`` or
-            ``algorithm.critic=step,trajectory``; where there are none, the numbers that say how to learn.
+            ``algorithm.critic=step,trajectory``; where there are none, the numbers in effect that say how to learn.
 
     Raises:
         ValueError: an unknown setting, one that is not to be searched or has no range, or a range outside its own.
@@ -62,7 +63,8 @@ def search_space(config: Config, over: Iterable[str]) -> tuple[Dimension, ...]:
     known = {entry.name: entry for entry in entries(config.training)}
     texts = list(over)
     if not texts:
-        found = (_own(entry) for name, entry in known.items() if name.startswith(SEARCHED) and name not in ONLY_NAMED)
+        idle = {*ONLY_NAMED, *unused(config.training)}
+        found = (_own(entry) for name, entry in known.items() if name.startswith(SEARCHED) and name not in idle)
         return tuple(each for each in found if each is not None and not each.choices)
     names = [text.partition("=")[0] for text in texts]
     require(len(set(names)) == len(names), "--over", "each setting once", " ".join(names))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 from typing import Any, TypeVar
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -25,12 +27,18 @@ def side_by_side(
         title: of the progress bar on stderr.
         quiet: without progress bar.
     """
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    hidden = quiet or not arguments
-    console = bar_console(quiet=hidden)
-    bars = Progress(*columns, TimeRemainingColumn(), console=console, disable=hidden)
-    with workers.opened(len(arguments)) as results, bars as progress:
-        bar = progress.add_task(title, total=len(arguments))
-        for result in results(call, arguments):
-            progress.advance(bar)
+    count, take = len(arguments), partial(next, iter(arguments), None)
+    with workers.opened(count) as pool, progress_bar(title, count, quiet=quiet) as advance:
+        for result in pool.results(call, take, most=count):
+            advance()
             yield result
+
+
+@contextmanager
+def progress_bar(title: str, total: int, *, quiet: bool) -> Iterator[Callable[[], None]]:
+    """Show a bar on stderr, and give what advances it by one; it is shown to nobody where it is quiet or of nothing."""
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    hidden = quiet or total == 0
+    bars = Progress(*columns, TimeRemainingColumn(), console=bar_console(quiet=hidden), disable=hidden)
+    with bars as progress:
+        yield partial(progress.advance, progress.add_task(title, total=total))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from math import inf
 from typing import Any, NamedTuple, TypeVar
 
@@ -17,7 +17,7 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.environments import Source, name_of, options_of, own_horizon, rows_of
-from rkhs_ros.runs.rows import AnyEnv, AnyVectorEnv, Flags
+from rkhs_ros.runs.rows import KEPT, AnyEnv, AnyVectorEnv, Flags
 from rkhs_ros.runs.shown import HasRobot, JointStates
 
 Answer = TypeVar("Answer")
@@ -31,13 +31,15 @@ class Frame(NamedTuple):
         observations: shape (rows, d); the last one of rows whose episode is over.
         rewards: of the step just made, shape (rows,); 0 in rows whose episode was over; none before any step.
         active: True in rows whose episode goes on, shape (rows,).
-        terminated: True in rows whose episode was ended by the task, not cut off, shape (rows,).
+        terminated: True in rows whose episode was ended by the task, shape (rows,).
+        truncated: True in rows whose episode was cut off, shape (rows,).
     """
 
     observations: Array
     rewards: Array
     active: Flags
     terminated: Flags
+    truncated: Flags
 
 
 class Simulation:
@@ -66,8 +68,12 @@ class Simulation:
         self._registered = isinstance(environment, str)
         self._rows = rows_of(environment, options, rows_at_once)
         actions = _continuous(self._rows.action_space, f"{self.environment} actions")
-        observations = _continuous(self._rows.observation_space, f"{self.environment} observations")
-        self.spaces = Spaces(observations.shape, *_bounds(actions))
+        self.observation_space = _continuous(self._rows.observation_space, f"{self.environment} observations")
+        self.spaces = Spaces(self.observation_space.shape, *_bounds(actions))
+        self._batch: Batch | None = None
+        self._step = 0
+        self._lasts: NDArray[np.int64] = np.empty(0, dtype=np.int64)  # step at which each row is cut off
+        self._frame: Frame
         self.step_seconds = _step_seconds(self.shown)
 
     @property
@@ -84,24 +90,58 @@ class Simulation:
         """Return how many of so many rows can run side by side."""
         return self._rows.room(rows)
 
-    def start(self, batch: Batch) -> Frame:
+    def start(self, batch: Batch, seeds: Sequence[int] = ()) -> Frame:
         """Begin the episodes of a batch.
 
+        Args:
+            batch: the episodes.
+            seeds: that the environment is reset with, one for each row, in place of those of the batch; `GOES_ON` in a
+                row whose random stream goes on, `KEPT` in one whose episode does, of the batch before.
+
         Raises:
-            ValueError: there is no room for so many rows.
+            ValueError: there is no room for so many rows, or the seeds do not fit.
             RunError: the environment failed, or what it showed is not finite.
         """
         room = self.room(batch.rows)
         require(batch.rows <= room, f"{self.environment}: rows", f"at most {room} at a time", batch.rows)
-        self._horizon, self._step = batch.horizon, 0
-        observations = self._asked("reset", self._rows.reset, batch.environment_seeds(), batch.horizon)
-        self._frame = Frame(
+        kept = self._kept(batch, seeds)
+        self._batch = None  # until all rows are as they are to be
+        observations = self._asked("reset", self._rows.reset, list(seeds) or batch.environment_seeds(), batch.horizon)
+        begun = Frame(
             observations=observations,
             rewards=np.zeros(0),
             active=np.ones(batch.rows, dtype=bool),
             terminated=np.zeros(batch.rows, dtype=bool),
+            truncated=np.zeros(batch.rows, dtype=bool),
         )
-        return self._checked(self._frame)
+        lasts = np.full(batch.rows, batch.horizon)
+        if kept.any():
+            before, lasts[kept] = self._frame, self._lasts[kept] - self._step
+            begun = Frame(
+                observations=np.where(kept[:, None], before.observations, observations),
+                rewards=begun.rewards,
+                active=~kept | before.active,
+                terminated=kept & before.terminated,
+                truncated=kept & before.truncated,
+            )
+        self._batch, self._step, self._lasts, self._frame = batch, 0, lasts, begun
+        return self._checked(begun)
+
+    def _kept(self, batch: Batch, seeds: Sequence[int]) -> Flags:
+        """Return in which rows the episode is to go on.
+
+        Raises:
+            ValueError: there is none under way, or not one seed for each row.
+        """
+        what = "environment_seeds"
+        require(len(seeds) in (0, batch.rows), what, f"{batch.rows}, one for each row", len(seeds))
+        require(all(seed >= KEPT for seed in seeds), what, f"whole numbers >= {KEPT}", seeds)
+        kept = np.array([seed == KEPT for seed in seeds] or [False] * batch.rows)
+        if kept.any():
+            before = self._batch
+            good = before is not None and (before.seed, before.rows) == (batch.seed, batch.rows)
+            require(good, what, "episodes under way to go on with", "none of that seed")
+        return kept
 
     def step(self, actions: Array) -> Frame:
         """Make a step in the rows whose episode goes on, with actions of shape (rows, n), not clipped.
@@ -112,13 +152,10 @@ class Simulation:
         before = self._frame
         self._step += 1
         seen = self._asked(f"step {self._step}", self._rows.step, self.spaces.shaped(actions), before.active)
-        over = seen.terminated | seen.truncated | (self._step == self._horizon)
-        self._frame = Frame(
-            observations=np.where(before.active[:, None], seen.observations, before.observations),
-            rewards=np.where(before.active, seen.rewards, 0.0),
-            active=before.active & ~over,
-            terminated=before.terminated | (before.active & seen.terminated),
-        )
+        truncated = seen.truncated | (self._step == self._lasts)
+        going = ~(seen.terminated | truncated)
+        frame = Frame(seen.observations, seen.rewards, going, seen.terminated, truncated)
+        self._frame = frame if before.active.all() else _where_active(before, frame)
         return self._checked(self._frame)
 
     def _asked(self, doing: str, call: Callable[..., Answer], *arguments: Any) -> Answer:
@@ -155,6 +192,18 @@ class Simulation:
     def robot_description(self) -> str | None:
         """Return the robot's URDF; None for a task without a robot."""
         return self.shown.robot_description() if isinstance(self.shown, HasRobot) else None
+
+
+def _where_active(before: Frame, frame: Frame) -> Frame:
+    """Return a frame with the rows as they were whose episode was over before."""
+    going = before.active
+    return Frame(
+        observations=np.where(going[:, None], frame.observations, before.observations),
+        rewards=np.where(going, frame.rewards, 0.0),
+        active=going & frame.active,
+        terminated=before.terminated | (going & frame.terminated),
+        truncated=before.truncated | (going & frame.truncated),
+    )
 
 
 def _bounds(space: Box) -> tuple[NDArray[Any], NDArray[Any]]:

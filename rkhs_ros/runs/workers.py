@@ -9,13 +9,14 @@ import logging
 import os
 import re
 import socket
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, Future, as_completed
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Future
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
-from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
+from math import inf
+from queue import SimpleQueue
 from typing import Any, NamedTuple, TypeVar
 
 from joblib import cpu_count
@@ -31,7 +32,7 @@ ALL_CORES = -1
 CONNECT_TIMEOUT_S = 10
 RETRIES = 3  # of a call whose worker was lost
 T = TypeVar("T")
-Results = Callable[[Callable[..., T], Sequence[tuple[Any, ...]]], Iterator[T]]
+Take = Callable[[], tuple[Any, ...] | None]
 DASK_ADDRESS = re.compile(r"\w+://\S+:\d{1,5}", re.ASCII)
 RAY_ADDRESS = re.compile(r"(?:ray://)?([^\s:/]+):(\d{1,5})", re.ASCII)
 
@@ -46,10 +47,50 @@ class Pool(NamedTuple):
     Attributes:
         submit: begins a call of a module's function and returns its future.
         lost: errors of the futures whose workers were lost for good.
+        width: calls that are made at the same time.
+        most: calls that it holds, those that wait for a worker among them.
     """
 
     submit: Callable[..., Future[Any]]
     lost: tuple[type[BaseException], ...]
+    width: int
+    most: float = inf
+
+    def results(self, call: Callable[..., T], take: Take, most: float) -> Iterator[T]:
+        """Yield what calls return, in the order in which they end.
+
+        Args:
+            call: the function.
+            take: returns the arguments of the next call; None where there is none before another has ended.
+            most: calls that are begun before others have ended.
+
+        Raises:
+            WorkerLostError: some calls could not be made, after all others have been.
+            ValueError: a worker has other code.
+        """
+        ended: SimpleQueue[Future[T]] = SimpleQueue()
+        at_work, most = 0, min(most, self.most)
+        lost: BaseException | None = None
+        while True:
+            try:
+                while at_work < most and (arguments := take()) is not None:
+                    self.submit(call, *arguments).add_done_callback(ended.put)
+                    at_work += 1
+            except self.lost as error:  # no more calls are taken
+                lost, most = error, 0
+            if at_work == 0:
+                break
+            future = ended.get()
+            at_work -= 1
+            try:
+                result = future.result()
+            except self.lost as error:
+                lost = error
+                continue
+            yield result
+        if lost is not None:
+            told = "the process of a run was killed, or one beside it; the same command goes on"
+            raise WorkerLostError(told) from lost
 
 
 @dataclass(frozen=True)
@@ -79,11 +120,8 @@ class Workers:
             require_extra("ray", "ray", "--ray")
 
     @contextmanager
-    def opened(self, count: int) -> Iterator[Results[Any]]:
-        """Give what makes a number of calls and yields what they return, in the order in which they end.
-
-        It raises WorkerLostError where some could not be made, after all others have been, and ValueError where a
-        worker has other code.
+    def opened(self, count: int) -> Iterator[Pool]:
+        """Give what makes calls, at most so many at the same time.
 
         Raises:
             OSError: the cluster cannot be reached.
@@ -91,16 +129,15 @@ class Workers:
         """
         processes = min(cpu_count() if self.jobs == ALL_CORES else self.jobs, count)
         if self.scheduler:
-            opened = _dask(self.scheduler)
+            opened: AbstractContextManager[Pool] = _dask(self.scheduler)
         elif self.ray:
             opened = _ray(self.ray)
         elif processes > 1:
             opened = _processes(processes)
         else:
-            yield lambda call, arguments: (call(*each) for each in arguments)
-            return
+            opened = nullcontext(Pool(_made, (), width=1, most=1))
         with opened as pool:
-            yield partial(_as_they_end, pool)
+            yield pool
 
 
 def require_extra(module: str, extra: str, what: str) -> None:
@@ -109,24 +146,18 @@ def require_extra(module: str, extra: str, what: str) -> None:
     require(find_spec(module) is not None, what, remedy, "none")
 
 
-def _as_they_end(pool: Pool, call: Callable[..., T], arguments: Sequence[tuple[Any, ...]]) -> Iterator[T]:
-    lost: BaseException | None = None
-    for future in as_completed([pool.submit(call, *each) for each in arguments]):
-        try:
-            result = future.result()
-        except pool.lost as error:
-            lost = error
-            continue
-        yield result
-    if lost is not None:
-        raise WorkerLostError("the process of a run was killed, or one beside it; the same command goes on") from lost
+def _made(call: Callable[..., T], *arguments: Any) -> Future[T]:
+    """Make a call in this process."""
+    future: Future[T] = Future()
+    future.set_result(call(*arguments))
+    return future
 
 
 @contextmanager
 def _processes(count: int) -> Iterator[Pool]:
     executor = get_reusable_executor(count, initializer=terminate_with_parent, initargs=(os.getpid(),), reuse=False)
     try:
-        yield Pool(executor.submit, (BrokenProcessPool,))
+        yield Pool(executor.submit, (BrokenProcessPool,), count)
     finally:
         executor.shutdown(kill_workers=True)
 
@@ -142,10 +173,12 @@ def _dask(address: str) -> Iterator[Pool]:
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a scheduler that is lost is told of in a line
     with client:
         executor = client.get_executor(pure=False)
-        threads = max(client.nthreads().values(), default=1)
-        require(threads == 1, "--scheduler", "workers of one thread (dask worker --nthreads 1)", f"{threads} threads")
+        threads = list(client.nthreads().values())
+        most = max(threads, default=1)
+        require(most == 1, "--scheduler", "workers of one thread (dask worker --nthreads 1)", f"{most} threads")
+        lost = (distributed.scheduler.KilledWorker, CancelledError)
         try:
-            yield Pool(_with_our_code(executor.submit), (distributed.scheduler.KilledWorker, CancelledError))
+            yield Pool(_with_our_code(executor.submit), lost, max(len(threads), 1))
         finally:
             executor.shutdown(wait=False)
 
@@ -167,8 +200,9 @@ def _ray(address: str) -> Iterator[Pool]:
         future: Future[Any] = task.remote(*arguments).future()
         return future
 
+    lost, cores = (ray.exceptions.WorkerCrashedError, ray.exceptions.NodeDiedError), ray.cluster_resources()
     try:
-        yield Pool(_with_our_code(submit), (ray.exceptions.WorkerCrashedError, ray.exceptions.NodeDiedError))
+        yield Pool(_with_our_code(submit), lost, max(int(cores.get("CPU", 1)), 1))
     finally:
         ray.shutdown()
 

@@ -14,14 +14,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED
+from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED, colour_bar, label, legend_above, sheet
+from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.view.coordinates import Coordinates
+from rkhs_ros.runs.coordinates import Coordinates
 
 SIZE, DPI = (5.6, 4.7), 150  # inches
-AREA = (0.145, 0.14, 0.655, 0.7)  # left, bottom, width and height of the plot, in parts of the picture
-BAR = (0.83, 0.14, 0.03, 0.7)  # of the colour bar, alike
 CELLS = 90  # of the map, along each side
 MARGIN = 0.06  # of the range visited, beyond it
 BLUE, RED, _, _, PALE, CENTRE, EPISODE, _ = COLOURS
@@ -74,31 +73,33 @@ class Subject(NamedTuple):
 
 def draw(subject: Subject, choice: Choice) -> Board:
     """Draw a policy: over one or two coordinates, or, of a task of one step, among the actions that were tried."""
-    figure = Figure(figsize=SIZE, dpi=DPI, facecolor="white")
+    figure, points = board_figure(subject, choice)
     canvas: Any = FigureCanvasAgg(figure)
-    axes = figure.add_axes(AREA)
-    figure.text(AREA[0], 0.95, subject.title, fontsize=13, fontweight="bold", va="center")
-    if subject.episodes[-1].horizon == 1 and len(subject.actions) > 1:
-        points = _draw_attempts(axes, subject)
-    elif len(subject.coordinates.labels) == 1:
-        points = _draw_line(axes, subject, choice)
-    else:
-        points = _draw_map(axes, subject, choice)
-    entries = {"ncols": 4, "columnspacing": 1.2, "handlelength": 1.5, "handletextpad": 0.5, "fontsize": 10}
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.005), frameon=False, borderaxespad=0.1, **entries)
-    axes.xaxis.label.set_fontsize(12)
-    axes.yaxis.label.set_fontsize(12)
     canvas.draw()
-    return Board(np.array(canvas.buffer_rgba())[:, :, :3], _on_picture(axes, points))
+    image, axes = np.array(canvas.buffer_rgba())[:, :, :3], figure.axes[0]
+    ends = np.sort([axes.get_xlim(), axes.get_ylim()])
+    places = axes.transData.transform(np.clip(points, *ends.T)) / [image.shape[1], image.shape[0]]
+    return Board(image, np.asarray(places))
 
 
-def _on_picture(axes: Axes, points: Array) -> Array:
-    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-    parts = (points - [left, bottom]) / [right - left, top - bottom]
-    return np.asarray(np.array(AREA[:2]) + np.clip(parts, 0.0, 1.0) * np.array(AREA[2:]))
+def board_figure(subject: Subject, choice: Choice) -> tuple[Figure, Array]:
+    """Return the figure of a policy, and the points of its last episode by the numbers of the axes: (steps, 2)."""
+    figure = sheet(*SIZE, subject.title)
+    figure.set_dpi(DPI)
+    axes, policy = figure.subplots(), subject.coordinates.policy
+    if policy is None:
+        points = _draw_paths(axes, subject, choice)
+    elif subject.episodes[-1].horizon == 1 and len(subject.actions) > 1:
+        points = _draw_attempts(axes, policy, subject)
+    elif len(subject.coordinates.labels) == 1:
+        points = _draw_line(axes, policy, subject, choice)
+    else:
+        points = _draw_map(axes, policy, subject, choice)
+    legend_above(axes)
+    return figure, points
 
 
-def _draw_map(axes: Axes, subject: Subject, choice: Choice) -> Array:
+def _draw_map(axes: Axes, policy: GaussianPolicy, subject: Subject, choice: Choice) -> Array:
     coordinates, pair = subject.coordinates, [choice.x, choice.y]
     visited = [coordinates.of(each)[0] for each in subject.episodes]
     centres = coordinates.centres()
@@ -106,29 +107,47 @@ def _draw_map(axes: Axes, subject: Subject, choice: Choice) -> Array:
     sides = [np.linspace(a, b, CELLS) for a, b in zip(low, high, strict=True)]
     grid = np.tile(np.median(visited[-1], axis=0), (CELLS**2, 1))
     grid[:, pair] = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
-    mean = coordinates.policy.mean(coordinates.inputs(grid))
+    mean = policy.mean(coordinates.inputs(grid))
     shown = (mean if subject.spaces is None else subject.spaces.clip(mean))[:, choice.action].reshape(CELLS, CELLS)
     least, most = _limits(subject, choice.action)
     image = axes.pcolormesh(*sides, shown, cmap=SIGNED, vmin=least, vmax=most, shading="gouraud")
-    axes.figure.colorbar(image, cax=axes.figure.add_axes(BAR)).set_label(subject.actions[choice.action], fontsize=12)
-    for points, age in zip(visited, _ages(len(visited)), strict=True):
-        broken = _broken(points[:, pair], high - low)
-        axes.plot(*broken.T, color=EPISODE, alpha=age, linewidth=1 + (age == 1), label="episodes" if age == 1 else None)
+    colour_bar(axes, image, subject.actions[choice.action])
+    _draw_episodes(axes, [points[:, pair] for points in visited], high - low)
     if centres is not None:
         axes.plot(*centres[:, pair].T, "o", color=CENTRE, mec="black", mew=0.5, markersize=4.5, label="centres")
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    axes.set(xlabel=coordinates.labels[choice.x], ylabel=coordinates.labels[choice.y])
+    label(axes, coordinates.labels[choice.x], coordinates.labels[choice.y])
     return visited[-1][:, pair]
 
 
-def _draw_line(axes: Axes, subject: Subject, choice: Choice) -> Array:
+def _draw_paths(axes: Axes, subject: Subject, choice: Choice) -> Array:
+    """Draw the episodes alone, where the policy is not known."""
+    names = [*subject.coordinates.names.observations, subject.actions[choice.action]]
+    pair = [choice.x, choice.y if len(names) > 2 else 1]  # of a single number observed against the action
+    numbers = [np.column_stack([each.observations[0], each.actions[0][:, choice.action]]) for each in subject.episodes]
+    paths = [each[episode.mask[0]][:, pair] for each, episode in zip(numbers, subject.episodes, strict=True)]
+    low, high = _range(paths)
+    _draw_episodes(axes, paths, high - low)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    label(axes, names[pair[0]], names[pair[1]])
+    return np.asarray(paths[-1])
+
+
+def _draw_episodes(axes: Axes, paths: Sequence[Array], sizes: Array) -> None:
+    """Draw the paths of episodes, the older the fainter."""
+    for points, age in zip(paths, _ages(len(paths)), strict=True):
+        broken = _broken(points, sizes)
+        axes.plot(*broken.T, color=EPISODE, alpha=age, linewidth=1 + (age == 1), label="episodes" if age == 1 else None)
+
+
+def _draw_line(axes: Axes, policy: GaussianPolicy, subject: Subject, choice: Choice) -> Array:
     coordinates, action = subject.coordinates, choice.action
     visited = [coordinates.of(each)[0] for each in subject.episodes]
     done = [each.actions[0][each.mask[0], action] for each in subject.episodes]
     (low,), (high,) = _range(visited)
     x = np.linspace(low, high, 4 * CELLS)
     inputs = coordinates.inputs(x[:, None])
-    mean, sd = coordinates.policy.mean(inputs)[:, action], np.sqrt(coordinates.policy.variance(inputs)[:, action])
+    mean, sd = policy.mean(inputs)[:, action], np.sqrt(policy.variance(inputs)[:, action])
     least, most = _limits(subject, action)
     room = MARGIN * (most - least)
     lower, upper, mean, *done = (np.clip(values, least, most) for values in (mean - sd, mean + sd, mean, *done))
@@ -138,32 +157,32 @@ def _draw_line(axes: Axes, subject: Subject, choice: Choice) -> Array:
         axes.plot(points[:, 0], actions, ".", color=EPISODE, alpha=age, label="episodes" if age == 1 else None)
     centres = coordinates.centres()
     if centres is not None:
-        heights = np.clip(coordinates.policy.mean(coordinates.policy.mean.centres)[:, action], least, most)
+        heights = np.clip(policy.mean(policy.mean.centres)[:, action], least, most)
         axes.plot(centres[:, 0], heights, "o", color=CENTRE, mec="black", mew=0.5, markersize=5, label="centres")
     axes.set(xlim=(low, high), ylim=(least - room, most + room))
-    axes.set(xlabel=coordinates.labels[0], ylabel=subject.actions[action])
+    label(axes, coordinates.labels[0], subject.actions[action])
     return np.stack([visited[-1][:, 0], done[-1]], axis=1)
 
 
-def _draw_attempts(axes: Axes, subject: Subject) -> Array:
+def _draw_attempts(axes: Axes, policy: GaussianPolicy, subject: Subject) -> Array:
     """Draw the first two numbers of the actions tried, coloured by what they earned, and the mean action."""
     tried = np.concatenate([each.actions[:, 0, :2] for each in subject.episodes])
     if subject.spaces is not None:
         tried = subject.spaces.clip(np.concatenate([each.actions[:, 0] for each in subject.episodes]))[:, :2]
     earned = np.concatenate([each.returns(subject.discount) for each in subject.episodes])
-    policy, newest = subject.coordinates.policy, subject.episodes[-1]
+    newest = subject.episodes[-1]
     inputs = newest.seen_through(policy.inputs).observations[0]
     mean, sd = policy.mean(inputs)[0, :2], np.sqrt(policy.variance(inputs))[0, :2]
     norm = Normalize(min(0.0, float(earned.min())), max(float(earned.max()), 1e-9))
     dots: Any = {"edgecolors": "black", "linewidths": 0.5, "label": "attempts"}
     image = axes.scatter(tried[:, 0], tried[:, 1], 45, earned, cmap=UNSIGNED, norm=norm, **dots)
-    axes.figure.colorbar(image, cax=axes.figure.add_axes(BAR)).set_label("return", fontsize=12)
+    colour_bar(axes, image, "return")
     bars: Any = {"color": RED, "capsize": 4, "linewidth": 2, "zorder": 3}
     axes.errorbar(mean[0], mean[1], xerr=sd[0], yerr=sd[1], fmt="D", label="mean action, exploration", **bars)
     (xlow, xhigh), (ylow, yhigh) = (_limits(subject, action) for action in (0, 1))
     room = MARGIN * np.array([xhigh - xlow, yhigh - ylow])
     axes.set(xlim=(xlow - room[0], xhigh + room[0]), ylim=(ylow - room[1], yhigh + room[1]))
-    axes.set(xlabel=subject.actions[0], ylabel=subject.actions[1])
+    label(axes, subject.actions[0], subject.actions[1])
     return tried[-1:]
 
 
@@ -180,7 +199,7 @@ def _limits(subject: Subject, action: int) -> tuple[float, float]:
 def _range(visited: Sequence[Array]) -> tuple[Array, Array]:
     points = np.concatenate(visited)
     low, high = points.min(axis=0), points.max(axis=0)
-    room = MARGIN * (high - low) + 1e-6
+    room = MARGIN * np.where(high > low, high - low, np.maximum(np.abs(high), 1e-6))
     return low - room, high + room
 
 

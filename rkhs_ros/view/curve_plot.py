@@ -13,7 +13,7 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.curve import Row
 
 MOST_POINTS = 1000
-HEIGHT_PX = 260
+HEIGHT_PX = 210
 NAMES = {"train_return": "exploring", "mean_policy_return": "noise-free", "imagined_return": "imagined"}
 COLOURS = {"train_return": "#E69F00", "mean_policy_return": "#0072B2", "imagined_return": "#CC79A7"}
 GREYS = ("#333333", "#777777", "#aaaaaa")  # of known returns
@@ -57,9 +57,9 @@ class CurvePlot:
         if self._plot is not None:
             self._plot.remove()
         axes: Any = ({"label": "episodes"}, {"label": "return"})
-        scales: Any = {"x": {"time": False}}
+        more: Any = {"scales": {"x": {"time": False}}, "legend": {"live": False}}  # else "--" until somebody points
         with self._place:
-            self._plot = self._gui.add_uplot(data, series, scales=scales, axes=axes, height=HEIGHT_PX)
+            self._plot = self._gui.add_uplot(data, series, axes=axes, height=HEIGHT_PX, **more)
 
 
 def plotted(rows: Sequence[Row], known: Mapping[str, float]) -> dict[str, Array]:

@@ -34,6 +34,7 @@ class Folder:
         self.path = old_folder(path)
         config = load_config(path / "config.yaml")
         self.name, self.task, self.total = config.training.name, config.task, config.training.iterations
+        self.nodes = config.environment.nodes
         self.spaces: Spaces | None = None
         self._remembers = isinstance(config.training.practice, ModelPractice)  # all episodes, as they were observed
         self._curve = Curve(path / "curve.csv")

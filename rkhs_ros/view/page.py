@@ -10,6 +10,8 @@ from viser import ViserServer
 from rkhs_ros.pictures.known import references
 from rkhs_ros.runs.control import PAUSE, RESUME, STOP, ask
 from rkhs_ros.view.curve_plot import CurvePlot
+from rkhs_ros.view.monitor import Monitor
+from rkhs_ros.view.nodes_panel import NodesPanel
 from rkhs_ros.view.showing import Showing
 from rkhs_ros.view.source import PAUSED, RUNNING, Source, state_of
 from rkhs_ros.view.status import status
@@ -27,14 +29,16 @@ BUTTONS = {
 class Page:
     """The page of a run.
 
-    Owns its controls and what they showed last. `refresh` looks at the run anew, `tick` at the controls.
+    Owns its controls and what they showed last. `refresh` looks at the run anew, `listen` at its nodes, `tick` at the
+    controls.
 
     Args:
         server: that serves the page.
         source: the run.
+        monitor: hears the nodes of the run.
     """
 
-    def __init__(self, server: ViserServer, source: Source) -> None:
+    def __init__(self, server: ViserServer, source: Source, monitor: Monitor) -> None:
         gui = self._gui = server.gui
         self._server, self._source = server, source
         self._seen = lru_cache(KEPT)(source.seen)
@@ -45,6 +49,7 @@ class Page:
         gui.set_panel_label(source.name)
         self._status = gui.add_markdown("")
         self._buttons = {word: self._button(word, *about) for word, about in BUTTONS.items()}
+        self._nodes = NodesPanel(gui, monitor)
         self._curve = CurvePlot(gui, gui.add_folder("Learning curve"), references(source.task))
         self._iteration: Any = gui.add_slider("Iteration", 0, 1, 1, 0, disabled=True)
         self._set_to = 0
@@ -64,6 +69,14 @@ class Page:
         self._status.content = status(self._source, state)
         self._curve.draw(self._source.rows)
         self._follow()
+
+    def listen(self) -> None:
+        """Look at what the nodes of the run report, if it is under way."""
+        self._nodes.refresh(running=self._state in (RUNNING, PAUSED))
+
+    def rest(self) -> None:
+        """Hear the nodes no more."""
+        self._nodes.rest()
 
     def tick(self) -> None:
         """Show what the controls say, if it is not shown yet."""

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import reduce
 from operator import add
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from rkhs_ros.base.validation import require
+from rkhs_ros.base.yaml_text import loaded
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.messages import policy_of
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.recordings.following import Following, Place
 from rkhs_ros.recordings.recording import Head, RecordedBatch, head_of, recording_file, recording_of
-from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.config import load_config, robot_nodes
 from rkhs_ros.runs.curve import Row
 from rkhs_ros.runs.recorded import training_of
 from rkhs_ros.runs.report import is_begun
@@ -79,13 +80,13 @@ class Recorded:
             batches = [self._batch(place) for place in left.episodes]
         except (ValueError, OSError):  # the run goes on with another file, of which more is known in a moment
             return None
-        return Seen(policy, *(_together(batches, explore=explore) for explore in (True, False)))
+        return Seen(policy, *(together(batches, explore=explore) for explore in (True, False)))
 
     def _forget(self) -> None:
         self._rows: list[Row] = []
         self._left: dict[int, Left] = {}
         self._policies: dict[int, Place] = {}
-        self._episodes: list[Place] = []
+        self._episodes: list[tuple[int, Place]] = []  # that no update had yet, and the first exploring one's number
 
     def _take(self, place: Place, message: Any) -> None:
         if place.kind == "Task":
@@ -95,11 +96,12 @@ class Recorded:
         elif place.kind == "Policy":
             self._policies[message.version] = place
         elif place.kind == "RecordedEpisodes":
-            self._episodes.append(place)
+            self._episodes.append((message.first_episode if message.explore else -1, place))
         elif place.kind == "Update" and message.policy_version in self._policies:
             self._rows.append(self._row(message, place))
-            self._left[message.iteration] = Left(self._policies[message.policy_version], tuple(self._episodes))
-            self._episodes = []
+            mine = [place for first, place in self._episodes if first < message.episodes]
+            self._left[message.iteration] = Left(self._policies[message.policy_version], tuple(mine))
+            self._episodes = [each for each in self._episodes if each[1] not in mine]  # which ran ahead
 
     def _begin(self, head: Head, place: Place) -> None:
         training = training_of(head)
@@ -107,6 +109,7 @@ class Recorded:
             training = load_config(self.path / "config.yaml").training  # which may have been told to go on for longer
         self._head, self._began_ns = head, place.time
         self.name, self.task, self.spaces, self.total = training.name, head.task, head.spaces, training.iterations
+        self.nodes: Mapping[str, Mapping[str, Any]] = robot_nodes(loaded(head.configuration))
 
     def _row(self, update: Any, place: Place) -> Row:
         known = {name: getattr(update, name) for name in Row._fields if name != "seconds"}
@@ -116,7 +119,7 @@ class Recorded:
         return recording_of([(place.kind, place.time, self._following.message(place))]).batches[0]
 
 
-def _together(batches: Sequence[RecordedBatch], *, explore: bool) -> Episodes | None:
-    """Return the episodes of some batches that count, None where there are none."""
+def together(batches: Sequence[RecordedBatch], *, explore: bool) -> Episodes | None:
+    """Return the episodes of some batches that count, exploring or noise-free; None where there are none."""
     some = [each.episodes for each in batches if each.batch.explore == explore and not each.is_void]
     return reduce(add, some) if some else None

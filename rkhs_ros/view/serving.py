@@ -12,29 +12,38 @@ from socket import create_server
 from viser import ViserServer
 
 from rkhs_ros.base.validation import shown
-from rkhs_ros.recordings.recording import FILE
+from rkhs_ros.recordings.recording import BAG, FILE
 from rkhs_ros.runs.report import is_begun
+from rkhs_ros.view.bag import Bag
 from rkhs_ros.view.folder import Folder
 from rkhs_ros.view.guard import guard, is_local
+from rkhs_ros.view.monitor import Monitor
 from rkhs_ros.view.page import Page
 from rkhs_ros.view.recorded import Recorded
 from rkhs_ros.view.source import Source
 
 REFRESH_S = 0.5  # between looks at the run
 TICK_S = 0.05  # between looks at the controls
+REST_S = 5.0  # without a browser, as while one loads the page again, after which the nodes are heard no more
 BEGIN_TIMEOUT_S = 30.0  # for a run to begin
 LAST_WORDS_S = 0.3  # for the browsers to take the last words
 
 
 def source_of(path: Path) -> Source:
-    """Return the run in a folder, or in a recording.
+    """Return the run in a folder, in a recording, or in a bag that others recorded.
 
     Raises:
         ValueError: there is none.
         OSError: there is no such folder or file.
     """
     folder = path.parent if path.name == FILE and is_begun(path.parent) else path
-    return Recorded(folder) if folder.is_file() or (folder / FILE).is_file() else Folder(folder)
+    if (folder / BAG).is_file():
+        return Bag(folder)
+    if folder.is_file():
+        with suppress(ValueError):  # it has no head, as what others record
+            return Recorded(folder)
+        return Bag(folder)
+    return Recorded(folder) if (folder / FILE).is_file() else Folder(folder)
 
 
 def wait_for_recording(file: Path) -> None:
@@ -71,11 +80,12 @@ def opened(host: str, port: int) -> ViserServer:
     return server
 
 
-def serve(source: Source, host: str, port: int, tell: Callable[[str], None]) -> None:
+def serve(source: Source, monitor: Monitor, host: str, port: int, tell: Callable[[str], None]) -> None:
     """Serve the page of a run until an interrupt.
 
     Args:
         source: the run.
+        monitor: hears its nodes.
         host: address to listen at.
         port: port to listen at; the next free one is taken.
         tell: is told the address of the page.
@@ -85,13 +95,15 @@ def serve(source: Source, host: str, port: int, tell: Callable[[str], None]) -> 
         KeyboardInterrupt: the process was told to end; the page was told of it.
     """
     server = opened(host, port)
-    page = Page(server, source)
+    page = Page(server, source, monitor)
     page.refresh()
+    page.tick()
     name = "localhost" if is_local(host) or host == "0.0.0.0" else host
     tell(f"http://{name}:{server.get_port()}")
     try:
         _work(server, page)
     finally:
+        page.rest()
         page.tell_end()
         time.sleep(LAST_WORDS_S)
         with redirect_stdout(StringIO()):
@@ -100,10 +112,17 @@ def serve(source: Source, host: str, port: int, tell: Callable[[str], None]) -> 
 
 def _work(server: ViserServer, page: Page) -> None:
     due = 0.0
+    watched_at: float | None = None
     while True:
-        if server.get_clients() or not due:  # nobody looks: nothing is done
-            if time.monotonic() >= due:
+        now = time.monotonic()
+        if server.get_clients():
+            watched_at = now
+            if now >= due:
                 page.refresh()
-                due = time.monotonic() + REFRESH_S
+                page.listen()
+                due = now + REFRESH_S
             page.tick()
+        elif watched_at is not None and now - watched_at > REST_S:
+            page.rest()  # nobody looks: nothing is done any more
+            watched_at = None
         time.sleep(TICK_S)

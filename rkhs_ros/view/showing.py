@@ -11,15 +11,14 @@ from viser import ViserServer
 
 from rkhs_ros.base.endings import told
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.pictures.known import names_of
 from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.runs.coordinates import Coordinates
 from rkhs_ros.runs.shown import Motion
 from rkhs_ros.view.board import Choice, Subject, draw
-from rkhs_ros.view.coordinates import Coordinates
-from rkhs_ros.view.gauges import Gauges
 from rkhs_ros.view.source import Seen, Source
 from rkhs_ros.view.stage import Stage
-from rkhs_ros.view.tasks import in_space
+from rkhs_ros.view.tasks import look_of
+from rkhs_ros.view.timeline import Timeline
 
 LONGEST_PLAY_S = 8.0  # of an episode; a longer one is played faster
 MOST_LISTED = 20  # episodes of a kind in the list
@@ -105,10 +104,10 @@ class Showing:
         """Set up the stage and what the policy can be drawn over, once it is known what there is."""
         if self._stage is not None:
             return
-        task, widths = self._source.task, (episode.observations.shape[2], episode.actions.shape[2])
-        self._names = names_of(task, *widths)
-        self._task = in_space(task) or Gauges(*widths)
-        self._stage = Stage(self._server, self._task)
+        task, going = self._source.task, episode.mask[0]
+        numbers = episode.observations[0][going], self._clipped(episode.actions[0][going])
+        self._names, self._scene = look_of(task, self._source.nodes, *numbers)
+        self._stage = Stage(self._server, self._scene)
         coordinates = Coordinates(seen.policy, self._names)
         labels, (across, up) = coordinates.labels, coordinates.telling(episode)
         lists = (
@@ -128,7 +127,10 @@ class Showing:
 
     def _set_motion(self, episode: Episodes) -> None:
         going = episode.mask[0]
-        self._motion = self._moving(episode.observations[0][going], self._clipped(episode.actions[0][going]))
+        numbers = episode.observations[0][going], self._clipped(episode.actions[0][going])
+        self._motion = self._moving(*numbers)
+        if isinstance(self._scene, Timeline) and self._stage is not None:
+            self._stage.set_backdrop(self._scene.backdrop(*numbers))
         self._frames = int(going.sum()) if self._motion is None else len(self._motion.times)
         self._frame.max, self._frame.disabled = max(self._frames - 1, 1), self._frames < 2
         self._frame.value = self._set_to = min(self._set_to, self._frames - 1)  # at the moment as before
@@ -136,7 +138,7 @@ class Showing:
 
     def _moving(self, observations: Array, actions: Array) -> Motion | None:
         try:
-            return self._task.motion(observations, actions)
+            return self._scene.motion(observations, actions)
         except Exception as error:  # somebody's code
             print(f"warning: {self._source.task.environment}: not shown ({told(error)})", file=sys.stderr)
             return None
@@ -152,7 +154,8 @@ class Showing:
         choice = Choice(
             coordinates.labels.index(across), coordinates.labels.index(up), self._names.actions.index(action)
         )
-        title, task = f"Policy after iteration {iteration}", self._source.task
+        what = "Policy after" if coordinates.policy else "Episodes of"
+        title, task = f"{what} iteration {iteration}", self._source.task
         if self._stage is not None and self._episode is not None:
             subject = Subject(title, coordinates, [*rows, self._episode], self._source.spaces, task.discount)
             self._stage.hang(draw(subject, choice))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from rkhs_ros.base.lock import is_locked
 from rkhs_ros.learning.episodes import Episodes
@@ -21,12 +21,12 @@ class Seen(NamedTuple):
     """What an iteration left.
 
     Attributes:
-        policy: after it.
+        policy: after it; None where it was not kept.
         exploration: its exploring episodes, as observed; None where they were not kept.
         evaluation: the noise-free episodes after it, alike.
     """
 
-    policy: GaussianPolicy
+    policy: GaussianPolicy | None
     exploration: Episodes | None
     evaluation: Episodes | None
 
@@ -38,6 +38,7 @@ class Source(Protocol):
         path: its folder or file.
         name: of the run.
         task: what it learns.
+        nodes: of a robot the parameters of its nodes, by their names; none of a simulator.
         spaces: of the task; None where they are not known.
         total: number of iterations that it is to make.
     """
@@ -45,6 +46,7 @@ class Source(Protocol):
     path: Path
     name: str
     task: Task
+    nodes: Mapping[str, Mapping[str, Any]]
     spaces: Spaces | None
     total: int
 

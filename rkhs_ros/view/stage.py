@@ -6,16 +6,18 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from viser import SceneApi, ViserServer
 from viser.transforms import SO3
 
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.shown import Body, Motion, ShowsMotion
 from rkhs_ros.view.board import SIZE, Board
+from rkhs_ros.view.urdf_bodies import Surface
 
 VERTICAL_ANGLE = 0.7  # rad, of the camera
 UP = (0.0, 0.0, 1.0)
-ASPECT, SAME_ASPECT = 1.2, 0.02  # of a window beside the panel: until it tells its own, and what is no other one
+ASPECT, SAME_ASPECT = 1.0, 0.02  # of a narrow window beside the panel, until it tells its own; and what is no other one
 ROOM = 1.04  # that is seen, in sizes of what is there
 GAP = 0.1  # between task and picture, in heights of the picture
 LARGER = 1.25  # times as high as the task is the picture beside it
@@ -44,6 +46,7 @@ class Stage:
         self._light(server.scene)
         self._handles = [_added(server.scene, f"/task/{i}", body) for i, body in enumerate(self._bodies)]
         self._arrange(*np.array(task.room()))
+        self._backdrop: Any = None
         self._picture: Any = None
         self._mark: Any = None
         self._points: Array = np.zeros((0, 2))
@@ -62,6 +65,7 @@ class Stage:
         across, up, depth = corners @ self._right, corners @ self._up, float((low + high) @ self._eye) / 2
         begin, end = np.array([across.min(), up.min()]), np.array([across.max(), up.max()])
         task, shape = end - begin, np.array([SIZE[0] / SIZE[1], 1.0])
+        self._task_size, self._task_middle = task, self._in_space((begin + end) / 2, depth)
         is_wide = task[0] > WIDE * task[1]
         board = shape * (task[0] / shape[0] if is_wide else LARGER * task[1])
         way = np.array([0.0, 1.0] if is_wide else [1.0, 0.0])  # to the picture
@@ -78,12 +82,21 @@ class Stage:
         if self._picture is not None:
             self._picture.image = board.image
             return
+        scene, radius = self._server.scene, MARKER * self._width
+        self._picture = self._hung("/policy", board.image, (self._width, self._height), self._middle)
+        self._mark = scene.add_icosphere("/mark", radius, color=MARK, position=self._middle)
+
+    def set_backdrop(self, image: NDArray[np.uint8]) -> None:
+        """Hang a picture behind the bodies, as large as the task is."""
+        if self._backdrop is None:
+            self._backdrop = self._hung("/backdrop", image, self._task_size, self._task_middle)
+        else:
+            self._backdrop.image = image
+
+    def _hung(self, name: str, image: NDArray[np.uint8], size: Array | tuple[float, float], middle: Array) -> Any:
         # The axes of a picture: to its right, down, and away from who looks at it.
         turn = SO3.from_matrix(np.stack([self._right, -self._up, -self._eye], axis=1)).wxyz
-        place: Any = {"wxyz": turn, "position": self._middle}
-        scene, radius = self._server.scene, MARKER * self._width
-        self._picture = scene.add_image("/policy", board.image, self._width, self._height, format="png", **place)
-        self._mark = scene.add_icosphere("/mark", radius, color=MARK, position=self._middle)
+        return self._server.scene.add_image(name, image, *size, format="png", wxyz=turn, position=middle)
 
     def show(self, motion: Motion | None, frame: int, step: int) -> None:
         """Show a moment.
@@ -140,6 +153,8 @@ def _added(scene: SceneApi, name: str, body: Body) -> Any:
         return scene.add_icosphere(name, radius=body.size[0] / 2, color=colour, visible=False)
     if body.shape == "cylinder":
         return scene.add_cylinder(name, body.size[0] / 2, body.size[2], color=colour, visible=False)
+    if isinstance(body, Surface):
+        return scene.add_mesh_simple(name, body.vertices, body.faces, color=colour, visible=False)
     return scene.add_box(name, color=colour, dimensions=body.size, visible=False)
 
 

@@ -5,12 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import isnan
 
-import numpy as np
-
-from rkhs_ros.runs.curve import Row
+from rkhs_ros.runs.curve import Row, seconds_left
 from rkhs_ros.view.source import RUNNING, Source
-
-PACE_OF = 20  # iterations, the last ones, by whose pace the rest is estimated
 
 
 def status(source: Source, state: str) -> str:
@@ -19,10 +15,11 @@ def status(source: Source, state: str) -> str:
     lines = [f"### {state.capitalize()}: iteration {rows[-1].iteration if rows else 0} of {source.total}"]
     if rows:
         last = rows[-1]
-        sizes = f"{counted(last.episodes, 'episode')}, {counted(last.centres, 'centre')}"
+        sizes = counted(last.episodes, "episode") + (f", {counted(last.centres, 'centre')}" if last.centres else "")
         lines.append(f"{sizes}, {clock(last.seconds)}{left(source, state)}")
         lines.append(f"Return **{last.train_return:.4g}** exploring{measured(rows)}")
-    return "\n\n".join([*lines, f"`{source.task.environment}` in `{source.path}`"])
+    what = f"`{source.task.environment}` in " * bool(source.task.environment)
+    return "\n\n".join([*lines, f"{what}`{source.path}`"])
 
 
 def measured(rows: Sequence[Row]) -> str:
@@ -35,11 +32,8 @@ def measured(rows: Sequence[Row]) -> str:
 
 def left(source: Source, state: str) -> str:
     """Return how long a run will take still, by the pace of its last iterations; nothing of one not running."""
-    rows, some = source.rows, source.rows[-PACE_OF:]
-    if state != RUNNING or len(some) < 2:
-        return ""
-    pace = float(np.mean(np.diff([row.seconds for row in some])))
-    return f", about {clock(max(pace, 0.0) * (source.total - rows[-1].iteration))} left"
+    seconds = seconds_left(source.rows, source.total) if state == RUNNING else float("nan")
+    return "" if isnan(seconds) else f", about {clock(seconds)} left"
 
 
 def counted(number: int, what: str) -> str:

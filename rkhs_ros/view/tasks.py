@@ -1,15 +1,49 @@
-"""How the episodes of a task look in space, if it says so."""
+"""How the episodes of a task look in space, and what its numbers are called, if it says so."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
-from typing import Any
+from typing import Any, NamedTuple
 
 from gymnasium.envs.registration import load_env_creator
 
+from rkhs_ros.pictures.known import names_of
+from rkhs_ros.policies.input_names import Names
 from rkhs_ros.policies.storage import Task
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.robot.task import robot_task_from
 from rkhs_ros.runs.environments import spec_of
 from rkhs_ros.runs.shown import ShowsMotion
+from rkhs_ros.view.robot_scene import robot_scene, sensed_joints
+from rkhs_ros.view.timeline import Timeline
+
+TWIN = Task("rkhs/Pendulum-v0", {}, 1, 1.0)  # which the practice robot with this joint looks like
+TWINS_JOINT = "motor"
+
+
+class Look(NamedTuple):
+    """What is shown of a task: the names of its numbers, and its episodes in space."""
+
+    names: Names
+    scene: ShowsMotion
+
+
+def look_of(task: Task, nodes: Mapping[str, Mapping[str, Any]], observations: Array, actions: Array) -> Look:
+    """Return what is shown of a task; its numbers over time of one that does not say how it looks.
+
+    Args:
+        task: what is learnt.
+        nodes: of a robot the parameters of its nodes, by their names.
+        observations: of an episode, shape (steps, d).
+        actions: of that episode, shape (steps, n).
+    """
+    widths = observations.shape[1], actions.shape[1]
+    with suppress(Exception):  # of another robot than this one, or somebody's code
+        if nodes:
+            return _look_of_robot(task, nodes, observations, actions)
+    names = names_of(task, *widths)
+    return Look(names, in_space(task) or Timeline(names))
 
 
 def in_space(task: Task) -> ShowsMotion | None:
@@ -20,6 +54,22 @@ def in_space(task: Task) -> ShowsMotion | None:
                 made = maker(**task.options)
                 return made if isinstance(made, ShowsMotion) else None
     return None
+
+
+def _look_of_robot(task: Task, nodes: Mapping[str, Mapping[str, Any]], observations: Array, actions: Array) -> Look:
+    """Return how a robot looks: by its URDF, as its twin in simulation, or by its numbers.
+
+    Raises:
+        ValueError: its parameters do not fit.
+    """
+    robot = robot_task_from(nodes["robot"])
+    names = names_of(task, observations.shape[1], actions.shape[1], robot.spaces)
+    scene: ShowsMotion | None = None
+    with suppress(ValueError, OSError):
+        scene = robot_scene(nodes, robot, observations, actions)
+    if scene is None and "practice_robot" in nodes and sensed_joints(robot).get(TWINS_JOINT) == 0:
+        scene = in_space(TWIN)
+    return Look(names, scene or Timeline(names))
 
 
 def _makers(task: Task) -> list[Any]:

@@ -39,3 +39,9 @@ register(  # by name, since it needs PyBullet, which is optional
     vector_entry_point="sim_nodes.pr2.environment:PR2Door",
     max_episode_steps=1,
 )
+
+register(  # by name, since it needs ROS 2: a simulator or a robot that runs elsewhere
+    id="rkhs/Remote-v0",
+    entry_point="rkhs_ros.nodes.remote_env:RemoteEnv",
+    vector_entry_point="rkhs_ros.nodes.remote_env:RemoteVectorEnv",
+)

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 ANGLES = ("clip", "wrap")
+HIGH = np.array([[np.pi], [4 * np.pi]])  # of angle and angular velocity
+LOW = -HIGH
 BEADS = 12  # of the arc that shows the torque
 
 
@@ -43,6 +45,7 @@ class Pendulum(VectorTask):
     noise_dim = 4
     step_seconds = 0.1
     noise_sd = 0.02
+    kick_sds = noise_sd * np.array([[1.0], [2.0], [1.0], [2.0]])  # of angle and angular velocity, twice
 
     def __init__(self, num_envs: int = 1, max_episode_steps: int | None = None, angle: str = "clip") -> None:
         if angle not in ANGLES:
@@ -54,13 +57,12 @@ class Pendulum(VectorTask):
         return np.tile([-np.pi, 0.0], (rows, 1))
 
     def transition(self, states: Array, actions: Array, noise: Array) -> Array:  # noqa: D102
-        theta, omega = states.T
-        kicks = self.noise_sd * noise.T
-        torque = 0.05 * actions[:, 0]
-        for position_kick, velocity_kick in (kicks[:2], kicks[2:]):
-            theta, omega = theta + 0.05 * omega + position_kick, omega + torque + 2 * velocity_kick
-            theta, omega = self._bounded(theta), clip(omega, -4 * np.pi, 4 * np.pi)
-        return np.array([theta, omega]).T
+        columns, kicks = states.T, self.kick_sds * noise.T
+        drift = 0.05 * np.array([columns[1], actions[:, 0]])
+        for kick in (kicks[:2], kicks[2:]):
+            columns = self._bounded(columns + drift + kick)
+            np.multiply(0.05, columns[1], out=drift[0])
+        return columns.T
 
     def reward(self, states: Array, actions: Array) -> Array:  # noqa: D102
         return np.exp(-0.5 * states[:, 0] ** 2)
@@ -109,8 +111,9 @@ class Pendulum(VectorTask):
         turns[:, 0, 0], turns[:, 0, 2] = np.cos(theta / 2), np.sin(theta / 2)
         return Motion(self.step_seconds * np.arange(len(theta), dtype=np.float64), places, turns)
 
-    def _bounded(self, theta: Array) -> Array:
-        if self.angle == "clip":
-            return clip(theta, -np.pi, np.pi)
-        turned = (theta + np.pi) % (2 * np.pi) - np.pi
-        return np.where(turned < np.pi, turned, -np.pi)  # the remainder of a tiny negative number rounds up
+    def _bounded(self, columns: Array) -> Array:
+        bounded = clip(columns, LOW, HIGH)
+        if self.angle == "wrap":
+            turned = (columns[0] + np.pi) % (2 * np.pi) - np.pi
+            bounded[0] = np.where(turned < np.pi, turned, -np.pi)  # the remainder of a tiny negative number rounds up
+        return bounded

@@ -28,6 +28,8 @@ UPPER = np.array([*(joint.upper for joint in robot.ARM), robot.MAX_GAP])
 VELOCITY = np.array([*(joint.velocity for joint in robot.ARM), 0.5])  # rad/s, of the gripper m/s
 START = 0.5  # rad that the first point may be off the place where the arm waits, to which it goes at once
 LONGEST_S = 30.0  # of an attempt
+TRAJECTORIES, CHOICES = "joint_trajectory_controller", "door_controller"
+CHOSEN = ("shift", "opening")  # m: how the demonstration is changed; joints to those who choose
 PER_RUN, PER_EPISODE = "per_run", "per_episode"
 
 
@@ -41,6 +43,9 @@ class DoorSettings(RobotSettings):
     sensor_rate: float = setting(20.0, "joint states, Hz; at most the rate", minimum=1.0, maximum=1e4)
     position_noise: float = setting(0.0, "sd of a sensed position, rad", minimum=0.0, maximum=1.0)
     velocity_noise: float = setting(0.0, "sd of a sensed velocity, rad/s", minimum=0.0, maximum=10.0)
+    controller: str = setting(
+        TRAJECTORIES, "which takes commands: whole motions, or the choice of one", choices=(TRAJECTORIES, CHOICES)
+    )
     pose: str = setting(PER_RUN, "when the error of the base's pose is drawn", choices=(PER_RUN, PER_EPISODE))
 
 
@@ -147,6 +152,15 @@ def adapted_trajectory(change: Array) -> JointCommand | None:
         return None
     rows = np.concatenate([motion.arm, motion.openings[:, None]], axis=1)
     return JointCommand(COMMANDED, tuple(shown.times.tolist()), tuple(map(tuple, rows.tolist())))
+
+
+def choice_of(command: JointCommand) -> tuple[Array, bool] | None:
+    """Return the choice that a trajectory begins with, shape (2,), and whether it stays; None where it is of others."""
+    rows = {len(row) for row in command.positions}
+    if sorted(command.names) != sorted(CHOSEN) or rows != {len(CHOSEN)}:
+        return None
+    choices = np.array(command.positions)[:, [command.names.index(name) for name in CHOSEN]]
+    return choices[0], bool((choices == choices[0]).all())
 
 
 def _misshapen(command: JointCommand) -> str:

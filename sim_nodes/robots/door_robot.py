@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 from rkhs_ros.policies.streams import stream
 from sim_nodes.pr2 import demonstration, door, robot
 from sim_nodes.pr2.motion import Motion
-from sim_nodes.robots.door import PER_EPISODE, Attempt, DoorSettings, Doorway
+from sim_nodes.robots.door import (
+    CHOICES,
+    CHOSEN,
+    PER_EPISODE,
+    Attempt,
+    DoorSettings,
+    Doorway,
+    adapted_trajectory,
+    choice_of,
+)
 from sim_nodes.robots.drives import JointCommand
 from sim_nodes.robots.joints import JointReadings
 from sim_nodes.robots.robot import Robot
@@ -43,7 +52,10 @@ class DoorReadings(NamedTuple):
 class DoorRobot(Robot[Doorway]):
     """The PR2 before its door as a robot.
 
-    Owns the simulated world, the state of the doorway, the episode and the stream of the sensors' noise.
+    Its `door_controller` has a motion chosen: the choice goes where it is told, as set points of joints do, and where
+    it comes to rest away from (0, 0) its motion is carried out, once after each reset.
+
+    Owns the simulated world, the state of the doorway, the choice, the episode and the stream of the sensors' noise.
 
     Args:
         settings: of it.
@@ -51,6 +63,8 @@ class DoorRobot(Robot[Doorway]):
 
     def __init__(self, settings: DoorSettings) -> None:
         super().__init__(settings, Doorway())
+        self._chooses, self._choice = settings.controller == CHOICES, np.zeros(len(CHOSEN))
+        self._names = (*NAMES, *CHOSEN) if self._chooses else NAMES
         self._pose, self._episode = settings.pose, 0
         self._world = World()
         self._waiting = _waiting()
@@ -63,8 +77,11 @@ class DoorRobot(Robot[Doorway]):
         return stream(self.settings.seed, "pr2_door/pose", episode).standard_normal(3)
 
     def hear(self, command: JointCommand) -> None:
-        """Take a trajectory."""
-        self.state = self.state.heard(command, self._carry_out)
+        """Take a trajectory, or the choice of one."""
+        if self._chooses:
+            self._choose(command)
+        else:
+            self.state = self.state.heard(command, self._carry_out)
 
     def step(self) -> None:
         """Let a step of time go by."""
@@ -77,7 +94,11 @@ class DoorRobot(Robot[Doorway]):
         noise = self._noise.standard_normal((2, len(NAMES)))
         position = position + self.settings.position_noise * noise[0]
         velocity = velocity + self.settings.velocity_noise * noise[1]
-        joints = JointReadings(NAMES, *(tuple(values.tolist()) for values in (position, velocity, torque)))
+        if self._chooses:
+            still = np.zeros(len(CHOSEN))
+            position = np.concatenate([position, self._choice])
+            velocity, torque = np.concatenate([velocity, still]), np.concatenate([torque, still])
+        joints = JointReadings(self._names, *(tuple(values.tolist()) for values in (position, velocity, torque)))
         reward = attempt.reward if attempt is not None and self.state.is_over else None
         return DoorReadings(joints, tuple(self.base_error.tolist()), reward)
 
@@ -89,6 +110,23 @@ class DoorRobot(Robot[Doorway]):
     def description(self) -> str:
         """Return the robot's URDF."""
         return robot.urdf()
+
+    def _choose(self, command: JointCommand) -> None:
+        found = choice_of(command)
+        if found is None or not np.isfinite(found[0]).all():
+            names = ", ".join(command.names)
+            self.trip("malformed", f"expected finite positions of {', '.join(CHOSEN)}, got those of {names}")
+            return
+        self._choice, rests = found
+        if rests and self._choice.any() and self.state.attempt is None:
+            self._open_door()
+
+    def _open_door(self) -> None:
+        motion = adapted_trajectory(self._choice)
+        if motion is None:
+            self.trip("position", f"expected a motion within the arm's reach, got that of {self._choice}")
+        else:
+            self.state = self.state.heard(motion, self._carry_out)
 
     def _carry_out(self, motion: Motion) -> Attempt:
         trajectory = self._world.run(motion, POSE_SD * self.base_error)

@@ -31,7 +31,7 @@ class JointCommand:
     """Set points for joints, to be passed one after another.
 
     Attributes:
-        names: of the joints; empty for all in their order.
+        names: of the joints, the others stay where they are to be; empty for all in their order.
         times: from when the command is heard, s, shape (k,).
         positions: rad, k rows, each of as many numbers as names, unless it is malformed.
     """
@@ -175,19 +175,21 @@ class Drives:
 
     def _misshapen(self, command: JointCommand) -> tuple[str, str] | None:
         """Return kind and reason where a command is not one for these joints."""
-        if command.names and sorted(command.names) != sorted(self.joints):
-            return "malformed", f"expected positions of {', '.join(self.joints)}, got {', '.join(command.names)}"
+        names = command.names or self.joints
+        if len(set(names) & set(self.joints)) != len(names):
+            return "malformed", f"expected positions of some of {', '.join(self.joints)}, got {', '.join(names)}"
         sizes = {len(row) for row in command.positions}
-        if sizes != {len(self.joints)}:
-            return "malformed", f"expected points of {len(self.joints)} positions, got {sorted(sizes)}"
+        if sizes != {len(names)}:
+            return "malformed", f"expected points of {len(names)} positions, got {sorted(sizes)}"
         if command.times[0] < 0.0 or any(np.diff(command.times) <= 0.0):
             return "malformed", f"expected increasing times from 0 on, got {command.times}"
         return None
 
     def _ordered(self, command: JointCommand) -> Array:
         """Return the positions in the order of the joints, shape (k, n)."""
-        names = command.names or self.joints
-        return np.array(command.positions)[:, [names.index(joint) for joint in self.joints]]
+        positions = np.tile(self.target, (len(command.times), 1))
+        positions[:, [self.joints.index(name) for name in command.names or self.joints]] = command.positions
+        return positions
 
     def _violation(self, times: Array, positions: Array) -> tuple[str, str] | None:
         """Return kind and reason of the first limit that set points break."""
@@ -203,8 +205,9 @@ class Drives:
         room = limits.step + limits.velocity * np.diff(times, prepend=0.0)[:, None]
         # While stopped the arm is nowhere asked to be, and has no step to the next set point.
         if not self.protection.is_stopped and (broken := self._first(_exceed(steps, room))) is not None:
-            got = np.max(np.abs(steps[:, broken]))
-            return "step", f"{self.joints[broken]}: expected at most {np.max(room[:, broken]):g} rad, got {got:g}"
+            worst = int(np.argmax(np.abs(steps[:, broken]) - room[:, broken]))
+            got, most = abs(steps[worst, broken]), room[worst, broken]
+            return "step", f"{self.joints[broken]}: expected at most {most:g} rad, got {got:g}"
         return None
 
     @staticmethod

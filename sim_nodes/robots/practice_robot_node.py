@@ -12,7 +12,9 @@ from std_srvs.srv import Trigger
 
 from rkhs_ros.base.settings import entries
 from rkhs_ros.nodes.arguments import require_section
-from rkhs_ros.nodes.diagnostics import Diagnostics
+from rkhs_ros.nodes.clocks import now_by_both_clocks
+from rkhs_ros.nodes.diagnostics import STOP, Diagnostics
+from rkhs_ros.nodes.messages import LATCHED_QOS
 from rkhs_ros.nodes.parameters import declare, declared, given, instance, restarts
 from rkhs_ros.nodes.publishers import SinglePublishers
 from rkhs_ros.nodes.spin import ReportingNode, run, serve
@@ -20,10 +22,9 @@ from rkhs_ros.nodes.uniqueness import Uniqueness
 from sim_nodes.robots.hardware import Hardware, Sample
 from sim_nodes.robots.kinds import DEFAULT, SETTINGS, settings_of
 from sim_nodes.robots.protection import SECOND_PUBLISHER
-from sim_nodes.robots.topics import LATCHED_QOS, ArmTopics, DoorTopics, MotorPendulumTopics, RobotTopics
+from sim_nodes.robots.topics import ArmTopics, DoorTopics, MotorPendulumTopics, RobotTopics
 
 TOPICS: dict[str, Any] = {"motor_pendulum": MotorPendulumTopics, "arm": ArmTopics, "pr2_door": DoorTopics}
-CLOCK_READINGS = 10  # of which the quickest counts: a process may be held up between the clocks
 REPORT_PERIOD_S = 0.1  # between reports of violations, and looks at who publishes commands
 
 
@@ -60,7 +61,7 @@ class PracticeRobotNode(ReportingNode):
         self.diagnostics = Diagnostics(self, again, self._report)
         self._uniqueness = Uniqueness(self, number)
         self.create_service(Trigger, "~/reset_protective_stop", self._reset)
-        self._begin, self._begin_ns = _now_by_both_clocks()
+        self._begin, self._begin_ns = now_by_both_clocks()
         self.get_logger().info(f"{name} is there, at {self._speed:g} times the wall's speed")
 
     def heartbeat(self) -> float:
@@ -102,6 +103,7 @@ class PracticeRobotNode(ReportingNode):
         protection = self._topics.robot.state.protection
         if protection.reason and protection.reason not in self._told:
             self.get_logger().error(f"protective stop: {protection.reason}")
+            self.diagnostics.tell(STOP, f"protective stop: {protection.reason}")
         self._told = (protection.violations, protection.reason)
         self._violations.publish(
             DiagnosticStatus(
@@ -123,13 +125,6 @@ class PracticeRobotNode(ReportingNode):
     def _report(self) -> dict[str, object]:
         behind = (self._now() - self._hardware.time) / self._speed
         return {**self._hardware.report(), "seconds behind": f"{behind:.3f}"}
-
-
-def _now_by_both_clocks() -> tuple[float, int]:
-    """Return the monotonic time in seconds and the system's in nanoseconds, read as near together as they come."""
-    readings = ((time.monotonic(), time.time_ns(), time.monotonic()) for _ in range(CLOCK_READINGS))
-    before, system_ns, after = min(readings, key=lambda reading: reading[2] - reading[0])
-    return (before + after) / 2, system_ns
 
 
 def main() -> None:

@@ -10,12 +10,13 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, PointStamped, PoseStamped, Quaternion
 from geometry_msgs.msg import Pose as PoseMessage
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, Header, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
+from rkhs_ros.nodes.messages import LATCHED_QOS
 from sim_nodes.robots.arm import POSITIONS, ArmReadings, ArmRobot, ArmSettings
 from sim_nodes.robots.door import DoorSettings
 from sim_nodes.robots.drives import JointCommand
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from sim_nodes.robots.door_robot import DoorReadings
 
 SENSOR_QOS = QoSProfile(depth=10)  # as of the controllers of ros2_control
-LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 Send = Callable[[Any], None]
 
 
@@ -159,12 +159,11 @@ class DoorTopics:
         send: sends the robot a command.
     """
 
-    command_topics: tuple[str, ...] = ("joint_trajectory_controller/joint_trajectory",)
-
     def __init__(self, node: Node, settings: DoorSettings, send: Send) -> None:
         from sim_nodes.robots.door_robot import DoorRobot  # here, since the other robots do without PyBullet
 
         self.robot: Robot[Any] = (pr2 := DoorRobot(settings))
+        self.command_topics: tuple[str, ...] = (f"{settings.controller}/joint_trajectory",)
         self._joints = JointPublisher(node, pr2.description())
         self._base_error = node.create_publisher(Float64MultiArray, "base_error", SENSOR_QOS)
         self._reward = node.create_publisher(Float64, "reward", SENSOR_QOS)

@@ -34,6 +34,7 @@ ROS = (
     "std_msgs",
     "std_srvs",
     "trajectory_msgs",
+    "visualization_msgs",
 )
 # Modules of sim_nodes that may import ROS.
 SIM_NODES = [

@@ -11,7 +11,8 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 
-GOOD_STEPS = 90  # of a copy: those of two iterations, each forty, and ten of the third
+EPISODE = 20  # steps
+GOOD_STEPS = 70  # of a copy: three batches, with which two iterations are done, and ten of the fourth
 MENDED = Path("mended")  # exists once the environment behaves
 CRASHED = Path("crashed")  # exists once its process died of it, from when on it dies again and again
 
@@ -34,7 +35,7 @@ class Bad(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[np.ndarray, dict[str, Any]]:
         super().reset(seed=seed)
         self.x = float(self.np_random.uniform(-1, 1))
-        if self.fault == "raise in reset" and self.is_bad():
+        if self.fault == "raise in reset" and self.is_bad(EPISODE):
             raise RuntimeError("there is no way back")
         return self.seen(), {}
 
@@ -76,8 +77,9 @@ class Bad(gymnasium.Env[np.ndarray, np.ndarray]):
         scale = 1e99 if kind == np.float64 else 1.0
         return np.array([self.x, scale, 0.0][:numbers], kind)
 
-    def is_bad(self) -> bool:
-        return self.steps > (5 if CRASHED.exists() else GOOD_STEPS) and not MENDED.exists()
+    def is_bad(self, steps: int = 0) -> bool:
+        """Whether it misbehaves, or would within so many steps."""
+        return self.steps + steps > (5 if CRASHED.exists() else GOOD_STEPS) and not MENDED.exists()
 
 
-gymnasium.register("Bad-v0", Bad, max_episode_steps=20)
+gymnasium.register("Bad-v0", Bad, max_episode_steps=EPISODE)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from rkhs_interfaces import msg
 from rkhs_interfaces.srv import SetPolicy, StartEpisodes
+from rkhs_ros.policies.noise import NOISES
 
 Strategy = st.SearchStrategy[Any]
 Spoiler = Callable[[Any], Strategy]  # from the message that has the field to malformed values of it
@@ -103,6 +104,8 @@ def parameters(term: Any) -> Strategy:
     if term.name == "rbf":
         positive = st.sampled_from([0.0, -1.0, 5e-324, 1e-310]) | NOT_FINITE
         return numbers("parameters", positive)(term).filter(lambda values: len(values) != 1 or not values[0] > 1e-300)
+    if term.name == "linear":  # as many centres as scales
+        return numbers("parameters")(term).filter(lambda values: len(values) % 2 or not np.isfinite(values).all())
     offset, degree = term.parameters
     offsets = st.one_of(NOT_FINITE, st.floats(max_value=-1e-300), st.just(1e308))
     degrees = st.one_of(NOT_FINITE, st.sampled_from([0.0, -1.0, 1.5, 21.0, 1e300]))
@@ -144,6 +147,7 @@ POLICY: dict[str, Spoiler] = {
     "variance.mass": unless("constant function", "mass", numbers("mass", NOT_POSITIVE)),
     "variance.minimum": unless("constant", "minimum", numbers("minimum", NOT_POSITIVE | st.just(1e300))),
     "variance.maximum": unless("constant", "maximum", numbers("maximum", NOT_POSITIVE | st.just(1e-300))),
+    "noise": strange("noise", NOISES),
     "inputs.history": outside(1, 1000, UINT32),
     "inputs.angles": lambda inputs: st.one_of(
         st.integers(10_001, UINT32).map(lambda column: [column]),
@@ -151,6 +155,16 @@ POLICY: dict[str, Spoiler] = {
     ).map(lambda columns: array("I", columns)),
     "inputs.degree": outside(0, 20, UINT32),
     "inputs.offset": lambda inputs: NOT_FINITE | st.floats(max_value=0.0) | st.floats(1.1e6, 1e308),
+}
+
+# What may be anything: a batch may be over or begin anew at any time, the policy node does not ask which rows are over,
+# and a simulation has no executions whose fields could be spoilt.
+FREE: dict[Any, set[str]] = {
+    SetPolicy.Request: set(),
+    msg.Observation: {"over", "terminated", "truncated"},
+    msg.Action: set(),
+    msg.Episodes: {f"executions.{name}" for name in msg.Execution.get_fields_and_field_types()},
+    StartEpisodes.Request: {"anew"},
 }
 
 # Malformed at any time.
@@ -161,6 +175,8 @@ ALWAYS: dict[Any, dict[str, Spoiler]] = {
         "policy_version": foreign,
         "horizon": lambda message: outside(1, min(1_000_000, SAMPLES // message.rows), UINT32)(message),
         "first_episode": outside(0, 2**63 - 1, UINT64),
+        "noise_free": lambda message: outside(0, message.rows - 1, UINT32)(message),
+        "first_noise_free": outside(0, 2**63 - 1, UINT64),
         "rows": lambda message: outside(1, min(10_000, SAMPLES // message.horizon), UINT32)(message),
         "observations": numbers("observations"),
         "rewards": numbers("rewards"),
@@ -185,11 +201,18 @@ ALWAYS: dict[Any, dict[str, Spoiler]] = {
         "rewards": numbers("rewards"),
         "final_observations": numbers("final_observations"),
         "terminated": lambda message: st.integers(0, 50).filter(lambda n: n != message.rows).map(lambda n: [True] * n),
+        "executions": lambda message: st.sampled_from([[msg.Execution(void_reason=reason)] for reason in ("", "a")]),
     },
     StartEpisodes.Request: {
         "environment": strange("environment"),
         "options": strange("options"),
         "first_episode": outside(0, 2**63 - 1, UINT64),
+        "environment_seeds": lambda message: st.one_of(
+            st.integers(1, 50).filter(lambda n: n != message.rows).map(lambda n: array("q", [1] * n)),
+            st.integers(-(2**63), -3).map(lambda seed: array("q", [seed] * message.rows)),
+        ),
+        "noise_free": lambda message: outside(0, message.rows - 1, UINT32)(message),
+        "first_noise_free": outside(0, 2**63 - 1, UINT64),
         "rows": lambda message: outside(1, min(10_000, SAMPLES // message.horizon), UINT32)(message),
         "horizon": lambda message: outside(1, min(1_000_000, SAMPLES // message.rows), UINT32)(message),
         "clock": lambda message: st.integers(2**40, UINT64) | st.just(UINT64),
@@ -205,6 +228,8 @@ THEN: dict[Any, dict[str, Spoiler]] = {
         "horizon": other("horizon", UINT32),
         "seed": other("seed", UINT64),
         "first_episode": other("first_episode", UINT64),
+        "noise_free": other("noise_free", UINT32),
+        "first_noise_free": other("first_noise_free", UINT64),
         "explore": lambda message: st.just(not message.explore),
         "rows": other("rows", UINT32),
     },
@@ -214,6 +239,8 @@ THEN: dict[Any, dict[str, Spoiler]] = {
         "policy_version": other("policy_version", UINT64),
         "seed": other("seed", UINT64),
         "first_episode": other("first_episode", UINT64),
+        "noise_free": other("noise_free", UINT32),
+        "first_noise_free": other("first_noise_free", UINT64),
         "rows": other("rows", UINT32),
         "horizon": other("horizon", UINT32),
         "explore": lambda message: st.just(not message.explore),

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -119,8 +120,8 @@ def ends_its_process(number: int) -> int:
 
 
 def test_calls_that_kill_each_worker_are_told_of_after_the_others(dask: Any) -> None:
-    with Workers(scheduler=dask.scheduler_address).opened(3) as results:
-        made = results(ends_its_process, [(0,), (1,), (2,)])
+    with Workers(scheduler=dask.scheduler_address).opened(3) as pool:
+        made = pool.results(ends_its_process, partial(next, iter([(0,), (1,), (2,)]), None), most=3)
         assert sorted([next(made), next(made)]) == [0, 2]
         with pytest.raises(WorkerLostError, match="the same command goes on"):
             next(made)

@@ -26,7 +26,7 @@ from rkhs_ros.policies.messages import doubles
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.simulation import Frame, Simulation
 from test.faults.runs import assert_same_bits
-from test.faults.spoilers import ALWAYS, THEN, Spoiler, paths, spoil
+from test.faults.spoilers import ALWAYS, FREE, THEN, Spoiler, paths, spoil
 from test.ros.conftest import PATIENCE, Probe, Process, probe
 from test.ros.test_policy_node import PLAIN, WINDOW, policy
 
@@ -37,7 +37,7 @@ TOPICS = {Observation: "observation", Action: "action", Episodes: "episodes"}
 SERVICES = {SetPolicy.Request: "set_policy", StartEpisodes.Request: "start_episodes"}
 POLICIES = [policy(1, name, inputs) for name in ("constant", "kernel", "function") for inputs in (PLAIN, WINDOW)]
 FOREIGN = 9  # version of a policy that the policy node does not have
-BATCH = Batch(seed=3, first_episode=5, rows=20, horizon=50, explore=True)
+BATCH = Batch(3, first_episode=5, rows=20, horizon=50, explore=True, noise_free=6, first_noise_free=2)
 EPISODE = {"observations": 2, "actions": 1, "rewards": 1}
 TASK = DescribeTask.Response(environment="rkhs/Pendulum-v0", options='{"angle": "clip"}')
 
@@ -134,7 +134,7 @@ def both(kind: type) -> dict[str, Spoiler]:
 
 @pytest.mark.parametrize("kind", ALWAYS, ids=str)
 def test_every_field_of_a_message_is_spoilt(kind: type) -> None:
-    assert set(both(kind)) == set(paths(kind)) - {"over"}  # which a batch may be after any step
+    assert set(both(kind)) == set(paths(kind)) - FREE[kind]
 
 
 def refuse_policies(intruder: Intruder) -> None:
@@ -220,7 +220,7 @@ def disturb(intruder: Intruder, learner: Process) -> None:
     numbers = {name: doubles(np.zeros(rows * horizon * d)) for name, d in EPISODE.items()}
     numbers |= {"final_observations": doubles(np.zeros(rows * 2)), "terminated": [False] * rows}
     episodes = Episodes(rows=rows, horizon=horizon, lengths=array("I", [horizon] * rows), **numbers)
-    frame = Frame(np.zeros((rows, 2)), np.zeros(rows), np.ones(rows, bool), np.zeros(rows, bool))
+    frame = Frame(np.zeros((rows, 2)), np.zeros(rows), np.ones(rows, bool), *np.zeros((2, rows), bool))
     observation = observation_message(0, 0, batch, 1, frame)
     action = Action(actions=doubles(np.zeros(rows)))
     start = start_request(1, 1, batch, TASK, 0)
@@ -276,7 +276,7 @@ def test_malformed_messages_are_refused_with_a_reason_and_change_no_bit(
     assert_same_bits(folder, undisturbed)
 
     print({kind.__name__: sum(counts.values()) for kind, counts in intruder.spoilt.items()})
-    assert all(set(counts) == set(paths(kind)) - {"over"} for kind, counts in intruder.spoilt.items())
+    assert all(set(counts) == set(paths(kind)) - FREE[kind] for kind, counts in intruder.spoilt.items())
     assert intruder.reasons
     for reason in intruder.reasons:
         assert_reason(reason)

@@ -13,8 +13,7 @@ from rclpy.node import Node
 from rkhs_interfaces.msg import Command, GateState
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.training import train
-from rkhs_ros.nodes.gate_link import LATCHED_QOS
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS
+from rkhs_ros.nodes.messages import LATCHED_QOS, LOCKSTEP_QOS
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import policy_arrays
 from rkhs_ros.policies.streams import Batch
@@ -52,6 +51,9 @@ class Recorded:
     def __init__(self, folder: Path, config: Path) -> None:
         self.spaces = robot_task_from(load_config(config).environment.nodes["robot"]).spaces
         self._journal = Journal(folder)
+
+    def room(self, rows: int) -> int:
+        return 1
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         first, *others = (self._journal.find(part) for part in batch.parts(1))

@@ -11,8 +11,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from rkhs_interfaces.msg import Action, Command, GateReport, GateState, Observation
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
-from rkhs_ros.nodes.gate_link import LATCHED_QOS
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS
+from rkhs_ros.nodes.messages import LATCHED_QOS, LOCKSTEP_QOS
 from test.ros.conftest import ROOT, Probe
 
 CONFIG = ROOT / "config" / "robot_pendulum.yaml"

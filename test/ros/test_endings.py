@@ -85,6 +85,19 @@ def test_an_interrupted_run_keeps_what_it_learnt_and_leaves_no_process(
     assert {"config.yaml", "curve.csv", "policy.npz", "curve.png", "policy.png"} <= set(os.listdir(tmp_path / "out"))
 
 
+@pytest.mark.parametrize("name", ["learner", pytest.param("simulator", marks=pytest.mark.faults)])
+def test_one_interrupt_ends_a_run_of_which_a_node_is_stopped(start: Start, tmp_path: Path, name: str) -> None:
+    run = start("rkhs", "train", ROOT / "config" / "toy_nac.yaml", "--quiet", "--out", tmp_path / "run")
+    while not (tmp_path / "run" / "curve.csv").is_file():
+        assert run.popen.poll() is None
+        time.sleep(0.05)
+    for pid in nodes_of(run, name):
+        os.kill(pid, signal.SIGSTOP)
+    run.interrupt()
+    code, _, err = run.finish()
+    assert (code, "Traceback" in err) == (130, False), err
+
+
 def test_a_run_interrupted_before_its_first_iteration_can_be_resumed(start: Start, tmp_path: Path) -> None:
     folder = tmp_path / "out"
     run = start("rkhs", "train", ROOT / "config" / "toy_nac.yaml", "--quiet", "--iterations", 2, "--out", folder)

@@ -21,8 +21,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from rkhs_interfaces.msg import Command, GateReport, GateState
 from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS
-from rkhs_ros.nodes.gate_node import LATCHED_QOS
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS
+from rkhs_ros.nodes.messages import LATCHED_QOS, LOCKSTEP_QOS
 from test.ros.conftest import Probe, Process
 
 TIMEOUT = 0.2
@@ -130,6 +129,21 @@ def written(folder: Path, tree: dict[str, Any]) -> Path:
     file = folder / "gate.yaml"
     file.write_text(yaml.safe_dump({"/**/gate": {"ros__parameters": tree}}))
     return file
+
+
+def test_a_second_sender_is_refused_while_the_stream_of_the_first_is_on(
+    begin: Callable[..., tuple[Process, Robot]],
+) -> None:
+    _, robot = begin(POSITION)
+    robot.until("disarmed")
+    assert robot.arm() == "holding"
+    assert not robot.command(0.05, number=1).flags & GateReport.REFUSED
+    assert robot.command(-0.5, number=2, instance=8).flags & GateReport.REFUSED
+    assert robot.command(number=3, instance=8).flags & GateReport.REFUSED  # nor may it end the stream
+    assert not robot.command(0.06, number=4).flags & GateReport.REFUSED
+    assert not robot.command(number=5).flags & GateReport.REFUSED
+    assert not robot.command(0.04, number=6, instance=8).flags & GateReport.REFUSED  # the first one holds now
+    assert min(message.data[0] for _, message in robot.sent) > -0.1
 
 
 def test_it_runs_dry_until_armed_then_passes_clamps_and_holds(begin: Callable[..., tuple[Process, Robot]]) -> None:

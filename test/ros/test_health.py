@@ -172,7 +172,7 @@ def test_who_listens_to_the_clock_after_a_batch_began_hears_it(start: Start, pro
         return hearing.times != []
 
     probe.until(act)
-    assert hearing.times[0] == pytest.approx(STEP * step, abs=2 * STEP)
+    assert hearing.times[0] == pytest.approx(STEP * step, abs=10 * STEP)  # some steps later, it is heard
 
 
 class Namesake:

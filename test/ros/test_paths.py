@@ -9,7 +9,7 @@ from rkhs_ros.runs.curve import Curve
 from test.ros.conftest import ROOT, Process
 
 NAMES = ("a #b", " a: {x}\né ")  # what else a name may be, the readers' test has
-SHORT = ("--set", "horizon=3", "episodes_per_iteration=2", "evaluation_episodes=1", "name='[/x]'")
+SHORT = ("--set", "horizon=3", "episodes_per_iteration=2", "evaluation_episodes=1", "name='[x]: y'")
 
 
 def lines(folder: Path) -> int:

@@ -13,7 +13,7 @@ CONFIG = ROOT / "config" / "pendulum_wrap_model_nac.yaml"
 SHORT = ("--quiet", "--seed", 7, "--iterations", 2)
 
 
-@pytest.mark.parametrize("simulators", [1, 2])
+@pytest.mark.parametrize("simulators", [pytest.param(1, marks=pytest.mark.faults), 2])
 def test_practice_over_topics_has_the_bits_of_that_in_process(start: Start, tmp_path: Path, simulators: int) -> None:
     small = ("horizon=30", "episodes_per_iteration=2", "evaluation_episodes=2", "timeout=60")
     practice = ("algorithm.centres=20", "practice.iterations=3", "practice.episodes=10", "practice.centres=40")
@@ -26,6 +26,7 @@ def test_practice_over_topics_has_the_bits_of_that_in_process(start: Start, tmp_
     assert float(rows[1]["model_error"]) > 0.0
 
 
+@pytest.mark.faults
 def test_nobody_is_taken_for_dead_while_the_learner_practises_longer_than_the_timeout(
     start: Start, tmp_path: Path
 ) -> None:

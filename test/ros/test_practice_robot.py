@@ -20,11 +20,12 @@ from std_msgs.msg import Float64, Float64MultiArray, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from rkhs_ros.nodes.messages import LATCHED_QOS
 from sim_nodes.robots import drives, motor_pendulum
 from sim_nodes.robots.arm import HOME
 from sim_nodes.robots.door import adapted_trajectory
 from sim_nodes.robots.mark import first_phase, mark_at
-from sim_nodes.robots.topics import LATCHED_QOS, SENSOR_QOS
+from sim_nodes.robots.topics import SENSOR_QOS
 from test.ros.conftest import Probe, Process
 
 Start = Callable[..., Process]

@@ -50,6 +50,7 @@ def test_an_episode_is_what_was_observed_drawn_and_executed_by_the_clock(
     np.testing.assert_allclose(message.rewards, 1e2 * asked / 4)  # the executed action, in the action's units
     assert [m.step for m in bench.observations()] == list(range(HORIZON + 1))
     assert bench.observations()[-1].over
+    assert [list(bench.observations()[-1].truncated), list(bench.observations()[-1].terminated)] == [[0], []]
     steps = np.diff(execution.stamps)[1:] / 1e9  # the first one waits for its action
     assert (steps > 0.85 * PERIOD).all()
     bench.probe.until(lambda: bench.is_at_rest)  # the topics may bring the episode first
@@ -214,6 +215,28 @@ def test_a_sensor_that_never_speaks_is_named_and_nothing_moves(begin: Callable[.
     assert not bench.moves
 
 
+def test_a_service_of_the_reset_that_is_not_there_is_named_and_nothing_moves(
+    begin: Callable[..., Process], bench: Bench
+) -> None:
+    begin(reset={"steps": ["trigger"], "trigger": {"service": "put_back"}})
+    bench.start()
+    bench.probe.until(lambda: bench.describe().failure != "")
+    assert bench.describe().failure == "slider: reset.trigger: expected a service /put_back, got none for 5 s"
+    assert not bench.moves
+
+
+def test_a_gate_that_hangs_is_noticed_in_time_however_many_actions_may_be_missed(
+    begin: Callable[..., Process], bench: Bench
+) -> None:
+    begin(misses_allowed=1000)
+    identity = bench.start(horizon=1000)
+    bench.until_moving(3)
+    bench.silent = {"gate"}
+    message = bench.ended(identity)
+    assert reason(message) == "the gate did not report within 0.3 s (stale_after) what it made of a command"
+    assert message.lengths[0] < 100
+
+
 SENSORS = {"position": {"topic": "position", "type": "std_msgs/msg/Float64", "fields": ["data"]}}
 
 
@@ -287,3 +310,9 @@ def test_a_persons_word_is_passed_on_and_a_refusal_is_told(
     assert (code, out.startswith("pause: done (before the next episode; to go on: rkhs robot start")) == (0, True)
     bench.start(1)
     bench.probe.until(lambda: "paused" in bench.describe().waiting)
+
+
+def test_a_word_that_no_node_hears_is_told_soon(start: Start) -> None:
+    code, _, err = start("rkhs", "robot", "stop").finish()
+    assert (code, len(err.splitlines())) == (1, 1)
+    assert "gate/stop: the node is not there; name the run's folder, or set ROS_DOMAIN_ID" in err

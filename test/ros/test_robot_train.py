@@ -1,21 +1,68 @@
 """``rkhs train`` of a practice robot, with all its nodes, and what it leaves to go on from."""
 
+import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from std_srvs.srv import Trigger
 
 from rkhs_interfaces.srv import DescribeTask
+from rkhs_ros.app.launcher import robot_parameters
 from rkhs_ros.base.yaml_text import dumped
+from rkhs_ros.policies.storage import read_policy
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve
-from test.ros.conftest import Probe, Process
+from rkhs_ros.runs.episode_files import load_episodes
+from test.ros.conftest import ROOT, Probe, Process
 from test.ros.robot_bench import CONFIG, QUICK
 
 pytestmark = pytest.mark.clock
 
 Start = Callable[..., Process]
+NODES = ("practice_robot", "gate", "robot", "policy", "learner")
+
+
+@pytest.mark.parametrize("launches", [False, True], ids=["by hand", "ros2 launch"])
+def test_the_nodes_of_the_launch_file_learn_on_a_practice_robot(start: Start, tmp_path: Path, launches: bool) -> None:
+    if launches and shutil.which("ros2") is None:
+        pytest.skip("ros2 launch comes with a native installation")
+    folder, config = tmp_path / "run", load_config(CONFIG, (*QUICK, "iterations=1"))
+    if launches:
+        given = tmp_path / "config.yaml"
+        given.write_text(dumped(config.parameters()))
+        words = ("practice:=true", f"config:={given}", f"output:={folder}")
+        code, _, err = start("ros2", "launch", ROOT / "launch" / "robot.launch.py", *words).finish()
+    else:
+        file = robot_parameters(config, folder, resume=False, practises=True)
+        *_, learner = [start(name, "--ros-args", "--params-file", file) for name in NODES]
+        code, _, err = learner.finish()
+    assert code == 0, err
+    assert [row.episodes for row in Curve(folder / "curve.csv").rows()] == [2]
+    assert len(list((folder / "checkpoints" / "episodes").glob("*_steps_40.npz"))) == 2
+
+
+def test_what_was_learnt_is_measured_on_the_robot_without_exploration(start: Start, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    code, _, err = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *QUICK, "iterations=1").finish()
+    assert code == 0, err
+    journal = {file.name for file in folder.glob("checkpoints/episodes/*")}
+    code, out, err = start("rkhs", "evaluate", folder, "--episodes", 2, "--discount", 1.0).finish()
+    assert code == 0, err
+    told, episodes = json.loads(out), load_episodes(folder / "evaluation.npz").episodes
+    assert (told["environment"], told["episodes"]) == ("motor_pendulum", 2)
+    np.testing.assert_allclose(told["mean"], episodes.returns(1.0).mean())
+    policy, _, spaces = read_policy(folder / "policy.npz")
+    assert spaces is not None
+    assert spaces.observation_names == ("motor position (rad)", "motor velocity (rad/s)")
+    mean = policy.mean(policy.inputs.features(episodes.observations.reshape(-1, 2))).reshape(episodes.actions.shape)
+    np.testing.assert_allclose(episodes.actions, mean)  # noise-free
+    assert {file.name for file in folder.glob("checkpoints/episodes/*")} == journal
+    code, _, err = start("rkhs", "render", folder).finish()
+    assert (code, len(err.splitlines())) == (2, 1)
+    assert f"rkhs evaluate {folder} moves it" in err
 
 
 def test_it_learns_on_a_practice_robot_and_goes_on_where_it_was_left(start: Start, tmp_path: Path) -> None:

@@ -6,7 +6,8 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rich.console import Console
 
-from rkhs_ros.nodes.status_node import COLUMNS, LAST_REFUSAL, reasons, table
+from rkhs_interfaces.msg import LearningProgress
+from rkhs_ros.nodes.status_node import COLUMNS, LAST_REFUSAL, MODE, heading, reasons, table
 
 
 @pytest.mark.parametrize(
@@ -39,3 +40,47 @@ def test_a_run_of_two_simulators_in_a_namespace_is_shown_whole_in_80_characters(
     assert {word for head in COLUMNS.values() for word in head.split()} <= set(words)
     assert words.count(random[-4:]) == 8
     assert "…" not in out.getvalue()
+
+
+def printed(*parts: object, width: int = 80) -> list[str]:
+    out = StringIO()
+    Console(file=out, width=width).print(*parts, sep="\n")
+    return out.getvalue().splitlines()
+
+
+def test_what_is_the_matter_stands_below_the_table_of_a_robots_nodes() -> None:
+    why = "no simulator makes a step, and much more is to be said of this than any column has room for"
+    values = dict.fromkeys(COLUMNS, "1000")
+    known = {  # as gate and practice robot report: some of the columns, and what they do
+        "/gate": (b"\2", f"stuck: {why}", {MODE: "stopped", "passed over": "0", LAST_REFUSAL: "a command"}),
+        "/practice_robot": (b"\0", "well", {"passed over": "0"}),
+        "/robot": (b"\1", "waits: for a person", values | {MODE: "getting ready"}),
+    }
+    statuses = {
+        name: DiagnosticStatus(
+            name=name, level=level, message=message, values=[KeyValue(key=k, value=v) for k, v in about.items()]
+        )
+        for name, (level, message, about) in known.items()
+    }
+    rows = printed(table(statuses))
+    assert [line.split()[:3] for line in rows[2:] if line.startswith("/")] == [
+        ["/gate", "stuck", "stopped"],
+        ["/practice_robot", "well", "0"],
+        ["/robot", "waits", "getting"],
+    ]
+    assert [str(line) for line in reasons(statuses)] == [
+        f"/gate stuck: {why}",
+        "/gate last refused or passed over a command",
+        "/robot waits: for a person",
+    ]
+
+
+def test_the_heading_says_how_far_the_run_is() -> None:
+    progress = LearningProgress(run="mine", folder="/results/" + 30 * "long/" + "mine", iteration=3, iterations=40)
+    progress.train_return, progress.seconds_left = 1.5, 12.0
+    progress.last_mean_policy_returns = [2.0, 2.5, float("nan")]  # the last iteration was not measured
+    progress.imagined_return = float("nan")
+    first, second, *rest = printed(heading(progress))
+    assert first == "mine: iteration 3 of 40, 0 episodes, 0 centres, about 12 s left"
+    assert second == "return 1.5, noise-free 2.5"
+    assert "".join(rest) == f"in {progress.folder}"

@@ -37,6 +37,9 @@ class Robot:
         self._left = episodes
         self._void_every = void_every
 
+    def room(self, rows: int) -> int:
+        return 1
+
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         found = Episodes.none(batch.horizon, self.spaces.observation_dim, self.spaces.action_dim)
         for part in batch.parts(1):

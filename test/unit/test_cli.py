@@ -332,11 +332,11 @@ def test_topics_without_interfaces_are_refused_with_the_remedy(rkhs: Run, tmp_pa
 
 
 def test_with_interfaces_a_run_goes_over_topics(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    launched: dict[str, object] = {}
+    launched: dict[str, dict[str, object]] = {}
     monkeypatch.setattr(train, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
     monkeypatch.setattr(train, "launch", lambda parameters, more, simulators: launched.update(more) or 1)
     assert rkhs("train", CONFIG, "--quiet", "--out", "run") == (1, "", "")
-    assert launched["quiet"] is True
+    assert launched["learner"]["quiet"] is True
 
 
 # Pictures and measures of what was learnt

@@ -12,6 +12,7 @@ import yaml
 from rkhs_ros.base.settings import build, entries
 from rkhs_ros.robot.gate_settings import FLOATS, TRAJECTORY, TWIST, GateSettings, rules
 from rkhs_ros.robot.gate_state import Rules
+from rkhs_ros.robot.urdf import located
 
 URDF = """<robot name="arm">
   <link name="base"/>
@@ -140,6 +141,20 @@ def test_a_description_limits_positions_and_may_be_tightened_but_not_widened(urd
         rules_from(POSITION, joints=["turn", "bolt"], limits=urdf_range | {"velocity": 1.5})
     with pytest.raises(ValueError, match=r"limits.minimum: expected a limit"):  # the wheel turns freely
         rules_from(POSITION, limits=given)
+
+
+def test_a_description_is_found_in_a_package_of_ros_or_of_python(
+    urdf: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    share = tmp_path / "prefix" / "share" / "my_robot"
+    share.mkdir(parents=True)
+    (share / "arm.urdf").write_text(Path(urdf).read_text())
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere:{tmp_path / 'prefix'}")
+    assert located("package://my_robot/arm.urdf") == share / "arm.urdf"
+    assert located(urdf) == Path(urdf)
+    assert located("package://sim_nodes/robots/arm.py").is_file()
+    with pytest.raises(ValueError, match="urdf: expected a package 'your_robot' that is installed"):
+        located("package://your_robot/arm.urdf")
 
 
 def test_a_description_limits_what_is_sensed_where_commands_do_not(urdf: str) -> None:

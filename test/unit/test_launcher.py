@@ -13,7 +13,7 @@ PARAMETERS = "/**/simulator: {ros__parameters: {environment: {id: x}}}\n/**/lear
     "path", ["a #b", "a: b", "{x}", " trailing \n line ", "1e5", "on", "é \U0001f600 \\ \"'", "*a"]
 )
 def test_paths_of_any_name_travel_in_the_parameter_file(path: str) -> None:
-    document = loaded(for_all(PARAMETERS, 1, {"output": path, "resume": True}))
+    document = loaded(for_all(PARAMETERS, 1, {"learner": {"output": path, "resume": True}}))
     assert document["/**/learner"]["ros__parameters"] == {
         "seed": 1,
         "environment": {"id": "x"},
@@ -32,7 +32,7 @@ def test_all_nodes_find_their_settings_and_the_learner_its_task() -> None:
 @pytest.mark.parametrize("path", ["\udcff", "a\0b"])
 def test_a_path_that_no_parameter_can_be_is_refused(path: str) -> None:
     with pytest.raises(ValueError, match=r"learner\.output: expected .*text in UTF-8"):
-        for_all(PARAMETERS, 1, {"output": path})
+        for_all(PARAMETERS, 1, {"learner": {"output": path}})
 
 
 def test_an_interrupt_while_a_process_is_forked_is_not_lost() -> None:

@@ -1,6 +1,7 @@
 """Every picture at its worst: no text is cut off or lies on another, and no legend covers a line."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -21,19 +22,25 @@ from rkhs_ros.paper.figures import experiment_figure
 from rkhs_ros.paper.table import Returns, Table
 from rkhs_ros.pictures.attempts_figure import attempts_figure
 from rkhs_ros.pictures.comparison import comparison_figure
-from rkhs_ros.pictures.known import Names, input_names, names_of, success_reward
+from rkhs_ros.pictures.film import Film
+from rkhs_ros.pictures.film_files import strip_figure
+from rkhs_ros.pictures.known import names_of, success_reward
 from rkhs_ros.pictures.policy_figure import policy_figure
 from rkhs_ros.pictures.run_pictures import curve_figure
-from rkhs_ros.pictures.slices import best_slice
 from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED
 from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.input_names import Names, input_names
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Array
+from rkhs_ros.rkhs.slices import best_slice
 from rkhs_ros.runs.comparison import Comparison, LearningCurve
+from rkhs_ros.runs.coordinates import Coordinates
+from rkhs_ros.view.board import Choice, Subject, board_figure
+from rkhs_ros.view.timeline import Timeline
 from sim_nodes.envs.pendulum import Pendulum
 
 LONG = "somebodys_package.environments.quadrupeds:VeryLongNamed/QuadrupedOnUnevenGround-v12"
@@ -70,7 +77,7 @@ def overlap(a: Bbox, b: Bbox) -> bool:
     return both is not None and min(both.width, both.height) > TOUCHING
 
 
-def assert_clear(figure: Figure, *, within: bool = True) -> None:
+def assert_clear(figure: Figure, *, within: bool = True, least: float = LEAST_PLOT) -> None:
     """Fail where a text is cut off, lies on another, or a legend lies on what is drawn."""
     FigureCanvasAgg(figure)
     figure.draw_without_rendering()
@@ -85,7 +92,7 @@ def assert_clear(figure: Figure, *, within: bool = True) -> None:
     for axes in figure.axes:
         assert_legend_covers_nothing(axes)
         room = axes.get_window_extent()
-        assert min(room.width, room.height) > LEAST_PLOT or axes.get_label() == "<colorbar>", "no room for the plot"
+        assert min(room.width, room.height) > least or axes.get_label() == "<colorbar>", "no room for the plot"
 
 
 def assert_legend_covers_nothing(axes: Axes) -> None:
@@ -195,6 +202,40 @@ def experiment_of(panels: int, curves: int, runs: int, iterations: int, size: fl
     return Experiment("fig9", "Inverted pendulum, partially observed", runs, "sd", tuple(made)), table
 
 
+@pytest.mark.parametrize(("frames", "shape", "cameras"), [(1, (30, 40), 1), (1000, (12, 16), 2), (6, (64, 20), 1)])
+def test_a_strip_of_a_film_is_clear(frames: int, shape: tuple[int, int], cameras: int) -> None:
+    pictures = np.zeros((frames, *shape, 1), dtype=np.uint8) + np.arange(3, dtype=np.uint8)
+    film = Film({f"camera {k}": pictures for k in range(cameras)}, [f"step {k}" for k in range(frames)])
+    assert_clear(strip_figure(film), least=20)
+
+
+# The pictures of the page
+
+
+@SIZES
+@pytest.mark.parametrize(
+    ("d", "n", "rows", "steps"),
+    [(1, 1, 1, 1), (1, 1, 20, 1000), (2, 1, 1, 1), (2, 3, 20, 1000), (17, 6, 1, 1), (17, 1, 20, 1000)],
+)
+@pytest.mark.parametrize("is_known", [True, False])
+def test_the_policy_on_the_page_is_clear(d: int, n: int, rows: int, steps: int, size: float, is_known: bool) -> None:
+    made = episodes(rows, steps, d, n, size)
+    made = replace(made, observations=size * made.observations)
+    coordinates = Coordinates(policy(d, n, size=size) if is_known else None, long_names(d, n))
+    each = [made.take(slice(row, row + 1)) for row in range(rows)]
+    for spaces in (bounded(d, n, size), None):
+        subject = Subject("Policy after iteration 100000", coordinates, each, spaces, 0.9)
+        assert_clear(board_figure(subject, Choice(0, d - 1, n - 1))[0])
+
+
+@SIZES
+@pytest.mark.parametrize(("d", "n", "steps"), [(1, 1, 1), (2, 3, 1000), (17, 6, 1), (17, 6, 1000)])
+def test_numbers_over_time_are_clear(d: int, n: int, steps: int, size: float) -> None:
+    made = episodes(1, steps, d, n)
+    figure = Timeline(long_names(d, n)).figure(size * made.observations[0], made.actions[0])
+    assert_clear(figure, least=20)
+
+
 def test_texts_that_lie_on_each_other_or_are_cut_off_are_seen() -> None:
     figure = Figure(figsize=(3, 2))
     axes = figure.add_axes((0.3, 0.3, 0.6, 0.6))
@@ -287,6 +328,11 @@ def test_a_task_names_its_numbers(named: Task) -> None:
     assert names_of(named, 2, 1) == Names(("height (m)", "speed (m/s)"), ("thrust (N)",))
     assert success_reward(named) == 2.0
     assert names_of(PENDULUM, 2, 1) == Names(Pendulum.observation_names, Pendulum.action_names)
+
+
+def test_names_that_the_spaces_tell_as_of_a_robot_come_first(named: Task) -> None:
+    spaces = replace(Spaces.unbounded(2, 1), observation_names=("a (m)", "b (m)"))
+    assert names_of(named, 2, 1, spaces) == Names(("a (m)", "b (m)"), ("thrust (N)",))
 
 
 def test_others_have_numbers_for_names(named: Task) -> None:

@@ -169,6 +169,20 @@ def test_a_task_that_ended_every_episode_at_once_is_imagined_to_do_so() -> None:
     assert rewards.min() <= last.imagined_return <= rewards.max()  # of one step
 
 
+def test_a_mean_that_strayed_beyond_the_bounds_comes_back_to_them() -> None:
+    training = settings(iterations=1, algorithm={"centres": 60})
+    (first,) = learn(training)
+    mean = first.policy.mean.scale(30.0)
+    strayed = replace(first.state, policy=first.policy.with_mean(mean))
+    still = settings(iterations=2, algorithm={"centres": 60, "step": {"rule": "fixed", "size": 0.0}})
+    simulation = Simulation(PENDULUM)
+    (last,) = train(still, InlineRunner(simulation), strayed)
+    points = last.state.memory.flat(last.state.memory.observations)
+    before, after = mean(points), last.policy.mean(points)
+    distance = np.abs(after - simulation.spaces.clip(before)).mean()
+    assert distance < 0.1 * np.abs(before - simulation.spaces.clip(before)).mean()  # all but where it jumps
+
+
 def test_a_number_that_only_counts_makes_no_model_overconfident() -> None:
     training = replace(settings(), episodes_per_iteration=10)
     *_, last = learn(training, partial(Odd, clock=True))
@@ -212,12 +226,16 @@ CONFIG = Config(Environment(PENDULUM, {"angle": "wrap"}), settings(inputs={"angl
 
 
 class Stopping:
-    """Runs a number of batches, two for each iteration, and then is interrupted."""
+    """Runs a number of batches, two for each iteration where none run ahead, and then is interrupted."""
 
-    def __init__(self, batches: float = float("inf")) -> None:
+    def __init__(self, batches: float = float("inf"), rows_at_once: int = 1) -> None:
         self._runner = InlineRunner(Simulation(CONFIG.environment.id, CONFIG.environment.options))
         self.spaces = self._runner.spaces
         self._batches = batches
+        self._rows_at_once = rows_at_once
+
+    def room(self, rows: int) -> int:
+        return min(rows, self._rows_at_once)
 
     def collect(self, *arguments: Any) -> Any:
         self._batches -= 1
@@ -235,7 +253,8 @@ def results(folder: Path) -> dict[str, object]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
-    return results(run_training(CONFIG, Stopping(), tmp_path_factory.mktemp("whole") / "run", quiet=True))
+    ahead = Stopping(rows_at_once=CONFIG.training.rows)
+    return results(run_training(CONFIG, ahead, tmp_path_factory.mktemp("whole") / "run", quiet=True))
 
 
 @pytest.mark.parametrize("batches", range(2 * ITERATIONS))

@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 
 from sim_nodes.pr2 import demonstration
-from sim_nodes.robots.door import COMMANDED, KINDS, DoorSettings, Doorway, adapted_trajectory, motion_of
+from sim_nodes.robots.door import (
+    CHOICES,
+    CHOSEN,
+    COMMANDED,
+    KINDS,
+    DoorSettings,
+    Doorway,
+    adapted_trajectory,
+    motion_of,
+)
 from sim_nodes.robots.drives import JointCommand
 from sim_nodes.robots.hardware import Hardware
 
@@ -119,3 +128,32 @@ def test_the_pose_is_drawn_as_asked_for(robot: DoorRobot, pose: str, poses: int)
         fresh.begin_episode()
     assert len(set(drawn)) == poses
     assert drawn[0] == tuple(robot.base_error)
+
+
+def test_a_choice_opens_the_door_where_it_comes_to_rest_once_after_each_reset() -> None:
+    robot = DoorRobot(replace(EXACT, controller=CHOICES))
+
+    def hear(*choices: tuple[float, float]) -> None:
+        times = tuple(0.1 * knot for knot in range(len(choices)))
+        robot.hear(JointCommand(CHOSEN, times, choices))
+
+    hear((0.0, 0.0))
+    hear((0.01, 0.01), (0.02, 0.01))  # on its way
+    assert robot.state.attempt is None
+    hear((0.02, 0.01))
+    attempt = robot.state.attempt
+    assert attempt is not None
+    other = DoorRobot(EXACT)
+    other.hear(adapted_trajectory(np.array([0.02, 0.01])))
+    assert other.state.attempt is not None
+    assert attempt.reward == other.state.attempt.reward
+    hear((0.05, 0.04))
+    assert robot.state.attempt is attempt
+    robot.begin_episode()
+    assert robot.state.attempt is None
+    assert dict(zip(*robot.sample().joints[:2], strict=True))["shift"] == 0.05
+    hear((0.05, 0.04))
+    assert robot.state.attempt is not None
+    assert not any(robot.state.protection.counts.values())
+    robot.hear(SHOWN)
+    assert robot.state.protection.counts["malformed"] == 1

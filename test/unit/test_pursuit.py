@@ -186,7 +186,7 @@ def test_an_unknown_fitting_and_an_empty_budget_are_refused() -> None:
 def test_the_pursuit_of_atoms_is_the_orthogonal_matching_pursuit_of_scikit_learn(seed: int, columns: int) -> None:
     rng = np.random.default_rng(seed)
     rows, atoms, targets = rng.normal(size=(60, 12)), rng.normal(size=(25, 12)), rng.normal(size=(60, columns))
-    chosen, weights = pursue_atoms(rows, targets, atoms, budget=6)
+    chosen, weights = pursue_atoms(rows.__getitem__, targets, atoms.__getitem__, 25, budget=6)
     dictionary = rows @ atoms.T
     lengths = np.linalg.norm(dictionary, axis=0)
     assert weights.shape == (6, columns)
@@ -203,7 +203,7 @@ def test_the_pursuit_of_atoms_is_the_orthogonal_matching_pursuit_of_scikit_learn
 def test_the_pursuit_of_atoms_leaves_no_better_choice_at_any_step(seed: int) -> None:
     rng = np.random.default_rng(seed)
     rows, atoms, targets = rng.normal(size=(60, 12)), rng.normal(size=(25, 12)), rng.normal(size=(60, 2))
-    chosen, _ = pursue_atoms(rows, targets, atoms, budget=6)
+    chosen, _ = pursue_atoms(rows.__getitem__, targets, atoms.__getitem__, 25, budget=6)
     dictionary = rows @ atoms.T
     unit = dictionary / np.linalg.norm(dictionary, axis=0)
     for k, choice in enumerate(chosen):
@@ -218,7 +218,9 @@ def test_the_ridge_of_a_pursuit_of_atoms_is_on_the_vector_fitted(
     fitting: Fitting, n: int, rng: np.random.Generator
 ) -> None:
     rows, atoms, targets = rng.normal(size=(n, 5)), rng.normal(size=(9, 5)), rng.normal(size=(n, 2))
-    chosen, weights = pursue_atoms(rows, targets, atoms, budget=9, ridge=0.3, fitting=fitting)
+    chosen, weights = pursue_atoms(
+        rows.__getitem__, targets, atoms.__getitem__, 9, budget=9, ridge=0.3, fitting=fitting
+    )
     vector = np.linalg.solve(rows.T @ rows + 0.3 * n * np.eye(5), rows.T @ targets)  # five atoms reach any vector
     assert len(chosen) == 5
     np.testing.assert_allclose(atoms[chosen].T @ weights, vector, rtol=1e-8, atol=1e-10)

@@ -3,7 +3,12 @@ import pytest
 
 from rkhs_ros.rkhs.function import BLOCK_ROWS, Function
 from rkhs_ros.rkhs.kernels import RBF, Array
-from rkhs_ros.rkhs.regression import ridge_regression, ridge_regression_by_blocks
+from rkhs_ros.rkhs.regression import (
+    MOST_IN_GRAM,
+    relative_ridge_regression,
+    ridge_regression,
+    ridge_regression_by_blocks,
+)
 
 
 @pytest.mark.parametrize("block_rows", [7, 50, 99, 100, 1000])
@@ -20,6 +25,20 @@ def test_a_regression_by_blocks_is_that_of_all_rows(rng: np.random.Generator, bl
     np.testing.assert_allclose(by_blocks, whole, rtol=1e-10)
     assert (max(asked) <= block_rows, sum(asked)) == (True, 100)
     assert block_rows < 100 or by_blocks.tobytes() == whole.tobytes()
+
+
+@pytest.mark.parametrize("intercept", [True, False])
+@pytest.mark.parametrize("n", [5, 60, MOST_IN_GRAM + 1], ids=["wide", "tall", "without its Gram"])
+def test_a_relative_ridge_regression_is_least_squares_on_the_augmented_system(
+    rng: np.random.Generator, n: int, intercept: bool
+) -> None:
+    features, targets = rng.normal(1.0, 2.0, size=(n, 6)), rng.normal(3.0, 1.0, size=n)
+    penalty = np.sqrt(0.2 * np.sum(features**2) / n)
+    design = np.block([[features, np.full((n, 1), float(intercept))], [penalty * np.eye(6), np.zeros((6, 1))]])
+    expected = np.linalg.lstsq(design, np.append(targets, np.zeros(6)))[0][:6]
+    np.testing.assert_allclose(
+        relative_ridge_regression(features, targets, 0.2, intercept=intercept), expected, rtol=1e-9
+    )
 
 
 def test_a_function_at_many_points_has_the_bits_of_each_by_itself(rng: np.random.Generator) -> None:

@@ -36,13 +36,19 @@ Cli = Callable[..., Result]
 
 
 class Stopping:
-    """Runs a number of batches, two for each iteration, and then raises."""
+    """Runs a number of batches, two for each iteration where none run ahead, and then raises."""
 
-    def __init__(self, batches: float = float("inf"), error: BaseException | None = None) -> None:
+    def __init__(
+        self, batches: float = float("inf"), error: BaseException | None = None, rows_at_once: int = 1
+    ) -> None:
         self._runner = InlineRunner(Simulation("rkhs/Toy-v0"))
         self.spaces = self._runner.spaces
         self._batches = batches
         self._error = error or KeyboardInterrupt()
+        self._rows_at_once = rows_at_once
+
+    def room(self, rows: int) -> int:
+        return min(rows, self._rows_at_once)
 
     def collect(self, *arguments: Any) -> Any:
         self._batches -= 1
@@ -55,9 +61,9 @@ def longer(iterations: int, **changes: Any) -> Config:
     return replace(CONFIG, training=replace(TRAINING, iterations=iterations, **changes))
 
 
-def stopped(folder: Path, batches: int, config: Config = CONFIG) -> Path:
+def stopped(folder: Path, batches: int, config: Config = CONFIG, rows_at_once: int = 1) -> Path:
     with pytest.raises(KeyboardInterrupt):
-        run_training(config, Stopping(batches), folder, quiet=True)
+        run_training(config, Stopping(batches, rows_at_once=rows_at_once), folder, quiet=True)
     return folder
 
 
@@ -90,6 +96,17 @@ def test_a_run_stopped_anywhere_goes_on_to_the_same_bits(
     folder = stopped(tmp_path / "run", batches)
     assert len(Curve(folder / "curve.csv").rows()) == batches // 2
     left = Stopping(8 - batches // 2 * 2)  # no iteration that was done is made again
+    assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
+
+
+@pytest.mark.parametrize("batches", range(5))
+def test_exploring_episodes_that_ran_ahead_when_a_run_stopped_cost_time_only(
+    tmp_path: Path, whole: dict[str, object], batches: int
+) -> None:
+    folder = stopped(tmp_path / "run", batches, rows_at_once=3)
+    done = max(batches - 1, 0)
+    assert len(Curve(folder / "curve.csv").rows()) == done
+    left = Stopping(5 - done, rows_at_once=3)  # the exploring episodes, and a batch for each iteration
     assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
 
 
@@ -439,7 +456,7 @@ def test_over_topics_the_learner_is_told_to_go_on(rkhs: Cli, tmp_path: Path, mon
     parameters, more, keywords = told
     (tmp_path / "given.yaml").write_text(parameters)
     assert load_config(tmp_path / "given.yaml") == longer(4, simulators=2)
-    assert more == {"output": str(folder), "quiet": True, "resume": True, "record": False}
+    assert more == {"learner": {"output": str(folder), "quiet": True, "resume": True, "record": False}}
     assert keywords == {"simulators": 2}
 
 

@@ -51,6 +51,11 @@ def test_settings_of_the_robot_are_changed_as_others_are_and_are_settings_of_the
         ("robot.action={minimum: [0.0, 0.0], maximum: [1.0, 1.0], kind: effort}", "reset.home.joints: expected 2"),
         ("robot.action.kind=velocity", "robot.action.kind: expected the gate's, effort"),
         ("robot.reset.home.joints=[shoulder]", "robot.reset.home.joints: expected the gate's, motor, got shoulder"),
+        ("robot.sensors.motor.topic='a b'", "robot.sensors.motor.topic: Invalid topic name: topic name must not"),
+        ("robot.reset.trigger.service=1st", "robot.reset.trigger.service: Invalid topic name"),
+        ("gate.command.topic='a b'", "gate.command.topic: Invalid topic name"),
+        ("robot.reward={topic: score, type: std_msgs/msg/Float65}", "unknown type of messages 'std_msgs/msg/Float65'"),
+        ("robot.sensors.motor={topic: a, type: sensor_msgs/msg/Imu, fields: [speed]}", "unknown field 'speed' of Imu"),
         ("simulators=2", "simulators: expected 1, as there is one robot"),
     ],
 )
@@ -91,7 +96,7 @@ def test_a_robot_is_not_learnt_on_in_this_process(tmp_path: Path, capsys: pytest
 def test_all_nodes_of_a_robot_are_started_and_told_what_they_need() -> None:
     config = load_config(PENDULUM)
     assert node_names(1, config.environment.nodes) == ["practice_robot", "gate", "robot", "policy", "learner"]
-    document = loaded(for_all(resolved(config), 1, journal="/somewhere"))
+    document = loaded(for_all(resolved(config), 1, {"robot": {"journal": "/somewhere"}}))
     robot = document["/**/robot"]["ros__parameters"]
     assert (robot["journal"], robot["practice"]) == ("/somewhere", True)
     learner = document["/**/learner"]["ros__parameters"]
@@ -102,5 +107,34 @@ def test_all_nodes_of_a_robot_are_started_and_told_what_they_need() -> None:
 def test_the_gate_of_a_real_robot_is_armed_by_a_person_alone() -> None:
     document = loaded(resolved(load_config(PENDULUM)))
     del document["/**/practice_robot"]
-    robot = loaded(for_all(str(document), 1, journal="/somewhere"))["/**/robot"]["ros__parameters"]
+    robot = loaded(for_all(str(document), 1, {"robot": {"journal": "/somewhere"}}))["/**/robot"]["ros__parameters"]
     assert robot["practice"] is False
+
+
+def test_a_file_in_the_place_of_the_journal_is_told_before_anything_starts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = tmp_path / "run" / "checkpoints" / "episodes"
+    place.parent.mkdir(parents=True)
+    place.write_text("")
+    code = code_of("train", PENDULUM, "--out", tmp_path / "run")
+    err = capsys.readouterr().err
+    assert (code, len(err.splitlines())) == (2, 1)
+    assert str(place) in err
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        ("minimum: [0.0], maximum: [0.0]", "allow commands from 0 to 0;"),
+        ("minimum: [-3.0], maximum: [3.0], step: [0.0]", "allow changes of 0;"),
+        ("minimum: [-3.0], maximum: [3.0], step: [0.1]", ""),
+    ],
+)
+def test_an_action_that_the_gate_lets_have_no_effect_is_told_in_a_line(
+    limits: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    check_robot(load_config(PENDULUM, [f"gate.limits={{{limits}}}"]))
+    err = capsys.readouterr().err
+    assert len(err.splitlines()) == bool(words)
+    assert words in err

@@ -1,7 +1,14 @@
 """The settings of a robot's task: commands, rules and what is refused."""
 
+import signal
 import sys
-from collections.abc import Mapping
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,6 +17,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rkhs_ros.base.endings import RunError
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.messages import spaces_fields, spaces_of
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.storage import Task, read_policy, save_policy
 from rkhs_ros.robot.commands import Commands
 from rkhs_ros.robot.rules import End, Reward, Rules
 from rkhs_ros.robot.task import robot_task_from
@@ -39,6 +50,16 @@ def spoilt(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
 
 def leaves(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
     sys.exit(0)
+
+
+def interrupts(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
+    raise KeyboardInterrupt
+
+
+def hangs(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
+    with suppress(Exception):
+        threading.Event().wait(60.0)
+    return 0.0
 
 
 def beyond(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> int:
@@ -148,3 +169,53 @@ def test_an_end_that_is_neither_true_nor_false_is_told(name: str, message: str) 
     rules, ones = Rules.of(Reward(topic="score"), End(function=f"{HERE}:{name}")), np.ones(2)
     with pytest.raises(RunError, match=message):
         rules.ended(ones, ones, ones)
+
+
+def test_a_reward_that_hangs_is_told_and_an_alarm_that_was_set_before_still_comes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("rkhs_ros.robot.rules.ANSWER_TIMEOUT_S", 0.05)
+    rules, ones, alarms = Rules.of(Reward(function=f"{HERE}:hangs"), End()), np.ones(2), []
+    handler = signal.signal(signal.SIGALRM, lambda number, frame: alarms.append(number))
+    left, _ = signal.setitimer(signal.ITIMER_REAL, 0.2)
+    try:
+        with pytest.raises(RunError, match=r"reward function: did not return within 0\.05 s"):
+            rules.earned(ones, ones, ones, 0.0)
+        assert not alarms
+        time.sleep(0.3)
+        assert alarms
+    finally:
+        signal.signal(signal.SIGALRM, handler)
+        signal.setitimer(signal.ITIMER_REAL, left)
+
+
+def test_an_interrupt_that_no_person_made_is_an_error_of_the_function() -> None:
+    rules, ones = Rules.of(Reward(function=f"{HERE}:interrupts"), End()), np.ones(2)
+    handler = signal.signal(signal.SIGINT, lambda number, frame: None)  # as of a node
+    try:
+        with pytest.raises(RunError, match="reward function: KeyboardInterrupt"):
+            rules.earned(ones, ones, ones, 0.0)
+    finally:
+        signal.signal(signal.SIGINT, handler)
+    with pytest.raises(KeyboardInterrupt):
+        rules.earned(ones, ones, ones, 0.0)
+
+
+def test_actions_are_called_by_joint_kind_and_what_1_stands_for() -> None:
+    action = Commands(minimum=(-1.0, -1.0), maximum=(1.0, 1.0), kind="velocity")
+    assert action.names(("a", "b")) == ("a velocity (rad/s)", "b velocity (rad/s)")
+    scaled = replace(action, scale=(1.0, 0.5), unit=("m/s",))
+    assert scaled.names(("a", "b")) == ("a velocity (m/s)", "b velocity (0.5 m/s)")
+
+
+@pytest.mark.parametrize("names", [((), ()), (("angle (rad)", "speed (rad/s)"), ("torque (N m)",))])
+def test_names_of_spaces_travel_in_messages_and_files(
+    names: tuple[tuple[str, ...], ...], tmp_path: Path, random_policy: Callable[..., GaussianPolicy]
+) -> None:
+    spaces = Spaces((2,), np.array([-1.0]), np.array([1.0]), *names)
+    assert spaces_of(SimpleNamespace(**spaces_fields(spaces))) == spaces
+    save_policy(tmp_path / "p.npz", random_policy(2, 1), Task("robot", {}, 3, 0.9), spaces)
+    assert read_policy(tmp_path / "p.npz").spaces == spaces
+    without = vars(SimpleNamespace(**spaces_fields(spaces)))
+    old = SimpleNamespace(**{name: value for name, value in without.items() if not name.endswith("_names")})
+    assert spaces_of(old).observation_names == ()  # as in recordings of before

@@ -52,6 +52,20 @@ def test_score_features_are_coordinates_of_the_score(
     np.testing.assert_allclose(samples.score_features @ coefficients.ravel(), expected, atol=1e-6)
 
 
+@pytest.mark.parametrize("block_rows", [1, 8, 20, 1000])
+def test_trajectory_features_by_blocks_have_the_bits_of_all_at_once(
+    policy: GaussianPolicy,
+    random_episodes: Callable[..., Episodes],
+    monkeypatch: pytest.MonkeyPatch,
+    block_rows: int,
+) -> None:
+    samples = Samples.in_newton_basis(policy, random_episodes(policy, 9, 4, masked=True), centres=5)
+    monkeypatch.setattr("rkhs_ros.learning.samples.BLOCK_ROWS", block_rows)
+    discounted = 0.9 ** samples.episodes.steps[:, None] * samples.score_features
+    expected = np.add.reduceat(discounted, samples.episodes.begins, axis=0)
+    np.testing.assert_array_equal(samples.trajectory_features(0.9), expected)
+
+
 def test_samples_are_what_the_policy_saw_and_did(
     policy: GaussianPolicy, random_episodes: Callable[..., Episodes]
 ) -> None:

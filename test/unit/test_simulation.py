@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box
 
+from rkhs_ros.base.endings import RunError
 from rkhs_ros.policies.streams import Batch
+from rkhs_ros.runs.rows import GOES_ON, KEPT
 from rkhs_ros.runs.simulation import Simulation
 
 
@@ -151,3 +153,43 @@ class Camera(Walk):
 def test_images_are_said_not_to_be_supported() -> None:
     with pytest.raises(ValueError, match=r"Camera observations: expected a continuous .* got images, which"):
         Simulation(Camera)
+
+
+def test_rows_go_on_beside_others_that_begin_anew(walk: Simulation) -> None:
+    single = Walk()
+    seeds = [4, 5]
+    first = walk.start(batch(2, 6), seeds)
+    for row, seed in enumerate(seeds):
+        np.testing.assert_array_equal(first.observations[row], single.reset(seed=seed)[0].ravel())
+    pace = np.array([[1.0, 0.0], [0.5, 0.0]])
+    walk.step(pace)
+    walk.step(pace)
+    single.reset(seed=4)
+    begun = walk.start(batch(2, 6), [GOES_ON, KEPT])
+    assert begun.observations[0].tolist() == single.reset()[0].ravel().tolist()
+    assert begun.observations[1, 0] == 1.0
+    frames = [walk.step(pace) for _ in range(4)]
+    assert [frame.truncated.tolist() for frame in frames] == [[False, False]] * 3 + [[False, True]]
+    assert [frame.terminated.tolist() for frame in frames] == [[False, False]] * 3 + [[True, False]]
+
+
+def test_seeds_that_do_not_fit_are_refused(walk: Simulation) -> None:
+    with pytest.raises(ValueError, match="environment_seeds: expected episodes under way to go on with, got none"):
+        walk.start(batch(2, 6), [1, KEPT])
+    walk.start(batch(2, 6), [1, 2])
+    for other in (batch(3, 6), Batch(1, 0, 2, 6, explore=True)):
+        with pytest.raises(ValueError, match="environment_seeds: expected episodes under way to go on with, got none"):
+            walk.start(other, [KEPT] * other.rows)
+    with pytest.raises(ValueError, match="environment_seeds: expected 2, one for each row, got 3"):
+        walk.start(batch(2, 6), [1, 2, 3])
+    with pytest.raises(ValueError, match="environment_seeds: expected whole numbers >= -2"):
+        walk.start(batch(2, 6), [1, -3])
+
+
+def test_rows_that_are_stepped_together_begin_anew_together() -> None:
+    toy = Simulation("rkhs/Toy-v0")
+    toy.start(batch(2, 6), [1, 2])
+    with pytest.raises(RunError, match="expected all rows to begin anew together"):
+        toy.start(batch(2, 6), [GOES_ON, KEPT])
+    with pytest.raises(ValueError, match="episodes under way"):
+        toy.start(batch(2, 6), [GOES_ON, KEPT])

@@ -125,6 +125,19 @@ def test_a_run_that_fails_is_named_and_the_others_are_told_of(rkhs: Run, swept: 
         (("--vary", "algorithm.ridge=1,2", "--seeds", "x"), "--seeds: expected seeds as 0-9"),
         (("--vary", "exploration_sd=1,[1, 2]"), "exploration_sd: expected 1 number, got 2"),
         ((), "the following arguments are required: --vary"),
+        (
+            ("--vary", "algorithm.ridge=1,2", "--set", "algorithm.ridge=3"),
+            "--set: expected no setting that --vary says, got algorithm.ridge",
+        ),
+        (("--vary", "kernel={form: rbf}", "--set", "kernel.degree=3"), "--set: expected no setting that --vary says"),
+        (
+            ("--vary", "algorithm.ridge=1,2", "--set", "seed=3"),
+            "--set: expected no setting that --seeds says, got seed",
+        ),
+        (("--vary", "algorithm.ridge=1,2", "--thresholds", "nan"), "--thresholds: expected finite numbers, got [nan]"),
+        (("--vary", "algorithm.ridge=1,2", "--set", "name=../../x"), "name: expected a plain name, for a folder is"),
+        (("--vary", "algorithm.ridge=1,2", "--out", CONFIG), f"--out: expected a folder, got the file {CONFIG}"),
+        (("--vary", "algorithm.ridge=1,2", "--out", CONFIG / "x"), f"--out: expected a folder, got the file {CONFIG}"),
     ],
 )
 def test_what_does_not_fit_is_refused_once_and_nothing_is_begun(

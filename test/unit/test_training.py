@@ -12,6 +12,7 @@ from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.state import first_policy, first_state
+from rkhs_ros.learning.steps import LineSearch
 from rkhs_ros.learning.training import Collector, train
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -65,11 +66,15 @@ def test_a_kernel_that_does_not_fit_the_inputs_is_refused_before_the_run_begins(
 class Watching:
     """Runs episodes and keeps what it was asked for and what came of it."""
 
-    def __init__(self) -> None:
+    def __init__(self, rows_at_once: int = 1) -> None:
         self._runner = InlineRunner(Simulation("rkhs/Toy-v0"))
         self.spaces = self._runner.spaces
         self.batches: list[Batch] = []
         self.episodes: list[Episodes] = []
+        self._rows_at_once = rows_at_once
+
+    def room(self, rows: int) -> int:
+        return min(rows, self._rows_at_once)
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         self.batches.append(batch)
@@ -89,6 +94,26 @@ def test_each_iteration_uses_new_episodes_and_reports_them() -> None:
         assert np.array_equal(i.evaluation.rewards, evaluated.rewards)
         assert np.array_equal(i.train_returns, trained.returns(0.99))
         assert np.array_equal(i.mean_policy_returns, evaluated.returns(0.99))
+
+
+@pytest.mark.parametrize("algorithm", [RKHSNAC(), RKHSNAC(step=LineSearch(choices=2, episodes=1))])
+@pytest.mark.parametrize("every", [0, 1, 2])
+def test_where_there_is_room_exploring_episodes_run_ahead_to_the_same_bits(
+    algorithm: RKHSNAC, every: int, arrays_of: Callable[[Any], dict[str, np.ndarray]]
+) -> None:
+    training = replace(SHORT, algorithm=algorithm, evaluate_every=every)
+    one_by_one, together = Watching(rows_at_once=5), Watching(rows_at_once=6)
+    for one, other in zip(train(training, one_by_one), train(training, together), strict=True):
+        a, b = arrays_of(one), arrays_of(other)
+        assert a.keys() == b.keys()
+        assert all(a[name].tobytes() == b[name].tobytes() for name in a)
+        assert len(one.tried) == len(other.tried) == (2 if isinstance(algorithm.step, LineSearch) else 0)
+    ahead = [batch for batch in together.batches if batch.noise_free]
+    assert len(one_by_one.batches) - len(together.batches) == len(ahead) == {0: 0, 1: 2, 2: 1}[every]
+    assert {key for batch in one_by_one.batches for key in batch.keys} == {
+        key for batch in together.batches for key in batch.keys
+    }  # none beyond the last iteration
+    assert sum(batch.rows for batch in one_by_one.batches) == sum(batch.rows for batch in together.batches)
 
 
 def test_the_median_of_the_first_iteration_is_kept() -> None:
@@ -144,10 +169,18 @@ class Numbered:
 
     spaces = Spaces.unbounded(2, 1)
 
+    def __init__(self) -> None:
+        self.batches: list[Batch] = []
+
+    def room(self, rows: int) -> int:
+        return rows
+
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         shape = (batch.rows, batch.horizon)
-        numbers = np.broadcast_to(np.array(batch.episodes)[:, None, None], (*shape, 2)).astype(float)
-        rewards = np.full(shape, float(batch.explore))
+        self.batches.append(batch)
+        explore, numbers = zip(*batch.keys, strict=True)
+        numbers = np.broadcast_to(np.array(numbers)[:, None, None], (*shape, 2)).astype(float)
+        rewards = np.broadcast_to(np.array(explore)[:, None], shape).astype(float)
         return Episodes.without_ends(numbers, np.zeros((*shape, 1)), rewards, np.ones(shape, bool))
 
 
@@ -170,13 +203,30 @@ def test_no_episode_is_used_twice_and_exploring_ones_are_counted() -> None:
     collector = Collector(training, Numbered(), first_state(training, Numbered.spaces))
     policy = first_policy(training, Numbered.spaces)
     numbers: dict[bool, list[float]] = {True: [], False: []}
-    for episodes in (2, 0, 5, 1):
-        got = collector.evaluate(policy) if episodes == 0 else collector.explore_inputs(policy, episodes)
-        assert got.observations.shape[2] == (inputs.dimension(2, 1) if episodes else 2)
-        assert (got.rewards == float(episodes > 0)).all()
-        numbers[episodes > 0] += got.observations[:, 0, 0].tolist()
-    assert numbers == {True: list(range(8)), False: [0, 1, 2]}
-    assert (collector.explored, collector.evaluated) == (8, 3)
+    asked = (
+        (True, inputs.dimension(2, 1), lambda: collector.try_out(policy, 2)),
+        (False, 2, lambda: collector.evaluate(policy, explores_next=False)),
+        (True, inputs.dimension(2, 1), lambda: collector.try_out(policy, 5)),
+        (False, 2, lambda: collector.evaluate(policy, explores_next=True)),
+        (True, 2, lambda: collector.explore(policy)),
+        (True, 2, lambda: collector.explore(policy)),
+    )
+    for explore, columns, ask in asked:
+        got = ask()
+        assert got.observations.shape[2] == columns
+        assert (got.rewards == float(explore)).all()
+        numbers[explore] += got.observations[:, 0, 0].tolist()
+    assert numbers == {True: list(range(15)), False: list(range(6))}
+    assert (collector.explored, collector.evaluated) == (15, 6)
+    assert [len(each) for each in (collector.take_tried(), collector.take_tried())] == [2, 0]
+
+
+@pytest.mark.parametrize(("horizon", "together"), [(10_000, True), (10_001, False)])
+def test_no_episodes_run_ahead_in_a_batch_too_large_to_gain_by_it(horizon: int, together: bool) -> None:
+    training, runner = replace(SHORT, episodes_per_iteration=8, horizon=horizon), Numbered()
+    state = first_state(training, runner.spaces)
+    assert len(Collector(training, runner, state).evaluate(state.policy, explores_next=True)) == 2
+    assert [batch.rows for batch in runner.batches] == [10 if together else 2]
 
 
 @pytest.mark.slow

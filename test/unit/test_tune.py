@@ -4,6 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from rkhs_ros.app.inline import runner_of
+from rkhs_ros.base.settings import entries, unused
+from rkhs_ros.learning.training import train
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.search_space import SPREAD, Dimension, search_space
 from test.unit.conftest import Result, assert_refused
@@ -48,6 +51,48 @@ def test_named_settings_take_their_own_range_a_given_one_or_choices() -> None:
     )
 
 
+VARIANTS = [
+    ("name: rkhs_nac",),
+    ("name: rkhs_nac, critic: trajectory",),
+    ("name: rkhs_nac, regression: pursuit", "kernel.form=rbf + polynomial"),
+    ("name: rkhs_ac, critic: trajectory", "kernel.form=polynomial"),
+    ("name: rkhs_npg",),
+    ("name: rkhs_npg, baseline: value", "kernel.form=linear"),
+    ("name: rkhs_power",),
+    ("name: rkhs_power, variance: constant, weighting: returns",),
+    ("name: rkhs_power, weighting: printed",),
+    ("name: power, solution: diagonal, grid_low: [-4], grid_high: [4]",),
+    ("name: rkhs_nac", "practice={form: model, iterations: 3, episodes: 4}"),
+]
+LOOSE = ("exploration_decay: 0.3", "exploration_minimum: 0.1")  # else the least deviation does not come into effect
+SMALL = ("horizon=5", "iterations=3", "episodes_per_iteration=4", "evaluation_episodes=2")
+
+
+@pytest.mark.parametrize("variant", VARIANTS, ids=" ".join)
+def test_what_is_searched_changes_what_is_learnt_and_what_is_not_in_effect_does_not(variant: tuple[str, ...]) -> None:
+    algorithm, *changes = variant
+    given = [f"algorithm={{{', '.join((algorithm, *LOOSE))}}}", *SMALL, *changes]
+    config = load_config(CONFIG, given)
+    runner = runner_of(config.environment)
+
+    def learnt(name: str, value: float) -> bytes:
+        training = load_config(CONFIG, [*given, f"{name}={value}"]).training
+        return b"".join(
+            each.train_returns.tobytes() + each.evaluation.actions.tobytes() for each in train(training, runner)
+        )
+
+    space = {each.name: each for each in search_space(config, [])}
+    for name, dimension in space.items():
+        if not name.startswith(("practice.centres", "algorithm.sparsification")):  # more than there are points
+            assert learnt(name, dimension.low) != learnt(name, dimension.high), name
+    idle = set(unused(config.training))
+    assert not idle & set(space)
+    for entry in entries(config.training):
+        if entry.name in idle and not isinstance(entry.value, str | tuple):
+            few, more = (2, 3) if isinstance(entry.value, int) else (0.3, 0.9)
+            assert learnt(entry.name, few) == learnt(entry.name, more), entry.name
+
+
 # The search
 
 
@@ -83,6 +128,35 @@ def test_a_search_stopped_and_started_again_goes_on_as_if_it_had_not(rkhs: Run, 
     before = (tmp_path / "whole" / "study.db").stat().st_mtime_ns
     assert rkhs(*search, "--trials", 6, "--out", "whole").code == 0
     assert (tmp_path / "whole" / "study.db").stat().st_mtime_ns == before
+
+
+@pytest.mark.slow
+def test_several_workers_share_a_search_whose_trials_are_each_made_once(rkhs: Run, tmp_path: Path) -> None:
+    optuna = pytest.importorskip("optuna")
+    search = (
+        "tune",
+        CONFIG,
+        *TINY,
+        "--seeds",
+        "0-1",
+        "--jobs",
+        2,
+        "--quiet",
+        "--over",
+        "algorithm.critic",
+        "--out",
+        "two",
+    )
+    for count in (2, 5):  # of two settings, so that most trials are those of others
+        assert rkhs(*search, "--trials", count).code == 0
+        made = trials(tmp_path / "two")
+        assert [line["state"] for line in made].count("fail") == 0
+        assert [line["trial"] for line in made] == [str(number) for number in range(count)]
+        assert made[0]["algorithm.critic"] == "step"  # where the search begins
+    storage = f"sqlite:///{tmp_path / 'two' / 'study.db'}"
+    (name,) = optuna.get_all_study_names(storage)
+    found = optuna.load_study(study_name=name, storage=storage).trials
+    assert all(len(each.intermediate_values) >= 1 and each.state.is_finished() for each in found)
 
 
 @pytest.mark.slow
@@ -153,10 +227,12 @@ def test_a_configuration_that_was_spoilt_is_mended(rkhs: Run, tmp_path: Path) ->
         (("--set", "evaluate_every=0"), "evaluate_every: expected 1 to 40"),
         (("--trials", "0"), "--trials: expected a number in [1, 100000], got 0"),
         (("--storage", "nowhere"), "--storage: expected"),
+        (("--set", "seed=3"), "--set: expected no setting that --seeds says, got seed"),
+        (("--out", CONFIG), f"--out: expected a folder, got the file {CONFIG}"),
     ],
 )
 def test_what_does_not_fit_is_refused_once_and_nothing_is_begun(
-    rkhs: Run, tmp_path: Path, arguments: tuple[str, ...], message: str
+    rkhs: Run, tmp_path: Path, arguments: tuple[object, ...], message: str
 ) -> None:
     pytest.importorskip("optuna")
     assert_refused(rkhs("tune", CONFIG, "--trials", "3", *arguments), message)

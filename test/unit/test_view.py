@@ -27,15 +27,15 @@ from rkhs_ros.runs.shown import ShowsMotion
 
 viser = pytest.importorskip("viser")
 
-from rkhs_ros.view.board import AREA, Choice, Subject, draw  # noqa: E402
-from rkhs_ros.view.coordinates import Coordinates  # noqa: E402
+from rkhs_ros.runs.coordinates import Coordinates  # noqa: E402
+from rkhs_ros.view.board import Choice, Subject, board_figure, draw  # noqa: E402
 from rkhs_ros.view.curve_plot import MOST_POINTS, plotted  # noqa: E402
 from rkhs_ros.view.folder import Folder  # noqa: E402
-from rkhs_ros.view.gauges import Gauges  # noqa: E402
 from rkhs_ros.view.recorded import Recorded  # noqa: E402
 from rkhs_ros.view.source import ENDED, FINISHED, PAUSED, RUNNING, state_of  # noqa: E402
 from rkhs_ros.view.status import clock, status  # noqa: E402
 from rkhs_ros.view.tasks import in_space  # noqa: E402
+from rkhs_ros.view.timeline import Timeline  # noqa: E402
 
 CONFIGS = Path(__file__).parents[2] / "config"
 
@@ -112,12 +112,12 @@ def test_a_folder_without_a_recording_shows_what_it_keeps(folder: Path, tmp_path
     source = Folder(bare)
     source.refresh()
     assert len(source.rows) == 4
-    assert source.iterations == [3, 4]
+    assert source.iterations[-2:] == [3, 4]  # and one that the disk has for sure
     assert np.array_equal(source.seen(4).policy.mean.centres, load_policy(bare / "policy.npz")[0].mean.centres)
     assert source.seen(4).evaluation.horizon == 30
     assert source.seen(3).evaluation is None
     assert source.spaces.action_high.tolist() == [3.0]
-    assert source.seen(1) is None
+    assert source.seen(5) is None
 
 
 def test_a_run_that_practises_shows_its_episodes_without_a_recording(tmp_path: Path) -> None:
@@ -180,12 +180,15 @@ def test_the_mark_is_where_the_episode_is_on_the_picture(random_policy: Any, ran
     episodes = random_episodes(policy, n=1)
     names = names_of(SimpleNamespace(environment="?"), 2, 1)
     spaces = Spaces((2,), np.array([-1.0]), np.array([1.0]))
-    board = draw(Subject("", Coordinates(policy, names), [episodes], spaces, 1.0), Choice(0, 1, 0))
-    seen = episodes.observations[0]
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    room = 0.06 * (high - low)
-    parts = (seen - low + room) / (high - low + 2 * room)
-    assert np.allclose(board.points, np.array(AREA[:2]) + parts * np.array(AREA[2:]), atol=1e-4)
+    subject = Subject("", Coordinates(policy, names), [episodes], spaces, 1.0)
+    board = draw(subject, Choice(0, 1, 0))
+    figure, points = board_figure(subject, Choice(0, 1, 0))
+    assert np.array_equal(points, episodes.observations[0])
+    figure.draw_without_rendering()
+    ((left, bottom), (right, top)), axes = figure.axes[0].get_position().get_points(), figure.axes[0]
+    low, high = np.array([axes.get_xlim(), axes.get_ylim()]).T
+    parts = (points - low) / (high - low)
+    assert np.allclose(board.points, [left, bottom] + parts * [right - left, top - bottom], atol=1e-3)
 
 
 @pytest.mark.parametrize(("d", "n", "horizon"), [(1, 1, 8), (2, 1, 8), (17, 3, 8), (3, 2, 1), (1, 1, 1), (2, 1, 1)])
@@ -223,10 +226,12 @@ def test_the_rod_points_where_the_angle_says() -> None:
 def test_a_task_that_says_nothing_is_not_made_but_shown_by_its_numbers() -> None:
     assert in_space(Task("MountainCarContinuous-v0", {}, 10, 0.99)) is None
     assert in_space(Task("nobody/Knows-v0", {}, 10, 0.99)) is None
-    gauges = Gauges(20, 2)
-    motion = gauges.motion(np.arange(100.0).reshape(5, 20), np.zeros((5, 2)))
-    assert motion.places.shape == (5, len(gauges.bodies()), 3)
-    assert np.ptp(motion.places[:, -4, 2]) == 2.0  # of the last observed
+    timeline = Timeline(names_of(SimpleNamespace(environment="?"), 20, 2))
+    motion = timeline.motion(np.arange(100.0).reshape(5, 20), np.zeros((5, 2)))
+    assert motion.places.shape == (5, len(timeline.bodies()), 3)
+    assert (np.diff(motion.places[:, 0, 0]) > 0).all()
+    low, high = np.array(timeline.room())
+    assert ((motion.places[..., ::2] > low[::2]) & (motion.places[..., ::2] < high[::2])).all()
 
 
 def test_times_are_told_as_people_say_them() -> None:

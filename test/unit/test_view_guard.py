@@ -1,6 +1,7 @@
 """What the page of a run lets others do: move what is there to be moved, press its buttons, and nothing else."""
 
 import os
+import re
 import shutil
 import time
 from collections.abc import Callable, Iterator
@@ -21,7 +22,9 @@ from rkhs_ros.runs.run import run_training
 
 viser = pytest.importorskip("viser")
 
+from rkhs_ros.view import page  # noqa: E402
 from rkhs_ros.view.guard import is_fitting, is_local, is_welcome  # noqa: E402
+from rkhs_ros.view.monitor import Monitor, NodeReport, Report  # noqa: E402
 from rkhs_ros.view.page import KEPT, Page  # noqa: E402
 from rkhs_ros.view.recorded import Recorded  # noqa: E402
 from rkhs_ros.view.serving import opened  # noqa: E402
@@ -83,13 +86,30 @@ def test_a_control_takes_only_what_somebody_at_it_can_set() -> None:
     assert is_fitting(SimpleNamespace(value=False, disabled=False), {"value": True})
 
 
+class Heard(Monitor):
+    """A monitor of nodes that are not there; it keeps what is said."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda: None)
+        self.said: list[str] = []
+
+    def listen(self) -> Report:
+        counts = dict.fromkeys(("commands", "clamps", "refusals", "stops"), 3)
+        nodes = (NodeReport("/policy", "ok", "well"), NodeReport("/gate", "error", "stuck: <b>too *fast*"))
+        return Report(nodes, {"state": "stopped", "reason": "too fast", **counts}, "veto: refused")
+
+    def say(self, word: str) -> None:
+        self.said.append(word)
+
+
 class Served:
     """A page in this process, and a way to talk to it."""
 
     def __init__(self, path: Path) -> None:
         self.source = Recorded(path)
         self.server = opened("127.0.0.1", 0)
-        self.page = Page(self.server, self.source)
+        self.monitor = Heard()
+        self.page = Page(self.server, self.source, self.monitor)
         self.page.refresh()
         self.port = self.server.get_port()
 
@@ -192,12 +212,51 @@ def test_buttons_ask_only_what_the_run_can_do(served: Served) -> None:
         assert visible() == ["Resume", "Stop"]
 
 
+def test_gate_and_nodes_are_shown_while_the_run_is_under_way(served: Served) -> None:
+    panel = served.page._nodes
+    served.page.listen()
+    assert not panel._robot.visible
+    assert not panel._folder.visible
+    with locked(served.source.path):
+        served.page.refresh()
+        served.page.listen()
+    assert panel._robot.visible
+    assert "The gate is **stopped**: too fast" in panel._gate.content
+    assert "3 commands, 3 changed by a limit, 3 refused" in panel._gate.content
+    assert panel._nodes.content.splitlines()[0] == r"**/gate error** stuck: \<b\>too \*fast\*"
+    assert "well: policy" in panel._nodes.content
+    assert panel._answer.content == "veto: refused"
+    served.page.rest()
+    assert not panel._robot.visible
+
+
+def test_no_request_arms_a_robot(served: Served) -> None:
+    """All buttons of the page at once, each value and each name that could be meant to arm."""
+    with locked(served.source.path), served.connect() as connection:
+        served.page.refresh()
+        served.page.listen()
+        connection.recv(10.0)
+        connection.send(packed(CAMERA))
+        assert eventually(lambda: len(served.server.get_clients()) > 0)
+        for uuid in [*served.server.gui._gui_input_handle_from_uuid, "arm", "gate/arm"]:
+            for updates in (
+                {"value": True},
+                {"value": "arm"},
+                {"arm": True},
+                {"value": True, "word": "arm"},
+            ):
+                connection.send(packed({"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates}))
+        assert eventually(lambda: sorted(served.monitor.said) == ["pause", "start", "stop", "veto"])
+    for path in (Path(page.__file__).parent).glob("*.py"):
+        assert not re.search(r"""["'](gate/|~/)?arm["']""", path.read_text()), path
+
+
 @pytest.mark.faults
 def test_memory_stays_bounded_over_a_long_run(tmp_path: Path) -> None:
     config = load_config(CONFIGS / "toy_few_nac.yaml", ["iterations=300", "evaluate_every=0"])
     path = run_training(config, runner_of(config.environment), tmp_path / "run", quiet=True, record=True)
     source = Recorded(path)
-    page = Page(opened("127.0.0.1", 0), source)
+    page = Page(opened("127.0.0.1", 0), source, Monitor(lambda: None))
     page.refresh()
     sizes = []
     for number in range(5, 301, 5):

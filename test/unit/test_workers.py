@@ -1,12 +1,15 @@
 """Who makes the runs of a study: refusals, and where the calls go."""
 
+import os
+import signal
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from rkhs_ros.runs import surroundings
-from rkhs_ros.runs.workers import Workers
+from rkhs_ros.runs.workers import WorkerLostError, Workers
 from test.unit.conftest import Result, assert_refused
 
 CONFIG = Path(__file__).parents[2] / "config" / "toy_nac.yaml"
@@ -24,10 +27,10 @@ def test_a_worker_with_other_code_is_refused(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(surroundings, "__version__", "9.9.9")
     with (
         distributed.LocalCluster(1, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster,
-        Workers(scheduler=cluster.scheduler_address).opened(1) as results,
+        Workers(scheduler=cluster.scheduler_address).opened(1) as pool,
         pytest.raises(ValueError, match=r"worker: rkhs_ros: expected 9\.9\.9"),
     ):
-        list(results(doubled, [(1,)]))
+        list(pool.results(doubled, partial(next, iter([(1,)]), None), most=1))
 
 
 @pytest.mark.slow
@@ -40,9 +43,40 @@ def test_workers_of_several_threads_are_refused(rkhs: Run) -> None:
 
 
 def test_one_process_makes_call_after_call() -> None:
-    with Workers(1).opened(3) as results:
-        made = results(doubled, [(1,), (2,), (3,)])
-        assert [next(made), *made] == [2, 4, 6]
+    taken = []
+
+    def take() -> tuple[int] | None:
+        taken.append(len(taken) + 1)
+        return (taken[-1],) if len(taken) <= 3 else None
+
+    with Workers(1).opened(3) as pool:
+        made = pool.results(doubled, take, most=3)
+        assert (next(made), taken) == (2, [1])
+        assert list(made) == [4, 6]
+
+
+@pytest.mark.slow
+def test_what_is_called_next_may_follow_from_what_has_ended() -> None:
+    returned = [1]
+    with Workers(2).opened(2) as pool:
+        for result in pool.results(doubled, lambda: (returned.pop(),) if returned else None, most=pool.width):
+            if result < 20:
+                returned.append(result)
+    assert result == 32
+
+
+def ended_by_signal(number: int) -> int:
+    if number == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+@pytest.mark.slow
+def test_processes_that_were_killed_are_told_of_once_and_take_no_more_calls() -> None:
+    numbers = iter(range(1000))
+    with Workers(2).opened(2) as pool, pytest.raises(WorkerLostError, match="the same command goes on"):
+        list(pool.results(ended_by_signal, lambda: (next(numbers),), most=pool.width))
+    assert next(numbers) < 1000
 
 
 @pytest.mark.parametrize(

@@ -122,6 +122,15 @@ def test_a_finished_folder_is_seen_and_the_slider_moves_the_robot(
     assert view.finish()[0] == 130
 
 
+def test_all_of_it_is_within_a_window_that_loads_it_first(chromium: Browser, serve: Serve, folder: Path) -> None:
+    tab = chromium.open(serve("view", folder).address, 1280, 800)
+    seen(tab, lambda picture: near(picture[:, :880], RED, 60) + near(picture[:, :880], BLUE, 60) > 8_000)
+    stop_playing(tab)
+    picture = settled(tab)
+    edges = (picture[150:, :6], picture[150:, 872:878], picture[-6:, :878])  # of what is beside the panel
+    assert all((edge > 240).all() for edge in edges)
+
+
 def test_a_recording_alone_shows_each_iteration(chromium: Browser, serve: Serve, folder: Path, tmp_path: Path) -> None:
     alone = tmp_path / "alone.mcap"
     shutil.copy(folder / "recording.mcap", alone)

@@ -1,0 +1,98 @@
+"""A run seen through what others recorded of its topics, as ``ros2 bag record`` does: episodes and their returns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rkhs_ros.base.validation import require
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.storage import Task
+from rkhs_ros.recordings.recording import RecordedBatch, read_recording
+from rkhs_ros.runs.curve import Row
+from rkhs_ros.view.recorded import together
+from rkhs_ros.view.source import Seen
+
+UNDISCOUNTED = 1.0  # nobody tells the discount
+
+
+class Bag:
+    """A run in a bag: an iteration is what one policy explored, with the noise-free episodes after it.
+
+    Owns what the bag holds, which does not grow any more.
+
+    Args:
+        path: the folder of a bag, or an MCAP file.
+
+    Raises:
+        ValueError: it holds no episodes of a run.
+        OSError: it cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        recording = read_recording(path)
+        batches = sorted(recording.finished, key=lambda each: each.time)
+        require(bool(batches), f"{path}", "a bag with whole episodes of a run", "none")
+        self.path, self.name = path, path.stem
+        self.task = Task("", {}, batches[0].batch.horizon, UNDISCOUNTED)
+        self.nodes: Mapping[str, Mapping[str, Any]] = {}
+        self.spaces: Spaces | None = None
+        self._policies = recording.policies
+        self._parts = list(_iterations(batches))
+        self.rows: Sequence[Row] = list(_rows(self._parts))
+        self.total = len(self._parts)
+
+    @property
+    def iterations(self) -> Sequence[int]:
+        """All of them."""
+        return range(1, self.total + 1)
+
+    def refresh(self) -> None:
+        """Look at nothing anew: it is whole."""
+
+    def seen(self, iteration: int) -> Seen | None:
+        """Return the episodes of an iteration, and the policy after it where that was recorded."""
+        part = self._parts[iteration - 1]
+        noise_free = [each for each in part if not each.batch.explore]
+        version = noise_free[0].version if noise_free else part[0].version
+        return Seen(self._policies.get(version), *(together(part, explore=explore) for explore in (True, False)))
+
+
+def _iterations(batches: Sequence[RecordedBatch]) -> Iterator[list[RecordedBatch]]:
+    """Yield the batches of each iteration: one begins where another policy explores."""
+    begins = [0] + [
+        k
+        for k, (one, other) in enumerate(pairwise(batches), start=1)
+        if other.batch.explore and (not one.batch.explore or one.version != other.version)
+    ]
+    for begin, end in pairwise([*begins, len(batches)]):
+        yield list(batches[begin:end])
+
+
+def _rows(parts: Sequence[list[RecordedBatch]]) -> Iterator[Row]:
+    """Yield a line of the learning curve for each iteration, as far as it is known from the episodes."""
+    zeros, began, explored, evaluated = dict.fromkeys(Row._fields, 0.0), parts[0][0].time, 0, 0
+    for number, part in enumerate(parts, start=1):
+        exploration, evaluation = (together(part, explore=explore) for explore in (True, False))
+        explored, evaluated = explored + len(exploration or ()), evaluated + len(evaluation or ())
+        known: dict[str, Any] = {
+            "iteration": number,
+            "episodes": explored,
+            "evaluation_episodes": evaluated,
+            "train_return": _earned(exploration),
+            "mean_policy_return": _earned(evaluation),
+            "centres": 0,
+            "imagined_return": np.nan,
+            "model_error": np.nan,
+            "seconds": (part[-1].time - began) / 1e9,
+        }
+        yield Row(**{**zeros, **known})
+
+
+def _earned(episodes: Episodes | None) -> float:
+    return float("nan") if episodes is None else float(episodes.returns(UNDISCOUNTED).mean())

@@ -1,0 +1,95 @@
+"""The part of the page that shows the nodes of a run over topics, and what a person may tell a robot from there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from viser import GuiApi
+
+from rkhs_ros.view.monitor import Monitor, NodeReport, Report
+
+WORST_FIRST = ("error", "silent", "warning", "ok")
+MOST_NODES = 12  # that are shown, the worst first
+MOST_LETTERS = 160  # of what a node says
+# What a person may tell the nodes from a page. To arm the gate is for somebody who stands beside the robot.
+BUTTONS = {
+    "stop": ("Stop the robot", "the gate brings it to rest, until it is armed again with rkhs robot arm", "red"),
+    "pause": ("Pause the robot", "no further episode begins", None),
+    "start": ("Start the next episode", "the scene is in order, or the pause is over", None),
+    "veto": ("Veto the last episode", "it counts for nothing, if nothing was learnt from it yet", None),
+}
+
+
+class NodesPanel:
+    """The nodes of a run, the gate of its robot, and the buttons for that.
+
+    Owns these controls; they are there as long as nodes are heard.
+
+    Args:
+        gui: of the page.
+        monitor: hears the nodes.
+    """
+
+    def __init__(self, gui: GuiApi, monitor: Monitor) -> None:
+        self._monitor = monitor
+        self._robot = gui.add_folder("Robot", visible=False)
+        with self._robot:
+            self._gate = gui.add_markdown("")
+            for word, about in BUTTONS.items():
+                self._add_button(gui, word, *about)
+            self._answer = gui.add_markdown("")
+        self._folder = gui.add_folder("Nodes", visible=False)
+        with self._folder:
+            self._nodes = gui.add_markdown("")
+
+    def refresh(self, *, running: bool) -> None:
+        """Show what is heard; listen only to nodes of a run that is under way."""
+        if running:
+            self._show(self._monitor.listen())
+        else:
+            self.rest()
+
+    def rest(self) -> None:
+        """Listen no more."""
+        self._monitor.rest()
+        self._show(Report())
+
+    def _add_button(self, gui: GuiApi, word: str, label: str, hint: str, colour: Any) -> None:
+        button = gui.add_button(label, hint=hint, color=colour)
+        button.on_click(lambda _: self._monitor.say(word))
+
+    def _show(self, report: Report) -> None:
+        self._robot.visible, self._folder.visible = report.gate is not None, bool(report.nodes)
+        for words, text in (
+            (self._gate, told_of_gate(report.gate or {})),
+            (self._answer, plain(report.answer)),
+            (self._nodes, told_of_nodes(report.nodes)),
+        ):
+            if words.content != text:
+                words.content = text
+
+
+def told_of_gate(gate: Mapping[str, Any]) -> str:
+    """Return in Markdown how the gate fares."""
+    if not gate:
+        return ""
+    state, reason = str(gate["state"]), plain(gate["reason"])
+    counts = f"{gate['commands']} commands, {gate['clamps']} changed by a limit, {gate['refusals']} refused"
+    head = f"The gate is **{plain(state)}**" + f": {reason}" * bool(reason)
+    return f"{head}\n\n{counts}; stopped {gate['stops']} times"
+
+
+def told_of_nodes(nodes: Sequence[NodeReport]) -> str:
+    """Return in Markdown how the nodes fare: those that are not well one by one, the worst first, then the others."""
+    ranked = sorted(nodes, key=lambda node: WORST_FIRST.index(node.level))
+    ill = [node for node in ranked if node.level != "ok"][:MOST_NODES]
+    lines = [f"**{plain(node.name)} {node.level}** {plain(node.message)}" for node in ill]
+    well = [plain(node.name.strip("/")) for node in ranked if node.level == "ok"][: MOST_NODES - len(ill)]
+    return "\n\n".join([*lines, *([f"well: {', '.join(well)}"] if well else [])])
+
+
+def plain(text: str) -> str:
+    """Return a text of others without what Markdown or a browser would take for more than words."""
+    some = text if len(text) <= MOST_LETTERS else f"{text[:MOST_LETTERS]} …"
+    return "".join(f"\\{letter}" if letter in "\\`*_{}[]()<>#+!|~$" else letter for letter in " ".join(some.split()))

@@ -1,0 +1,167 @@
+"""A robot's episodes in space: its bodies where its joints were sensed or commanded, and the points that it senses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from viser.transforms import SO3
+
+from rkhs_ros.pictures.style import COLOURS
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.robot.sensors import JOINT_STATE
+from rkhs_ros.robot.task import RobotTask
+from rkhs_ros.robot.urdf import located
+from rkhs_ros.view.urdf_bodies import Primitive, Surface, UrdfBodies, three
+
+Point = tuple[float, float, float]
+AXES = "xyz"
+BALL_M = 0.06  # diameter of a point that is sensed
+MARGIN_M = 0.02  # around all that is seen
+EYE = (0.9, -1.6, 0.5)
+BLUE, RED, GREEN, PINK, *_ = COLOURS
+SHADES = (RED, GREEN, PINK, BLUE)  # of the points
+
+
+class RobotMotion(NamedTuple):
+    """Where the bodies are at each step."""
+
+    times: Array
+    places: Array
+    turns: Array
+
+
+class RobotScene:
+    """The bodies of a robot and the points that it senses.
+
+    Joints that are not observed follow what they are commanded to, if it is positions.
+
+    Args:
+        bodies: of the robot.
+        task: what is observed and commanded.
+        gate: settings of its gate: the joints that are commanded, and their greatest velocity.
+        observations: of an episode, around which is the room, shape (steps, d).
+        actions: of that episode, shape (steps, n).
+    """
+
+    def __init__(
+        self, bodies: UrdfBodies, task: RobotTask, gate: Mapping[str, Any], observations: Array, actions: Array
+    ) -> None:
+        self._bodies, self._task, self._joints = bodies, task, gate.get("joints", ())
+        self._velocity = np.array(gate.get("limits", {}).get("velocity") or np.inf)
+        self._sensed = sensed_joints(task)
+        self._points = sensed_points(task)
+        self._room = self._around(self.motion(observations, actions))
+
+    def eye(self) -> tuple[float, float, float]:
+        """Return the direction from which it is looked at."""
+        return EYE
+
+    def room(self) -> tuple[Point, Point]:
+        """Return the corners of the box around what the first episode shows."""
+        return self._room
+
+    def bodies(self) -> list[Surface | Primitive]:
+        """Return what is seen."""
+        balls = [Primitive("ball", (BALL_M,) * 3, shade) for shade, _ in zip(SHADES, self._points, strict=False)]
+        return [*(visual.body for visual in self._bodies.visuals), *balls]
+
+    def motion(self, observations: Array, actions: Array) -> RobotMotion:
+        """Return how the bodies move in an episode."""
+        count = len(observations)
+        frames = np.stack(self._bodies.frames(self._positions(observations, actions), count), axis=1)
+        points = self._placed(observations)[:, : len(SHADES)]
+        still = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*points.shape[:2], 4))
+        places = np.concatenate([frames[..., :3, 3], points], axis=1)
+        turns = np.concatenate([SO3.from_matrix(frames[..., :3, :3]).wxyz, still], axis=1)
+        return RobotMotion(self._task.period * np.arange(count, dtype=np.float64), places, turns)
+
+    def _positions(self, observations: Array, actions: Array) -> dict[str, Array]:
+        """Return the position of each joint at each step, as far as it is known."""
+        positions = {joint: observations[:, column] for joint, column in self._sensed.items()}
+        if self._task.action.kind == "position" and len(self._joints) == actions.shape[1]:
+            reset, still = self._task.reset, self._task.action.command(np.zeros(actions.shape[1]))
+            first = reset.home.position if "home" in reset.steps else still
+            commands = np.array([self._task.action.command(action) for action in actions])
+            moved = self._followed(np.broadcast_to(first, len(self._joints)), commands)
+            positions = dict(zip(self._joints, moved.T, strict=True)) | positions
+        return positions
+
+    def _followed(self, first: Array, commands: Array) -> Array:
+        """Return where joints are before each command that follow the commands no faster than the gate lets them."""
+        most = self._velocity * self._task.period
+        moved = [first]
+        for command in commands[:-1]:
+            moved.append(moved[-1] + np.clip(command - moved[-1], -most, most))
+        return np.array(moved)
+
+    def _placed(self, observations: Array) -> Array:
+        """Return where the points are, shape (steps, points, 3); what is not observed of one, as the others have it."""
+        points = np.full((len(observations), len(self._points), 3), np.nan)
+        for i, columns in enumerate(self._points.values()):
+            for axis, column in columns.items():
+                points[:, i, axis] = observations[:, column]
+        for axis in range(3):
+            known = points[..., axis][np.isfinite(points[..., axis])]
+            points[..., axis][np.isnan(points[..., axis])] = known.mean() if len(known) else 0.0
+        return points
+
+    def _around(self, motion: RobotMotion) -> tuple[Point, Point]:
+        ends = [_ends(body) for body in self.bodies()]
+        turned = SO3(motion.turns).as_matrix()
+        corners = [turned[:, i] @ end.T + motion.places[:, i, :, None] for i, end in enumerate(ends)]
+        low = np.min([corner.min(axis=(0, 2)) for corner in corners], axis=0) - MARGIN_M
+        high = np.max([corner.max(axis=(0, 2)) for corner in corners], axis=0) + MARGIN_M
+        return three(low), three(high)
+
+
+def robot_scene(
+    nodes: Mapping[str, Mapping[str, Any]], task: RobotTask, observations: Array, actions: Array
+) -> RobotScene | None:
+    """Return how a robot looks whose gate takes its limits from a URDF; None of another.
+
+    Args:
+        nodes: parameters of the robot's nodes by their names.
+        task: the robot's.
+        observations: of an episode.
+        actions: of that.
+
+    Raises:
+        ValueError: the URDF is damaged, or shows nothing.
+        OSError: it cannot be read.
+    """
+    gate = nodes.get("gate", {})
+    urdf = gate.get("limits", {}).get("urdf", "")
+    if not urdf:
+        return None
+    return RobotScene(UrdfBodies(located(urdf)), task, gate, observations, actions)
+
+
+def sensed_joints(task: RobotTask) -> dict[str, int]:
+    """Return which column of the observation is the position of each joint that is sensed."""
+    columns: dict[str, int] = {}
+    for begin, _, sensor in task.sensors.columns():
+        if sensor.type == JOINT_STATE and "position" in sensor.fields:
+            first = begin + sensor.fields.index("position") * len(sensor.joints)
+            columns |= {joint: first + i for i, joint in enumerate(sensor.joints)}
+    return columns
+
+
+def sensed_points(task: RobotTask) -> dict[str, dict[int, int]]:
+    """Return for each point that is sensed, by its sensor's name, the columns of its coordinates by their axes."""
+    points: dict[str, dict[int, int]] = {}
+    for begin, name, sensor in task.sensors.columns():
+        for i, field in enumerate(sensor.fields):
+            place, _, axis = field.rpartition(".")
+            if place in ("point", "pose.position", "position") and axis in AXES and not sensor.joints:
+                points.setdefault(name, {})[AXES.index(axis)] = begin + i
+    return points
+
+
+def _ends(body: Surface | Primitive) -> Array:
+    """Return points of a body between which all of it is, shape (k, 3)."""
+    if isinstance(body, Surface):
+        return np.array([body.vertices.min(axis=0), body.vertices.max(axis=0)])
+    half = np.array(body.size) / 2
+    return np.array([-half, half])

@@ -1,0 +1,115 @@
+"""What the page of a run hears of its nodes, and what it can tell them: never to arm the gate."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from std_srvs.srv import SetBool, Trigger
+
+from rkhs_interfaces.msg import GateState
+from rkhs_ros.app.view import monitor_process
+from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS, TOPIC
+from rkhs_ros.nodes.messages import LATCHED_QOS
+from rkhs_ros.nodes.monitor_node import WORDS
+from rkhs_ros.nodes.operator_node import SERVICES
+from rkhs_ros.view.monitor import Monitor, NodeReport
+from rkhs_ros.view.nodes_panel import BUTTONS
+from test.ros.conftest import Probe
+
+
+@pytest.fixture
+def monitor(domain: int, tmp_path: Path) -> Iterator[Monitor]:
+    """A monitor of a run in the test's domain, as its folder says."""
+    (tmp_path / "checkpoints").mkdir()
+    (tmp_path / "checkpoints" / "domain").write_text(f"{domain}\n")
+    listening = Monitor(lambda: monitor_process(tmp_path))
+    yield listening
+    listening.rest()
+
+
+class Peers:
+    """The nodes of a robot's run, in the test's node: it counts what it is asked."""
+
+    def __init__(self, probe: Probe) -> None:
+        self.asked: list[str] = []
+        for name, kind, _ in SERVICES.values():
+            probe.create_service(kind, name, lambda request, response, name=name: self.answer(name, request, response))
+        self._gate = probe.create_publisher(GateState, "gate/state", LATCHED_QOS)
+        self._diagnostics = probe.create_publisher(DiagnosticArray, TOPIC, DIAGNOSTICS_QOS)
+        self._gate.publish(GateState(state="stopped", reason="too fast", commands=7, clamps=3, refusals=2, stops=1))
+
+    def answer(
+        self, name: str, request: object, response: Trigger.Response | SetBool.Response
+    ) -> Trigger.Response | SetBool.Response:
+        self.asked.append(name)
+        assert not isinstance(request, SetBool.Request) or request.data
+        response.success, response.message = name != "robot/veto", "there is none" if name == "robot/veto" else ""
+        return response
+
+    def report(self) -> None:
+        well = DiagnosticStatus(name="/policy", level=DiagnosticStatus.OK, message="well")
+        ill = DiagnosticStatus(name="/gate", level=DiagnosticStatus.ERROR, message="stuck: too fast")
+        self._diagnostics.publish(DiagnosticArray(status=[well, ill]))
+
+
+def test_gate_and_nodes_are_heard_and_told_what_is_safe(monitor: Monitor, probe: Probe) -> None:
+    peers = Peers(probe)
+
+    def heard() -> bool:
+        peers.report()
+        return monitor.listen().gate is not None and len(monitor.listen().nodes) == 2
+
+    probe.until(heard)
+    report = monitor.listen()
+    assert report.gate == {
+        "state": "stopped", "reason": "too fast", "commands": 7, "clamps": 3, "refusals": 2, "stops": 1,
+    }  # fmt: skip
+    assert report.nodes == (NodeReport("/gate", "error", "stuck: too fast"), NodeReport("/policy", "ok", "well"))
+    for word in ("arm", "gate/arm", "ARM", "\0", "arm\nstop\narm"):
+        monitor.say(word)
+    probe.until(lambda: peers.asked == ["gate/stop"])
+    for number, word in enumerate(("pause", "start", "veto")):
+        monitor.say(word)
+        probe.until(lambda expected=number + 2: len(peers.asked) == expected)
+    probe.until(lambda: monitor.listen().answer == "veto: refused (there is none)")
+    assert peers.asked == ["gate/stop", "robot/pause", "robot/start", "robot/veto"]
+    clients = dict(probe.get_client_names_and_types_by_node("monitor", "/"))
+    assert "/gate/stop" in clients
+    assert "/gate/arm" not in clients
+
+
+def test_a_node_that_falls_silent_is_told(monitor: Monitor, probe: Probe) -> None:
+    peers = Peers(probe)
+
+    def heard() -> bool:
+        peers.report()
+        return len(monitor.listen().nodes) == 2
+
+    probe.until(heard)
+    probe.until(lambda: {node.level for node in monitor.listen().nodes} == {"silent"})
+
+
+def test_the_buttons_are_all_words_but_that_which_arms() -> None:
+    assert set(BUTTONS) == set(WORDS) == set(SERVICES) - {"arm"}
+
+
+def test_it_ends_with_the_page(monitor: Monitor, probe: Probe) -> None:
+    probe.until(lambda: monitor.listen().nodes is not None and "monitor" in probe.get_node_names())
+    process = monitor._process
+    assert process is not None
+    monitor.rest()
+    assert process.poll() is not None
+
+
+def test_there_is_none_of_a_run_that_is_over_or_without_ros(tmp_path: Path) -> None:
+    assert monitor_process(tmp_path) is None
+    code = (
+        "import sys; sys.modules['rclpy'] = None; from pathlib import Path; import rkhs_ros.app.view as v; "
+        "import rkhs_ros.view.serving; assert v.monitor_process(Path(sys.argv[1])) is None"
+    )
+    (tmp_path / "checkpoints").mkdir()
+    (tmp_path / "checkpoints" / "domain").write_text("1\n")
+    subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=True)

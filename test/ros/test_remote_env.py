@@ -1,0 +1,312 @@
+"""A simulator node as a Gymnasium environment: the same steps to the bit, its ends, and what is left of it."""
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import rclpy
+from gymnasium.spaces import Box
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+import test.ros.uneven  # noqa: F401  # registers the environment
+from rkhs_ros.base.endings import RunError
+from rkhs_ros.nodes.remote_env import RemoteEnv, RemoteVectorEnv
+from rkhs_ros.nodes.spin import PeerError
+from test.ros.conftest import PATIENCE, Process, kill, nodes_of
+
+Start = Callable[..., Process]
+Make = Callable[..., Any]
+Simulate = Callable[..., Process]
+UNEVEN = "test.ros.uneven:Uneven-v0"
+STEPS = 1000
+
+
+@pytest.fixture
+def simulator(start: Start) -> Simulate:
+    """Start a simulator node, and wait until it answers."""
+
+    def begin(task: str, **options: str) -> Process:
+        given = {"environment.id": task, **{f"environment.options.{name}": value for name, value in options.items()}}
+        process = start("simulator", "--ros-args", *(w for name, v in given.items() for w in ("-p", f"{name}:={v}")))
+        RemoteEnv(timeout=PATIENCE).close()
+        return process
+
+    return begin
+
+
+@pytest.fixture
+def make(domain: int) -> Iterator[Make]:
+    """Make environments that are closed after the test."""
+    made: list[Any] = []
+
+    def remember(kind: Callable[..., Any], *given: Any, **options: Any) -> Any:
+        made.append(kind(*given, **options))
+        return made[-1]
+
+    yield remember
+    for each in made:
+        each.close()
+
+
+def assert_same(ours: Any, theirs: Any) -> None:
+    """Compare observations, what came with them, and what was told of the ends."""
+    for one, other in zip(ours[:-1], theirs[:-1], strict=True):
+        np.testing.assert_array_equal(one, other)
+        assert np.asarray(one).dtype == np.asarray(other).dtype
+    for name in ("final_obs", "_final_obs"):
+        assert (name in ours[-1]) == (name in theirs[-1])
+        for one, other in zip(ours[-1].get(name, ()), theirs[-1].get(name, ()), strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("task", ["rkhs/Pendulum-v0", pytest.param(UNEVEN, marks=pytest.mark.faults)])
+def test_a_thousand_steps_are_those_of_the_environment_itself(simulator: Simulate, make: Make, task: str) -> None:
+    simulator(task)
+    remote, direct = make(gymnasium.make, "rkhs/Remote-v0"), make(gymnasium.make, task)
+    assert remote.observation_space == direct.observation_space
+    assert remote.action_space == direct.action_space
+    remote.action_space.seed(5)
+    for seed in (7, 7, 8):
+        assert_same(remote.reset(seed=seed), direct.reset(seed=seed))
+    over = 0
+    for _ in range(STEPS):
+        action = remote.action_space.sample()
+        ours, theirs = remote.step(action), direct.step(action)
+        assert_same(ours, theirs)
+        if ours[2] or ours[3]:
+            over += 1
+            assert_same(remote.reset(), direct.reset())
+    assert over >= STEPS // 100
+
+
+def test_rows_end_and_begin_anew_as_those_of_gymnasium(simulator: Simulate, make: Make) -> None:
+    simulator(UNEVEN)
+    for mode in AutoresetMode:
+        check_autoreset(make, mode)
+
+
+def check_autoreset(make: Make, mode: AutoresetMode) -> None:
+    """Compare uneven rows with those of a vector environment of Gymnasium's own."""
+    remote = make(gymnasium.make_vec, "rkhs/Remote-v0", 4, autoreset_mode=mode)
+    direct = make(SyncVectorEnv, [partial(gymnasium.make, UNEVEN)] * 4, autoreset_mode=mode)
+    assert isinstance(remote.unwrapped, RemoteVectorEnv)
+    assert (remote.observation_space, remote.action_space) == (direct.observation_space, direct.action_space)
+    assert_same(remote.reset(seed=[3, 1, 4, 1]), direct.reset(seed=[3, 1, 4, 1]))
+    remote.action_space.seed(5)
+    ends = np.zeros(2)
+    for _ in range(60):
+        actions = remote.action_space.sample()
+        ours, theirs = remote.step(actions), direct.step(actions)
+        assert_same(ours, theirs)
+        ends += [ours[2].sum(), ours[3].sum()]
+        over = ours[2] | ours[3]
+        if mode == AutoresetMode.DISABLED and over.any():
+            assert_same(*(each.reset(options={"reset_mask": over.copy()}) for each in (remote, direct)))
+    assert (ends > 5).all()
+    assert_same(remote.reset(seed=9), direct.reset(seed=9))
+    remote.close()
+
+
+@pytest.mark.faults
+def test_many_rows_of_a_vector_task_are_single_ones(simulator: Simulate, make: Make) -> None:
+    simulator("rkhs/PendulumPOMDP-v0")
+    remote = make(gymnasium.make_vec, "rkhs/Remote-v0", 3)
+    direct = make(SyncVectorEnv, [partial(gymnasium.make, "rkhs/PendulumPOMDP-v0")] * 3)
+    assert_same(remote.reset(seed=2), direct.reset(seed=2))
+    remote.action_space.seed(5)
+    for _ in range(230):
+        actions = remote.action_space.sample()
+        assert_same(remote.step(actions), direct.step(actions))
+
+
+def test_gymnasium_finds_nothing_wrong(simulator: Simulate, make: Make) -> None:
+    simulator("rkhs/Pendulum-v0")
+    check_env(make(gymnasium.make, "rkhs/Remote-v0").unwrapped)
+
+
+def test_what_does_not_fit_is_refused_and_the_episode_goes_on(simulator: Simulate, make: Make) -> None:
+    simulator("rkhs/Toy-v0")
+    remote = make(RemoteEnv, horizon=2)
+    with pytest.raises(RunError, match="step: expected a reset before it"):
+        remote.step([0.0])
+    with pytest.raises(ValueError, match=r"seed: expected numbers in \[0, 2\^63\), got -1"):
+        remote.reset(seed=-1)
+    remote.reset(seed=1)
+    for bad, reason in (([np.nan], "finite"), ([0.0, 1.0], "values"), (["left"], "real numbers")):
+        with pytest.raises(ValueError, match=f"action: expected .*{reason}"):
+            remote.step(bad)
+    with pytest.raises(ValueError, match="options: expected reset_mask of a vector environment, or none, got low"):
+        remote.reset(options={"low": 1.0})
+    assert not any(remote.step([0.1])[2:4])
+    assert remote.step([0.1])[2:4] == (False, True)
+    with pytest.raises(RunError, match="step: expected a reset before it"):
+        remote.step([0.0])
+    with pytest.raises(ValueError, match="seed: expected 2, one for each row, got 3"):
+        make(RemoteVectorEnv, 2).reset(seed=[1, 2, 3])
+    for options, reason in (
+        ({"domain": 400}, "domain"),
+        ({"timeout": 0}, "timeout"),
+        ({"horizon": -1}, "horizon"),
+        ({"namespace": "no name"}, "namespace"),
+    ):
+        with pytest.raises(ValueError, match=f"{reason}: expected"):
+            make(RemoteEnv, **options)
+
+
+@pytest.mark.faults
+def test_a_killed_simulator_is_named_in_time_and_its_successor_used(simulator: Simulate, make: Make) -> None:
+    first = simulator("rkhs/Pendulum-v0")
+    remote = make(RemoteEnv, timeout=3.0)
+    before, _ = remote.reset(seed=4)
+    remote.step([1.0])
+    kill(first.popen.pid)
+    began = time.monotonic()
+    with pytest.raises(
+        PeerError, match=r"the simulator node did not answer within 3 s; rkhs/Pendulum-v0 was in step 2"
+    ):
+        remote.step([1.0])
+    assert time.monotonic() - began < 4.5
+    with pytest.raises(RunError, match="expected a reset before it"):
+        remote.step([1.0])
+    simulator("rkhs/Pendulum-v0")
+    np.testing.assert_array_equal(before, remote.reset(seed=4)[0])
+    remote.step([1.0])
+
+
+def play(remote: Any, steps: int) -> None:
+    """Make steps, beginning anew where an episode is over."""
+    for _ in range(steps):
+        if any(remote.step([0.0])[2:4]):
+            remote.reset()
+
+
+def test_an_environment_that_fails_is_named_and_begins_anew(simulator: Simulate, make: Make) -> None:
+    simulator("test.faults.bad_tasks:Bad-v0", fault="nan reward")
+    remote = make(RemoteEnv)
+    remote.reset(seed=1)
+    play(remote, 65)
+    reason = r"^test\.faults\.bad_tasks:Bad-v0: reward of row 0 in step \d+: expected finite numbers"
+    with pytest.raises(RunError, match=reason):
+        play(remote, 20)
+    remote.reset(seed=1)
+
+
+def test_nobody_there_is_named(make: Make) -> None:
+    with pytest.raises(PeerError, match=r"the /nowhere/simulator node did not answer within 0\.5 s"):
+        make(RemoteEnv, namespace="nowhere", timeout=0.5)
+
+
+@pytest.mark.faults
+def test_one_who_takes_the_simulator_away_is_told_of(simulator: Simulate, make: Make) -> None:
+    simulator("rkhs/Pendulum-v0")
+    first, second = make(RemoteEnv), make(RemoteEnv)
+    first.reset()
+    second.reset()
+    with pytest.raises(PeerError, match="lost the episodes in step 1: it was started again, or somebody else"):
+        first.step([0.0])
+    second.step([0.0])
+
+
+def threads() -> int:
+    return len(os.listdir("/proc/self/task"))
+
+
+def test_nothing_is_left_of_one_that_is_closed(simulator: Simulate, make: Make, domain: int) -> None:
+    simulator("rkhs/Toy-v0")
+    rclpy.init(domain_id=domain)  # as who uses ROS beside it
+    make(RemoteEnv).close()  # the first one loads libraries
+    before, environment = threads(), dict(os.environ)
+    for _ in range(3):
+        remote = RemoteEnv()
+        remote.reset()
+        assert threads() > before
+        remote.close()
+        remote.close()
+    deadline = time.monotonic() + 10
+    while threads() > before and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert threads() <= before
+    assert dict(os.environ) == environment
+    assert rclpy.ok()
+    rclpy.shutdown()
+
+
+@pytest.mark.faults
+def test_simulate_runs_a_task_again_where_it_dies(start: Start, make: Make) -> None:
+    run = start("rkhs", "simulate", "--env", "rkhs/Toy-v0", "--simulators", 2)
+    remotes = [make(RemoteEnv, namespace=f"simulator_{k}", timeout=30.0) for k in (1, 2)]
+    first = [remote.reset(seed=1)[0] for remote in remotes]
+    np.testing.assert_array_equal(*first)
+    for pid in nodes_of(run, "simulator"):
+        kill(pid)
+    for remote in remotes:
+        with pytest.raises(PeerError, match="lost the episodes in step 1"):
+            remote.step([0.0])
+        np.testing.assert_array_equal(remote.reset(seed=1)[0], first[0])
+    run.interrupt()
+    code, _, err = run.finish()
+    assert code == 130
+    assert err.splitlines()[-1] == "interrupted"
+    assert "Traceback" not in err
+
+
+def test_a_function_is_served(
+    start: Start, simulator: Simulate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(
+        "def good(observation):\n    return -0.25 * observation\n\n\n"
+        "def failing(observation):\n    raise KeyError('gain')\n"
+    )
+    simulator("rkhs/Toy-v0")
+    direct, returns = gymnasium.make("rkhs/Toy-v0"), []
+    for seed in (3, None):
+        observation, total = direct.reset(seed=seed)[0], 0.0
+        for _ in range(20):
+            observation, reward, *_ = direct.step(-0.25 * observation)
+            total += float(reward)
+        returns.append(f"{total:.6g}")
+    good = start("rkhs", "serve", "mine:good", "--seed", 3)
+    assert good.popen.stdout is not None
+    told = [good.popen.stdout.readline() for _ in returns]
+    good.interrupt()
+    assert told == [f"episode {k}: 20 steps, return {total}\n" for k, total in enumerate(returns, start=1)]
+    code, _, err = good.finish()
+    assert (code, err) == (130, "interrupted\n")
+    code, out, err = start("rkhs", "serve", "mine:failing", "--episodes", 2).finish()
+    assert (code, out, err) == (1, "", "error: mine:failing: step 0: KeyError: 'gain'\n")
+
+
+@pytest.mark.clock
+def test_a_robot_is_stepped_by_the_clock_and_says_what_spoilt_an_episode(start: Start, make: Make) -> None:
+    period, patient = 0.05, "robot.learner_timeout=60"
+    start("rkhs", "simulate", Path(__file__).parents[2] / "config" / "robot_pendulum.yaml", "--set", patient)
+    remote = make(gymnasium.make, "rkhs/Remote-v0", horizon=20, timeout=60.0)
+    assert remote.action_space == Box(-3.0, 3.0, (1,), np.float64)
+    for _ in range(5):  # the clock may spoil some on a busy machine
+        first, _ = remote.reset(seed=1)
+        np.testing.assert_allclose(first, [-np.pi, 0.0], atol=0.2)
+        began, steps = time.monotonic(), [remote.step([3.0])]
+        while not steps[-1][3]:
+            steps.append(remote.step([3.0]))
+        if "void_reason" not in steps[-1][4]:
+            break
+    assert len(steps) == 20
+    assert time.monotonic() - began > 19 * period
+    assert steps[-1][0][1] > 1.0  # it was pushed
+    assert not any(step[2] for step in steps)
+    remote.reset()
+    remote.step([0.0])
+    time.sleep(0.5)
+    late = remote.step([0.0])
+    while not late[3]:
+        late = remote.step([0.0])
+    assert late[1:4] == (0.0, False, True)
+    assert late[4]["void_reason"]

@@ -1,0 +1,93 @@
+"""The episodes that run side by side: their numbers, and how they are shared out."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.simulation import Simulation
+from test.unit.test_rollout import ARRAYS, MakePolicy
+
+numbers = st.integers(0, 2**63 - 1)
+
+
+@st.composite
+def batches(draw: st.DrawFn) -> Batch:
+    """Batches of one kind and of both."""
+    exploring = Batch(5, draw(numbers), draw(st.integers(1, 20)), 3, explore=True)
+    noise_free = Batch(5, draw(numbers), draw(st.integers(1, 20)), 3, explore=False)
+    return draw(st.sampled_from([exploring, noise_free, exploring.beside(noise_free)]))
+
+
+def rows_of(parts: list[Batch]) -> Iterator[tuple[bool, int, int]]:
+    for part in parts:
+        yield from ((*key, seed) for key, seed in zip(part.keys, part.environment_seeds(), strict=True))
+
+
+@given(batches(), st.integers(1, 50))
+def test_batches_are_shared_out_in_order_each_episode_with_its_own_seed(batch: Batch, count: int) -> None:
+    whole = list(rows_of([batch]))
+    assert len(whole) == len(set(whole)) == batch.rows
+    for parts in (batch.split(count), batch.parts(count), [kind for kind, _ in batch.kinds]):
+        assert list(rows_of(parts)) == whole
+    assert max(part.rows for part in batch.parts(count)) <= count
+    sizes = [part.rows for part in batch.split(count)]
+    assert max(sizes) - min(sizes) <= 1
+
+
+@given(batches())
+def test_the_kinds_of_a_batch_are_its_rows(batch: Batch) -> None:
+    for kind, rows in batch.kinds:
+        assert kind.keys == batch.keys[rows]
+        assert {explore for explore, _ in kind.keys} == {kind.explore}
+        assert kind.noise_free == 0
+    draws = [kind.exploration(2) for kind, _ in batch.kinds]
+    assert np.concatenate(draws).tobytes() == batch.exploration(2).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"noise_free": 4}, "noise_free: expected at most 3 rows, got 4"),
+        ({"noise_free": -1}, "noise_free: expected at most 3 rows, got -1"),
+        ({"explore": False, "noise_free": 1}, "noise_free: expected at most 0 rows, got 1"),
+        ({"first_noise_free": 1}, "first_noise_free: expected 0 to 0, got 1"),
+        ({"noise_free": 1, "first_noise_free": 2**63}, f"first_noise_free: expected 0 to {2**63 - 1}, got {2**63}"),
+    ],
+)
+def test_rows_of_a_second_kind_that_cannot_be_are_refused(changes: dict[str, int], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Batch(**({"seed": 0, "first_episode": 0, "rows": 4, "horizon": 5, "explore": True} | changes))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("learnt", [False, True], ids=["constant variance", "learnt variance"])
+@pytest.mark.parametrize("rows_at_once", [0, 1, 4])
+def test_episodes_of_both_kinds_side_by_side_have_the_bits_of_each_alone(
+    random_policy: MakePolicy, learnt: bool, rows_at_once: int
+) -> None:
+    runner = InlineRunner(Simulation("rkhs/Pendulum-v0", rows_at_once=rows_at_once))
+    policy = random_policy(n=1, m=40, learnt=learnt)
+    told: list[Batch] = []
+    runner.record = lambda batch, episodes, _: told.append(batch)
+    exploring, noise_free = Batch(0, 10, 3, 30, explore=True), Batch(0, 7, 4, 30, explore=False)
+    both = runner.collect(policy, exploring.beside(noise_free))
+    assert {key for batch in told for key in batch.keys} == {*noise_free.keys, *exploring.keys}
+    assert all(batch.noise_free == 0 for batch in told)
+    first, last = runner.collect(policy, exploring), runner.collect(policy, noise_free)
+    for name in ARRAYS:
+        apart = np.concatenate([getattr(first, name), getattr(last, name)])
+        assert apart.tobytes() == getattr(both, name).tobytes()
+
+
+def test_who_does_not_explore_acts_by_the_mean_in_all_rows(random_policy: MakePolicy) -> None:
+    policy: GaussianPolicy = random_policy(d=2, n=1)
+    both = Batch(0, 0, 2, 3, explore=True).beside(Batch(0, 0, 2, 3, explore=False))
+    seen = np.ones((4, 2))
+    still, moving = (Acting(policy, both, explore=explore)(0, seen) for explore in (False, True))
+    assert still.tobytes() == policy.mean(seen).tobytes()
+    assert (still == moving).ravel().tolist() == [False, False, True, True]

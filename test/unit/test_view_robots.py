@@ -1,0 +1,138 @@
+"""How the runs of robots look on the page: by their URDF, or as the task that they are a twin of."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("viser")
+
+from viser.transforms import SO3
+
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.robot.task import RobotTask, robot_task_from
+from rkhs_ros.runs.config import Config, load_config
+from rkhs_ros.view.robot_scene import RobotScene, sensed_joints
+from rkhs_ros.view.tasks import look_of
+from rkhs_ros.view.timeline import Timeline
+from rkhs_ros.view.urdf_bodies import Surface, UrdfBodies
+
+CONFIGS = Path(__file__).parents[2] / "config"
+TWO_LINKS = """<robot name="two">
+<material name="paint"><color rgba="1 0 0 1"/></material>
+<link name="base"><visual><geometry><box size="0.2 0.2 0.1"/></geometry><material name="paint"/></visual></link>
+<link name="rod"><visual>
+<origin xyz="0 0 0.5"/><geometry><cylinder radius="0.02" length="1"/></geometry></visual></link>
+<link name="slide"><visual><geometry><sphere radius="0.05"/></geometry></visual>
+<visual><geometry><mesh filename="package://nobody/knows.stl"/></geometry></visual></link>
+<joint name="swing" type="revolute">
+<parent link="base"/><child link="rod"/><origin xyz="0 0 0.1"/><axis xyz="0 2 0"/></joint>
+<joint name="push" type="prismatic">
+<parent link="rod"/><child link="slide"/><origin xyz="0 0 1"/><axis xyz="0 0 1"/>
+<limit lower="0" upper="0.6"/></joint>
+</robot>"""
+
+
+@pytest.fixture
+def two_links(tmp_path: Path) -> UrdfBodies:
+    file = tmp_path / "two.urdf"
+    file.write_text(TWO_LINKS)
+    return UrdfBodies(file)
+
+
+def test_bodies_are_where_the_joints_take_them(two_links: UrdfBodies) -> None:
+    assert [visual.body.shape for visual in two_links.visuals] == ["box", "cylinder", "ball"]  # less the lost mesh
+    assert two_links.visuals[0].body.colour == "#DE0000"
+    (waiting,) = two_links.frames({}, 1)[2:]
+    assert np.allclose(waiting[0, :3, 3], [0, 0, 1.4])  # in the middle of its range
+    base, rod, ball = two_links.frames({"swing": np.array([0.0, np.pi / 2]), "push": np.array([0.0, 0.5])}, 2)
+    assert np.allclose(base, np.eye(4))
+    assert np.allclose(rod[:, :3, 3], [[0, 0, 0.6], [0.5, 0, 0.1]])
+    assert np.allclose(ball[:, :3, 3], [[0, 0, 1.1], [1.5, 0, 0.1]])
+    assert two_links.joints == {"swing", "push"}
+
+
+@pytest.mark.parametrize("text", ["no XML", "<robot/>"])
+def test_what_shows_nothing_is_refused(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "bad.urdf"
+    file.write_text(text)
+    with pytest.raises(ValueError, match=r"bad\.urdf: expected "):
+        UrdfBodies(file)
+
+
+def configured() -> Config:
+    return load_config(CONFIGS / "robot_arm.yaml", ["gate.limits.velocity=[2.0]"])
+
+
+def arm(observations: Array, actions: Array) -> RobotScene:
+    config = configured()
+    look = look_of(config.task, config.environment.nodes, observations, actions)
+    assert isinstance(look.scene, RobotScene)
+    assert look.names.observations[0].startswith("mark ")
+    assert look.names.actions[0].startswith("panda_joint1 ")
+    return look.scene
+
+
+def task() -> RobotTask:
+    return robot_task_from(configured().environment.nodes["robot"])
+
+
+def at(scene: RobotScene, commanded: dict[str, float]) -> Array:
+    """Return the positions of the arm's seven joints, of which some are commanded."""
+    middles = {joint.name: joint.middle for joint in scene._bodies._joints.values()}
+    return np.array([(middles | commanded)[f"panda_joint{number}"] for number in range(1, 8)])
+
+
+@pytest.fixture(scope="module")
+def episode() -> tuple[Array, Array]:
+    rng = np.random.default_rng(0)
+    return np.tile([0.1, 0.45, 0.5, 0.0, 0.5], (4, 1)), rng.uniform(-0.25, 0.25, (4, len(task().action.minimum)))
+
+
+def test_the_arm_stands_as_its_physics_have_it_with_the_mark_before_it(episode: tuple[Array, Array]) -> None:
+    arm_body = pytest.importorskip("pybullet") and pytest.importorskip("sim_nodes.robots.arm_body")
+    observations, actions = episode
+    scene = arm(observations, actions)
+    bodies, motion = scene.bodies(), scene.motion(observations, actions)
+    assert sum(isinstance(body, Surface) for body in bodies) == 11
+    joints = configured().environment.nodes["gate"]["joints"]
+    commanded = {joint: np.array(task().reset.home.position)[i] for i, joint in enumerate(joints)}
+    for step in range(len(actions)):
+        body = arm_body.ArmBody(240.0, at(scene, commanded))
+        state = body._client.getLinkState(body._body, 8, computeForwardKinematics=True)  # the hand
+        assert np.allclose(motion.places[step, 8], state[4], atol=1e-6)
+        for joint, asked in zip(joints, task().action.command(actions[step]), strict=True):
+            commanded[joint] += np.clip(asked - commanded[joint], -2.0 * task().period, 2.0 * task().period)
+        x, y, z, w = state[5]
+        assert np.allclose(SO3(motion.turns[step, 8]).as_matrix(), SO3(np.array([w, x, y, z])).as_matrix(), atol=1e-5)
+    assert np.allclose(motion.places[:, -2], [0.5, 0.1, 0.45])  # the mark, whose x nobody observes: as of the tool
+    low, high = scene.room()
+    assert (motion.places > low).all()
+    assert (motion.places < high).all()
+
+
+def test_joints_that_are_sensed_are_where_they_are() -> None:
+    sensors = {
+        "arm": {"joints": ["a", "b"], "fields": ["velocity", "position"]},
+        "zone": {"topic": "z", "type": "std_msgs/msg/Float64MultiArray", "fields": ["data[1:3]"]},
+        "base": {"topic": "b", "type": "geometry_msgs/msg/Twist", "fields": ["angular.x", "linear.x", "linear.y"]},
+    }
+    reward = {"function": "sim_nodes.robots.rewards:upright"}
+    made = robot_task_from({"sensors": sensors, "reward": reward})
+    assert sensed_joints(made) == {"a": 2, "b": 3}
+
+
+def test_the_motor_pendulum_looks_like_the_pendulum() -> None:
+    config = load_config(CONFIGS / "robot_pendulum.yaml")
+    look = look_of(config.task, config.environment.nodes, np.zeros((3, 2)), np.zeros((3, 1)))
+    assert type(look.scene).__name__ == "Pendulum"
+    assert [name.split()[:2] for name in look.names.observations] == [["motor", "position"], ["motor", "velocity"]]
+
+
+def test_robots_without_a_description_are_shown_by_their_numbers() -> None:
+    nodes = dict(load_config(CONFIGS / "robot_pendulum.yaml").environment.nodes)
+    nodes.pop("practice_robot")
+    mine = SimpleNamespace(environment="mine", options={})
+    for some in (nodes, {"robot": {"task": "gone"}, "gate": {}}):
+        assert isinstance(look_of(mine, some, np.zeros((3, 2)), np.zeros((3, 1))).scene, Timeline)
