@@ -15,6 +15,25 @@ class RunError(RuntimeError):
     """What ends a run whose settings are good; the message says in one line what failed, and where."""
 
 
+class Stop:
+    """Whether a process was told to end.
+
+    A signal's handler tells it. A second signal may come while it does, and Python would then call the handler within
+    itself: with `threading.Event`, whose lock the first call may hold, the process would hang.
+    """
+
+    def __init__(self) -> None:
+        self._is_set = False
+
+    def set(self) -> None:
+        """Tell the process to end."""
+        self._is_set = True
+
+    def is_set(self) -> bool:
+        """Return whether it was told to."""
+        return self._is_set
+
+
 def exit_code(error: Exception) -> int:
     """Return the exit code of an error that ends a process."""
     failed = isinstance(error, RunError) or (isinstance(error, OSError) and error.errno in DISK_ERRORS)

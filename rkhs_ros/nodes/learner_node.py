@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from threading import Event
 from typing import Any
 
+from rkhs_ros.base.endings import Stop
 from rkhs_ros.base.settings import Entry, entries
 from rkhs_ros.learning.training_settings import training_from
 from rkhs_ros.nodes.arguments import require_section
@@ -83,7 +83,7 @@ class LearnerNode(ReportingNode):
         return min(self.diagnostics.heartbeat(), self.runner.heartbeat(), self.topics.heartbeat())
 
 
-def learn(node: LearnerNode, stop: Event) -> None:
+def learn(node: LearnerNode, stop: Stop) -> None:
     """Run the whole training of a learner node, or until told to end."""
     node.peers.stop = stop
     with node.diagnostics.errors_reported():
@@ -114,7 +114,7 @@ def learn(node: LearnerNode, stop: Event) -> None:
         node.get_logger().info(what_next(folder, config.training.iterations))
 
 
-def measure(node: LearnerNode, stop: Event) -> None:
+def measure(node: LearnerNode, stop: Stop) -> None:
     """Print what noise-free episodes of a policy come to, and leave them in the output folder."""
     node.peers.stop = stop
     with node.diagnostics.errors_reported():
@@ -126,7 +126,7 @@ def measure(node: LearnerNode, stop: Event) -> None:
         print(json.dumps(evaluation_of(episodes, environment.id, training.seed, training.discount), indent=2))
 
 
-def work(node: LearnerNode, stop: Event) -> None:
+def work(node: LearnerNode, stop: Stop) -> None:
     """Learn, or measure what was learnt."""
     (measure if node.evaluate else learn)(node, stop)
 

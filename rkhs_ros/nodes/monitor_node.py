@@ -7,7 +7,6 @@ import os
 import select
 import sys
 import time
-from threading import Event
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -16,6 +15,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from rkhs_interfaces.msg import GateState
+from rkhs_ros.base.endings import Stop
 from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS, REPORT_PERIOD_S, TOPIC
 from rkhs_ros.nodes.messages import LATCHED_QOS
 from rkhs_ros.nodes.operator_node import SERVICES
@@ -82,7 +82,7 @@ class MonitorNode(Node):
         self._gate = message
 
 
-def tell(node: MonitorNode, stop: Event) -> None:
+def tell(node: MonitorNode, stop: Stop) -> None:
     """Write a line of JSON for each news, and take a word from each line that is read, until there are no more."""
     executor = SingleThreadedExecutor()
     executor.add_node(node)

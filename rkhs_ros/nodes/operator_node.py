@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from threading import Event
 from typing import Any
 
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
+from rkhs_ros.base.endings import Stop
 from rkhs_ros.base.validation import pick
 from rkhs_ros.nodes.spin import SIGNAL_CHECK_S, PeerError, run
 
@@ -34,7 +34,7 @@ class OperatorNode(Node):
         self.client = self.create_client(kind, self.service)
 
 
-def pass_on(node: OperatorNode, stop: Event) -> None:
+def pass_on(node: OperatorNode, stop: Stop) -> None:
     """Call the service, and print what it answers.
 
     Raises:

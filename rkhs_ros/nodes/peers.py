@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from threading import Event
 from typing import Any
 
 from rclpy.client import Client
 from rclpy.experimental import EventsExecutor
 
+from rkhs_ros.base.endings import Stop
 from rkhs_ros.nodes.spin import SIGNAL_CHECK_S, PeerError, ReportingNode, StoppedError
 
 REFUSAL_STANDS_S = 2.0  # that a node must keep to its refusal
@@ -36,7 +36,7 @@ class Peers:
     """
 
     def __init__(self, node: ReportingNode, timeout_s: float) -> None:
-        self.stop = Event()
+        self.stop = Stop()
         self.timeout_s = timeout_s
         self._node = node
         self._executor = EventsExecutor(context=node.context)

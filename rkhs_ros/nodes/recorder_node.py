@@ -8,12 +8,12 @@ from functools import partial
 from importlib import import_module
 from itertools import chain, count
 from pathlib import Path
-from threading import Event
 from typing import Any
 
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from rkhs_ros.base.endings import Stop
 from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.arguments import require_section
 from rkhs_ros.nodes.diagnostics import Diagnostics
@@ -112,7 +112,7 @@ def _take_what_came(node: RecorderNode, executor: SingleThreadedExecutor) -> Non
         executor.spin_once(timeout_sec=IDLE_S)
 
 
-def record(node: RecorderNode, stop: Event) -> None:
+def record(node: RecorderNode, stop: Stop) -> None:
     """Record until told to end."""
     executor = SingleThreadedExecutor()  # the EventsExecutor takes no serialised messages
     executor.add_node(node)

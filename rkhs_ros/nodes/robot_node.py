@@ -6,7 +6,6 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
-from threading import Event
 
 from std_msgs.msg import Empty
 from std_srvs.srv import SetBool, Trigger
@@ -14,7 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 from rkhs_interfaces import msg
 from rkhs_interfaces.msg import Episodes
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
-from rkhs_ros.base.endings import RunError
+from rkhs_ros.base.endings import RunError, Stop
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.nodes.arguments import require_section
@@ -246,7 +245,7 @@ class RobotNode(ReportingNode):
         }
 
 
-def serve_robot(node: RobotNode, stop: Event) -> None:
+def serve_robot(node: RobotNode, stop: Stop) -> None:
     """Handle the node's messages until told to end; the robot holds then."""
     try:
         serve(node, stop)

@@ -8,7 +8,6 @@ import signal
 import sys
 import time
 from collections.abc import Callable
-from threading import Event
 from typing import TYPE_CHECKING, TypeVar
 
 import rclpy
@@ -21,7 +20,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
-from rkhs_ros.base.endings import INTERRUPTED, RunError, say
+from rkhs_ros.base.endings import INTERRUPTED, RunError, Stop, say
 from rkhs_ros.base.streams import messages_may_be_lost
 from rkhs_ros.base.validation import shown
 from rkhs_ros.nodes.arguments import check_arguments
@@ -91,7 +90,7 @@ class ReportingNode(Node):
         return True
 
 
-def serve(node: ReportingNode, stop: Event) -> None:
+def serve(node: ReportingNode, stop: Stop) -> None:
     """Handle a node's messages until told to end."""
     executor = EventsExecutor()
     executor.add_node(node)
@@ -100,7 +99,7 @@ def serve(node: ReportingNode, stop: Event) -> None:
             executor.spin_once(timeout_sec=min(node.heartbeat(), SIGNAL_CHECK_S))
 
 
-def run(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, Event], None]) -> None:
+def run(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, Stop], None]) -> None:
     """Run a node's process: make it, let it work, and end cleanly.
 
     Bad input ends with one line and exit code 2, a silent peer, a failed environment or a full disk with one line and
@@ -117,8 +116,8 @@ def run(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, Ev
         sys.exit(_code_of(make_node, name, work))
 
 
-def _code_of(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, Event], None]) -> int:
-    stop = Event()
+def _code_of(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, Stop], None]) -> int:
+    stop = Stop()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, frame: stop.set())
     code = 0
@@ -156,7 +155,7 @@ def _begin(name: str) -> None:
         raise ValueError(f"arguments: expected those of ROS, got what it refuses: {shown(error)}") from error
 
 
-def _work(node: AnyNode, work: Callable[[AnyNode, Event], None], stop: Event) -> None:
+def _work(node: AnyNode, work: Callable[[AnyNode, Stop], None], stop: Stop) -> None:
     try:
         if isinstance(node, ReportingNode):
             _open(node)

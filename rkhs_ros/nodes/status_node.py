@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from contextlib import nullcontext
 from functools import partial
 from math import isnan
-from threading import Event
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
@@ -18,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rkhs_interfaces.msg import LearningProgress
+from rkhs_ros.base.endings import Stop
 from rkhs_ros.base.validation import shown
 from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS, REPORT_PERIOD_S, TOPIC
 from rkhs_ros.nodes.messages import LATCHED_QOS
@@ -157,7 +157,7 @@ def view(node: StatusNode, console: Console) -> Group:
     return Group(*parts)
 
 
-def show(node: StatusNode, stop: Event) -> None:
+def show(node: StatusNode, stop: Stop) -> None:
     """Listen until no more nodes are heard of, and print what they reported; of a watch, each second until told to end.
 
     Raises:
@@ -181,13 +181,13 @@ def show(node: StatusNode, stop: Event) -> None:
             _spin(node, executor, stop, time.monotonic() + REPORT_PERIOD_S)
 
 
-def _listen(node: StatusNode, executor: SingleThreadedExecutor, stop: Event) -> None:
+def _listen(node: StatusNode, executor: SingleThreadedExecutor, stop: Stop) -> None:
     """Hear nodes until there is no word of another one; a watch begins with the first."""
     while time.monotonic() < node.heard_new_at + LISTEN_S and not (stop.is_set() or (node.watches and node.statuses)):
         _spin(node, executor, stop, time.monotonic() + SIGNAL_CHECK_S)
 
 
-def _spin(node: StatusNode, executor: SingleThreadedExecutor, stop: Event, until: float) -> None:
+def _spin(node: StatusNode, executor: SingleThreadedExecutor, stop: Stop, until: float) -> None:
     node.look_for_learners()
     while time.monotonic() < until and not stop.is_set():
         executor.spin_once(timeout_sec=SIGNAL_CHECK_S)

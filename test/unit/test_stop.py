@@ -1,0 +1,48 @@
+"""Being told to end by signals, of which a second one may come while the first one is handled."""
+
+import signal
+import sys
+from collections.abc import Iterator
+from types import FrameType
+
+import pytest
+
+from rkhs_ros.base.endings import Stop
+
+OUR, DEADLINE = signal.SIGUSR1, signal.SIGALRM
+
+
+def too_long(number: int, frame: FrameType | None) -> None:
+    raise TimeoutError
+
+
+@pytest.fixture
+def stop() -> Iterator[Stop]:
+    stop = Stop()
+    before = [signal.signal(OUR, lambda number, frame: stop.set()), signal.signal(DEADLINE, too_long)]
+    yield stop
+    for number, handler in zip((OUR, DEADLINE), before, strict=True):
+        signal.signal(number, handler)
+
+
+def test_a_signal_may_come_at_any_line_of_what_handles_another(stop: Stop) -> None:
+    lines = 0
+
+    def trace(frame: FrameType, event: str, arg: object) -> object:
+        nonlocal lines
+        if event == "line" and lines < 100:
+            lines += 1
+            signal.raise_signal(OUR)
+        return trace
+
+    assert not stop.is_set()
+    signal.setitimer(signal.ITIMER_REAL, 5.0)
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        signal.raise_signal(OUR)
+    finally:
+        sys.settrace(before)
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    assert lines > 0
+    assert stop.is_set()
