@@ -38,13 +38,23 @@ class ImaginedRunner:
         """Return the episodes of a batch under the policy."""
         model = self._model
         streams = [stream(batch.seed, "imagination", episode) for episode in batch.episodes]
-        starts = model.starts[[int(own.integers(len(model.starts))) for own in streams]]
+        starts = self._starts(batch, streams)
         changes = self._drawn(model.changes, streams)
         rewards = None if model.rewards is None else self._drawn(model.rewards, streams)
         shape = (batch.horizon, model.spaces.observation_dim)
         noise = np.stack([own.standard_normal(shape) for own in streams]) * model.changes.noise
         observations, actions, points = self._roll_out(policy, batch, starts, changes, noise)
         return self._cut(observations, actions, self._rewards(observations, points, rewards))
+
+    def _starts(self, batch: Batch, streams: list[np.random.Generator]) -> Array:
+        """Return where episodes begin: as real ones, every other one where any step did, so that all is practised.
+
+        Where the past is seen through a window all begin as real ones, before which there is none.
+        """
+        model = self._model
+        places = (model.starts, model.visited if model.inputs.history == 1 else model.starts)
+        chosen = [places[episode % 2] for episode in batch.episodes]
+        return np.stack([place[own.integers(len(place))] for place, own in zip(chosen, streams, strict=True)])
 
     def _drawn(self, posterior: Posterior, streams: list[np.random.Generator]) -> DrawnFunctions:
         shape = posterior.coefficients.mean.T.shape
@@ -58,7 +68,7 @@ class ImaginedRunner:
         acting = Acting(policy, batch, explore=batch.explore)
         rows, horizon, n = batch.rows, batch.horizon, policy.mean.output_dim
         observations = np.empty((rows, horizon + 1, starts.shape[1]))
-        actions, points = np.zeros((rows, horizon, n)), np.empty((rows, horizon, len(model.changes.points.centre)))
+        actions, points = np.zeros((rows, horizon, n)), np.empty((rows, horizon, model.changes.points.dimension))
         observations[:, 0] = starts
         for step in range(horizon):
             now = observations[:, step]
@@ -80,6 +90,8 @@ class ImaginedRunner:
             return known(*(each.reshape(-1, each.shape[-1]) for each in steps)).reshape(points.shape[:2]).copy()
         if drawn is None:
             raise ValueError("model: expected rewards that are known or learnt, got neither")
+        if self._model.rewards_follow:
+            points = np.concatenate([self._model.inputs.features(observations[:, 1:]), points[..., -n:]], axis=-1)
         rewards = np.stack([drawn.of_row(row, its_points)[:, 0] for row, its_points in enumerate(points)])
         return np.clip(rewards, *self._model.reward_range)
 
@@ -92,7 +104,8 @@ class ImaginedRunner:
         if ends is None:
             return np.zeros(observations.shape[:2], dtype=bool)
         expected = ends.draw(np.zeros((1, *ends.coefficients.mean.T.shape)))
-        return np.stack([expected.of_row(0, seen)[:, 0] > 0 for seen in self._model.inputs.features(observations)])
+        features = self._model.inputs.features(self._model.seen(observations))  # beyond the end it is the end, too
+        return np.stack([expected.of_row(0, its_features)[:, 0] > 0 for its_features in features])
 
     def _cut(self, observations: Array, actions: Array, rewards: Array) -> Episodes:
         """Return the episodes, each up to where the model ends it."""

@@ -38,14 +38,16 @@ class NoPractice(Settings):
 class ModelPractice(Settings):
     """Each iteration fits a model to all real episodes so far, and its updates are made in that."""
 
-    iterations: int = setting(20, "updates of the policy in the model for each real iteration", minimum=1, maximum=1000)
+    iterations: int = setting(30, "updates of the policy in the model for each real iteration", minimum=1, maximum=1000)
     episodes: int = setting(50, "imagined exploring episodes before each of them", minimum=1, maximum=10_000)
     centres: int = setting(200, "kernel functions of the model at most", minimum=1, maximum=2000)
     noise: str = setting(
-        "pink", "exploration of the real episodes: white, or correlated over time, which sees more", choices=NOISES
+        "turns",
+        "exploration of the real episodes: white; pink, correlated over time, which gets farther; or turns, one by one",
+        choices=(*NOISES, "turns"),
     )
     exploration_decay: float = setting(
-        0.95, "factor on the standard deviation of the imagined episodes at each update", minimum=0.0, maximum=1.0
+        0.93, "factor on the standard deviation of the imagined episodes at each update", minimum=0.0, maximum=1.0
     )
     restart_decay: float = setting(
         1.0, "factor on the standard deviation that practice begins with, each real iteration", minimum=0.0, maximum=1.0
@@ -56,6 +58,10 @@ class ModelPractice(Settings):
     reward: str = setting("", f"{FUNCTION} (observations, actions, observations after them) to the rewards")
     end: str = setting("", f"{FUNCTION} observations to whether they end an episode")
     change: str = setting("", f"{FUNCTION} (observations, actions) to a part of the changes; the rest is learnt")
+
+    def noise_of(self, iteration: int) -> str:
+        """Return the exploration of an iteration's real episodes."""
+        return ("pink", "white")[iteration % 2] if self.noise == "turns" else self.noise
 
     def known_parts(self, observation_dim: int) -> KnownParts:
         """Return the functions that are named.
@@ -141,14 +147,17 @@ def practise(
             policy = replace(policy, variance=ConstantVariance(deviation**2))
     last = float(imagined.returns(experience.discount).mean())
     real = ConstantVariance(experience.first_variance)
-    return Practised(replace(policy, variance=real, noise=practice.noise), metrics, last, test.error)
+    return Practised(
+        replace(policy, variance=real, noise=practice.noise_of(experience.iteration + 1)), metrics, last, test.error
+    )
 
 
 def _made_ready(policy: GaussianPolicy, algorithm: Algorithm, experience: RealExperience) -> GaussianPolicy:
-    """Return the policy with the kernel that all episodes so far settle, and a mean within the bounds of the actions.
+    """Return the policy with the kernel that all episodes so far settle, and a mean not far beyond the actions' bounds.
 
-    The first episodes may have seen little, and another kernel fits now. Where the mean strayed beyond a bound
-    exploration changes no action, so nothing could be learnt any more: at all points seen it comes back to the bound.
+    The first episodes may have seen little, and another kernel fits now. Where the mean strayed far beyond a bound
+    exploration changes no action, so nothing could be learnt any more: it comes back to half a range beyond, at all
+    points seen. To the bound itself it need not, and the kink there would cost what was learnt.
     """
     seen = experience.episodes.seen_through(policy.inputs)
     points = seen.flat(seen.observations)
@@ -159,7 +168,7 @@ def _made_ready(policy: GaussianPolicy, algorithm: Algorithm, experience: RealEx
     if _alignment(kernel(few, few), own(few, few)) > SAME_KERNEL:
         kernel = own
     means = policy.mean(points)
-    values = experience.spaces.clip(means)
+    values = experience.spaces.near(means)
     if kernel is own and np.array_equal(values, means):
         return policy
     return policy.with_mean(algorithm.space.fit(kernel, points, values))

@@ -1,21 +1,24 @@
 r"""A model of a task, learnt from its episodes: how observations change, what is earned, and when an episode ends.
 
-.. math:: o_{t+1} = o_t + f(x_t, a_t) + \epsilon, \qquad r_t = g(x_t, a_t), \qquad
+.. math:: o_{t+1} = o_t + f(x_t, a_t) + \epsilon, \qquad r_t = g(x_t, a_t) \text{ or } g(o_{t+1}, a_t), \qquad
     \text{over after } t \Leftrightarrow e(o_{t+1}) > 0
 
-x is what the policy is given of the history, a the action within its bounds. f, g and e are posteriors over
-functions, so that the model knows what it does not know (as PILCO's, Deisenroth and Rasmussen, 2011). Parts that are
-known need not be learnt.
+with + as `Motion` has it. x is what the policy is given of the history, a the action within its bounds. f, g and e are
+posteriors over functions, so that the model knows what it does not know (as PILCO's, Deisenroth and Rasmussen, 2011).
+Parts that are known need not be learnt.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.known_parts import KnownParts
+from rkhs_ros.learning.motion import Motion
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import ROUNDING, Array, deviations
@@ -23,6 +26,7 @@ from rkhs_ros.rkhs.posterior import Posterior
 
 NORMAL_MEDIAN = 0.4549  # of the square of a standard normal number
 MOST_OVERCONFIDENCE = 3.0
+MARGIN = 0.25  # of the range seen, that is imagined beyond it: a wall there would be leant on
 NOTHING_KNOWN = KnownParts()
 
 
@@ -85,30 +89,36 @@ class WorldModel:
     """A model of a task.
 
     Attributes:
-        inputs: what changes and rewards are functions of, beside the action.
+        inputs: what changes are functions of, beside the action.
         spaces: of the task.
         known: what need not be learnt.
-        changes: of the observation in a step, less those known; of an angle the short way round.
+        motion: the coordinates of changes.
+        changes: of the observation in a step, less those known.
         rewards: of a step after which the episode goes on; None where they are known.
+        rewards_follow: whether they follow from where a step leads, in place of where it begins.
         ends: above 0 where an observation ends the episode; None where that is known, or the task ended no episode.
         last_reward: what the last step of an episode that the task ends earns beside that, in the mean.
-        low: least observation that is imagined, shape (d,).
-        high: greatest observation that is imagined, shape (d,).
+        low: least observation seen, shape (d,); -inf of what comes round.
+        high: greatest observation seen, alike.
         reward_range: least and greatest reward seen.
         starts: first observations seen, shape (N, d).
+        visited: all observations seen from which a step began, shape (n, d).
     """
 
     inputs: Inputs
     spaces: Spaces
     known: KnownParts
+    motion: Motion
     changes: Posterior
     rewards: Posterior | None
+    rewards_follow: bool
     ends: Posterior | None
     last_reward: float
     low: Array
     high: Array
     reward_range: tuple[float, float]
     starts: Array
+    visited: Array
 
     @classmethod
     def fit(
@@ -132,35 +142,51 @@ class WorldModel:
             RunError: a function of what is known failed.
         """
         steps = Steps.of(episodes, inputs, spaces)
+        motion = _motion(steps, inputs)
         going_on = ~steps.ended if not steps.ended.all() else np.ones_like(steps.ended)
-        rewards = None
-        if known.reward is None:
-            rewards = Posterior.fit(steps.points[going_on], steps.rewards[going_on, None], centres)
+        learnt = _rewards(steps, going_on, inputs, centres) if known.reward is None else NO_REWARDS
         return cls(
             inputs=inputs,
             spaces=spaces,
             known=known,
-            changes=Posterior.fit(steps.points, _unknown_changes(steps, inputs, known), centres),
-            rewards=rewards,
+            motion=motion,
+            changes=Posterior.fit(steps.points, _unknown_changes(steps, motion, known), centres),
+            rewards=learnt.posterior,
+            rewards_follow=learnt.follow,
             ends=_ends(steps, inputs, centres) if known.end is None else None,
-            last_reward=0.0 if rewards is None else _last_reward(steps, rewards),
-            **_bounds(steps, inputs),
+            last_reward=learnt.last,
+            **_bounds(steps, motion),
             reward_range=(float(steps.rewards[going_on].min()), float(steps.rewards[going_on].max())),
             starts=episodes.observations[:, 0],
+            visited=steps.observations,
         )
 
     def following(self, observations: Array, actions: Array, changes: Array) -> Array:
-        """Return observations, shape (rows, d), after unknown changes of that shape, within what can be imagined.
+        """Return observations, shape (rows, d), after unknown changes of that shape, not far beyond those seen.
 
         Args:
             observations: shape (rows, d).
             actions: within their bounds, shape (rows, m).
             changes: beside those known, shape (rows, d).
         """
-        if self.known.change is not None:
-            changes = changes + self.known.change(observations, actions)
-        moved = turn(observations + changes, self.inputs)
-        return np.minimum(np.maximum(moved, self.low), self.high)
+        moved = self.motion.after(_as_known(self.known, observations, actions), changes)
+        return np.minimum(np.maximum(moved, self._lowest), self._highest)
+
+    def seen(self, observations: Array) -> Array:
+        """Return observations, shape (..., d), or those within what was seen that are nearest to them."""
+        return np.minimum(np.maximum(observations, self.low), self.high)
+
+    @cached_property
+    def _lowest(self) -> Array:
+        return self.low - self._margin
+
+    @cached_property
+    def _highest(self) -> Array:
+        return self.high + self._margin
+
+    @property
+    def _margin(self) -> Array:
+        return np.where(np.isfinite(self.low), MARGIN * (self.high - self.low), 0.0)
 
 
 def prediction_test(
@@ -173,30 +199,54 @@ def prediction_test(
 ) -> ModelTest:
     """Return how a model of some episodes predicts the steps of others; the arguments are `WorldModel.fit`'s."""
     earlier, steps = (Steps.of(episodes, inputs, spaces) for episodes in (before, after))
-    model = Posterior.fit(earlier.points, _unknown_changes(earlier, inputs, known), centres)
-    errors = turn(_unknown_changes(steps, inputs, known) - model.mean(steps.points), inputs)
+    motion = _motion(earlier, inputs)
+    model = Posterior.fit(earlier.points, _unknown_changes(earlier, motion, known), centres)
+    errors = motion.short(_unknown_changes(steps, motion, known) - model.mean(steps.points))
     expected = np.hypot(model.sd(steps.points), model.noise)
     expected = np.maximum(expected, ROUNDING * np.abs(steps.following).max(axis=0))  # as of a number that counts
-    sizes = np.sqrt(np.mean(errors**2, axis=0)) / deviations(_unknown_changes(steps, inputs, NOTHING_KNOWN))
-    surprise = float(np.sqrt(np.mean(np.median((errors / expected) ** 2, axis=0) / NORMAL_MEDIAN)))
-    return ModelTest(float(np.sqrt(np.mean(sizes**2))), min(max(surprise, 1.0), MOST_OVERCONFIDENCE))
+    changes = motion.change(steps.observations, steps.following)
+    moving = motion.columns
+    sizes = np.sqrt(np.mean(errors**2, axis=0)) / deviations(changes)
+    surprise = float(np.sqrt(np.mean(np.median((errors / expected)[:, moving] ** 2, axis=0) / NORMAL_MEDIAN)))
+    error = float(np.sqrt(np.mean(sizes[moving] ** 2)))
+    return ModelTest(error, min(max(surprise, 1.0), MOST_OVERCONFIDENCE))
 
 
-def _unknown_changes(steps: Steps, inputs: Inputs, known: KnownParts) -> Array:
-    """Return the changes of the observations less those known, shape (n, d)."""
-    changes = steps.following - steps.observations
-    if known.change is not None:
-        changes = changes - known.change(steps.observations, steps.actions)
-    return turn(changes, inputs)
+def _motion(steps: Steps, inputs: Inputs) -> Motion:
+    return Motion.of(np.concatenate([steps.observations, steps.following]), inputs.columns)
 
 
-def turn(values: Array, inputs: Inputs) -> Array:
-    """Return values, shape (rows, d), with the angles among them turned into [-pi, pi)."""
-    if not inputs.columns:
-        return values
-    turned = values.copy()
-    turned[:, inputs.columns] = np.remainder(values[:, inputs.columns] + np.pi, 2.0 * np.pi) - np.pi
-    return turned
+def _as_known(known: KnownParts, observations: Array, actions: Array) -> Array:
+    """Return where observations lead as far as is known, shape (n, d): to themselves where nothing is."""
+    return observations if known.change is None else observations + known.change(observations, actions)
+
+
+def _unknown_changes(steps: Steps, motion: Motion, known: KnownParts) -> Array:
+    """Return the changes of the observations from where they lead as far as is known, shape (n, d)."""
+    return motion.change(_as_known(known, steps.observations, steps.actions), steps.following)
+
+
+class _Rewards(NamedTuple):
+    """What is learnt of rewards, as `WorldModel` has it."""
+
+    posterior: Posterior | None
+    follow: bool
+    last: float
+
+
+NO_REWARDS = _Rewards(None, follow=False, last=0.0)
+
+
+def _rewards(steps: Steps, going_on: np.ndarray, inputs: Inputs, centres: int) -> _Rewards:
+    """Return the rewards by where steps begin or by where they lead, whichever has the greater evidence."""
+    leads = np.concatenate([inputs.features(steps.following), steps.actions], axis=1)
+    fits = [Posterior.fit(points[going_on], steps.rewards[going_on, None], centres) for points in (steps.points, leads)]
+    follow = fits[1].evidence > fits[0].evidence
+    best, points = (fits[1], leads) if follow else (fits[0], steps.points)
+    last = 0.0
+    if steps.ended.any() and not steps.ended.all():
+        last = float((steps.rewards[steps.ended] - best.mean(points[steps.ended])[:, 0]).mean())
+    return _Rewards(best, follow, last)
 
 
 def _ends(steps: Steps, inputs: Inputs, centres: int) -> Posterior | None:
@@ -214,15 +264,9 @@ def _ends(steps: Steps, inputs: Inputs, centres: int) -> Posterior | None:
     return Posterior.fit(points, np.where(ended, 1.0, -1.0)[:, None], centres, shares)
 
 
-def _last_reward(steps: Steps, rewards: Posterior) -> float:
-    if not steps.ended.any() or steps.ended.all():
-        return 0.0
-    return float((steps.rewards[steps.ended] - rewards.mean(steps.points[steps.ended])[:, 0]).mean())
-
-
-def _bounds(steps: Steps, inputs: Inputs) -> dict[str, Array]:
-    """Return the range of the observations seen; angles have none. What was never seen is not to be exploited."""
+def _bounds(steps: Steps, motion: Motion) -> dict[str, Array]:
+    """Return the range of the observations seen; what comes round has none."""
     seen = np.concatenate([steps.observations, steps.following])
     low, high = seen.min(axis=0), seen.max(axis=0)
-    low[inputs.columns], high[inputs.columns] = -np.inf, np.inf
+    low[motion.round], high[motion.round] = -np.inf, np.inf
     return {"low": low, "high": high}

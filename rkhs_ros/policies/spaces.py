@@ -64,6 +64,11 @@ class Spaces:
         low, high = self._bounds
         return np.minimum(np.maximum(actions, low), high)  # several times faster than numpy.clip on few values
 
+    def near(self, actions: Array) -> Array:
+        """Return actions, shape (rows, action_dim), at most half a range beyond the bounds."""
+        low, high = self._bounds
+        return np.minimum(np.maximum(actions, low - self.half_ranges), high + self.half_ranges)
+
     @property
     def half_ranges(self) -> Array:
         """Half the range of each action, shape (action_dim,); 1 where it has no bounds, or no room between them."""

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, WhiteKernel
 
-from rkhs_ros.rkhs import posterior as module
-from rkhs_ros.rkhs.posterior import BANDWIDTHS, LINEAR_SD, Posterior
+from rkhs_ros.rkhs import evidence, stretching
+from rkhs_ros.rkhs.evidence import BANDWIDTHS, LINEAR_SD, regress
+from rkhs_ros.rkhs.posterior import Posterior
 
 N, D = 200, 5
 FULL = BANDWIDTHS[:3]  # with which the test's points are all chosen as centres
@@ -37,25 +38,31 @@ def oracle(fitted: Posterior, x: np.ndarray, y: np.ndarray, column: int = 0) -> 
         + WhiteKernel(noise)
     )
     process = GaussianProcessRegressor(kernel, alpha=0.0, optimizer=None)
-    return process.fit(fitted.points.standardise(x), fitted.targets.standardise(y)[:, column])
+    return process.fit(fitted.points.of(x), fitted.targets.standardise(y)[:, column])
 
 
 def predicted(
     process: GaussianProcessRegressor, fitted: Posterior, x: np.ndarray, column: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and covariance of the function itself, without noise, in the target's units."""
-    mean, covariance = process.predict(fitted.points.standardise(x), return_cov=True)
+    mean, covariance = process.predict(fitted.points.of(x), return_cov=True)
     scale = fitted.targets.scale[column]
     without_noise = covariance - np.eye(len(x)) * fitted.coefficients.noise[column] ** 2
     return fitted.targets.centre[column] + scale * mean, scale**2 * without_noise
 
 
 @pytest.fixture
-def fit_with(monkeypatch: pytest.MonkeyPatch) -> FitWith:
+def plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave coordinates as they are: along stretched axes fewer points than all may be enough."""
+    monkeypatch.setattr(stretching, "ROUNDS", 0)
+
+
+@pytest.fixture
+def fit_with(monkeypatch: pytest.MonkeyPatch, plain: None) -> FitWith:
     """Fit with one bandwidth and all points as centres."""
 
     def fit(bandwidth: float, x: np.ndarray, y: np.ndarray) -> Posterior:
-        monkeypatch.setattr(module, "BANDWIDTHS", (bandwidth,))
+        monkeypatch.setattr(evidence, "BANDWIDTHS", (bandwidth,))
         return Posterior.fit(x, y, len(x))
 
     return fit
@@ -75,15 +82,26 @@ def test_with_all_points_as_centres_it_is_the_process_of_scikit_learn(
         np.testing.assert_allclose(fitted.sd(elsewhere)[:, column], np.sqrt(np.diag(covariance)), rtol=1e-6)
 
 
+def test_along_stretched_axes_it_is_that_process_too(monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
+    x, elsewhere = points_of(rng), points_of(rng, 100)
+    y = targets_of(rng, x)
+    monkeypatch.setattr(evidence, "BANDWIDTHS", (0.25,))
+    fitted = Posterior.fit(x, y, len(x))
+    assert fitted.points.axes is not None
+    assert len(fitted.basis.centres) == N
+    mean, covariance = predicted(oracle(fitted, x, y), fitted, elsewhere)
+    np.testing.assert_allclose(fitted.mean(elsewhere)[:, 0], mean, rtol=1e-6)
+    np.testing.assert_allclose(fitted.sd(elsewhere)[:, 0], np.sqrt(np.diag(covariance)), rtol=1e-2)
+
+
 def test_the_evidence_is_scikit_learns_but_for_a_constant(fit_with: FitWith, rng: np.random.Generator) -> None:
     x = points_of(rng)
     y = targets_of(rng, x)
     differences = []
     for bandwidth in FULL:
         fitted = fit_with(bandwidth, x, y)
-        z = fitted.points.standardise(x)
         features, targets = fitted.features(x), fitted.targets.standardise(y)
-        ours = module._regress(fitted.basis, features, targets, np.ones((len(z), 1))).evidence
+        ours = regress(features, targets, np.ones((len(features), 1)))[0]
         differences.append(oracle(fitted, x, y).log_marginal_likelihood_value_ - ours)
     # At the best signal the quadratic form of the density is n.
     np.testing.assert_allclose(differences, -0.5 * N * (1.0 + np.log(2.0 * np.pi)), rtol=1e-9)
@@ -152,7 +170,7 @@ def test_far_from_all_points_the_kernel_part_is_as_uncertain_as_before(
     y = targets_of(rng, x)
     fitted = fit_with(FULL[-1], x, y)
     far = points_of(rng, 20) + 100.0
-    np.testing.assert_allclose(fitted.basis(fitted.points.standardise(far)), 0.0, atol=1e-12)
+    np.testing.assert_allclose(fitted.basis(fitted.points.of(far)), 0.0, atol=1e-12)
     _, covariance = predicted(oracle(fitted, x, y), fitted, far)
     np.testing.assert_allclose(fitted.sd(far)[:, 0], np.sqrt(np.diag(covariance)), rtol=0.01)
     few = Posterior.fit(x, y, 5)
@@ -161,7 +179,7 @@ def test_far_from_all_points_the_kernel_part_is_as_uncertain_as_before(
         assert (posterior.sd(far) >= prior).all()
 
 
-def test_points_that_weigh_twice_count_as_repeated_ones(rng: np.random.Generator) -> None:
+def test_points_that_weigh_twice_count_as_repeated_ones(plain: None, rng: np.random.Generator) -> None:
     x, elsewhere = points_of(rng, 60), points_of(rng)
     y, times = targets_of(rng, x, 2), rng.integers(1, 4, len(x))
     weighted = Posterior.fit(x, y, 30, times.astype(float))
@@ -193,7 +211,7 @@ def test_constant_columns_change_nothing(rng: np.random.Generator, value: float)
     y = targets_of(rng, x)
     still = np.column_stack([x, np.full(len(x), value)])
     fitted = Posterior.fit(still, y, 50)
-    assert fitted.points.scale[-1] == 1.0
+    assert fitted.points.units.scale[-1] == 1.0
     process = oracle(fitted, still, y)
     mean, covariance = predicted(process, fitted, still)
     np.testing.assert_allclose(fitted.mean(still)[:, 0], mean, atol=0.3)  # of a hundred points half are centres

@@ -169,7 +169,7 @@ def test_a_task_that_ended_every_episode_at_once_is_imagined_to_do_so() -> None:
     assert rewards.min() <= last.imagined_return <= rewards.max()  # of one step
 
 
-def test_a_mean_that_strayed_beyond_the_bounds_comes_back_to_them() -> None:
+def test_a_mean_that_strayed_far_beyond_the_bounds_comes_back() -> None:
     training = settings(iterations=1, algorithm={"centres": 60})
     (first,) = learn(training)
     mean = first.policy.mean.scale(30.0)
@@ -179,8 +179,8 @@ def test_a_mean_that_strayed_beyond_the_bounds_comes_back_to_them() -> None:
     (last,) = train(still, InlineRunner(simulation), strayed)
     points = last.state.memory.flat(last.state.memory.observations)
     before, after = mean(points), last.policy.mean(points)
-    distance = np.abs(after - simulation.spaces.clip(before)).mean()
-    assert distance < 0.1 * np.abs(before - simulation.spaces.clip(before)).mean()  # all but where it jumps
+    distance = np.abs(after - simulation.spaces.near(before)).mean()
+    assert distance < 0.1 * np.abs(before - simulation.spaces.near(before)).mean()  # all but where it jumps
 
 
 def test_a_number_that_only_counts_makes_no_model_overconfident() -> None:
@@ -281,7 +281,7 @@ def test_a_checkpoint_holds_all_real_episodes_as_they_were_seen(tmp_path: Path, 
         assert state is not None
         ours, theirs = arrays_of(state), arrays_of(iteration.state)
         assert {name: array.tobytes() for name, array in ours.items()} == {n: a.tobytes() for n, a in theirs.items()}
-        assert state.policy.noise == "pink"
+        assert state.policy.noise == ("pink", "white")[k % 2]
         whole = sum(seen[1:], start=seen[0])
         for f in fields(whole):
             np.testing.assert_array_equal(getattr(state.memory, f.name), getattr(whole, f.name))

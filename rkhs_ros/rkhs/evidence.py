@@ -1,0 +1,117 @@
+r"""Regression in a Newton basis beside a linear part, with the bandwidth and the noises of the greatest evidence.
+
+.. math:: y = f(x) + \epsilon, \qquad f \sim GP\big(0,\ s^2 (\kappa(x, x') + \tau^2 (1 + x \cdot x'))\big), \qquad
+    \epsilon \sim N(0, \lambda s^2)
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from rkhs_ros.rkhs.kernels import RBF, Array
+from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky
+
+LINEAR_SD = 3.0  # tau: of the linear part's coefficients, beside the kernel part's values
+NOISES = np.geomspace(1e-8, 1.0, 25)  # lambda, of which the evidence chooses one for each target
+BANDWIDTHS = (1.0, 1.6, 2.5, 4.0, 6.3)  # times root(d / 2), the scale of distances of points in d dimensions
+NEWTON_TOLERANCE = 1e-8
+LEAST_RESIDUAL = 1e-12  # part of the targets' square below which a residual is rounding
+TINY = 1e-300
+
+
+class Coefficients(NamedTuple):
+    """The posterior of the coefficients of k functions in p features, in the features' principal axes.
+
+    Attributes:
+        axes: orthonormal, shape (p, p).
+        mean: of the coefficients, shape (p, k).
+        sd: along each axis, shape (p, k).
+        noise: standard deviation of the targets about the functions, shape (k,).
+        signal: standard deviation s of the prior, shape (k,).
+    """
+
+    axes: Array
+    mean: Array
+    sd: Array
+    noise: Array
+    signal: Array
+
+
+class Fit(NamedTuple):
+    """The regression in one basis.
+
+    Attributes:
+        basis: of the kernel part.
+        bandwidth: of its kernel.
+        evidence: logarithm of the targets' density, less a constant.
+        coefficients: their posterior.
+    """
+
+    basis: NewtonBasis
+    bandwidth: float
+    evidence: float
+    coefficients: Coefficients
+
+
+def best_fit(x: Array, targets: Array, roots: Array, centres: int) -> Fit:
+    """Return the regression with the bandwidth whose evidence is greatest.
+
+    Args:
+        x: points in units, shape (points, d).
+        targets: in units, shape (points, k).
+        roots: of how often each point counts, shape (points, 1).
+        centres: of the kernel part at most.
+    """
+    return max((_fit(b, x, targets, roots, centres) for b in BANDWIDTHS), key=lambda fit: fit.evidence)
+
+
+def _fit(bandwidth: float, x: Array, targets: Array, roots: Array, centres: int) -> Fit:
+    kernel = RBF((bandwidth * float(np.sqrt(x.shape[1] / 2.0)),))
+    chosen = pivoted_cholesky(kernel, x, centres, NEWTON_TOLERANCE)
+    evidence, coefficients = regress(features_of(x, chosen.values), targets, roots)
+    return Fit(NewtonBasis.of(kernel, x, chosen), kernel.bandwidth[0], evidence, coefficients)
+
+
+def features_of(x: Array, values: Array) -> Array:
+    """Return constant, linear and kernel features of points, the last ones given."""
+    return np.concatenate([LINEAR_SD * np.ones((len(x), 1)), LINEAR_SD * x, values], axis=1)
+
+
+def regress(features: Array, targets: Array, roots: Array) -> tuple[float, Coefficients]:
+    r"""Return the greatest evidence and the posterior with it: each target has a noise of its own.
+
+    With the eigenvalues e of :math:`\Phi^\top \Phi` and :math:`c = U^\top \Phi^\top y`,
+
+    .. math:: q = y^\top (\Phi \Phi^\top + \lambda I)^{-1} y
+            = \frac1\lambda \Big(y^\top y - \sum_i \frac{c_i^2}{e_i + \lambda}\Big), \qquad
+        -2 \log p = n \log \frac{q}{n} + \sum_i \log(e_i + \lambda) + (n - p) \log \lambda
+
+    at the best :math:`s^2 = q / n` (Rasmussen and Williams, 2006, Eq 5.8).
+
+    Args:
+        features: shape (points, p).
+        targets: shape (points, k).
+        roots: of how often each point counts, shape (points, 1); n is the sum of their squares.
+    """
+    features, targets = roots * features, roots * targets
+    n, p = float(np.sum(roots**2)), features.shape[1]
+    values, axes = np.linalg.eigh(features.T @ features)
+    values = np.maximum(values, 0.0)[:, None]
+    along = axes.T @ (features.T @ targets)
+    squares = np.sum(targets**2, axis=0)
+    evidences, signals = [], []
+    for noise in NOISES:
+        explained = np.sum(along**2 / (values + noise), axis=0)
+        signal = np.maximum(squares - explained, LEAST_RESIDUAL * squares + TINY) / (noise * n)
+        volume = np.sum(np.log(values + noise)) + (n - p) * np.log(noise)
+        evidences.append(-0.5 * (n * np.log(signal) + volume))
+        signals.append(signal)
+    best = np.argmax(evidences, axis=0)
+    columns = np.arange(targets.shape[1])
+    noise, signal = NOISES[best], np.array(signals)[best, columns]
+    sd = np.sqrt(signal * noise / (values + noise))
+    mean = axes @ (along / (values + noise))
+    total = float(np.array(evidences)[best, columns][squares > 0].sum())  # of targets that tell something
+    return total, Coefficients(axes, mean, sd, np.sqrt(signal * noise), np.sqrt(signal))
