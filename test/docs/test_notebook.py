@@ -18,7 +18,7 @@ def shown(notebook: Any) -> list[list[str]]:
     return [[output.get("text", output.output_type) for output in cell.outputs] for cell in cells]
 
 
-@pytest.mark.slow
+@pytest.mark.pages
 def test_the_notebook_gives_the_outputs_that_it_shows(tmp_path: Path) -> None:
     stored = nbformat.read(NOTEBOOK, as_version=4)
     executed = nbformat.read(NOTEBOOK, as_version=4)

@@ -33,8 +33,8 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
         yield number
 
 
+@pytest.mark.pages
 @pytest.mark.ros
-@pytest.mark.slow
 @pytest.mark.timeout(TIMEOUT_S + 20)
 @pytest.mark.parametrize("page", TO_DO, ids=lambda page: str(page.relative_to(ROOT)))
 def test_what_a_page_says_can_be_done(page: Path, tmp_path: Path, domain: int) -> None:

@@ -75,7 +75,7 @@ def test_any_kind_of_environment_learns_the_same(source: str) -> None:
 
 
 def test_the_horizon_is_the_environments_own() -> None:
-    quick = {"iterations": 1, "episodes_per_iteration": 1, "evaluate_every": 0}
+    quick = {"iterations": 1, "episodes_per_iteration": 1, "evaluate_every": 0, "practice": "none"}
     assert rkhs_ros.train("Pendulum-v1", progress=False, **quick).policy.task.horizon == 200
     assert rkhs_ros.train(gymnasium.make("Pendulum-v1"), progress=False, **quick).policy.task.horizon == 200
     unlimited = gymnasium.make("Pendulum-v1", max_episode_steps=-1)
