@@ -19,7 +19,7 @@ class Stop:
     """Whether a process was told to end.
 
     A signal's handler tells it. A second signal may come while it does, and Python would then call the handler within
-    itself: with `threading.Event`, whose lock the first call may hold, the process would hang.
+    itself: with ``threading.Event``, whose lock the first call may hold, the process would hang.
     """
 
     def __init__(self) -> None:

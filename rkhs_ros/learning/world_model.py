@@ -3,9 +3,9 @@ r"""A model of a task, learnt from its episodes: how observations change, what i
 .. math:: o_{t+1} = o_t + f(x_t, a_t) + \epsilon, \qquad r_t = g(x_t, a_t) \text{ or } g(o_{t+1}, a_t), \qquad
     \text{over after } t \Leftrightarrow e(o_{t+1}) > 0
 
-with + as `Motion` has it. x is what the policy is given of the history, a the action within its bounds. f, g and e are
-posteriors over functions, so that the model knows what it does not know (as PILCO's, Deisenroth and Rasmussen, 2011).
-Parts that are known need not be learnt.
+with + as `rkhs_ros.learning.motion.Motion` has it. x is what the policy is given of the history, a the action within
+its bounds. f, g and e are posteriors over functions, so that the model knows what it does not know (as PILCO's,
+Deisenroth and Rasmussen, 2011). Parts that are known need not be learnt.
 """
 
 from __future__ import annotations
