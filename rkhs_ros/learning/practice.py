@@ -21,7 +21,7 @@ from rkhs_ros.policies.noise import NOISES
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch, stream_seed
 from rkhs_ros.policies.variance import ConstantVariance
-from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rkhs.kernels import Array, evenly
 
 MOST_COMPARED = 300  # points at which two kernels are compared
 SAME_KERNEL = 0.95  # alignment above which two kernels are as good as one
@@ -161,7 +161,7 @@ def _made_ready(policy: GaussianPolicy, algorithm: Algorithm, experience: RealEx
     """
     seen = experience.episodes.seen_through(policy.inputs)
     points = seen.flat(seen.observations)
-    few = points[:: -(-len(points) // MOST_COMPARED)]
+    few = evenly(points, MOST_COMPARED)
     own, kernel = policy.mean.kernel, experience.kernel.fit(points, policy.inputs.ages)
     if len(policy.mean.centres) == 0:
         return policy.with_mean(replace(policy.mean, kernel=kernel))

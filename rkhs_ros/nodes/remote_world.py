@@ -22,7 +22,7 @@ from rkhs_ros.nodes.diagnostics import Diagnostics
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS, observations_of
 from rkhs_ros.nodes.names import fresh_number
 from rkhs_ros.nodes.peers import Peers
-from rkhs_ros.nodes.simulator_link import SimulatorLink
+from rkhs_ros.nodes.simulator_link import MOST_VOIDS, SimulatorLink
 from rkhs_ros.nodes.spin import PeerError, ReportingNode
 from rkhs_ros.nodes.transport import LAST_DOMAIN, by_udp
 from rkhs_ros.policies.messages import doubles
@@ -32,7 +32,6 @@ from rkhs_ros.runs.rows import KEPT, Flags
 
 IDLE_CHECK_S = 0.5  # without an observation before the world is looked after
 RESEND_S = 0.02  # after an action was sent, before it is taken for lost
-MOST_VOIDS = 10  # episodes of a robot, one after another, before their first step
 
 
 class Seen(NamedTuple):

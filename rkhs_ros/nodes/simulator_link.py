@@ -32,6 +32,7 @@ from rkhs_ros.runs.config import MOST_ROWS, Environment
 
 SIMULATOR, ROBOT = "simulator", "robot"
 PROBE_S = 0.2  # for a simulator that fell silent to answer, each time that others begin
+MOST_VOIDS = 10  # of a robot's episodes, one after another, after which it is given up
 SIGNS_OF_LIFE = 4  # within the time after which a robot takes the learner for dead
 
 

@@ -20,7 +20,7 @@ from rkhs_ros.nodes.peers import Peers, SilentError
 from rkhs_ros.nodes.policy_link import NAME as POLICY
 from rkhs_ros.nodes.policy_link import PolicyLink
 from rkhs_ros.nodes.publishers import listed
-from rkhs_ros.nodes.simulator_link import ROBOT, SIMULATOR, Ended, SimulatorLink
+from rkhs_ros.nodes.simulator_link import MOST_VOIDS, ROBOT, SIMULATOR, Ended, SimulatorLink
 from rkhs_ros.nodes.spin import PeerError, ReportingNode
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
@@ -28,7 +28,6 @@ from rkhs_ros.runs.config import Environment
 
 IDLE_CHECK_S = 0.5  # without episodes before the peers are looked after
 UNKNOWN = repeat(BatchProgress())  # of a policy node that says nothing
-MOST_VOIDS = 10  # of an episode of a robot, one after another
 MOST_ATTEMPTS = 5  # at a batch that comes no further, as a node dies at the same step each time
 
 

@@ -296,6 +296,11 @@ def kernel_from_terms(terms: Iterable[tuple[str, Sequence[float]]]) -> Kernel:
     return stack[0]
 
 
+def evenly(rows: Array, most: int) -> Array:
+    """Return rows, at least one, evenly spaced among all so that they are at most so many."""
+    return rows[:: -(-len(rows) // most)]
+
+
 def median_bandwidth(points: ArrayLike, most: int = 1000) -> tuple[float, ...]:
     """Return the median distance of pairs of points along each dimension (the median trick), 1 where all agree.
 
@@ -308,7 +313,7 @@ def median_bandwidth(points: ArrayLike, most: int = 1000) -> tuple[float, ...]:
         most: number of points of which all pairs are taken.
     """
     array = np.asarray(points, dtype=float)
-    array = array[:: -(-len(array) // most)]
+    array = evenly(array, most)
     if len(array) == 1:
         return tuple(1.0 for _ in array.T)
     spreads = ((float(np.median(pdist(column[:, None], "cityblock"))), float(column.std())) for column in array.T)

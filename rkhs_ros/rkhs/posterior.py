@@ -18,10 +18,10 @@ from functools import cached_property
 
 import numpy as np
 
-from rkhs_ros.rkhs.evidence import LINEAR_SD, Coefficients, best_fit, features_of
+from rkhs_ros.rkhs.evidence import LINEAR_SD, Coefficients, features_of
 from rkhs_ros.rkhs.kernels import Array, spreads
 from rkhs_ros.rkhs.newton import NewtonBasis
-from rkhs_ros.rkhs.stretching import stretched
+from rkhs_ros.rkhs.stretching import best_stretched
 from rkhs_ros.rkhs.units import Coordinates, Units
 
 
@@ -58,8 +58,7 @@ class Posterior:
         units, of_targets = Units.of(points, weights), Units.of(targets, weights)
         y = np.where(spreads(targets, weights) > 0, of_targets.standardise(targets), 0.0)
         roots = np.ones((len(points), 1)) if weights is None else np.sqrt(weights)[:, None]
-        coordinates = stretched(Coordinates(units), points, y, roots, centres)
-        best = best_fit(coordinates.of(points), y, roots, centres)
+        coordinates, best = best_stretched(Coordinates(units), points, y, roots, centres)
         return cls(coordinates, of_targets, best.basis, best.coefficients, best.evidence)
 
     def features(self, points: Array) -> Array:

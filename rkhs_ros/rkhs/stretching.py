@@ -13,15 +13,19 @@ from __future__ import annotations
 import numpy as np
 
 from rkhs_ros.rkhs.evidence import LINEAR_SD, Fit, best_fit
-from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rkhs.kernels import Array, evenly
 from rkhs_ros.rkhs.units import Coordinates
 
 MOST_FITTED, MOST_SLOPES = 1000, 300  # points that are enough
 ROUNDS = 3  # of stretching, as long as the evidence grows
 
 
-def stretched(plain: Coordinates, points: Array, targets: Array, roots: Array, centres: int) -> Coordinates:
-    """Return the coordinates whose evidence is greatest, of those without axes and some with stretched ones.
+def best_stretched(
+    plain: Coordinates, points: Array, targets: Array, roots: Array, centres: int
+) -> tuple[Coordinates, Fit]:
+    """Return the coordinates whose evidence is greatest, of those without axes and some with stretched ones, and a fit.
+
+    The coordinates are chosen by some of the points, where there are many; the fit is that to all of them.
 
     Args:
         plain: without axes.
@@ -30,8 +34,16 @@ def stretched(plain: Coordinates, points: Array, targets: Array, roots: Array, c
         roots: of how often each point counts, shape (n, 1).
         centres: of the fit at most.
     """
-    few = slice(None, None, -(-len(points) // MOST_FITTED))
-    points, targets, roots = points[few], targets[few], roots[few]
+    some, their_targets, their_roots = (evenly(each, MOST_FITTED) for each in (points, targets, roots))
+    best, fit = _stretched(plain, some, their_targets, their_roots, centres)
+    if len(points) > MOST_FITTED:
+        fit = best_fit(best.of(points), targets, roots, centres)
+    return best, fit
+
+
+def _stretched(
+    plain: Coordinates, points: Array, targets: Array, roots: Array, centres: int
+) -> tuple[Coordinates, Fit]:
     best, fit = plain, best_fit(plain.of(points), targets, roots, centres)
     for _ in range(ROUNDS):
         axes = _axes(best, fit, points, roots)
@@ -42,13 +54,12 @@ def stretched(plain: Coordinates, points: Array, targets: Array, roots: Array, c
         if its_fit.evidence <= fit.evidence:
             break
         best, fit = tried, its_fit
-    return best
+    return best, fit
 
 
 def _axes(coordinates: Coordinates, fit: Fit, points: Array, roots: Array) -> Array | None:
     """Return L of the fit's gradients, shape (d, d); None where the functions do not change."""
-    few = slice(None, None, -(-len(points) // MOST_SLOPES))
-    gradients = slopes(fit, coordinates.of(points[few])) * roots[few, :, None]
+    gradients = slopes(fit, coordinates.of(evenly(points, MOST_SLOPES))) * evenly(roots, MOST_SLOPES)[:, :, None]
     if coordinates.axes is not None:
         gradients = np.einsum("de,nek->ndk", coordinates.axes, gradients)
     squares, axes = np.linalg.eigh(np.einsum("ndk,nek->de", gradients, gradients))

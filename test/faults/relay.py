@@ -5,7 +5,6 @@ import heapq
 import signal
 import time
 from collections.abc import Callable
-from threading import Event
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from rkhs_interfaces.msg import Action, Observation
+from rkhs_ros.base.endings import Stop
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS
 
 LONGEST = 0.05  # seconds that a message is held back
@@ -61,9 +61,9 @@ def main() -> None:
     node = Relay(options.share, options.seed)
     executor = EventsExecutor()
     executor.add_node(node)
-    told = Event()
-    signal.signal(signal.SIGTERM, lambda *_: told.set())
-    while not told.is_set():
+    stop = Stop()
+    signal.signal(signal.SIGTERM, lambda *_: stop.set())
+    while not stop.is_set():
         executor.spin_once(timeout_sec=node.release())
     print(", ".join(f"{count} {fate}" for fate, count in node.counts.items()))
     node.destroy_node()

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -206,22 +207,28 @@ def test_a_reward_that_fails_is_told_and_the_robot_holds(begin: Callable[..., Pr
     assert not bench.probe.heard["episodes"]
 
 
-def test_a_sensor_that_never_speaks_is_named_and_nothing_moves(begin: Callable[..., Process], bench: Bench) -> None:
-    bench.silent = {"sensor"}
-    begin()
-    bench.start()
-    bench.probe.until(lambda: bench.describe().failure != "")
-    assert bench.describe().failure == "slider: sensor position: no message came on position, for 5 s"
-    assert not bench.moves
-
-
-def test_a_service_of_the_reset_that_is_not_there_is_named_and_nothing_moves(
-    begin: Callable[..., Process], bench: Bench
+@pytest.mark.parametrize(
+    ("silent", "changes", "failure"),
+    [
+        pytest.param(
+            {"sensor"}, {}, "sensor position: no message came on position, for 5 s", id="a sensor that never speaks"
+        ),
+        pytest.param(
+            set(),
+            {"reset": {"steps": ["trigger"], "trigger": {"service": "put_back"}}},
+            "reset.trigger: expected a service /put_back, got none for 5 s",
+            id="a service of the reset that is not there",
+        ),
+    ],
+)
+def test_what_is_missing_is_named_and_nothing_moves(
+    begin: Callable[..., Process], bench: Bench, silent: set[str], changes: dict[str, Any], failure: str
 ) -> None:
-    begin(reset={"steps": ["trigger"], "trigger": {"service": "put_back"}})
+    bench.silent = silent
+    begin(**changes)
     bench.start()
     bench.probe.until(lambda: bench.describe().failure != "")
-    assert bench.describe().failure == "slider: reset.trigger: expected a service /put_back, got none for 5 s"
+    assert bench.describe().failure == f"slider: {failure}"
     assert not bench.moves
 
 

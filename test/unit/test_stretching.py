@@ -8,7 +8,7 @@ import pytest
 from rkhs_ros.rkhs import stretching
 from rkhs_ros.rkhs.evidence import best_fit
 from rkhs_ros.rkhs.posterior import Posterior
-from rkhs_ros.rkhs.stretching import slopes, stretched
+from rkhs_ros.rkhs.stretching import best_stretched, slopes
 from rkhs_ros.rkhs.units import Coordinates, Units
 
 D, N = 8, 150
@@ -39,7 +39,7 @@ def test_slopes_are_those_of_finite_differences(rng: np.random.Generator) -> Non
 
 def test_a_function_of_one_direction_is_found_to_be_one(rng: np.random.Generator, direction: np.ndarray) -> None:
     x = rng.normal(size=(N, D))
-    coordinates = stretched(Coordinates(Units.of(x)), x, along(x, direction), np.ones((N, 1)), 100)
+    coordinates, _ = best_stretched(Coordinates(Units.of(x)), x, along(x, direction), np.ones((N, 1)), 100)
     assert coordinates.axes is not None
     squares, axes = np.linalg.eigh(coordinates.axes @ coordinates.axes.T)
     assert squares.sum() == pytest.approx(D)
@@ -65,7 +65,7 @@ def test_of_such_a_function_it_predicts_more_from_as_little(
 def test_a_function_that_changes_alike_everywhere_is_left_alone(rng: np.random.Generator) -> None:
     x = rng.normal(size=(300, 2))
     y = np.exp(-0.5 * np.sum(x**2, axis=1))[:, None] + 0.01 * rng.normal(size=(300, 1))
-    coordinates = stretched(Coordinates(Units.of(x)), x, y, np.ones((300, 1)), 50)
+    coordinates, _ = best_stretched(Coordinates(Units.of(x)), x, y, np.ones((300, 1)), 50)
     if coordinates.axes is not None:
         np.testing.assert_allclose(np.linalg.eigvalsh(coordinates.axes @ coordinates.axes.T), 1.0, atol=0.3)
 
@@ -81,4 +81,4 @@ def test_the_evidence_is_never_less_than_without(rng: np.random.Generator, monke
 def test_constant_values_stretch_nothing(rng: np.random.Generator) -> None:
     x = rng.normal(size=(20, 3))
     plain = Coordinates(Units.of(x))
-    assert stretched(plain, x, np.zeros((20, 1)), np.ones((20, 1)), 10) == replace(plain)
+    assert best_stretched(plain, x, np.zeros((20, 1)), np.ones((20, 1)), 10)[0] == replace(plain)
