@@ -114,6 +114,7 @@ def test_whoever_falls_silent_the_robot_comes_to_rest_and_the_episode_is_void(
     assert len(message.executions[0].stamps) == steps + 1
     commands = len(bench.moves)
     bench.silent = set()
+    bench.gate_state("holding")  # a gate that was started again says so
     bench.probe.settle()
     assert len(bench.moves) == commands
     assert [path.name for path in (tmp_path / "journal").iterdir()] == [
