@@ -15,7 +15,7 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.imagination import ImaginedRunner
 from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.known_parts import KnownParts
-from rkhs_ros.learning.world_model import ModelTest, WorldModel, prediction_test
+from rkhs_ros.learning.world_model import ModelTest, WorldModel, are_places_alike, prediction_test
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.noise import NOISES
 from rkhs_ros.policies.spaces import Spaces
@@ -25,6 +25,7 @@ from rkhs_ros.rkhs.kernels import Array, evenly
 
 MOST_COMPARED = 300  # points at which two kernels are compared
 SAME_KERNEL = 0.95  # alignment above which two kernels are as good as one
+AS_NEEDED = "as_needed"
 FUNCTION = "MODULE:FUNCTION in place of what is learnt, empty for none: from rows of"
 HORIZONS_AHEAD = 3.0  # times 1 / (1 - discount): beyond that 5 % of the return is left
 
@@ -42,9 +43,10 @@ class ModelPractice(Settings):
     episodes: int = setting(50, "imagined exploring episodes before each of them", minimum=1, maximum=10_000)
     centres: int = setting(200, "kernel functions of the model at most", minimum=1, maximum=2000)
     noise: str = setting(
-        "turns",
-        "exploration of the real episodes: white; pink, correlated over time, which gets farther; or turns, one by one",
-        choices=(*NOISES, "turns"),
+        AS_NEEDED,
+        "exploration of the real episodes: white; pink, correlated over time, which gets farther; or as_needed, pink "
+        "as long as no place was better than another",
+        choices=(*NOISES, AS_NEEDED),
     )
     exploration_decay: float = setting(
         0.93, "factor on the standard deviation of the imagined episodes at each update", minimum=0.0, maximum=1.0
@@ -59,9 +61,11 @@ class ModelPractice(Settings):
     end: str = setting("", f"{FUNCTION} observations to whether they end an episode")
     change: str = setting("", f"{FUNCTION} (observations, actions) to a part of the changes; the rest is learnt")
 
-    def noise_of(self, iteration: int) -> str:
-        """Return the exploration of an iteration's real episodes."""
-        return ("pink", "white")[iteration % 2] if self.noise == "turns" else self.noise
+    def exploration(self, *, places_alike: bool = False) -> str:
+        """Return the noise of real episodes, by whether no place was better than another in those before."""
+        if self.noise != AS_NEEDED:
+            return self.noise
+        return "pink" if places_alike else "white"
 
     def known_parts(self, observation_dim: int) -> KnownParts:
         """Return the functions that are named.
@@ -146,10 +150,9 @@ def practise(
         if isinstance(policy.variance, ConstantVariance):  # else the algorithm learns it
             policy = replace(policy, variance=ConstantVariance(deviation**2))
     last = float(imagined.returns(experience.discount).mean())
-    real = ConstantVariance(experience.first_variance)
-    return Practised(
-        replace(policy, variance=real, noise=practice.noise_of(experience.iteration + 1)), metrics, last, test.error
-    )
+    noise = practice.exploration(places_alike=are_places_alike(episodes, spaces))
+    policy = replace(policy, variance=ConstantVariance(experience.first_variance), noise=noise)
+    return Practised(policy, metrics, last, test.error)
 
 
 def _made_ready(policy: GaussianPolicy, algorithm: Algorithm, experience: RealExperience) -> GaussianPolicy:

@@ -51,7 +51,7 @@ def first_policy(training: Training, spaces: Spaces) -> GaussianPolicy:
     _check_kernel(training, input_dim)
     if isinstance(training.practice, ModelPractice):
         training.practice.known_parts(spaces.observation_dim)
-    noise = training.practice.noise_of(0) if isinstance(training.practice, ModelPractice) else "white"
+    noise = training.practice.exploration() if isinstance(training.practice, ModelPractice) else "white"
     return GaussianPolicy(Function.zero(RBF((1.0,)), input_dim, action_dim), variance, training.inputs, noise)
 
 

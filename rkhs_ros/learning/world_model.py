@@ -21,12 +21,13 @@ from rkhs_ros.learning.known_parts import KnownParts
 from rkhs_ros.learning.motion import Motion
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.rkhs.kernels import ROUNDING, Array, deviations
+from rkhs_ros.rkhs.kernels import ROUNDING, Array, deviations, spreads
 from rkhs_ros.rkhs.posterior import Posterior
 
 NORMAL_MEDIAN = 0.4549  # of the square of a standard normal number
 MOST_OVERCONFIDENCE = 3.0
 MARGIN = 0.25  # of the range seen, that is imagined beyond it: a wall there would be leant on
+EXPLAINED = 0.1  # part of the rewards' deviation that may be left
 NOTHING_KNOWN = KnownParts()
 
 
@@ -210,6 +211,20 @@ def prediction_test(
     surprise = float(np.sqrt(np.mean(np.median((errors / expected)[:, moving] ** 2, axis=0) / NORMAL_MEDIAN)))
     error = float(np.sqrt(np.mean(sizes[moving] ** 2)))
     return ModelTest(error, min(max(surprise, 1.0), MOST_OVERCONFIDENCE))
+
+
+def are_places_alike(episodes: Episodes, spaces: Spaces) -> bool:
+    """Return whether a cost of the actions explains all that was earned, and the task ended no episode.
+
+    Then no place is known to be better than another: where one is, if anywhere, none of the episodes has been.
+    """
+    if episodes.terminated.any():
+        return False
+    actions = spaces.clip(episodes.flat(episodes.actions)) / spaces.half_ranges
+    costs = np.concatenate([np.ones((len(actions), 1)), actions, np.abs(actions), actions**2], axis=1)
+    rewards = episodes.flat(episodes.rewards)
+    unexplained = rewards - costs @ np.linalg.lstsq(costs, rewards, rcond=None)[0]
+    return bool(unexplained.std() <= EXPLAINED * rewards.std() or spreads(rewards[:, None])[0] == 0)
 
 
 def _motion(steps: Steps, inputs: Inputs) -> Motion:

@@ -8,7 +8,7 @@ import pytest
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.imagination import ImaginedRunner
-from rkhs_ros.learning.world_model import WorldModel, points_of
+from rkhs_ros.learning.world_model import WorldModel, are_places_alike, points_of
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
@@ -275,3 +275,31 @@ def test_what_is_imagined_goes_a_quarter_beyond_what_was_seen(rng: np.random.Gen
     size = model.high - model.low
     np.testing.assert_allclose(far, [model.high + 0.25 * size, model.low - 0.25 * size], rtol=1e-12)
     np.testing.assert_array_equal(model.seen(far), [model.high, model.low])
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e6])
+@pytest.mark.parametrize(
+    ("earned", "alike"),
+    [
+        (lambda place, push: np.full(push.shape, -0.7), True),
+        (lambda place, push: -(push**2) - 0.3 * push, True),
+        (lambda place, push: 2.0 - np.abs(push), True),
+        (lambda place, push: -(push**2) + 100.0 * (place == place.max()), False),  # that one step of 720 came across
+        (lambda place, push: 0.2 * place - push**2, False),
+    ],
+    ids=["nothing", "square", "size", "a goal", "a slope"],
+)
+def test_places_are_alike_until_another_was_better_than_what_its_action_costs(
+    rng: np.random.Generator, earned: Step, alike: bool, size: float
+) -> None:
+    episodes = lived(rng)
+    place, push = episodes.observations[..., 0], np.clip(episodes.actions[..., 0], -1.0, 1.0)
+    assert are_places_alike(replace(episodes, rewards=size * earned(place, push)), SPACES) == alike
+
+
+def test_places_differ_where_the_task_ends_episodes(rng: np.random.Generator) -> None:
+    episodes = lived(rng, ending=True)
+    assert episodes.terminated.any()
+    same = replace(episodes, rewards=episodes.mask.astype(float))
+    assert not are_places_alike(same, SPACES)
+    assert are_places_alike(replace(same, terminated=np.zeros(ROWS, dtype=bool)), SPACES)
