@@ -10,7 +10,6 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.duration import Duration
 from rclpy.node import Node
-from std_srvs.srv import Trigger
 
 from rkhs_interfaces.msg import Command, GateReport, GateState
 from rkhs_ros.base.validation import shown
@@ -19,9 +18,7 @@ from rkhs_ros.policies.messages import doubles
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.gate_state import STOP_ASKED
 
-ARM_RETRY_S = 1.0  # between attempts to arm the gate of a practice robot
 LAST_COMMAND_TIMEOUT_S = 0.5  # for the gate to take the last command before the node ends
-PRACTICE_ROBOT = "practice_robot"
 DISARMED, STOPPED = "disarmed", "stopped"
 
 
@@ -34,24 +31,18 @@ class GateLink:
         node: the robot node.
         instance: of its process, which the gate tells from others by it.
         timeout: seconds without a report of a command after which the gate is taken to be gone.
-        arms: whether the gate is armed from here, as that of a practice robot may be; never that of another.
         report: is told of each report: the number of the command, what was executed, and the flags.
     """
 
-    def __init__(
-        self, node: Node, instance: int, timeout: float, *, arms: bool, report: Callable[[int, Array, int], None]
-    ) -> None:
+    def __init__(self, node: Node, instance: int, timeout: float, report: Callable[[int, Array, int], None]) -> None:
         self.number = 0
         self._node = node
         self._instance = instance
-        self._arms = arms
         self._report = report
         self._state: GateState | None = None
         self._timeout = timeout
         self._unanswered_since = inf  # monotonic time of the first command that no report came of, seconds
-        self._armed_at = 0.0
         self._commands = node.create_publisher(Command, "command", LOCKSTEP_QOS)
-        self._arm = node.create_client(Trigger, "gate/arm")
         node.create_subscription(GateReport, "gate/report", self._hear_report, LOCKSTEP_QOS)
         node.create_subscription(GateState, "gate/state", self._hear_state, LATCHED_QOS)
 
@@ -84,26 +75,22 @@ class GateLink:
         return time.monotonic() - self._unanswered_since > self._timeout
 
     @property
+    def stands(self) -> bool:
+        """Whether the gate is there and moves nothing until it is armed."""
+        return self._state is not None and self._state.state in (DISARMED, STOPPED)
+
+    @property
+    def stop_was_asked(self) -> bool:
+        """Whether somebody had the robot stop."""
+        return self._state is not None and self._state.reason.startswith(STOP_ASKED)
+
+    @property
     def remedy(self) -> str:
         """What a person is to do where there is an obstacle."""
         service = self._node.resolve_service_name("gate/arm")
         arm = f"see that the robot may move, then: rkhs robot arm, or ros2 service call {service} std_srvs/srv/Trigger"
         is_there = self._state is not None and not self._is_silent
         return arm if is_there else f"start it, {arm}"
-
-    def arm_practice(self, now: float) -> bool:
-        """Arm the gate of a practice robot now and then; return whether that is done from here.
-
-        Not where somebody had the robot stop: that takes their word, as on any robot.
-        """
-        if not self._arms or (self._state is not None and self._state.reason.startswith(STOP_ASKED)):
-            return False
-        stands = self._state is not None and self._state.state in (DISARMED, STOPPED)
-        if stands and now >= self._armed_at + ARM_RETRY_S:
-            self._armed_at = now
-            if PRACTICE_ROBOT in self._node.get_node_names() and self._arm.service_is_ready():
-                self._arm.call_async(Trigger.Request())
-        return True
 
     def close(self) -> None:
         """Have the robot hold, and wait until the gate has heard it."""

@@ -12,6 +12,7 @@ from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.gate_link import GateLink
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS, robot_observation_message
+from rkhs_ros.nodes.practice_link import PracticeLink
 from rkhs_ros.nodes.sensor_topics import SensorTopics
 from rkhs_ros.nodes.spin import ReportingNode
 from rkhs_ros.policies.messages import matrix
@@ -39,7 +40,7 @@ class RobotMotion:
         node: the robot node.
         task: the robot's.
         instance: of the node's process.
-        arms: whether the gate of a practice robot is armed from here.
+        arms: whether the robot is a practice robot, which is made ready from here.
         ended: is told of each episode that is over, at rest.
 
     Attributes:
@@ -67,7 +68,8 @@ class RobotMotion:
         self._retry_s = FIRST_RETRY_S
         self._sent = (0, 0)  # number of the last command, and its step
         self._shown: Observation | None = None
-        self._gate = GateLink(node, instance, task.stale_after, arms=arms, report=self._hear_report)
+        self._gate = GateLink(node, instance, task.stale_after, self._hear_report)
+        self._practice = PracticeLink(node, self._gate) if arms else None
         self._sensors = SensorTopics(node, task)
         self._observations = node.create_publisher(Observation, "observation", LOCKSTEP_QOS)
         self._service = node.create_client(Trigger, task.reset.trigger.service or "~/trigger")
@@ -120,7 +122,7 @@ class RobotMotion:
             return now + IDLE_S
         if self._shown is None:
             return self._prepare(episode, now)
-        if spoilt := self._gate.obstacle() or self._silence(now):
+        if spoilt := self._obstacle() or self._silence(now):
             episode.void(spoilt)
         if not episode.moving and not episode.over:
             return self._ask_for_first_action(now)
@@ -131,6 +133,10 @@ class RobotMotion:
         if episode.over:
             self._finish(episode)
         return min(episode.due, now + min(self._task.learner_timeout, self._task.stale_after))
+
+    def _obstacle(self) -> str:
+        """Return why the robot cannot be moved; empty where it can."""
+        return self._gate.obstacle() or (self._practice.obstacle() if self._practice else "")
 
     def _silence(self, now: float) -> str:
         silent, most = now - self.alive_at, self._task.learner_timeout
@@ -143,15 +149,15 @@ class RobotMotion:
         if now < self._clock.due:
             return self._clock.due
         self._clock = self._clock.ticked(now)
-        obstacle = self._gate.obstacle()
+        obstacle = self._obstacle()
         if self._reset is not None and obstacle:
             self.void(obstacle)
         elif self._reset is not None:
             self._continue_reset(self._reset, episode, now)
         elif obstacle or self.paused:
-            armed_from_here = self._gate.arm_practice(now) and not self.paused
+            from_here = self._practice is not None and self._practice.make_ready(now) and not self.paused
             what = f"{obstacle}; {self._gate.remedy}" if obstacle else f"paused; to go on: {self.call('start')}"
-            self.waiting = "" if armed_from_here else what
+            self.waiting = "" if from_here else what
             self._began_at = now
         elif self._is_sensing(now) and self._is_served(now):
             self.waiting = ""

@@ -54,7 +54,13 @@ class RobotNode(ReportingNode):
         require_section(self.get_fully_qualified_name(), sys.argv)
         tree = given(self)
         folder = declared(self, tree, "journal", "", "folder that keeps each episode; empty: none is kept")
-        arms = declared(self, tree, "practice", False, "arm the gate of a practice robot from here, no other")
+        arms = declared(
+            self,
+            tree,
+            "practice",
+            False,
+            "arm the gate of a practice robot, and end its protective stops, from here; of no other",
+        )
         again, number = restarts(self, tree), instance(self, tree)
         self._task = robot_task_from(tree)
         declare(self, (entry for entry in self._task.entries() if entry.value != ()))

@@ -1,0 +1,62 @@
+"""The practice robot as the robot node sees it: a run makes it ready again by itself, as a person does a real robot."""
+
+from __future__ import annotations
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from rkhs_ros.base.validation import shown
+from rkhs_ros.nodes.gate_link import GateLink
+from rkhs_ros.nodes.messages import LATCHED_QOS
+
+RETRY_S = 1.0  # between attempts to arm the gate, or to end a protective stop
+NAME = "practice_robot"
+
+
+class PracticeLink:
+    """The practice robot as the robot node sees it.
+
+    Arms its gate and ends its protective stops, now and then, as long as nobody had it stop.
+
+    Owns what the robot said of itself last, and when it was spoken to.
+
+    Args:
+        node: the robot node.
+        gate: between the node and the robot.
+    """
+
+    def __init__(self, node: Node, gate: GateLink) -> None:
+        self._node = node
+        self._gate = gate
+        self._report = DiagnosticStatus()
+        self._asked_at = 0.0
+        self._arm = node.create_client(Trigger, "gate/arm")
+        self._reset = node.create_client(Trigger, f"{NAME}/reset_protective_stop")
+        node.create_subscription(DiagnosticStatus, f"{NAME}/violations", self._hear_report, LATCHED_QOS)
+
+    def obstacle(self) -> str:
+        """Return why the robot does not move; empty where nothing of its own keeps it from that."""
+        if self._report.level != DiagnosticStatus.ERROR:
+            return ""
+        return f"the practice robot stopped by itself ({shown(self._report.message)})"
+
+    def make_ready(self, now: float) -> bool:
+        """Do what a person would before the robot may move; return whether that is done from here.
+
+        Not where somebody had the robot stop: that takes their word, as on any robot.
+        """
+        if self._gate.stop_was_asked:
+            return False
+        if now >= self._asked_at + RETRY_S and NAME in self._node.get_node_names():
+            self._asked_at = now
+            self._ask(self._reset, due=bool(self.obstacle()))
+            self._ask(self._arm, due=self._gate.stands)
+        return True
+
+    def _ask(self, service: object, *, due: bool) -> None:
+        if due and service.service_is_ready():  # type: ignore[attr-defined]  # rclpy's clients have no types
+            service.call_async(Trigger.Request())  # type: ignore[attr-defined]
+
+    def _hear_report(self, message: DiagnosticStatus) -> None:
+        self._report = message
