@@ -62,7 +62,7 @@ def _return(name: str, episodes: int, seed: int, rounds: int) -> float:
 
 def _exploring(config: Config, episodes: int) -> Config:
     """Return a run of one iteration, all of whose episodes run before the policy learns."""
-    practice = replace(config.training.practice, iterations=1, episodes=1)
+    practice = replace(config.training.practice, iterations=1, episodes=1, noise="pink")
     training = replace(
         config.training, iterations=1, episodes_per_iteration=episodes, evaluate_every=0, practice=practice
     )

@@ -19,7 +19,7 @@ from test.unit.recorded_runs import ARRAYS, CONFIG, Robot, longer, recorded_run,
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 ROOT = Path(__file__).parents[2]
-EXPLORE = ("practice.iterations=1", "practice.episodes=1", "evaluate_every=0", "iterations=1")
+EXPLORE = ("practice.noise=pink", "practice.iterations=1", "practice.episodes=1", "evaluate_every=0", "iterations=1")
 
 
 def exploring(episodes: int, *changes: str) -> Config:
