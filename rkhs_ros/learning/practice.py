@@ -45,14 +45,23 @@ class ModelPractice(Settings):
     noise: str = setting(
         AS_NEEDED,
         "exploration of the real episodes: white; pink, correlated over time, which gets farther; or as_needed, pink "
-        "as long as no place was better than another",
+        "where the newest ones got nowhere",
         choices=(*NOISES, AS_NEEDED),
+    )
+    narrow: float = setting(
+        0.3,
+        "factor on the standard deviation of every other real iteration, which sees where the policy itself leads",
+        minimum=0.0,
+        maximum=1.0,
     )
     exploration_decay: float = setting(
         0.93, "factor on the standard deviation of the imagined episodes at each update", minimum=0.0, maximum=1.0
     )
     restart_decay: float = setting(
-        1.0, "factor on the standard deviation that practice begins with, each real iteration", minimum=0.0, maximum=1.0
+        1.0,
+        "factor on the standard deviation that practice begins with, for each iteration that the newest one surpassed",
+        minimum=0.0,
+        maximum=1.0,
     )
     exploration_minimum: float = setting(
         0.1, "least standard deviation, as a part of the first one", minimum=1e-6, maximum=1.0
@@ -61,11 +70,19 @@ class ModelPractice(Settings):
     end: str = setting("", f"{FUNCTION} observations to whether they end an episode")
     change: str = setting("", f"{FUNCTION} (observations, actions) to a part of the changes; the rest is learnt")
 
-    def exploration(self, *, places_alike: bool = False) -> str:
-        """Return the noise of real episodes, by whether no place was better than another in those before."""
-        if self.noise != AS_NEEDED:
-            return self.noise
-        return "pink" if places_alike else "white"
+    def exploring(self, policy: GaussianPolicy, variance: Array, iteration: int, *, stuck: bool) -> GaussianPolicy:
+        """Return the policy as it explores in real episodes: wide and narrow by turns, wide where it is stuck.
+
+        Args:
+            policy: with the mean.
+            variance: of wide exploration, shape (n,).
+            iteration: number of real iterations before.
+            stuck: whether the newest of them got nowhere.
+        """
+        as_needed = "pink" if stuck else "white"
+        share = self.narrow if iteration % 2 and not stuck else 1.0
+        noise = as_needed if self.noise == AS_NEEDED else self.noise
+        return replace(policy, variance=ConstantVariance(share**2 * variance), noise=noise)
 
     def known_parts(self, observation_dim: int) -> KnownParts:
         """Return the functions that are named.
@@ -93,6 +110,7 @@ class RealExperience:
         first_variance: of the first policy, shape (n,).
         seed: of all that is drawn.
         iteration: number of real iterations before this one.
+        surpassed: how many of them the newest episodes earned more than.
     """
 
     episodes: Episodes
@@ -103,6 +121,7 @@ class RealExperience:
     first_variance: Array
     seed: int
     iteration: int
+    surpassed: float
 
 
 @dataclass(frozen=True)
@@ -110,7 +129,7 @@ class Practised:
     """What came of practice.
 
     Attributes:
-        policy: the policy after it, which explores as the first one did: wide, for the model's sake.
+        policy: the policy after it, as it explores in the next real episodes.
         metrics: of its last update.
         imagined_return: mean return of the exploring episodes before that, in the model.
         model_error: of the model before the newest real episodes, at their steps; nan at first.
@@ -138,7 +157,7 @@ def practise(
     runner = ImaginedRunner(model, test.overconfidence)
     rounds = max(1, round(practice.iterations / test.overconfidence))
     least = practice.exploration_minimum * np.sqrt(experience.first_variance)
-    share = max(practice.restart_decay**experience.iteration, practice.exploration_minimum)
+    share = max(practice.restart_decay**experience.surpassed, practice.exploration_minimum)
     deviation = share * np.sqrt(experience.first_variance)
     policy = replace(policy, variance=ConstantVariance(deviation**2), noise="white")
     memory = Episodes.none(_horizon(experience), spaces.observation_dim, spaces.action_dim).seen_through(inputs)
@@ -150,9 +169,15 @@ def practise(
         if isinstance(policy.variance, ConstantVariance):  # else the algorithm learns it
             policy = replace(policy, variance=ConstantVariance(deviation**2))
     last = float(imagined.returns(experience.discount).mean())
-    noise = practice.exploration(places_alike=are_places_alike(episodes, spaces))
-    policy = replace(policy, variance=ConstantVariance(experience.first_variance), noise=noise)
+    stuck = _is_stuck(experience)
+    policy = practice.exploring(policy, experience.first_variance, experience.iteration + 1, stuck=stuck)
     return Practised(policy, metrics, last, test.error)
+
+
+def _is_stuck(experience: RealExperience) -> bool:
+    """Return whether the newest episodes surpassed none before them, or none so far told one place from another."""
+    surpassed_none = experience.iteration > 0 and experience.surpassed == 0
+    return surpassed_none or are_places_alike(experience.episodes, experience.spaces)
 
 
 def _made_ready(policy: GaussianPolicy, algorithm: Algorithm, experience: RealExperience) -> GaussianPolicy:

@@ -46,13 +46,15 @@ def first_policy(training: Training, spaces: Spaces) -> GaussianPolicy:
         ValueError: the standard deviations are not one, or one per action dimension; or inputs or kernel do not fit.
     """
     action_dim = spaces.action_dim
-    variance = ConstantVariance(first_variance(training, spaces))
+    variance = first_variance(training, spaces)
     input_dim = training.inputs.dimension(spaces.observation_dim, action_dim)
     _check_kernel(training, input_dim)
-    if isinstance(training.practice, ModelPractice):
-        training.practice.known_parts(spaces.observation_dim)
-    noise = training.practice.exploration() if isinstance(training.practice, ModelPractice) else "white"
-    return GaussianPolicy(Function.zero(RBF((1.0,)), input_dim, action_dim), variance, training.inputs, noise)
+    mean = Function.zero(RBF((1.0,)), input_dim, action_dim)
+    policy = GaussianPolicy(mean, ConstantVariance(variance), training.inputs)
+    if not isinstance(training.practice, ModelPractice):
+        return policy
+    training.practice.known_parts(spaces.observation_dim)
+    return training.practice.exploring(policy, variance, 0, stuck=False)
 
 
 def first_variance(training: Training, spaces: Spaces) -> Array:

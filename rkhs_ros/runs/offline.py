@@ -53,6 +53,7 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
             first_variance=first_variance(training, spaces),
             seed=training.seed,
             iteration=state.iterations,
+            surpassed=state.iterations,
         )
         practised = practise(practice, training.algorithm, state.policy, experience)
         state = State(state.iterations + 1, practised.policy, episodes, len(episodes), 0)
