@@ -64,26 +64,28 @@ demo: build ## learn to swing up a pendulum from one episode, and practice in a 
 demo-long: build ## the same task without a model: 300 episodes
 	@$(ENTER) rkhs train config/pendulum_wrap_few_nac.yaml
 
+# Hundreds of processes are started, each of which would compile the packages anew where no bytecode is kept.
+PYTEST := PYTHONDONTWRITEBYTECODE= python -m pytest
 WORKERS ?= $(shell expr $$(nproc) + 1) # tests of nodes wait more than they compute
 test: lint types ## lint, types and the tests, but for those of faults, robots, the pages of the docs and the browser
-	@$(ENTER) python -m pytest -n $(WORKERS) --dist worksteal -m "not faults and not clock and not browser and not pages"
+	@$(ENTER) $(PYTEST) -n $(WORKERS) --dist worksteal -m "not faults and not clock and not browser and not pages"
 
 test-pages: build ## do what the pages of the documentation say
-	@$(ENTER) python -m pytest -n $(WORKERS) --dist worksteal -m pages test/docs
+	@$(ENTER) $(PYTEST) -n $(WORKERS) --dist worksteal -m pages test/docs
 
 test-robots: build ## run robots by the wall clock, one test after the other: a busy machine may miss its deadlines
-	@$(ENTER) python -m pytest -m clock test/ros
+	@$(ENTER) $(PYTEST) -m clock test/ros
 
 test-view: build ## look at the page of a run in Chromium, which `make view-tools` installs
-	@$(ENTER) python -m pytest -rs -m browser test/view
+	@$(ENTER) $(PYTEST) -rs -m browser test/view
 
 KILLS ?= 40
 FAULTS ?= test/faults test/ros test/unit
 test-faults: build ## kill nodes, lose messages, send malformed ones, run for long; KILLS=N kills, FAULTS=what
-	@$(ENTER) python -m pytest -n auto -rP -m faults --kills $(KILLS) $(FAULTS)
+	@$(ENTER) $(PYTEST) -n auto -rP -m faults --kills $(KILLS) $(FAULTS)
 
 test-fast: build ## the tests that start no nodes and take under a minute in all
-	@$(ENTER) python -m pytest -n auto -m "not ros and not slow and not faults and not clock and not browser and not pages"
+	@$(ENTER) $(PYTEST) -n auto -m "not ros and not slow and not faults and not clock and not browser and not pages"
 
 EXTRAS ?= test/faults/test_clusters.py test/unit/test_workers.py test/faults/test_other_learners.py
 test-extras: build .venv-extras/.installed ## what needs heavy extras, which are put beside .venv

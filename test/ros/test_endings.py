@@ -139,9 +139,8 @@ def test_a_learner_alone_names_who_is_missing(start: Start, parameters: Paramete
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("name", ["simulator", "policy", "learner"])
 def test_a_second_node_of_a_name_ends_and_the_first_goes_on(
-    start: Start, parameters: Parameters, probe: Probe, tmp_path: Path, name: str
+    start: Start, parameters: Parameters, probe: Probe, tmp_path: Path
 ) -> None:
     file = parameters("toy_nac", "iterations=10000")
     arguments = {
@@ -153,12 +152,13 @@ def test_a_second_node_of_a_name_ends_and_the_first_goes_on(
         start(each, "--ros-args", *given)
     probe.until(lambda: len(probe.heard["episodes"]) >= 2)
     arguments["learner"] = ("--params-file", file, "-p", f"output:={tmp_path / 'other'}")
-    code, _, err = start(name, "--ros-args", *arguments[name]).finish()
-    assert code == 1
-    (line,) = [line for line in err.splitlines() if line.startswith("error:")]
-    assert line.startswith(f"error: expected one {name} node, got another that was there before")
-    count = len(probe.heard["episodes"])
-    probe.until(lambda: len(probe.heard["episodes"]) >= count + 5)
+    for name, given in arguments.items():
+        code, _, err = start(name, "--ros-args", *given).finish()
+        assert code == 1
+        (line,) = [line for line in err.splitlines() if line.startswith("error:")]
+        assert line.startswith(f"error: expected one {name} node, got another that was there before")
+        count = len(probe.heard["episodes"])
+        probe.until(lambda: len(probe.heard["episodes"]) >= count + 5)  # noqa: B023  # awaited in this step
 
 
 @pytest.mark.faults

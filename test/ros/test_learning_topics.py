@@ -26,7 +26,7 @@ from test.ros.conftest import PATIENCE, ROOT, Probe, Process, kill, nodes_of
 
 Start = Callable[..., Process]
 TOY = ROOT / "config" / "toy_nac.yaml"
-ITERATIONS = 60
+ITERATIONS = 30
 
 
 def hear(probe: Probe, kind: Any, topic: str, qos: QoSProfile = LATCHED_QOS) -> list[Any]:

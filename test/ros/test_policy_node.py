@@ -79,30 +79,27 @@ def node(start: Start, probe: Probe) -> Process:
     return process
 
 
-@pytest.mark.parametrize(
-    ("variance", "inputs", "noise"),
-    [
-        ("constant", WINDOW, "white"),
-        ("kernel", PLAIN, "white"),
-        ("kernel", WINDOW, "pink"),
-        ("function", PLAIN, "pink"),
-        ("function", WINDOW, "white"),
-    ],
-    ids=["constant, window", "kernel", "kernel, window, pink", "function, pink", "function, window"],
-)
-def test_any_policy_acts_over_topics_as_in_process(
-    node: Process, probe: Probe, variance: str, inputs: Inputs, noise: str
-) -> None:
-    served = replace(policy(4, variance, inputs), noise=noise)
-    assert policy_of(set_policy_request(served, 2).policy).noise == noise
-    response = probe.ask("set_policy", set_policy_request(served, 2))
-    assert (response.accepted, response.version, response.message) == (True, 2, "")
-    acting = Acting(served, BATCH, explore=True)
-    seen = np.random.default_rng(1).normal(size=(4, *SEEN.shape))
-    for step in (0, 1, 2, 1, 3):  # the fourth is a duplicate
-        version, actions = answer(probe, observation(step, version=2, seen=seen[step]))
-        assert version == 2
-        np.testing.assert_array_equal(actions, acting(step, seen[step]))
+SERVED = [
+    ("constant", WINDOW, "white"),
+    ("kernel", PLAIN, "white"),
+    ("kernel", WINDOW, "pink"),
+    ("function", PLAIN, "pink"),
+    ("function", WINDOW, "white"),
+]
+
+
+def test_any_policy_acts_over_topics_as_in_process(node: Process, probe: Probe) -> None:
+    for number, (variance, inputs, noise) in enumerate(SERVED, 2):
+        served = replace(policy(4, variance, inputs), noise=noise)
+        assert policy_of(set_policy_request(served, number).policy).noise == noise
+        response = probe.ask("set_policy", set_policy_request(served, number))
+        assert (response.accepted, response.version, response.message) == (True, number, "")
+        acting = Acting(served, BATCH, explore=True)
+        seen = np.random.default_rng(1).normal(size=(4, *SEEN.shape))
+        for step in (0, 1, 2, 1, 3):  # the fourth is a duplicate
+            version, actions = answer(probe, observation(step, batch=number, version=number, seen=seen[step]))
+            assert version == number
+            np.testing.assert_array_equal(actions, acting(step, seen[step]))
 
 
 def test_a_swap_never_lands_inside_a_batch(node: Process, probe: Probe) -> None:
@@ -218,37 +215,37 @@ def spoil(name: str) -> SetPolicy.Request:
     return request
 
 
-@pytest.mark.parametrize(
-    ("name", "reason"),
-    [
-        ("weights not finite", "weights: expected finite"),
-        ("centres infinite", "centres: expected finite"),
-        ("weights too few", "weights: expected (3, 1)"),
-        ("centres ragged", "centres: expected rows of 2"),
-        ("unknown kernel", "did you mean 'rbf'?"),
-        ("kernel incomplete", "kernel 'sum': expected two kernels"),
-        ("bandwidths of another dimension", "rbf bandwidth: expected 1 or 2 numbers"),
-        ("variance negative", "variance: expected positive"),
-        ("variance unknown", "'constnt'"),
-        ("no dimensions", "dimensions: expected at least 1"),
-        ("no window", "inputs.history: expected a number in [1, 1000], got 0"),
-        ("window too long", "inputs.history: expected a number in [1, 1000], got 1001"),
-        ("degree too high", "inputs.degree: expected a number in [0, 20], got 21"),
-        ("offset not finite", "inputs.offset: expected a number in"),
-        ("unknown noise", "unknown noise 'pnk', did you mean 'pink'?"),
-        ("function with crossed bounds", "variance minimum: expected at most the maximum"),
-        ("function with too few values", "variance values: expected"),
-        ("function over other points", "variance centres: expected"),
-    ],
-)
-def test_a_refused_policy_leaves_the_old_one_serving(node: Process, probe: Probe, name: str, reason: str) -> None:
-    response = probe.ask("set_policy", spoil(name))
-    assert not response.accepted
-    assert reason in response.message
-    assert response.version == 1
-    version, actions = answer(probe, observation(0))
-    assert version == 1
-    np.testing.assert_array_equal(actions, expected(policy(0), 0))
+REFUSED = {
+    "weights not finite": "weights: expected finite",
+    "centres infinite": "centres: expected finite",
+    "weights too few": "weights: expected (3, 1)",
+    "centres ragged": "centres: expected rows of 2",
+    "unknown kernel": "did you mean 'rbf'?",
+    "kernel incomplete": "kernel 'sum': expected two kernels",
+    "bandwidths of another dimension": "rbf bandwidth: expected 1 or 2 numbers",
+    "variance negative": "variance: expected positive",
+    "variance unknown": "'constnt'",
+    "no dimensions": "dimensions: expected at least 1",
+    "no window": "inputs.history: expected a number in [1, 1000], got 0",
+    "window too long": "inputs.history: expected a number in [1, 1000], got 1001",
+    "degree too high": "inputs.degree: expected a number in [0, 20], got 21",
+    "offset not finite": "inputs.offset: expected a number in",
+    "unknown noise": "unknown noise 'pnk', did you mean 'pink'?",
+    "function with crossed bounds": "variance minimum: expected at most the maximum",
+    "function with too few values": "variance values: expected",
+    "function over other points": "variance centres: expected",
+}
+
+
+def test_a_refused_policy_leaves_the_old_one_serving(node: Process, probe: Probe) -> None:
+    for batch, (name, reason) in enumerate(REFUSED.items(), 1):
+        response = probe.ask("set_policy", spoil(name))
+        assert not response.accepted, name
+        assert reason in response.message
+        assert response.version == 1
+        version, actions = answer(probe, observation(0, batch=batch))
+        assert version == 1
+        np.testing.assert_array_equal(actions, expected(policy(0), 0))
 
 
 def test_a_version_is_the_name_of_one_policy(node: Process, probe: Probe) -> None:

@@ -73,27 +73,26 @@ def test_a_batch_over_topics_is_the_simulation_itself(simulator: Process, probe:
     np.testing.assert_array_equal(rewards.T, [frame.rewards for frame in frames[1:]])
 
 
-@pytest.mark.parametrize(
-    "intruder",
-    [
-        action(1, batch=8),
-        action(0),
-        action(2),
-        action(1, policy_version=2),
-        action(1, (0.5,)),
-        action(1, (0.5, float("nan"))),
-        action(1, ()),
-    ],
-    ids=["foreign batch", "duplicate", "too early", "another policy", "too short", "not finite", "empty"],
-)
-def test_an_action_that_is_not_awaited_is_ignored(simulator: Process, probe: Probe, intruder: Action) -> None:
+INTRUDERS = {
+    "foreign batch": action(1, batch=8),
+    "duplicate": action(0),
+    "too early": action(2),
+    "another policy": action(1, policy_version=2),
+    "too short": action(1, (0.5,)),
+    "not finite": action(1, (0.5, float("nan"))),
+    "empty": action(1, ()),
+}
+
+
+def test_an_action_that_is_not_awaited_is_ignored(simulator: Process, probe: Probe) -> None:
     begin(probe)
     probe.say("action", action(0))
     probe.until(lambda: len(seen(probe)) == 2)
-    probe.say("action", intruder)
-    probe.settle()
-    assert list(seen(probe)) == [0, 1]
-    assert step_of(probe) == 1
+    for name, intruder in INTRUDERS.items():
+        probe.say("action", intruder)
+        probe.settle()
+        assert list(seen(probe)) == [0, 1], name
+        assert step_of(probe) == 1, name
     probe.say("action", action(1))
     probe.until(lambda: len(seen(probe)) == 3)
     expected = Simulation("rkhs/Toy-v0")
@@ -113,24 +112,22 @@ def test_late_actions_of_an_abandoned_batch_do_not_touch_the_next(simulator: Pro
     assert step_of(probe) == 0
 
 
-@pytest.mark.parametrize(
-    ("changes", "reason"),
-    [
-        ({"environment": "rkhs/Pendulum-v0"}, "task: expected rkhs/Toy-v0 with options {}, got rkhs/Pendulum-v0"),
-        ({"options": '{"angle": "wrap"}'}, 'got rkhs/Toy-v0 with options {"angle": "wrap"}'),
-        ({"rows": 0}, "rows: expected 1 to 10000"),
-        ({"rows": 10_000, "horizon": 1_000_000}, "rows and horizon: expected at most 10000000 samples"),
-    ],
-)
-def test_a_refused_request_leaves_the_batch_under_way(
-    simulator: Process, probe: Probe, changes: dict[str, object], reason: str
-) -> None:
+REFUSED: list[tuple[dict[str, object], str]] = [
+    ({"environment": "rkhs/Pendulum-v0"}, "task: expected rkhs/Toy-v0 with options {}, got rkhs/Pendulum-v0"),
+    ({"options": '{"angle": "wrap"}'}, 'got rkhs/Toy-v0 with options {"angle": "wrap"}'),
+    ({"rows": 0}, "rows: expected 1 to 10000"),
+    ({"rows": 10_000, "horizon": 1_000_000}, "rows and horizon: expected at most 10000000 samples"),
+]
+
+
+def test_a_refused_request_leaves_the_batch_under_way(simulator: Process, probe: Probe) -> None:
     begin(probe)
-    response = probe.ask("start_episodes", request(10, **changes))
-    assert not response.accepted
-    assert reason in response.message
-    probe.say("action", action(0))
-    probe.until(lambda: len(seen(probe)) == 2)
+    for step, (changes, reason) in enumerate(REFUSED):
+        response = probe.ask("start_episodes", request(10, **changes))
+        assert not response.accepted
+        assert reason in response.message
+        probe.say("action", action(step))
+        probe.until(lambda: len(seen(probe)) == step + 2)  # noqa: B023  # awaited in this step
 
 
 def test_the_request_for_the_batch_under_way_repeats_what_was_said_last(simulator: Process, probe: Probe) -> None:

@@ -23,7 +23,7 @@ from test.unit.conftest import Result
 TASKS = Path(__file__).parents[1] / "faults" / "bad_tasks.py"
 ARGUMENTS = (
     *("train", "--env", "bad_tasks:Bad-v0", "--runner", "inline", "--quiet", "--iterations", 5, "--out", "run"),
-    *("--set", "episodes_per_iteration=2", "evaluation_episodes=2"),
+    *("--set", "episodes_per_iteration=2", "evaluation_episodes=2", "practice.iterations=2", "practice.episodes=5"),
 )
 FAULTS = {
     "nan reward": "reward of row 0 in step 11: expected finite numbers of at most 1e+100 in size, got nan",

@@ -11,7 +11,7 @@ from rkhs_ros.robot.gate_state import Mode, Rules
 from rkhs_ros.robot.limits import EFFORT, KINDS, POSITION, VELOCITY
 from test.unit.gate_streams import NASTY, PERIOD, World, play, rules_of
 
-STREAMS = 240  # of each kind of command
+STREAMS = 100  # of each kind of command
 seeds = st.integers(0, 2**63)
 over_kinds = pytest.mark.parametrize("kind", KINDS)
 
@@ -74,7 +74,7 @@ def test_the_protection_sees_each_limit_passed(kind: str, limit: str, jump: floa
 
 
 @over_kinds
-@settings(max_examples=100)
+@settings(max_examples=50)
 @given(values=st.lists(st.tuples(st.floats() | st.sampled_from(NASTY), st.integers(0, 4)), max_size=40))
 def test_any_numbers_at_all_come_out_finite_and_within_limits(kind: str, values: list[tuple[float, int]]) -> None:
     world = World(rules_of(kind, joints=1, step=0.3))

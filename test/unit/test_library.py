@@ -19,7 +19,13 @@ from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.run import run_training
 from rkhs_ros.runs.simulation import Simulation
 
-SHORT: dict[str, Any] = {"iterations": 2, "episodes_per_iteration": 3, "evaluation_episodes": 2, "horizon": 10}
+SHORT: dict[str, Any] = {
+    "iterations": 2,
+    "episodes_per_iteration": 3,
+    "evaluation_episodes": 2,
+    "horizon": 10,
+    "practice": rkhs_ros.ModelPractice(iterations=2, episodes=5),
+}
 ROOT = Path(__file__).parents[2]
 
 

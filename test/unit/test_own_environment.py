@@ -22,7 +22,7 @@ from test.unit.conftest import assert_refused
 
 Rkhs = Callable[..., Any]
 INLINE = ("--runner", "inline", "--quiet")
-SHORT = ("episodes_per_iteration=3", "evaluation_episodes=2")
+SHORT = ("episodes_per_iteration=3", "evaluation_episodes=2", "practice.iterations=2", "practice.episodes=5")
 MODULE = """
 import gymnasium, numpy as np
 from gymnasium.spaces import Box
