@@ -45,13 +45,13 @@ class ModelPractice(Settings):
     noise: str = setting(
         AS_NEEDED,
         "exploration of the real episodes: white; pink, correlated over time, which gets farther; or as_needed, pink "
-        "where the newest ones got nowhere",
+        "as long as no place was better than another",
         choices=(*NOISES, AS_NEEDED),
     )
     narrow: float = setting(
         0.3,
         "factor on the standard deviation of every other real iteration, which sees where the policy itself leads",
-        minimum=0.0,
+        minimum=0.01,
         maximum=1.0,
     )
     exploration_decay: float = setting(
@@ -70,17 +70,19 @@ class ModelPractice(Settings):
     end: str = setting("", f"{FUNCTION} observations to whether they end an episode")
     change: str = setting("", f"{FUNCTION} (observations, actions) to a part of the changes; the rest is learnt")
 
-    def exploring(self, policy: GaussianPolicy, variance: Array, iteration: int, *, stuck: bool) -> GaussianPolicy:
-        """Return the policy as it explores in real episodes: wide and narrow by turns, wide where it is stuck.
+    def exploring(
+        self, policy: GaussianPolicy, variance: Array, iteration: int, *, places_alike: bool
+    ) -> GaussianPolicy:
+        """Return the policy as it explores in real episodes: wide and narrow by turns, wide as long as it must.
 
         Args:
             policy: with the mean.
             variance: of wide exploration, shape (n,).
             iteration: number of real iterations before.
-            stuck: whether the newest of them got nowhere.
+            places_alike: whether none of these told one place from another.
         """
-        as_needed = "pink" if stuck else "white"
-        share = self.narrow if iteration % 2 and not stuck else 1.0
+        as_needed = "pink" if places_alike else "white"
+        share = self.narrow if iteration % 2 and not places_alike else 1.0
         noise = as_needed if self.noise == AS_NEEDED else self.noise
         return replace(policy, variance=ConstantVariance(share**2 * variance), noise=noise)
 
@@ -169,15 +171,9 @@ def practise(
         if isinstance(policy.variance, ConstantVariance):  # else the algorithm learns it
             policy = replace(policy, variance=ConstantVariance(deviation**2))
     last = float(imagined.returns(experience.discount).mean())
-    stuck = _is_stuck(experience)
-    policy = practice.exploring(policy, experience.first_variance, experience.iteration + 1, stuck=stuck)
+    alike = are_places_alike(episodes, spaces)
+    policy = practice.exploring(policy, experience.first_variance, experience.iteration + 1, places_alike=alike)
     return Practised(policy, metrics, last, test.error)
-
-
-def _is_stuck(experience: RealExperience) -> bool:
-    """Return whether the newest episodes surpassed none before them, or none so far told one place from another."""
-    surpassed_none = experience.iteration > 0 and experience.surpassed == 0
-    return surpassed_none or are_places_alike(experience.episodes, experience.spaces)
 
 
 def _made_ready(policy: GaussianPolicy, algorithm: Algorithm, experience: RealExperience) -> GaussianPolicy:

@@ -54,7 +54,7 @@ def first_policy(training: Training, spaces: Spaces) -> GaussianPolicy:
     if not isinstance(training.practice, ModelPractice):
         return policy
     training.practice.known_parts(spaces.observation_dim)
-    return training.practice.exploring(policy, variance, 0, stuck=False)
+    return training.practice.exploring(policy, variance, 0, places_alike=False)
 
 
 def first_variance(training: Training, spaces: Spaces) -> Array:

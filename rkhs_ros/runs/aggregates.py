@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import trapezoid
-from scipy.stats import bootstrap, trim_mean
 
 from rkhs_ros.rkhs.kernels import Array
 
@@ -84,6 +83,8 @@ def median_over_runs(values: Array) -> Estimate:
 
 
 def _interquartile_mean(values: Array, axis: int) -> Any:
+    from scipy.stats import trim_mean  # here, since it takes a second to import, and few need it
+
     return trim_mean(values, 0.25, axis=axis)
 
 
@@ -92,6 +93,8 @@ def _estimate(statistic: Statistic, values: Array) -> Estimate:
     value = statistic(values, axis=0)
     if len(values) == 1:
         return Estimate(value, value * np.nan, value * np.nan)
+    from scipy.stats import bootstrap
+
     interval = bootstrap(
         (values,),
         statistic,

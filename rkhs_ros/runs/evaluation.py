@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.rkhs.kernels import Array
@@ -25,6 +24,8 @@ def evaluation_of(episodes: Episodes, environment: str, seed: int, discount: flo
 
 def _measured(returns: Array) -> dict[str, object]:
     """Return mean, standard deviation, and Student's t interval of the mean; of one episode there is none."""
+    from scipy import stats  # here, since it takes a second to import, and few need it
+
     mean, interval = float(returns.mean()), None
     if len(returns) > 1:
         half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, len(returns) - 1) * stats.sem(returns))

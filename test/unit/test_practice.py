@@ -285,3 +285,15 @@ def test_a_checkpoint_holds_all_real_episodes_as_they_were_seen(tmp_path: Path, 
         whole = sum(seen[1:], start=seen[0])
         for f in fields(whole):
             np.testing.assert_array_equal(getattr(state.memory, f.name), getattr(whole, f.name))
+
+
+@pytest.mark.parametrize("constant", ["", "rewards"])
+@pytest.mark.parametrize("narrow", [0.01, 0.25])
+def test_real_episodes_explore_wide_and_narrow_by_turns_and_far_where_all_places_are_alike(
+    narrow: float, constant: str
+) -> None:
+    practice = {**PRACTICE, "noise": "as_needed", "narrow": narrow}
+    for k, iteration in enumerate(learn(settings(iterations=4, practice=practice), Odd(constant=constant))):
+        assert iteration.policy.noise == ("pink" if constant else "white")
+        wide = 1.0 if constant or k % 2 else narrow
+        np.testing.assert_allclose(iteration.policy.variance(np.zeros((1, 2))), wide**2)
