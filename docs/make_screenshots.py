@@ -34,7 +34,7 @@ class Shot(NamedTuple):
         kind: of the episode that is shown.
         part: of its time, from 0 to 1.
         settings: changes of the configuration.
-        over_topics: whether it is by nodes, as of a robot; then it is paused for the picture.
+        over_topics: whether it is by nodes, as of a robot.
     """
 
     config: str
@@ -59,8 +59,7 @@ def main(names: Sequence[str]) -> None:
             if names and name not in names:
                 continue
             with run_of(shot) as (folder, address):
-                if shot.over_topics:
-                    wait_for_pause(folder, shot.iteration)
+                wait_for_pause(folder, shot.iteration)
                 picture = taken(chromium.open(f"{address}?{SHARP}", *SIZE), shot)
             picture.save(HERE / name, optimize=True)
             print(HERE / name)
@@ -84,7 +83,7 @@ def run_of(shot: Shot) -> Iterator[tuple[Path, str]]:
 
 
 def wait_for_pause(folder: Path, iteration: int) -> None:
-    """Have a run pause after an iteration: one by the wall clock has no time for a browser that draws on its cores."""
+    """Have a run pause after an iteration, so that nothing moves on while the browser draws, on the same cores."""
     deadline = time.monotonic() + LEARNING_TIMEOUT_S
     while time.monotonic() < deadline and not is_pausing(folder):
         curve = Curve(folder / "curve.csv")
@@ -100,7 +99,7 @@ def taken(tab: browser.Tab, shot: Shot) -> Image.Image:
     if tab.value("!!document.querySelector('input[value=\"noise-free 1\"]')") and shot.kind != "noise-free 1":
         tab.click_on("document.querySelector('input[value=\"noise-free 1\"]')")
         tab.click_on(f"[...document.querySelectorAll('[role=option]')].find(e => e.innerText === '{shot.kind}')")
-    tab.click_on(f"{browser.each('input[type=checkbox]')}[1]")  # play
+    tab.click_on(f"{browser.each('input[type=checkbox]')}[0]")  # play
     slide(tab, shot.part)
     time.sleep(SETTLE_S)
     return Image.fromarray(tab.picture())
@@ -117,6 +116,7 @@ def slide(tab: browser.Tab, part: float) -> None:
     box = f"(() => {{ const b = {track}.getBoundingClientRect(); "
     x, y, width = tab.value(box + "return [b.x, b.y + b.height / 2, b.width]; })()")
     tab.click(x + part * width, y)
+    tab.ask("Input.dispatchMouseEvent", type="mouseMoved", x=0, y=0)  # what it points at looks different
 
 
 if __name__ == "__main__":
