@@ -9,9 +9,10 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import browser
+import numpy as np
 from PIL import Image
 
 from rkhs_ros.runs.control import PAUSE, ask, is_pausing
@@ -22,7 +23,7 @@ CONFIGS = HERE.parent / "config"
 SIZE = (1280, 800)
 SHARP = "fixedDpr=1"  # without it pictures get coarser where the machine is slow
 LEARNING_TIMEOUT_S = 300.0
-SETTLE_S = 2.0  # for the browser to draw what it was told
+SETTLE_S = 3.0  # for the browser to draw what it was told
 
 
 class Shot(NamedTuple):
@@ -101,8 +102,7 @@ def taken(tab: browser.Tab, shot: Shot) -> Image.Image:
         tab.click_on(f"[...document.querySelectorAll('[role=option]')].find(e => e.innerText === '{shot.kind}')")
     tab.click_on(f"{browser.each('input[type=checkbox]')}[0]")  # play
     slide(tab, shot.part)
-    time.sleep(SETTLE_S)
-    return Image.fromarray(tab.picture())
+    return Image.fromarray(settled(tab))
 
 
 def reached(iteration: int) -> str:
@@ -110,12 +110,24 @@ def reached(iteration: int) -> str:
     return f"+((document.body?.innerText.match(/iteration (\\d+) of/) || [0, 0])[1]) >= {iteration}"
 
 
+def settled(tab: browser.Tab) -> np.ndarray[Any, Any]:
+    """Return a picture of the page once it is still."""
+    picture, before = tab.picture(), None
+    while before is None or not np.array_equal(picture, before):
+        time.sleep(SETTLE_S)
+        picture, before = tab.picture(), picture
+    return picture
+
+
 def slide(tab: browser.Tab, part: float) -> None:
-    """Move the slider of the time to a part of its range."""
+    """Move the slider of the time to a part of its range, again where the page was not ready for it."""
+    thumb = f"{browser.each('[role=slider]')}[1]"
     track = f"{browser.each('.mantine-Slider-track')}[1]"
     box = f"(() => {{ const b = {track}.getBoundingClientRect(); "
-    x, y, width = tab.value(box + "return [b.x, b.y + b.height / 2, b.width]; })()")
-    tab.click(x + part * width, y)
+    while not tab.value(f"(s => Math.abs(s.ariaValueNow / s.ariaValueMax - {part}) < 0.05)({thumb})"):
+        x, y, width = tab.value(box + "return [b.x, b.y + b.height / 2, b.width]; })()")
+        tab.click(x + part * width, y)
+        time.sleep(SETTLE_S)
     tab.ask("Input.dispatchMouseEvent", type="mouseMoved", x=0, y=0)  # what it points at looks different
 
 
