@@ -1,7 +1,8 @@
-"""What the page costs a run over topics: without it, only recorded, with the page and nobody there, and in a browser.
+"""What the page costs a run over topics, and what telling of the learning costs where nobody listens.
 
-All in one run on one machine, one after the other and again, since machines are noisy: read the ratios. The browser
-draws on the same cores as the run, without a graphics card.
+The pace is that of one run, in turn with the page stopped, with nobody there, in a browser of another machine, which
+only takes what the page sends, and in one of this machine, which draws on the same cores as the run, without a graphics
+card. Again and again, since machines are noisy: read the ratios.
 """
 
 from __future__ import annotations
@@ -13,100 +14,174 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from functools import partial
+from itertools import cycle, islice
 from pathlib import Path
 from statistics import median
+from threading import Thread
 
 os.environ["OMP_NUM_THREADS"] = "1"
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "docs"))
 
 import browser  # noqa: E402
+import msgspec  # noqa: E402
+import rclpy  # noqa: E402
+import viser  # noqa: E402
+from rclpy.node import Node  # noqa: E402
+from websockets.sync.client import connect  # noqa: E402
 
-from rkhs_ros.runs.curve import Curve  # noqa: E402
+from rkhs_ros.app.inline import runner_of  # noqa: E402
+from rkhs_ros.learning.training import train  # noqa: E402
+from rkhs_ros.nodes.learning_topics import LearningTopics  # noqa: E402
+from rkhs_ros.runs.config import load_config  # noqa: E402
+from rkhs_ros.runs.curve import BEGINNING, Curve, Row  # noqa: E402
 
 CONFIG = ROOT / "config" / "pendulum_nac.yaml"
-ROUNDS, ITERATIONS = 3, 40
-WARM_UP = 5  # iterations before the clock starts, in which the browser loads the page
-TIMEOUT_S = 600.0
-KINDS = {
-    "without": ([], False),
-    "recorded": (["--record"], False),
-    "page, nobody there": (["--view"], False),
-    "page, in a browser": (["--view"], True),
-}
-
-
-def seconds(options: list[str], watched: bool, iterations: int) -> float:
-    """Return the seconds of a run between two of its iterations.
-
-    Args:
-        options: of ``rkhs train``.
-        watched: whether a browser shows the page.
-        iterations: of the run.
-    """
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name) / "run"
-        command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", str(CONFIG), "--runner", "ros", "--quiet"]
-        command += ["--iterations", str(iterations), "--out", str(folder), *options]
-        quiet = {"stdin": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, **quiet)
-        try:
-            with shown(process) if watched else nobody():
-                rows = waited_for(folder, iterations)
-        finally:
-            process.send_signal(signal.SIGINT)
-            process.communicate()
-    return rows[-1].seconds - rows[WARM_UP - 1].seconds
+ROUNDS, WINDOW_S = 6, 5.0
+SETTLE_S = 6.0  # after a change: the browser loads the page; nodes are heard for a while after the last one left
+WARM_UP = 30  # iterations before the clock starts, until the policy has its centres
+TELLING_S, PACE_S = 6.0, 0.05  # of telling alone, at a pace faster than that of the run
+MOST_ROWS = 256  # that are told
+TIMEOUT_S = 120.0
+STOPPED, NOBODY, AWAY, HERE = "page stopped", "nobody there", "in a browser elsewhere", "in a browser here"
+KINDS = (STOPPED, NOBODY, AWAY, HERE)
+# What a browser says first; until then it is not there.
+CAMERA = {"type": "ViewerCameraMessage", "wxyz": [1, 0, 0, 0], "position": [0, 0, 1], "fov": 1.0, "image_height": 800,
+          "image_width": 890, "near": 0.1, "far": 10.0, "look_at": [0, 0, 0], "up_direction": [0, 1, 0]}  # fmt: skip
 
 
 @contextmanager
-def nobody() -> Iterator[None]:
-    """Show the page to nobody."""
-    yield
+def process(*arguments: object) -> Iterator[subprocess.Popen[str]]:
+    """Run a command of `rkhs` until the block ends."""
+    command = [sys.executable, "-m", "rkhs_ros.app.cli", *map(str, arguments)]
+    quiet = {"stdin": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    running = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, **quiet)
+    try:
+        yield running
+    finally:
+        running.send_signal(signal.SIGCONT)
+        running.send_signal(signal.SIGINT)
+        running.communicate()
 
 
-@contextmanager
-def shown(process: subprocess.Popen[str]) -> Iterator[None]:
-    """Show the page in a browser."""
-    address = next(line for line in process.stdout or [] if " at http" in line).split()[-1]
-    with browser.started() as chromium:
-        chromium.open(address, 1280, 800)
-        yield
-
-
-def waited_for(folder: Path, iterations: int) -> list:
-    """Return the lines of the learning curve once they are all there.
+def rows_once(folder: Path, iterations: int) -> list[Row]:
+    """Return the lines of the learning curve once there are so many.
 
     Raises:
         TimeoutError: they are not in time.
     """
     deadline = time.monotonic() + TIMEOUT_S
     while time.monotonic() < deadline:
-        rows = Curve(folder / "curve.csv").rows() if (folder / "curve.csv").exists() else []
-        if len(rows) >= iterations:
+        if len(rows := Curve(folder / "curve.csv").rows()) >= iterations:
             return rows
         time.sleep(0.2)
     raise TimeoutError(f"{folder}: expected {iterations} iterations within {TIMEOUT_S:g} s")
 
 
-def main(rounds: int, iterations: int) -> None:
-    """Print the medians, beside those of runs without a page."""
-    taken: dict[str, list[float]] = {kind: [] for kind in KINDS}
-    for _ in range(rounds):
-        for kind, (options, watched) in KINDS.items():
-            taken[kind].append(seconds(options, watched, iterations))
-    base = median(taken["without"])
-    for kind, times in taken.items():
-        ratio = median(one / other for one, other in zip(times, taken["without"], strict=True))
-        spread = f"{min(times):.2f} to {max(times):.2f}"
-        print(f"{kind:20s} {median(times):6.2f} s ({spread}), {ratio:.2f} times that without ({base:.2f} s)")
+def seconds_per_iteration(folder: Path, window_s: float) -> float:
+    """Return how long an iteration takes, by those of some seconds."""
+    first = rows_once(folder, 1)[-1]
+    time.sleep(window_s)
+    last = rows_once(folder, first.iteration + 1)[-1]
+    return (last.seconds - first.seconds) / (last.iteration - first.iteration)
+
+
+def cpu_seconds(pid: int) -> float:
+    """Return the time that a process has computed for."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
+
+
+@contextmanager
+def taken(address: str) -> Iterator[None]:
+    """Take what the page sends to a browser."""
+    url, version = address.replace("http", "ws"), f"viser-v{viser.__version__}"
+    with connect(url, subprotocols=[version], max_size=None, compression=None) as socket:
+        socket.send(msgspec.msgpack.encode(CAMERA))
+        thread = Thread(target=lambda: [None for _ in socket])
+        thread.start()
+        yield
+    thread.join()
+
+
+@contextmanager
+def drawn(chromium: browser.Browser, address: str) -> Iterator[None]:
+    """Show the page in a browser."""
+    tab = chromium.open(address, 1280, 800)
+    yield
+    tab.ask("Page.navigate", url="about:blank")
+    tab.close()
+
+
+def paces(rounds: int, window_s: float) -> dict[str, list[tuple[float, float]]]:
+    """Return, of each kind, seconds of an iteration and the part of a core that the page took, once for each round."""
+    found: dict[str, list[tuple[float, float]]] = {kind: [] for kind in KINDS}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / "run"
+        train_options = ("--runner", "ros", "--quiet", "--record", "--iterations", 100_000, "--out", folder)
+        with process("train", CONFIG, *train_options):
+            rows_once(folder, WARM_UP)
+            with process("view", folder) as page, browser.started() as chromium:
+                address = next(line for line in page.stdout or [] if " at http" in line).split()[-1]
+                for kind in islice(cycle(KINDS), rounds * len(KINDS)):
+                    page.send_signal(signal.SIGSTOP if kind == STOPPED else signal.SIGCONT)
+                    with {AWAY: taken, HERE: partial(drawn, chromium)}.get(kind, nullcontext)(address):
+                        time.sleep(SETTLE_S)
+                        began, computed = time.monotonic(), cpu_seconds(page.pid)
+                        pace = seconds_per_iteration(folder, window_s)
+                        found[kind].append((pace, (cpu_seconds(page.pid) - computed) / (time.monotonic() - began)))
+    return found
+
+
+def told(window_s: float) -> tuple[float, float]:
+    """Return the part of a core that a node takes which tells of its learning to nobody, and one that does not tell."""
+    config = load_config(CONFIG, ["iterations=5"])
+    runner = runner_of(config.environment)
+    iterations = list(train(config.training, runner))
+    rclpy.init()
+    node, parts = Node("learner"), []
+    topics = LearningTopics(node, config.training)
+    with tempfile.TemporaryDirectory() as name:
+        topics.begin(Path(name), runner.spaces)
+        for tells in (True, False):
+            parts.append(part_of_a_core(topics if tells else None, iterations, window_s))
+    rclpy.shutdown()
+    return parts[0], parts[1]
+
+
+def part_of_a_core(topics: LearningTopics | None, iterations: Sequence, window_s: float) -> float:
+    """Return the part of a core that telling of some iterations takes, one after the other at a pace."""
+    rows = [BEGINNING._replace(iteration=number, seconds=float(number)) for number in range(1, MOST_ROWS + 1)]
+    end, began = time.monotonic() + window_s, time.process_time()
+    for iteration in cycle(iterations):
+        if time.monotonic() > end:
+            break
+        if topics is not None:
+            topics.tell(iteration, rows)
+            topics.heartbeat()
+        time.sleep(PACE_S)
+    return (time.process_time() - began) / window_s
+
+
+def main(rounds: int, window_s: float) -> None:
+    """Print the medians, beside those with the page stopped."""
+    telling, silent = told(TELLING_S)
+    print(f"telling of the learning, nobody listens: {telling:.2%} of a core; the same node without: {silent:.2%}")
+    found = paces(rounds, window_s)
+    base = [pace for pace, _ in found[STOPPED]]
+    for kind, measured in found.items():
+        times, parts = zip(*measured, strict=True)
+        ratio = median(one / other for one, other in zip(times, base, strict=True))
+        spread = f"{1e3 * median(times):.1f} ms an iteration ({1e3 * min(times):.0f} to {1e3 * max(times):.0f})"
+        print(f"{kind:22s} {spread}, {ratio:.2f} times that of a page stopped; it takes {median(parts):.0%} of a core")
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--rounds", type=int, default=ROUNDS)
-    parser.add_argument("--iterations", type=int, default=ITERATIONS)
+    parser.add_argument("--window", type=float, default=WINDOW_S, help="seconds in which a pace is measured")
     options = parser.parse_args()
-    main(options.rounds, options.iterations)
+    main(options.rounds, options.window)

@@ -9,9 +9,10 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import browser
+import numpy as np
 from PIL import Image
 
 from rkhs_ros.runs.control import PAUSE, ask, is_pausing
@@ -22,7 +23,7 @@ CONFIGS = HERE.parent / "config"
 SIZE = (1280, 800)
 SHARP = "fixedDpr=1"  # without it pictures get coarser where the machine is slow
 LEARNING_TIMEOUT_S = 300.0
-SETTLE_S = 2.0  # for the browser to draw what it was told
+SETTLE_S = 3.0  # for the browser to draw what it was told
 
 
 class Shot(NamedTuple):
@@ -34,7 +35,7 @@ class Shot(NamedTuple):
         kind: of the episode that is shown.
         part: of its time, from 0 to 1.
         settings: changes of the configuration.
-        over_topics: whether it is by nodes, as of a robot; then it is paused for the picture.
+        over_topics: whether it is by nodes, as of a robot.
     """
 
     config: str
@@ -59,8 +60,7 @@ def main(names: Sequence[str]) -> None:
             if names and name not in names:
                 continue
             with run_of(shot) as (folder, address):
-                if shot.over_topics:
-                    wait_for_pause(folder, shot.iteration)
+                wait_for_pause(folder, shot.iteration)
                 picture = taken(chromium.open(f"{address}?{SHARP}", *SIZE), shot)
             picture.save(HERE / name, optimize=True)
             print(HERE / name)
@@ -84,7 +84,7 @@ def run_of(shot: Shot) -> Iterator[tuple[Path, str]]:
 
 
 def wait_for_pause(folder: Path, iteration: int) -> None:
-    """Have a run pause after an iteration: one by the wall clock has no time for a browser that draws on its cores."""
+    """Have a run pause after an iteration, so that nothing moves on while the browser draws, on the same cores."""
     deadline = time.monotonic() + LEARNING_TIMEOUT_S
     while time.monotonic() < deadline and not is_pausing(folder):
         curve = Curve(folder / "curve.csv")
@@ -100,10 +100,9 @@ def taken(tab: browser.Tab, shot: Shot) -> Image.Image:
     if tab.value("!!document.querySelector('input[value=\"noise-free 1\"]')") and shot.kind != "noise-free 1":
         tab.click_on("document.querySelector('input[value=\"noise-free 1\"]')")
         tab.click_on(f"[...document.querySelectorAll('[role=option]')].find(e => e.innerText === '{shot.kind}')")
-    tab.click_on(f"{browser.each('input[type=checkbox]')}[1]")  # play
+    tab.click_on(f"{browser.each('input[type=checkbox]')}[0]")  # play
     slide(tab, shot.part)
-    time.sleep(SETTLE_S)
-    return Image.fromarray(tab.picture())
+    return Image.fromarray(settled(tab))
 
 
 def reached(iteration: int) -> str:
@@ -111,12 +110,25 @@ def reached(iteration: int) -> str:
     return f"+((document.body?.innerText.match(/iteration (\\d+) of/) || [0, 0])[1]) >= {iteration}"
 
 
+def settled(tab: browser.Tab) -> np.ndarray[Any, Any]:
+    """Return a picture of the page once it is still."""
+    picture, before = tab.picture(), None
+    while before is None or not np.array_equal(picture, before):
+        time.sleep(SETTLE_S)
+        picture, before = tab.picture(), picture
+    return picture
+
+
 def slide(tab: browser.Tab, part: float) -> None:
-    """Move the slider of the time to a part of its range."""
+    """Move the slider of the time to a part of its range, again where the page was not ready for it."""
+    thumb = f"{browser.each('[role=slider]')}[1]"
     track = f"{browser.each('.mantine-Slider-track')}[1]"
     box = f"(() => {{ const b = {track}.getBoundingClientRect(); "
-    x, y, width = tab.value(box + "return [b.x, b.y + b.height / 2, b.width]; })()")
-    tab.click(x + part * width, y)
+    while not tab.value(f"(s => Math.abs(s.ariaValueNow / s.ariaValueMax - {part}) < 0.05)({thumb})"):
+        x, y, width = tab.value(box + "return [b.x, b.y + b.height / 2, b.width]; })()")
+        tab.click(x + part * width, y)
+        time.sleep(SETTLE_S)
+    tab.ask("Input.dispatchMouseEvent", type="mouseMoved", x=0, y=0)  # what it points at looks different
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from rkhs_ros.recordings.recording import FILE
 HOST, PORT = "127.0.0.1", 8080
 MOST_PORT = 65535
 RESULTS = Path("results")
+NICENESS = 5  # of the page, which gives way to the run that it shows
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,6 +54,7 @@ def run(options: argparse.Namespace) -> int:
     from rkhs_ros.view.serving import serve, source_of, wait_for_recording
 
     use_one_thread()
+    os.nice(NICENESS)
     path = options.path or newest_run(RESULTS)
     if options.wait:
         wait_for_recording(path)

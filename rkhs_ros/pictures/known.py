@@ -8,7 +8,7 @@ from typing import Any
 import gymnasium
 from gymnasium.envs.registration import load_env_creator
 
-from rkhs_ros.policies.input_names import Names, plain_names
+from rkhs_ros.policies.input_names import Names, plain_names, told_names
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.runs.environments import spec_of
@@ -40,9 +40,7 @@ def success_reward(task: Task) -> float | None:
 
 
 def _names(task: Task, kind: str, count: int) -> tuple[str, ...]:
-    said = _said(task, f"{kind}_names")
-    good = isinstance(said, list | tuple) and len(said) == count and all(isinstance(name, str) for name in said)
-    return tuple(said) if good else plain_names(kind, count)
+    return told_names(_said(task, f"{kind}_names"), count) or plain_names(kind, count)
 
 
 def _said(task: Task, attribute: str) -> Any:

@@ -31,6 +31,7 @@ POINTS = 72  # in an inch
 SPARE = 0.92  # part of a line that is filled, since some of a text's lines have more wide letters
 TITLE_SIZE, LABEL_SIZE, SMALL_SIZE = 11, 10, 9  # points
 MARGIN_IN = 0.8  # beside a plot at most, but for the one of colours
+BAR_IN = 0.9  # of the one of colours, with its numbers and name
 LINE_IN = 0.55  # inches of the line before a legend's entry
 TICKS_PER_INCH, FEWEST_TICKS, MOST_TICKS = (1.3, 1.8), 2, 8  # of the x and the y axis
 TICK_STEPS = (1, 2, 2.5, 5, 10)
@@ -104,7 +105,8 @@ def legend_above(axes: Axes, title: str = "") -> None:
     """Explain a plot's lines above it, where they cover nothing, under a title of the plot."""
     handles, names = axes.get_legend_handles_labels()
     figure, grid = axes.figure, axes.get_gridspec()
-    room = figure.bbox.width / figure.dpi / (grid.ncols if grid else 1) - MARGIN_IN
+    is_coloured = any(each.colorbar is not None for each in (*axes.collections, *axes.images))
+    room = figure.bbox.width / figure.dpi / (grid.ncols if grid else 1) - MARGIN_IN - BAR_IN * is_coloured
     names = [folded(name, room - LINE_IN, SMALL_SIZE) for name in names]
     widths = [width_of(name, SMALL_SIZE) + LINE_IN for name in names]
     columns = next(n for n in range(len(names), 0, -1) if n == 1 or _width(widths, n) <= room)

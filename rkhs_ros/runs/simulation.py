@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import inf
+from math import inf, prod
 from typing import Any, NamedTuple, TypeVar
 
 import gymnasium
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import LARGEST, require, shown
+from rkhs_ros.policies.input_names import told_names
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
@@ -69,7 +70,9 @@ class Simulation:
         self._rows = rows_of(environment, options, rows_at_once)
         actions = _continuous(self._rows.action_space, f"{self.environment} actions")
         self.observation_space = _continuous(self._rows.observation_space, f"{self.environment} observations")
-        self.spaces = Spaces(self.observation_space.shape, *_bounds(actions))
+        sizes = {"observation": self.observation_space, "action": actions}
+        names = (told_names(getattr(self.shown, f"{kind}_names", ()), prod(box.shape)) for kind, box in sizes.items())
+        self.spaces = Spaces(self.observation_space.shape, *_bounds(actions), *names)
         self._batch: Batch | None = None
         self._step = 0
         self._lasts: NDArray[np.int64] = np.empty(0, dtype=np.int64)  # step at which each row is cut off

@@ -59,8 +59,10 @@ class Sketcher:
     def __init__(self, spaces: Spaces, discount: float) -> None:
         self._spaces = spaces
         self._discount = discount
-        names = (("observation", spaces.observation_dim), ("action", spaces.action_dim))
-        self._names = Names(*(plain_names(kind, count) for kind, count in names))
+        self._names = Names(
+            spaces.observation_names or plain_names("observation", spaces.observation_dim),
+            spaces.action_names or plain_names("action", spaces.action_dim),
+        )
         self._recent: deque[Episodes] = deque(maxlen=MOST_EPISODES)
         self._pair, self._choose_at = (0, 0), 0
         self._ranges_of: tuple[str, ...] = ()

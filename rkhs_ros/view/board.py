@@ -20,7 +20,7 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.coordinates import Coordinates
 
-SIZE, DPI = (5.6, 4.7), 150  # inches
+SIZE, DPI = (4.2, 4.9), 180  # inches
 CELLS = 90  # of the map, along each side
 MARGIN = 0.06  # of the range visited, beyond it
 BLUE, RED, _, _, PALE, CENTRE, EPISODE, _ = COLOURS

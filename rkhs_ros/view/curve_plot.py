@@ -13,7 +13,8 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.curve import Row
 
 MOST_POINTS = 1000
-HEIGHT_PX = 210
+PADDING_PX = 8  # above the plot and beside it, for the numbers at its ends
+TICKS_PX, LABEL_PX = 26, 22  # heights of the numbers along the episodes, and of the word below
 NAMES = {"train_return": "exploring", "mean_policy_return": "noise-free", "imagined_return": "imagined"}
 COLOURS = {"train_return": "#E69F00", "mean_policy_return": "#0072B2", "imagined_return": "#CC79A7"}
 GREYS = ("#333333", "#777777", "#aaaaaa")  # of known returns
@@ -28,12 +29,14 @@ class CurvePlot:
         gui: of the page.
         place: folder of the page that it is in.
         known: returns that are known of the task, by name.
+        height_px: of the plot.
     """
 
-    def __init__(self, gui: GuiApi, place: Any, known: Mapping[str, float]) -> None:
+    def __init__(self, gui: GuiApi, place: Any, known: Mapping[str, float], height_px: int) -> None:
         self._gui = gui
         self._place = place
         self._known = known
+        self._height_px = height_px
         self._plot: Any = None
         self._drawn = 0
 
@@ -56,10 +59,12 @@ class CurvePlot:
     def _renew(self, data: tuple[Array, ...], series: tuple[Any, ...]) -> None:
         if self._plot is not None:
             self._plot.remove()
-        axes: Any = ({"label": "episodes"}, {"label": "return"})
-        more: Any = {"scales": {"x": {"time": False}}, "legend": {"live": False}}  # else "--" until somebody points
+        across = {"label": "episodes", "size": TICKS_PX, "labelSize": LABEL_PX, "labelGap": 0}
+        axes: Any = (across, {"label": "return"})
+        more: Any = {"scales": {"x": {"time": False}}, "padding": (PADDING_PX, PADDING_PX, 0, 0)}
+        more["legend"] = {"live": False}  # else "--" until somebody points
         with self._place:
-            self._plot = self._gui.add_uplot(data, series, axes=axes, height=HEIGHT_PX, **more)
+            self._plot = self._gui.add_uplot(data, series, axes=axes, height=self._height_px, **more)
 
 
 def plotted(rows: Sequence[Row], known: Mapping[str, float]) -> dict[str, Array]:

@@ -13,12 +13,13 @@ WORST_FIRST = ("error", "silent", "warning", "ok")
 MOST_NODES = 12  # that are shown, the worst first
 MOST_LETTERS = 160  # of what a node says
 # What a person may tell the nodes from a page. To arm the gate is for somebody who stands beside the robot.
-BUTTONS = {
-    "stop": ("Stop the robot", "the gate brings it to rest, until it is armed again with rkhs robot arm", "red"),
-    "pause": ("Pause the robot", "no further episode begins", None),
-    "start": ("Start the next episode", "the scene is in order, or the pause is over", None),
-    "veto": ("Veto the last episode", "it counts for nothing, if nothing was learnt from it yet", None),
-}
+STOP = "stop"
+EPISODES = {"Pause": "pause", "Start next": "start", "Veto last": "veto"}
+STOP_HINT = "the gate brings it to rest, until it is armed again with rkhs robot arm"
+EPISODES_HINT = (
+    "Pause: none begins; Start next: the scene is in order, or the pause is over; "
+    "Veto last: it counts for nothing, if nothing was learnt from it yet"
+)
 
 
 class NodesPanel:
@@ -33,15 +34,15 @@ class NodesPanel:
 
     def __init__(self, gui: GuiApi, monitor: Monitor) -> None:
         self._monitor = monitor
+        self._nodes = gui.add_markdown("", visible=False)
         self._robot = gui.add_folder("Robot", visible=False)
         with self._robot:
             self._gate = gui.add_markdown("")
-            for word, about in BUTTONS.items():
-                self._add_button(gui, word, *about)
+            stop = gui.add_button("Stop the robot", hint=STOP_HINT, color="red")
+            episodes = gui.add_button_group("Episodes", tuple(EPISODES), hint=EPISODES_HINT)
             self._answer = gui.add_markdown("")
-        self._folder = gui.add_folder("Nodes", visible=False)
-        with self._folder:
-            self._nodes = gui.add_markdown("")
+        stop.on_click(lambda _: monitor.say(STOP))
+        episodes.on_click(lambda event: monitor.say(EPISODES[event.target.value]))
 
     def refresh(self, *, running: bool) -> None:
         """Show what is heard; listen only to nodes of a run that is under way."""
@@ -55,12 +56,8 @@ class NodesPanel:
         self._monitor.rest()
         self._show(Report())
 
-    def _add_button(self, gui: GuiApi, word: str, label: str, hint: str, colour: Any) -> None:
-        button = gui.add_button(label, hint=hint, color=colour)
-        button.on_click(lambda _: self._monitor.say(word))
-
     def _show(self, report: Report) -> None:
-        self._robot.visible, self._folder.visible = report.gate is not None, bool(report.nodes)
+        self._robot.visible, self._nodes.visible = report.gate is not None, bool(report.nodes)
         for words, text in (
             (self._gate, told_of_gate(report.gate or {})),
             (self._answer, plain(report.answer)),
@@ -75,9 +72,8 @@ def told_of_gate(gate: Mapping[str, Any]) -> str:
     if not gate:
         return ""
     state, reason = str(gate["state"]), plain(gate["reason"])
-    counts = f"{gate['commands']} commands, {gate['clamps']} changed by a limit, {gate['refusals']} refused"
-    head = f"The gate is **{plain(state)}**" + f": {reason}" * bool(reason)
-    return f"{head}\n\n{counts}; stopped {gate['stops']} times"
+    counts = f"{gate['commands']} commands: {gate['clamps']} limited, {gate['refusals']} refused; {gate['stops']} stops"
+    return f"The gate is **{plain(state)}**" + f": {reason}" * bool(reason) + f"\n\n{counts}"
 
 
 def told_of_nodes(nodes: Sequence[NodeReport]) -> str:
@@ -86,7 +82,7 @@ def told_of_nodes(nodes: Sequence[NodeReport]) -> str:
     ill = [node for node in ranked if node.level != "ok"][:MOST_NODES]
     lines = [f"**{plain(node.name)} {node.level}** {plain(node.message)}" for node in ill]
     well = [plain(node.name.strip("/")) for node in ranked if node.level == "ok"][: MOST_NODES - len(ill)]
-    return "\n\n".join([*lines, *([f"well: {', '.join(well)}"] if well else [])])
+    return "\n\n".join([*lines, *([f"Nodes well: {', '.join(well)}"] if well else [])])
 
 
 def plain(text: str) -> str:

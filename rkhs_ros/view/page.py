@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -18,12 +19,13 @@ from rkhs_ros.view.status import status
 
 KEPT = 12  # iterations whose policy and episodes stay in memory
 PANEL_WIDTH_PX = 390
+CURVE_PX, BESIDE_ROBOT_PX = 210, 150  # height of the curve, and where the panel shows a robot, too
 RECENT = 6  # iterations whose episodes are drawn, that looked at included
 BUTTONS = {
-    PAUSE: ("Pause after this iteration", "the run waits until it is resumed", (RUNNING,)),
-    RESUME: ("Resume", "the run goes on", (PAUSED,)),
-    STOP: ("Stop", "as Ctrl-C: what was learnt is kept, and the run can go on later", (RUNNING, PAUSED)),
+    RUNNING: {"Pause after this iteration": PAUSE, "Stop": STOP},
+    PAUSED: {"Resume": RESUME, "Stop": STOP},
 }
+HINT = "Pause: it waits until it is resumed; Stop: as Ctrl-C, what was learnt is kept, and the run can go on later"
 
 
 class Page:
@@ -48,12 +50,12 @@ class Page:
         gui.main_panel.set_width(PANEL_WIDTH_PX)
         gui.set_panel_label(source.name)
         self._status = gui.add_markdown("")
-        self._buttons = {word: self._button(word, *about) for word, about in BUTTONS.items()}
+        self._buttons = {state: self._offer(state, words) for state, words in BUTTONS.items()}
         self._nodes = NodesPanel(gui, monitor)
-        self._curve = CurvePlot(gui, gui.add_folder("Learning curve"), references(source.task))
-        self._iteration: Any = gui.add_slider("Iteration", 0, 1, 1, 0, disabled=True)
-        self._set_to = 0
-        self._follows: Any = gui.add_checkbox("follow the newest", initial_value=True)
+        height = BESIDE_ROBOT_PX if source.nodes else CURVE_PX
+        self._curve = CurvePlot(gui, gui.add_folder("Learning curve"), references(source.task), height)
+        hint = "at its right end it follows the run"
+        self._iteration: Any = gui.add_slider("Iteration", 0, 1, 1, 0, disabled=True, hint=hint)
         self._showing = Showing(server, source)
 
     def refresh(self) -> None:
@@ -64,8 +66,8 @@ class Page:
             self._state = state
             self._seen.cache_clear()  # at the end there may be more of the last one
             self._showing.forget()
-        for word, button in self._buttons.items():
-            button.visible = state in BUTTONS[word][2]
+        for its, buttons in self._buttons.items():
+            buttons.visible = its == state
         self._status.content = status(self._source, state)
         self._curve.draw(self._source.rows)
         self._follow()
@@ -91,26 +93,25 @@ class Page:
         self._status.content = "### The viewer has ended\nStart it again with `rkhs view`."
         self._server.flush()
 
-    def _button(self, word: str, label: str, hint: str, states: tuple[str, ...]) -> Any:
-        button = self._gui.add_button(label, hint=hint, visible=False)
+    def _offer(self, state: str, words: Mapping[str, str]) -> Any:
+        """Add the buttons of a run in some state; what they ask of it by their labels."""
+        buttons = self._gui.add_button_group("Run", tuple(words), hint=HINT, visible=False)
 
-        @button.on_click
+        @buttons.on_click
         def _(event: Any) -> None:
-            if state_of(self._source) in states:
-                ask(self._source.path, word)
+            if state_of(self._source) == state:
+                ask(self._source.path, words[event.target.value])
 
-        return button
+        return buttons
 
     def _follow(self) -> None:
-        """Have the slider range over the iterations there are, and move on with them unless somebody moved it."""
+        """Have the slider range over the iterations there are; where it is at its end it moves on with them."""
         iterations, slider = self._source.iterations, self._iteration
         if not iterations:
             return
-        if slider.value != self._set_to:
-            self._follows.value = False
+        follows = slider.disabled or slider.value == slider.max
         if slider.max != iterations[-1]:
             slider.min, slider.max = min(iterations[0], iterations[-1] - 1), iterations[-1]
             slider.disabled = False
-        if self._follows.value:
+        if follows:
             slider.value = iterations[-1]
-        self._set_to = slider.value

@@ -106,24 +106,23 @@ class Showing:
             return
         task, going = self._source.task, episode.mask[0]
         numbers = episode.observations[0][going], self._clipped(episode.actions[0][going])
-        self._names, self._scene = look_of(task, self._source.nodes, *numbers)
+        self._names, self._scene = look_of(task, self._source.spaces, self._source.nodes, *numbers)
         self._stage = Stage(self._server, self._scene)
-        coordinates = Coordinates(seen.policy, self._names)
+        self._offer_choices(Coordinates(seen.policy, self._names), episode)
+
+    def _offer_choices(self, coordinates: Coordinates, episode: Episodes) -> None:
+        """Add what the policy can be drawn over, in a folder that is closed: what tells most is chosen already."""
         labels, (across, up) = coordinates.labels, coordinates.telling(episode)
-        lists = (
-            ("Policy across", labels, across, 2),
-            ("Policy up", labels, up, 2),
-            ("Action", self._names.actions, 0, 1),
-        )
-        self._choices = tuple(
-            self._server.gui.add_dropdown(
-                name,
-                tuple(options),
-                initial_value=options[first],
-                visible=len(options) > fewest and task.horizon > 1,
+        lists = (("across", labels, across, 2), ("up", labels, up, 2), ("action", self._names.actions, 0, 1))
+        gui, moves = self._server.gui, self._source.task.horizon > 1
+        is_choice = moves and any(len(options) > fewest for _, options, _, fewest in lists)
+        with gui.add_folder("Axes of the policy", expand_by_default=False, visible=is_choice):
+            self._choices = tuple(
+                gui.add_dropdown(
+                    name, tuple(options), initial_value=options[first], visible=moves and len(options) > fewest
+                )
+                for name, options, first, fewest in lists
             )
-            for name, options, first, fewest in lists
-        )
 
     def _set_motion(self, episode: Episodes) -> None:
         going = episode.mask[0]

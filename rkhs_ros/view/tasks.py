@@ -10,6 +10,7 @@ from gymnasium.envs.registration import load_env_creator
 
 from rkhs_ros.pictures.known import names_of
 from rkhs_ros.policies.input_names import Names
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.task import robot_task_from
@@ -29,11 +30,14 @@ class Look(NamedTuple):
     scene: ShowsMotion
 
 
-def look_of(task: Task, nodes: Mapping[str, Mapping[str, Any]], observations: Array, actions: Array) -> Look:
+def look_of(
+    task: Task, spaces: Spaces | None, nodes: Mapping[str, Mapping[str, Any]], observations: Array, actions: Array
+) -> Look:
     """Return what is shown of a task; its numbers over time of one that does not say how it looks.
 
     Args:
         task: what is learnt.
+        spaces: of the task; None where they are not known.
         nodes: of a robot the parameters of its nodes, by their names.
         observations: of an episode, shape (steps, d).
         actions: of that episode, shape (steps, n).
@@ -42,7 +46,7 @@ def look_of(task: Task, nodes: Mapping[str, Mapping[str, Any]], observations: Ar
     with suppress(Exception):  # of another robot than this one, or somebody's code
         if nodes:
             return _look_of_robot(task, nodes, observations, actions)
-    names = names_of(task, *widths)
+    names = names_of(task, *widths, spaces)
     return Look(names, in_space(task) or Timeline(names))
 
 

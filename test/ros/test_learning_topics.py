@@ -117,7 +117,7 @@ def check_markers(markers: list[Any], centres: int) -> None:
         marker.type == Marker.LINE_STRIP and len(marker.points) > 5 for marker in drawn if marker.ns == "episodes"
     )
     words = [marker.text for marker in drawn if marker.ns == "axes"]
-    assert [word.split(":")[0] for word in words] == ["observation", "-", "action"]
+    assert [word.split(":")[0] for word in words] == ["position", "-", "move"]
 
 
 @pytest.mark.faults

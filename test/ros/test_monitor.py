@@ -16,7 +16,7 @@ from rkhs_ros.nodes.messages import LATCHED_QOS
 from rkhs_ros.nodes.monitor_node import WORDS
 from rkhs_ros.nodes.operator_node import SERVICES
 from rkhs_ros.view.monitor import Monitor, NodeReport
-from rkhs_ros.view.nodes_panel import BUTTONS
+from rkhs_ros.view.nodes_panel import EPISODES, STOP
 from test.ros.conftest import Probe
 
 
@@ -93,7 +93,7 @@ def test_a_node_that_falls_silent_is_told(monitor: Monitor, probe: Probe) -> Non
 
 
 def test_the_buttons_are_all_words_but_that_which_arms() -> None:
-    assert set(BUTTONS) == set(WORDS) == set(SERVICES) - {"arm"}
+    assert {STOP, *EPISODES.values()} == set(WORDS) == set(SERVICES) - {"arm"}
 
 
 def test_it_ends_with_the_page(monitor: Monitor, probe: Probe) -> None:

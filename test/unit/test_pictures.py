@@ -39,6 +39,7 @@ from rkhs_ros.rkhs.kernels import RBF, Array
 from rkhs_ros.rkhs.slices import best_slice
 from rkhs_ros.runs.comparison import Comparison, LearningCurve
 from rkhs_ros.runs.coordinates import Coordinates
+from rkhs_ros.runs.simulation import Simulation
 from rkhs_ros.view.board import Choice, Subject, board_figure
 from rkhs_ros.view.timeline import Timeline
 from sim_nodes.envs.pendulum import Pendulum
@@ -327,6 +328,8 @@ def named() -> Iterator[Task]:
 def test_a_task_names_its_numbers(named: Task) -> None:
     assert names_of(named, 2, 1) == Names(("height (m)", "speed (m/s)"), ("thrust (N)",))
     assert success_reward(named) == 2.0
+    spaces = Simulation(named.environment).spaces  # which go into files and messages
+    assert Names(spaces.observation_names, spaces.action_names) == names_of(named, 2, 1)
     assert names_of(PENDULUM, 2, 1) == Names(Pendulum.observation_names, Pendulum.action_names)
 
 

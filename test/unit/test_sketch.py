@@ -37,7 +37,7 @@ def test_paths_and_centres_of_a_pendulum() -> None:
         assert len(sketch.paths) == iteration.number
         assert len(sketch.centres) == iteration.metrics.centres
         assert sum(len(part) for part in sketch.paths[-1]) == MOST_POINTS
-    assert [axis.split(":")[0] for axis in sketch.axes] == ["observation 0", "observation 1", "action"]
+    assert [axis.split(":")[0] for axis in sketch.axes] == ["angle (rad)", "angular velocity (rad/s)", "torque"]
     jumps = np.concatenate([np.abs(np.diff(part, axis=0))[:, :2] for path in sketch.paths for part in path])
     assert (jumps <= 0.6 * SIZE[:2]).all()  # where the angle wraps the path is cut
 

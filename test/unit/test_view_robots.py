@@ -67,7 +67,7 @@ def configured() -> Config:
 
 def arm(observations: Array, actions: Array) -> RobotScene:
     config = configured()
-    look = look_of(config.task, config.environment.nodes, observations, actions)
+    look = look_of(config.task, None, config.environment.nodes, observations, actions)
     assert isinstance(look.scene, RobotScene)
     assert look.names.observations[0].startswith("mark ")
     assert look.names.actions[0].startswith("panda_joint1 ")
@@ -125,7 +125,7 @@ def test_joints_that_are_sensed_are_where_they_are() -> None:
 
 def test_the_motor_pendulum_looks_like_the_pendulum() -> None:
     config = load_config(CONFIGS / "robot_pendulum.yaml")
-    look = look_of(config.task, config.environment.nodes, np.zeros((3, 2)), np.zeros((3, 1)))
+    look = look_of(config.task, None, config.environment.nodes, np.zeros((3, 2)), np.zeros((3, 1)))
     assert type(look.scene).__name__ == "Pendulum"
     assert [name.split()[:2] for name in look.names.observations] == [["motor", "position"], ["motor", "velocity"]]
 
@@ -135,4 +135,4 @@ def test_robots_without_a_description_are_shown_by_their_numbers() -> None:
     nodes.pop("practice_robot")
     mine = SimpleNamespace(environment="mine", options={})
     for some in (nodes, {"robot": {"task": "gone"}, "gate": {}}):
-        assert isinstance(look_of(mine, some, np.zeros((3, 2)), np.zeros((3, 1))).scene, Timeline)
+        assert isinstance(look_of(mine, None, some, np.zeros((3, 2)), np.zeros((3, 1))).scene, Timeline)
