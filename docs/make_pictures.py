@@ -53,7 +53,7 @@ class Scene(NamedTuple):
 def main() -> None:
     """Write pendulum_learns.gif, pendulum_curve.png and pendulum_policy.png beside this file."""
     config = load_config(DEMO)
-    _write_gif(HERE / "pendulum_learns.gif", list(_frames(config, _scenes(config))))
+    write_gif(HERE / "pendulum_learns.gif", list(frames(config, _scenes(config))))
     config = load_config(FIRST_RUN)
     with tempfile.TemporaryDirectory() as folder:
         run_training(config, runner_of(config.environment), Path(folder), quiet=True)
@@ -82,7 +82,7 @@ def _scenes(config: Config) -> list[Scene]:
     ]
 
 
-def _frames(config: Config, scenes: list[Scene]) -> Iterator[Image.Image]:
+def frames(config: Config, scenes: list[Scene]) -> Iterator[Image.Image]:
     """Yield the film: the scenes play side by side, and their returns grow beside them."""
     figure = Figure(figsize=(WIDTH, HEIGHT), dpi=DPI, facecolor="white")
     canvas: Any = FigureCanvasAgg(figure)
@@ -120,7 +120,7 @@ def _chart(config: Config, figure: Figure) -> Any:
     return axes
 
 
-def _write_gif(path: Path, images: list[Image.Image]) -> None:
+def write_gif(path: Path, images: list[Image.Image]) -> None:
     palette = images[-1].quantize(SHADES, method=Image.Quantize.MAXCOVERAGE)  # keeps white as it is
     first, *others = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     buffer = BytesIO()

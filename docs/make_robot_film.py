@@ -1,0 +1,43 @@
+"""Makes the film of a motor pendulum that learns by the wall clock: `python docs/make_robot_film.py RUN`.
+
+RUN is the folder of a run of config/robot_pendulum.yaml after `rkhs evaluate RUN`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from make_pictures import CONFIGS, HERE, Scene, frames, write_gif
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.pictures.style import COLOURS
+from rkhs_ros.runs.config import Config, load_config
+from rkhs_ros.runs.episode_files import load_episodes
+
+SIMULATED = CONFIGS / "pendulum_model_nac.yaml"  # the same task in simulation, which draws it
+
+
+def main() -> None:
+    """Write robot_pendulum.gif beside this file."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("run", type=Path)
+    run = parser.parse_args().run
+    config = load_config(SIMULATED)
+    first = min((run / "checkpoints" / "episodes").glob("training_*.npz"))
+    scenes = [
+        _scene(config, "the first episode: exploring", COLOURS[1], load_episodes(first).episodes),
+        _scene(config, "after ten episodes", COLOURS[0], load_episodes(run / "evaluation.npz").episodes),
+    ]
+    write_gif(HERE / "robot_pendulum.gif", list(frames(config, scenes)))
+
+
+def _scene(config: Config, title: str, colour: str, episodes: Episodes) -> Scene:
+    """Return the first of some episodes as it is shown."""
+    earned = np.cumsum(config.training.discount ** np.arange(config.training.horizon) * episodes.rewards[0])
+    return Scene(title, colour, episodes.observations[0], np.clip(episodes.actions[0], -3.0, 3.0), earned)
+
+
+if __name__ == "__main__":
+    main()
