@@ -121,6 +121,11 @@ def _chart(config: Config, figure: Figure) -> Any:
 
 
 def write_gif(path: Path, images: list[Image.Image]) -> None:
+    """Write a film, of few shades.
+
+    Raises:
+        ValueError: it takes too many bytes.
+    """
     palette = images[-1].quantize(SHADES, method=Image.Quantize.MAXCOVERAGE)  # keeps white as it is
     first, *others = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     buffer = BytesIO()
