@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from make_pictures import CONFIGS, HERE, Scene, frames, write_gif
 
+from rkhs_ros.app.inline import runner_of
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.pictures.style import COLOURS
 from rkhs_ros.runs.config import Config, load_config
@@ -36,7 +37,8 @@ def main() -> None:
 def _scene(config: Config, title: str, colour: str, episodes: Episodes) -> Scene:
     """Return the first of some episodes as it is shown."""
     earned = np.cumsum(config.training.discount ** np.arange(config.training.horizon) * episodes.rewards[0])
-    return Scene(title, colour, episodes.observations[0], np.clip(episodes.actions[0], -3.0, 3.0), earned)
+    clip = runner_of(config.environment).spaces.clip
+    return Scene(title, colour, episodes.observations[0], clip(episodes.actions[0]), earned)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from std_srvs.srv import Trigger
@@ -54,9 +56,9 @@ class PracticeLink:
             self._ask(self._arm, due=self._gate.stands)
         return True
 
-    def _ask(self, service: object, *, due: bool) -> None:
-        if due and service.service_is_ready():  # type: ignore[attr-defined]  # rclpy's clients have no types
-            service.call_async(Trigger.Request())  # type: ignore[attr-defined]
+    def _ask(self, service: Any, *, due: bool) -> None:
+        if due and service.service_is_ready():
+            service.call_async(Trigger.Request())
 
     def _hear_report(self, message: DiagnosticStatus) -> None:
         self._report = message
