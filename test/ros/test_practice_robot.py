@@ -111,12 +111,12 @@ def test_the_pendulum_moves_by_the_wall_clock(robot: Callable[..., Operator]) ->
 
 def test_with_a_speed_factor_all_goes_faster(robot: Callable[..., Operator]) -> None:
     operator = robot(speed=10.0, sensor_rate=20.0, process_noise=0.0)
-    operator.command(0.2)
+    operator.command(0.02)  # so little that the stop is 2.5 s of the wall's time away
     first = operator.move_on()
     operator.probe.settle(0.5)
     last = operator.move_on()
     seconds = stamp(last) - stamp(first)
-    assert last.velocity[0] - first.velocity[0] == pytest.approx(0.2 * 10.0 * seconds, abs=0.01)
+    assert last.velocity[0] - first.velocity[0] == pytest.approx(0.02 * 10.0 * seconds, abs=0.001)
 
 
 def test_a_robot_that_was_held_up_moves_as_if_it_had_not_been(robot: Callable[..., Operator]) -> None:
