@@ -15,7 +15,7 @@ from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import hint, pick, require
 from rkhs_ros.learning.algorithm import Algorithm
 from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.learning.practice import PRACTICES
+from rkhs_ros.learning.practice import PRACTICES, NoPractice
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.learning.state import first_state
 from rkhs_ros.learning.training import Iteration
@@ -159,13 +159,14 @@ def _prepared(
     }
     if isinstance(algorithm, str):
         pick(algorithm, ALGORITHMS, "algorithm")
-    untuned = training_from(settings_for(algorithm) if isinstance(algorithm, str) else settings_for())
+    if isinstance(given.get("practice"), str):
+        given["practice"] = pick(given["practice"], PRACTICES, "practice")()
+    name = algorithm if isinstance(algorithm, str) else "rkhs_nac"
+    untuned = training_from(settings_for(name, "none" if isinstance(given.get("practice"), NoPractice) else "model"))
     kernel = given.get("kernel", untuned.kernel)
     if isinstance(kernel, str):
         kernel = replace(untuned.kernel, form=kernel)
     given["kernel"] = GivenKernel(kernel=kernel) if isinstance(kernel, Kernel) else kernel
-    if isinstance(given.get("practice"), str):
-        given["practice"] = pick(given["practice"], PRACTICES, "practice")()
     warm_start = load(start) if isinstance(start, str | Path) else start
     good = warm_start is None or isinstance(warm_start, Policy)
     require(good, "policy", "a Policy or the file of one", warm_start)

@@ -48,9 +48,14 @@ class ActorCritic(Algorithm):
         return {"value_ridge", "trace"} if self.critic == "trajectory" else set()
 
     @property
+    def value_baseline(self) -> ValueBaseline:
+        """The value that advantages are measured from."""
+        return ValueBaseline(self.value_ridge, self.ridge_norm, self.trace)
+
+    @property
     def chosen_critic(self) -> Critic:
         """The critic that the settings choose."""
-        baseline = ValueBaseline(self.value_ridge, self.ridge_norm, self.trace)
+        baseline = self.value_baseline
         critics: dict[tuple[str, str], Critic] = {
             ("step", "ridge"): StepCritic(self.ridge, baseline, self.ridge_norm),
             ("step", "pursuit"): StepPursuitCritic(self.ridge, baseline),

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.samples import Samples
@@ -81,6 +83,11 @@ class Algorithm(Settings, ABC):
     def space(self) -> Space:
         """The space searched, made from the settings: see `SparseSettings` and `GridSettings`."""
 
+    @property
+    def learns_variance(self) -> bool:
+        """Whether an update sets the policy's variance by what was seen; else it decays."""
+        return False
+
     def check_kernel(self, kernel: Kernel) -> None:  # most algorithms take any
         """Raise ValueError where the algorithm cannot learn with this kernel."""
 
@@ -94,9 +101,18 @@ class Algorithm(Settings, ABC):
         """
 
     def climb(
-        self, policy: GaussianPolicy, coefficients: Array, samples: Samples, experience: Experience, step: StepRule
+        self,
+        policy: GaussianPolicy,
+        coefficients: Array,
+        samples: Samples,
+        experience: Experience,
+        step: StepRule,
+        spread: Array | None = None,
     ) -> Update:
         r"""Return the policy a step along a direction, :math:`h \leftarrow h + \alpha w`, its variance decayed.
+
+        With a direction v of the variance, too, that goes along instead, by the same step:
+        :math:`\sqrt2 \log\sigma \leftarrow \sqrt2 \log\sigma + \alpha v`.
 
         Args:
             policy: the policy.
@@ -104,6 +120,7 @@ class Algorithm(Settings, ABC):
             samples: the policy's samples, in whose basis the coefficients are.
             experience: for the step rules that try steps out.
             step: how far to go.
+            spread: v, shape (n,).
         """
         w = samples.basis.function(coefficients)
 
@@ -111,9 +128,15 @@ class Algorithm(Settings, ABC):
             tried = policy.with_mean(policy.mean + w.scale(size))  # thinned out only once it is chosen
             return float(experience.collect(tried, episodes).returns(experience.discount).mean())
 
-        alpha = step.step_size(samples.features @ coefficients, samples.variance, mean_return, experience.iteration)
+        direction, variance = samples.features @ coefficients, samples.variance
+        if spread is not None:  # it is in units in which a policy's divergence is that of an action's of variance 1
+            direction = np.hstack([direction, np.tile(spread, (len(direction), 1))])
+            variance = np.hstack([variance, np.ones_like(variance)])
+        alpha = step.step_size(direction, variance, mean_return, experience.iteration)
         moved, error = self.space.move(policy, w.scale(alpha), samples.observations)
-        new = replace(moved, variance=self.decayed(policy))
+        new = replace(
+            moved, variance=self.decayed(policy) if spread is None else constant_variance(policy).moved(alpha * spread)
+        )
         return Update(new, measure(policy, new, samples.observations, alpha, error), experience.memory)
 
     def decayed(self, policy: GaussianPolicy) -> ConstantVariance:
@@ -122,9 +145,18 @@ class Algorithm(Settings, ABC):
         Raises:
             ValueError: it depends on the state.
         """
-        if not isinstance(policy.variance, ConstantVariance):
-            raise ValueError("variance: expected a constant one to decay, got one that depends on the state")
-        return policy.variance.decay(self.exploration_decay, self.exploration_minimum)
+        return constant_variance(policy).decay(self.exploration_decay, self.exploration_minimum)
+
+
+def constant_variance(policy: GaussianPolicy) -> ConstantVariance:
+    """Return the variance of a policy.
+
+    Raises:
+        ValueError: it depends on the state.
+    """
+    if not isinstance(policy.variance, ConstantVariance):
+        raise ValueError("variance: expected a constant one to change, got one that depends on the state")
+    return policy.variance
 
 
 def measure(

@@ -168,7 +168,7 @@ def practise(
         update = Experience(imagined, experience.discount, memory, _no_fresh_episodes, number)
         policy, metrics, memory = algorithm.update(policy, update)
         deviation = np.maximum(deviation * practice.exploration_decay, least)
-        if isinstance(policy.variance, ConstantVariance):  # else the algorithm learns it
+        if not algorithm.learns_variance:
             policy = replace(policy, variance=ConstantVariance(deviation**2))
     last = float(imagined.returns(experience.discount).mean())
     alike = are_places_alike(episodes, spaces)

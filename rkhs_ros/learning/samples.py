@@ -72,6 +72,14 @@ class Samples:
         return self.exploration / self.variance
 
     @property
+    def deviation_scores(self) -> Array:
+        r"""The gradient of the log policy along :math:`\sqrt2 \log\sigma`, shape (samples, n), of mean square 1.
+
+        .. math:: (\epsilon^2 / \sigma^2 - 1) / \sqrt 2
+        """
+        return np.asarray((self.exploration**2 / self.variance - 1.0) / np.sqrt(2.0))
+
+    @property
     def score_features(self) -> Array:
         r"""The gradient of the log policy, :math:`K(s, \cdot)\, u` (Eq 8), in coordinates, shape (samples, m n)."""
         return self.score_features_of(slice(None))

@@ -79,6 +79,11 @@ class WeightedExploration(Algorithm):
         names = fixed if self.variance == "constant" else {"exploration_decay", "exploration_minimum"}
         return names | ({"value_ridge"} if self.weighting == "returns" else set())
 
+    @property
+    def learns_variance(self) -> bool:
+        """Whether it is learnt, by Eq 24."""
+        return self.variance != "constant"
+
     def check_kernel(self, kernel: Kernel) -> None:
         """Raise ValueError where the variance is to be learnt as a mean that the kernel cannot weigh."""
         remedy = "take rbf, polynomial of an even degree, or algorithm.variance=constant"

@@ -39,6 +39,10 @@ class ConstantVariance:
         floor = np.minimum(self.values, minimum_sd**2)
         return ConstantVariance(np.maximum(self.values * factor**2, floor))
 
+    def moved(self, step: Array) -> ConstantVariance:
+        r"""Return the variance a step on along :math:`\sqrt2 \log\sigma` of each action, shape (n,)."""
+        return ConstantVariance(self.values * np.exp(np.sqrt(2.0) * step))
+
 
 @dataclass(frozen=True)
 class KernelVariance:

@@ -12,18 +12,42 @@ ALGORITHMS: Mapping[str, Mapping[str, Any]] = {
     "rkhs_ac": {"centres": 80, "step": LONG_STEPS},
     "rkhs_power": {"centres": 80, "value_ridge": 0.001, "ridge_unit": "variance", "variance": "constant"},
 }
-SETTINGS: Mapping[str, Any] = {
+BANDWIDTH = {"bandwidth": "dimension"}
+PRACTISING: Mapping[str, Any] = {
     "iterations": 20,
     "episodes_per_iteration": 1,
     "exploration_sd": "range",
-    "kernel": {"form": "rbf", "bandwidth": "dimension"},
+    "kernel": {"form": "rbf", **BANDWIDTH},
     "practice": {"form": "model"},
+}
+# An update that sees a few real episodes alone has more noise and less to fit, in the same time of a robot.
+WITHOUT_MODEL: Mapping[str, Any] = {
+    "iterations": 60,
+    "episodes_per_iteration": 5,
+    "exploration_sd": "range",
+    "kernel": {"form": "rbf + linear", **BANDWIDTH},
+    "practice": {"form": "none"},
+}
+FEW_SAMPLES: Mapping[str, Mapping[str, Any]] = {
+    "rkhs_nac": {
+        "ridge": 0.03,
+        "reuse": 5,
+        "variance": "learnt",
+        "step": {"rule": "kl", "divergence": 0.08, "annealing": 0.1},
+    },
 }
 
 
-def settings_for(algorithm: str = "rkhs_nac") -> dict[str, Any]:
-    """Return the settings of the learner for a task that nobody tuned, with an algorithm of that name.
+def settings_for(algorithm: str = "rkhs_nac", practice: str = "model") -> dict[str, Any]:
+    """Return the settings of the learner for a task that nobody tuned.
 
     No number among them has the unit of an observation, an action or a reward.
+
+    Args:
+        algorithm: by its name.
+        practice: its form; without a model others settings are good.
     """
-    return {**SETTINGS, "algorithm": {"name": algorithm, **ALGORITHMS.get(algorithm, {})}}
+    is_practising = practice != "none"
+    few = {} if is_practising else FEW_SAMPLES.get(algorithm, {})
+    own = {"name": algorithm, **ALGORITHMS.get(algorithm, {}), **few}
+    return {**(PRACTISING if is_practising else WITHOUT_MODEL), "algorithm": own}

@@ -219,10 +219,16 @@ def config_for(environment: str, horizon: int | None, changes: Iterable[str] = (
         ValueError: settings that are unknown or do not fit.
     """
     changes = list(changes)
-    algorithm = tree_of(changes).get("algorithm", {})
-    chosen = algorithm.get("name", "rkhs_nac") if isinstance(algorithm, Mapping) else "rkhs_nac"
-    tree = {"name": name_of_run(environment), "environment": {"id": environment}, **settings_for(str(chosen))}
+    chosen = tree_of(changes)
+    algorithm, practice = _named(chosen, "algorithm", "name", "rkhs_nac"), _named(chosen, "practice", "form", "model")
+    tree = {"name": name_of_run(environment), "environment": {"id": environment}, **settings_for(algorithm, practice)}
     return _changed(tree | ({"horizon": horizon} if horizon else {}), changes)
+
+
+def _named(tree: Mapping[str, Any], group: str, key: str, default: str) -> str:
+    """Return which of several a tree of settings chooses."""
+    settings = tree.get(group)
+    return str(settings.get(key, default)) if isinstance(settings, Mapping) else default
 
 
 def name_of_run(environment: str) -> str:

@@ -15,6 +15,7 @@ from rkhs_ros.learning.spaces import GridSettings
 from sim_nodes.envs import TASKS
 from test.ros.conftest import ROOT, Process
 
+LEARNT = ("algorithm.variance=learnt", "algorithm.reuse=2")
 Start = Callable[..., Process]
 SHORT = ("--quiet", "--iterations", 3, "--seed", 7)
 
@@ -44,7 +45,7 @@ def settings(task: str, algorithm: str) -> Iterator[str]:
     yield from {
         "rkhs_ac": search,
         "rkhs_npg": ["algorithm.baseline=value"],
-        "rkhs_nac": ["algorithm.critic=trajectory", "algorithm.ridge_norm=scale_free"],
+        "rkhs_nac": ["algorithm.critic=trajectory", "algorithm.ridge_norm=scale_free", *LEARNT],
         "rkhs_power": ["algorithm.variance=printed", "algorithm.reuse=2"],
         "ac": ["algorithm.regression=pursuit"],
         "enac": search,

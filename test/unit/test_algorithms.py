@@ -193,7 +193,7 @@ def test_a_variance_that_depends_on_the_state_does_not_decay(
 ) -> None:
     policy = random_policy(learnt=True)
     constant = {"variance": "constant"} if isinstance(algorithm, WeightedExploration) else {}
-    with pytest.raises(ValueError, match="variance: expected a constant one to decay, got one that depends"):
+    with pytest.raises(ValueError, match="variance: expected a constant one to change, got one that depends"):
         learn(replace(algorithm, **constant), policy, random_episodes(policy))
 
 

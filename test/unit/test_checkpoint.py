@@ -32,6 +32,7 @@ WAYS: list[Any] = [
     *ALGORITHMS,
     {"name": "rkhs_nac", "step": {"rule": "line_search", "choices": 3, "episodes": 2}},
     {"name": "rkhs_nac", "exploration_decay": 0.9, "critic": "trajectory"},
+    {"name": "rkhs_nac", "variance": "learnt", "reuse": 4},
     {"name": "rkhs_power", "reuse": 3},
     {"name": "rkhs_power", "variance": "printed"},
     {"name": "power", "reuse": 3, "variance": "constant", "exploration_decay": 0.9},

@@ -15,7 +15,7 @@ from rkhs_ros.learning.rkhs_ac import RKHSAC
 from rkhs_ros.learning.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.rkhs_npg import RKHSNPG
 from rkhs_ros.learning.rkhs_power import RKHSPoWER
-from rkhs_ros.learning.steps import FixedStep, LineSearch
+from rkhs_ros.learning.steps import FixedStep, KLStep, LineSearch
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
@@ -106,6 +106,49 @@ def test_npg_on_a_full_dictionary_is_the_sum_of_kernel_functions_of_the_paper(
     x = rng.normal(size=(9, 2))
     direction = sum(weights[i] * kappa(x, s[None]) * u for i, episode in enumerate(steps) for s, u in episode)
     np.testing.assert_allclose(moved.mean(x), policy.mean(x) + 0.7 * direction, rtol=1e-8, atol=1e-8)
+
+
+@over_masks
+def test_a_learnt_variance_climbs_the_gradient_of_what_the_mean_leaves_unexplained(
+    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, masked: bool
+) -> None:
+    policy = random_policy(d=3, kernel=LINEAR)
+    newest, older = (random_episodes(policy, n, 8, masked=masked) for n in (5, 3))
+    algorithm = RKHSNAC(variance="learnt", reuse=4, trace=0.8, step=FixedStep(0.3))
+    moved, _, memory = learn(algorithm, policy, newest, DISCOUNT, memory=older)
+    w = (moved.mean(np.eye(3)) - policy.mean(np.eye(3))) / 0.3  # of a linear mean
+    samples = algorithm.space.samples(policy, newest + older)
+    left, count = iter(algorithm.value_baseline.advantages(samples, DISCOUNT)), 0
+    v, variance = np.zeros(2), policy.variance(np.zeros((1, 3)))[0]
+    for steps in scores(policy, newest):
+        for s, u in steps:
+            v += (next(left) - s @ w @ u) * (u**2 * variance - 1.0) / np.sqrt(2.0)  # u^2 sigma^4 / sigma^2
+            count += 1
+    np.testing.assert_allclose(moved.variance.values, variance * np.exp(np.sqrt(2.0) * 0.3 * v / count), rtol=1e-7)
+    np.testing.assert_array_equal(memory.rewards, (newest + older).take(slice(4)).rewards)
+
+
+def test_the_step_of_mean_and_variance_together_has_the_divergence_asked_for(
+    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
+) -> None:
+    policy = random_policy()
+    algorithm = RKHSNAC(variance="learnt", step=KLStep(divergence=1e-6))
+    moved, metrics, _ = learn(algorithm, policy, random_episodes(policy, 20, 8), DISCOUNT)
+    assert (moved.variance.values != policy.variance.values).all()
+    assert metrics.kl == pytest.approx(1e-6, rel=0.01)  # to the order of the step, a thousandth
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0], ids=["costs", "pays"])
+def test_exploration_that_costs_shrinks_at_the_rate_of_its_own_gradient(sign: float, learn: Learn) -> None:
+    sd, n = 0.7, 20_000
+    kernel = Polynomial(1.0, 1)
+    policy = GaussianPolicy(Function(kernel, np.zeros((0, 1)), np.zeros((0, 1))), ConstantVariance(np.array([sd**2])))
+    actions = sd * np.random.default_rng(1).standard_normal((n, 1, 1))
+    episodes = Episodes.without_ends(np.ones((n, 1, 1)), actions, sign * actions[..., 0] ** 2, np.ones((n, 1), bool))
+    moved, *_ = learn(RKHSNAC(variance="learnt", step=FixedStep(0.1)), policy, episodes)
+    # E[(a^2 - sd^2) (a^2 / sd^2 - 1)] / sqrt 2 = sqrt 2 sd^2; five deviations of its mean are 5 sd^2 sqrt(56 / 2 n)
+    got = np.log(moved.variance.values[0] / sd**2) / (0.1 * np.sqrt(2.0))
+    assert got == pytest.approx(sign * np.sqrt(2.0) * sd**2, abs=5 * sd**2 * np.sqrt(28 / n))
 
 
 @over_masks

@@ -4,6 +4,7 @@ import json
 import re
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,15 @@ def test_an_algorithm_that_is_named_has_the_settings_for_a_task_that_nobody_tune
     assert rkhs(*arguments, "--out", "run", "--set", *SHORT).code == 0
     algorithm = build(Training, settings_for("rkhs_power")).algorithm
     assert load_config(Path("run/config.yaml")).training.algorithm == algorithm != RKHSPoWER()
+
+
+def test_without_practice_the_settings_are_those_for_learning_without_a_model(rkhs: Rkhs) -> None:
+    arguments = ("train", "--env", "my_slide:Slide-v0", *INLINE, "--iterations", 1, "--out", "run")
+    assert rkhs(*arguments, "--set", "practice.form=none", "horizon=7", "evaluation_episodes=2").code == 0
+    training = load_config(Path("run/config.yaml")).training
+    expected = build(Training, {**settings_for(practice="none"), "name": training.name, "horizon": 7})
+    assert training == replace(expected, iterations=1, evaluation_episodes=2)
+    assert expected.algorithm != build(Training, settings_for()).algorithm
 
 
 def test_an_environment_runs_one_row_at_a_time_if_told_so(rkhs: Rkhs) -> None:

@@ -85,6 +85,7 @@ def test_every_algorithm_practises(algorithm: str, inputs: dict[str, Any]) -> No
         ("rkhs_power", {"reuse": 4, "variance": "printed", "weighting": "printed"}),
         ("rkhs_npg", {"baseline": "printed"}),
         ("rkhs_nac", {"critic": "trajectory", "regression": "pursuit"}),
+        ("rkhs_nac", {"variance": "learnt", "reuse": 4}),
         ("rkhs_ac", {"step": {"rule": "fixed"}}),
     ],
 )

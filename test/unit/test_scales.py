@@ -56,7 +56,7 @@ def settings(algorithm: str, form: str, iterations: int = 3) -> Training:
     """Return the settings for any task, of a run of moments."""
     practice = {"form": form, **({"iterations": 3, "episodes": 6, "centres": 30} if form == "model" else {})}
     small = {"iterations": iterations, "episodes_per_iteration": 3, "evaluation_episodes": 2, "horizon": 15}
-    tree = {**settings_for(algorithm), **small, "practice": practice}
+    tree = {**settings_for(algorithm, form), **small, "practice": practice}
     return training_from({**tree, "algorithm": {**tree["algorithm"], "centres": 20}})
 
 
