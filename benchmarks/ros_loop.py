@@ -1,5 +1,7 @@
 """Lockstep over topics beside the raw round trip of the same message, and a run over topics beside one in process.
 
+With simulator and policy node in processes of their own, and in one.
+
 All in one run on one machine, since machines are noisy: read the ratios.
 """
 
@@ -23,13 +25,14 @@ from rclpy.experimental import EventsExecutor
 
 import sim_nodes.envs  # noqa: F401  # registers the tasks
 from rkhs_interfaces.msg import Observation
-from rkhs_ros.app.launcher import for_all, started
+from rkhs_ros.app.launcher import COMPOSED, for_all, started
 from rkhs_ros.learning.training import train
 from rkhs_ros.nodes.learner_node import LearnerNode
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS, observation_message
 from rkhs_ros.nodes.transport import by_udp
+from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.report import resolved
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.simulation import Simulation
@@ -88,28 +91,20 @@ def seconds_per_call(call, times: int) -> float:
     return median(rounds)
 
 
-def main() -> None:
-    """Print the table."""
-    os.environ.update(by_udp(os.environ))  # this process is the learner, and talks as the other nodes do
-    config = load_config(CONFIG)
-    simulation = Simulation(config.environment.id, config.environment.options)
-    batch = Batch(0, 0, config.training.episodes_per_iteration, config.training.horizon, explore=True)
-    inline = InlineRunner(simulation)
+def over_topics(config: Config, policy: GaussianPolicy, names: tuple[str, ...]) -> tuple[float, float]:
+    """Return the seconds of a step and of a run, this process being the learner.
 
-    begin = time.perf_counter()
-    *_, last = train(config.training, inline)
-    inline_run = time.perf_counter() - begin
-    policy = last.policy
-    inline_step = seconds_per_call(lambda: inline.collect(policy, batch), 5) / batch.horizon
-
-    rclpy.init()
-    raw = ping_pong(observation_message(1, 1, batch, 1, simulation.step(np.zeros((batch.rows, 1)))))
+    Args:
+        config: of the run.
+        policy: that acts in the steps.
+        names: of the other processes.
+    """
+    batch = batch_of(config)
     with tempfile.TemporaryDirectory() as folder:
         parameters = Path(folder) / "parameters.yaml"
         parameters.write_text(for_all(resolved(config), simulators=1))
-        rclpy.shutdown()
         rclpy.init(args=["--ros-args", "--params-file", str(parameters)])
-        with started(("simulator", "policy"), parameters):
+        with started(names, parameters):
             learner = LearnerNode()
             learner.open()
             runner = learner.runner
@@ -119,20 +114,41 @@ def main() -> None:
             begin = time.perf_counter()
             for _ in train(config.training, runner):
                 pass
-            topics_run = time.perf_counter() - begin
+            run = time.perf_counter() - begin
+            learner.destroy_node()
+        rclpy.shutdown()
+    return step, run
+
+
+def batch_of(config: Config) -> Batch:
+    """Return the episodes of an iteration."""
+    return Batch(0, 0, config.training.episodes_per_iteration, config.training.horizon, explore=True)
+
+
+def main() -> None:
+    """Print the table."""
+    os.environ.update(by_udp(os.environ))  # this process is the learner, and talks as the other nodes do
+    config = load_config(CONFIG)
+    simulation = Simulation(config.environment.id, config.environment.options)
+    batch = batch_of(config)
+    inline = InlineRunner(simulation)
+
+    begin = time.perf_counter()
+    *_, last = train(config.training, inline)
+    inline_run = time.perf_counter() - begin
+    inline_step = seconds_per_call(lambda: inline.collect(last.policy, batch), 5) / batch.horizon
+    rclpy.init()
+    raw = ping_pong(observation_message(1, 1, batch, 1, simulation.step(np.zeros((batch.rows, 1)))))
     rclpy.shutdown()
     print(f"raw ping-pong of the same message, two processes  {1e6 * raw:8.0f} us")
-    print(
-        f"lockstep step, {batch.rows} rows, three processes           {1e6 * step:8.0f} us"
-        f"   {step / raw:.2f} times the ping-pong (aim 1.5)"
-    )
-    print(f"the same step in process                          {1e6 * inline_step:8.0f} us")
-    print(f"environment steps per second over topics          {batch.rows / step:8.0f}")
-    print(
-        f"pendulum run over topics                          {topics_run:8.2f} s"
-        f"    {topics_run / inline_run:.2f} times in process (aim 2.5)"
-    )
-    print(f"pendulum run in process                           {inline_run:8.2f} s")
+    print(f"in process: a step of {batch.rows} rows                    {1e6 * inline_step:8.0f} us")
+    print(f"            a pendulum run                        {inline_run:8.2f} s")
+    for names in (("simulator", "policy"), (COMPOSED,)):
+        step, run = over_topics(config, last.policy, names)
+        print(f"over topics, {len(names) + 1} processes:")
+        print(f"            a step {1e6 * step:31.0f} us   {step / raw:.2f} times the ping-pong (aim 1.5)")
+        print(f"            environment steps per second {batch.rows / step:9.0f}")
+        print(f"            a pendulum run {run:23.2f} s    {run / inline_run:.2f} times in process (aim 2.5)")
 
 
 if __name__ == "__main__":

@@ -30,9 +30,11 @@ SHORTEST_BACKOFF_S, LONGEST_BACKOFF_S = 0.05, 5.0  # before a node is started ag
 NEVER_AGAIN = ("gate",)  # nodes that are not started again: what they stopped for is for a person to look at
 LEARNING = ("policy", "learner")  # nodes that are no part of a world
 OWN_CODES = (0, FAILED, BAD_INPUT, INTERRUPTED)  # that a node ends with itself; with any other it died
+COMPOSED = "simulator+policy"  # nodes that share a process are named together
 ENDING = (signal.SIGINT, signal.SIGTERM)
 MODULES = {
     "simulator": "sim_nodes.simulator_node",
+    COMPOSED: "sim_nodes.composed_node",
     "gate": "rkhs_ros.nodes.gate_node",
     "robot": "rkhs_ros.nodes.robot_node",
     "practice_robot": "sim_nodes.robots.practice_robot_node",
@@ -104,7 +106,8 @@ class NodeProcess:
         more = [f"restarts:={self._restarts}"] if self._restarts else []
         more += [f"instance:={self._began + self._restarts}"] if self._began else []
         more += ["resume:=true"] if self._restarts and kind == "learner" else []
-        quiet = ["--log-level", f"{self.name.replace('/', '.')}:=warn"]  # we say ourselves what is well
+        loggers = self.name.replace("/", ".").split("+")
+        quiet = [word for name in loggers for word in ("--log-level", f"{name}:=warn")]  # we say ourselves what is well
         ros = ["--ros-args", *quiet, "-r", f"__ns:=/{namespace}", *self._arguments, *assigned(more)]
         with signals_held():
             return subprocess.Popen(
@@ -136,22 +139,24 @@ Nodes = dict[str, NodeProcess]
 Further = Mapping[str, Mapping[str, str | bool]]  # parameters of nodes, by the nodes' names
 
 
-def launch(parameters: str, further: Further, *, simulators: int = 1) -> int:
+def launch(parameters: str, further: Further, *, simulators: int = 1, composed: bool = False) -> int:
     """Run the nodes until the learner ends.
 
     Args:
         parameters: content of a ROS parameter file.
         further: parameters of nodes, such as paths. The recorder runs where it has some.
         simulators: number of simulator nodes, of more than one each in a namespace of its own.
+        composed: whether the single simulator and the policy node share a process.
 
     Returns:
         The learner's exit code, or that of a node that ended before it.
     """
     document = loaded(parameters)
     recorder = [name for name in further if name == "recorder"]
+    names = [COMPOSED, "learner"] if composed else node_names(simulators, robot_nodes(document))
     with (
         _in_memory(for_all(parameters, simulators, further)) as file,
-        started([*recorder, *node_names(simulators, robot_nodes(document))], file) as nodes,
+        started([*recorder, *names], file) as nodes,
         _signals_passed_to(nodes["learner"]),
     ):
         return _supervise(nodes, _environment_in(document)["id"])
@@ -297,7 +302,7 @@ def _code_at_end(node: NodeProcess, code: int, task: str, when: str) -> int:
     """Return the run's exit code where a node ended with this one and is not started again, and say when."""
     if node.is_interrupted:
         return max(code, 0) or INTERRUPTED
-    named = f"the {node.name} node" + (f", of {task}," if node.name.endswith("simulator") else "")
+    named = f"the {node.name} node" + (f", of {task}," if "simulator" in node.name else "")
     if node.name in NEVER_AGAIN:
         print(f"error: {named} {_how_it_ended(code)}; nothing may move without it", file=sys.stderr)
         return code if code in OWN_CODES[1:] else FAILED

@@ -56,8 +56,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--policy", type=Path, metavar="FILE", help="a policy to begin from, as one that was imitated")
     add(
         "--runner",
-        choices=("ros", "inline"),
-        help="over topics in three processes, or in this one (over topics where the interfaces are built)",
+        choices=("ros", "composed", "inline"),
+        help="over topics in three processes, or with simulator and policy node in one, or in this process (ros where "
+        "the interfaces are built)",
     )
     add("--seed", type=int, metavar="N", help="seed of all randomness")
     add("--seeds", metavar="SEEDS", help="a run for each, as 0-9 or 0,2,5, in the folders DIR/seed_N")
@@ -167,6 +168,8 @@ def _begun(options: argparse.Namespace) -> Begun:
     runner = None if over_topics else runner or runner_of(config.environment)
     if over_topics:
         config.check_for_topics()
+        if options.runner == "composed":
+            _check_for_composition(config)
     elif options.simulators:
         print("note: --simulators is of no use in this process, which is the only simulator", file=sys.stderr)
     folder = options.resume or new_folder(options.out, config.training.name)
@@ -175,6 +178,13 @@ def _begun(options: argparse.Namespace) -> Begun:
     elif not options.resume:
         (folder / FIRST_POLICY).unlink(missing_ok=True)  # left by a run that was killed before it began
     return Begun(config, spaces, runner, folder)
+
+
+def _check_for_composition(config: Config) -> None:
+    """Raise ValueError where there is not the one simulator that can share a process with the policy node."""
+    require(not config.environment.nodes, "--runner composed", "a simulator", "a robot")
+    simulators = config.training.simulators
+    require(simulators == 1, "--runner composed", "one simulator", simulators)
 
 
 def _train_one(options: argparse.Namespace, begun: Begun) -> int:
@@ -234,7 +244,8 @@ def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> i
     if options.record == "raw":
         further["recorder"] = {"output": output}
     with own_domain(folder, default_domain(config)):
-        return launch(resolved(config), further, simulators=config.training.simulators)
+        simulators, composed = config.training.simulators, options.runner == "composed"
+        return launch(resolved(config), further, simulators=simulators, composed=composed)
 
 
 def _in_process(config: Config, folder: Path, options: argparse.Namespace, runner: InlineRunner) -> int:
@@ -250,7 +261,7 @@ def _in_process(config: Config, folder: Path, options: argparse.Namespace, runne
 def _train_several(options: argparse.Namespace) -> int:
     """Make the runs of several seeds side by side; 1 where some failed, which are named."""
     workers = workers_of(options)
-    require(options.runner != "ros", "--runner", "inline for several seeds", "ros")
+    require(options.runner in (None, "inline"), "--runner", "inline for several seeds", options.runner)
     require(options.record != "raw", "--record", "episodes for several seeds, which have no topics", "raw")
     require(options.seed is None, "--seed", "either it or --seeds", "both")
     folder, runs = _runs_to_go_on_with(options) if options.resume else _new_runs(options)

@@ -7,7 +7,8 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, TypeVar
 
 import rclpy
@@ -92,11 +93,18 @@ class ReportingNode(Node):
 
 def serve(node: ReportingNode, stop: Stop) -> None:
     """Handle a node's messages until told to end."""
+    serve_together([node], stop)
+
+
+def serve_together(nodes: Sequence[ReportingNode], stop: Stop) -> None:
+    """Handle the messages of nodes that share a process until told to end; an error of one ends all."""
     executor = EventsExecutor()
-    executor.add_node(node)
-    with node.diagnostics.errors_reported():
-        while not (stop.is_set() and node.may_end()):
-            executor.spin_once(timeout_sec=min(node.heartbeat(), SIGNAL_CHECK_S))
+    with ExitStack() as reports:
+        for node in nodes:
+            executor.add_node(node)
+            reports.enter_context(node.diagnostics.errors_reported())
+        while not (stop.is_set() and all(node.may_end() for node in nodes)):
+            executor.spin_once(timeout_sec=min(SIGNAL_CHECK_S, *[node.heartbeat() for node in nodes]))
 
 
 def run(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, Stop], None]) -> None:
@@ -158,7 +166,7 @@ def _begin(name: str) -> None:
 def _work(node: AnyNode, work: Callable[[AnyNode, Stop], None], stop: Stop) -> None:
     try:
         if isinstance(node, ReportingNode):
-            _open(node)
+            open_node(node)
         gc.collect()
         gc.freeze()  # what was imported need not be searched for garbage between messages
         work(node, stop)
@@ -168,7 +176,12 @@ def _work(node: AnyNode, work: Callable[[AnyNode, Stop], None], stop: Stop) -> N
         raise
 
 
-def _open(node: ReportingNode) -> None:
+def open_node(node: ReportingNode) -> None:
+    """Open a node's topics and services.
+
+    Raises:
+        ValueError: a parameter is unknown or does not fit, or a name is none.
+    """
     try:
         node.open()
     except NameValidationException as error:  # a setting that names a topic or a service

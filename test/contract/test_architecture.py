@@ -38,7 +38,8 @@ ROS = (
 )
 # Modules of sim_nodes that may import ROS.
 SIM_NODES = [
-    ROOT / "sim_nodes" / f"{name}.py" for name in ("simulator_node", "robots/practice_robot_node", "robots/topics")
+    ROOT / "sim_nodes" / f"{name}.py"
+    for name in ("simulator_node", "composed_node", "robots/practice_robot_node", "robots/topics")
 ]
 SOURCES = sorted(path for package in ("rkhs_ros", "sim_nodes") for path in (ROOT / package).rglob("*.py"))
 EVERYTHING = sorted(

@@ -1,7 +1,7 @@
 """Nodes killed at any moment: the learning curve and the policy do not change by a bit."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +28,9 @@ def shared_memory(pid: int) -> list[str]:
     return [line for line in of_process(pid, "maps").splitlines() if "/dev/shm/fastrtps_" in line]
 
 
-def kill_at_random(run: Process, folder: Path, draws: np.random.Generator, kills: int) -> list[str]:
+def kill_at_random(
+    run: Process, folder: Path, draws: np.random.Generator, kills: int, names: Sequence[str] = NODES
+) -> list[str]:
     """Kill nodes of a run at random moments: while it learns, and while it gets over the kill before."""
     done: list[str] = []
     while len(done) < kills and run.popen.poll() is None:
@@ -36,7 +38,7 @@ def kill_at_random(run: Process, folder: Path, draws: np.random.Generator, kills
             goal = len(curve(folder)) + draws.integers(1, 4)
             wait_for(lambda: len(curve(folder)) >= goal, run)  # noqa: B023  # awaited here
         time.sleep(draws.uniform(0, 0.3))
-        name = str(draws.choice(NODES))
+        name = str(draws.choice(names))
         victims = nodes_of(run, name)
         if victims:
             victim = int(draws.choice(victims))
@@ -60,6 +62,19 @@ def test_killed_nodes_change_no_bit(
     done = kill_at_random(run, folder, np.random.default_rng([seed, simulators]), share)
     code, _, err = run.finish()
     print(f"seed {seed}, {simulators} simulators, {len(done)} kills: {'; '.join(done)}")
+    assert (code, len(done)) == (0, share), err
+    assert "Traceback" not in err
+    assert_same_bits(folder, undisturbed)
+
+
+@pytest.mark.timeout(600)
+def test_simulator_and_policy_node_killed_together_change_no_bit(
+    start: Start, tmp_path: Path, undisturbed: Path, kills: int
+) -> None:
+    share, folder = -(-kills // RUNS), tmp_path / "killed"
+    run = start("rkhs", "train", PENDULUM, "--quiet", "--runner", "composed", "--out", folder, "--set", "timeout=60")
+    done = kill_at_random(run, folder, np.random.default_rng(2), share, names=("composed", "learner"))
+    code, _, err = run.finish()
     assert (code, len(done)) == (0, share), err
     assert "Traceback" not in err
     assert_same_bits(folder, undisturbed)

@@ -53,9 +53,11 @@ def settings(task: str, algorithm: str) -> Iterator[str]:
     }[algorithm]
 
 
-def assert_same_bits(start: Start, folder: Path, arguments: tuple[object, ...], iterations: int) -> dict[str, Any]:
+def assert_same_bits(
+    start: Start, folder: Path, arguments: tuple[object, ...], iterations: int, runner: str = "ros"
+) -> dict[str, Any]:
     """Train over topics and in this process; return the arrays of the policy, which must be the same."""
-    over_topics = start("rkhs", "train", *arguments, "--runner", "ros", "--out", folder / "ros")
+    over_topics = start("rkhs", "train", *arguments, "--runner", runner, "--out", folder / "ros")
     with threadpool_limits(1), pytest.raises(SystemExit) as end:  # as many threads as the processes have
         main(["train", *map(str, arguments), "--runner", "inline", "--out", str(folder / "inline")])
     assert end.value.code == 0
@@ -104,6 +106,12 @@ def test_a_run_over_topics_equals_the_run_in_process(
     start: Start, tmp_path: Path, config: str, changes: tuple[str, ...]
 ) -> None:
     assert_same_bits(start, tmp_path, (ROOT / "config" / f"{config}.yaml", *SHORT, "--set", *changes), 3)
+
+
+def test_simulator_and_policy_node_in_one_process_change_no_bit(start: Start, tmp_path: Path) -> None:
+    config = ROOT / "config" / "pendulum_pomdp_nac.yaml"
+    small = ("algorithm.centres=20", "horizon=20", "episodes_per_iteration=5", "evaluation_episodes=2", "timeout=60")
+    assert_same_bits(start, tmp_path, (config, *SHORT, "--set", *small), 3, runner="composed")
 
 
 @pytest.mark.parametrize("simulators", [pytest.param(2, marks=pytest.mark.faults), 3])

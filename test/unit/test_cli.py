@@ -334,9 +334,26 @@ def test_topics_without_interfaces_are_refused_with_the_remedy(rkhs: Run, tmp_pa
 def test_with_interfaces_a_run_goes_over_topics(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     launched: dict[str, dict[str, object]] = {}
     monkeypatch.setattr(train, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
-    monkeypatch.setattr(train, "launch", lambda parameters, more, simulators: launched.update(more) or 1)
+    monkeypatch.setattr(train, "launch", lambda parameters, more, **nodes: launched.update(more, nodes=nodes) or 1)
     assert rkhs("train", CONFIG, "--quiet", "--out", "run") == (1, "", "")
     assert launched["learner"]["quiet"] is True
+    assert launched["nodes"] == {"simulators": 1, "composed": False}
+    assert rkhs("train", CONFIG, "--runner", "composed", "--out", "other").code == 1
+    assert launched["nodes"] == {"simulators": 1, "composed": True}
+
+
+@pytest.mark.parametrize(
+    ("config", "simulators", "message"),
+    [
+        (CONFIG, 2, "--runner composed: expected one simulator, got 2"),
+        (CONFIG.with_name("robot_pendulum.yaml"), 1, "--runner composed: expected a simulator, got a robot"),
+    ],
+)
+def test_one_simulator_alone_shares_a_process_with_the_policy_node(
+    rkhs: Run, monkeypatch: pytest.MonkeyPatch, config: Path, simulators: int, message: str
+) -> None:
+    monkeypatch.setattr(train, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
+    assert_refused(rkhs("train", config, "--runner", "composed", "--simulators", simulators, "--out", "run"), message)
 
 
 # Pictures and measures of what was learnt

@@ -457,7 +457,7 @@ def test_over_topics_the_learner_is_told_to_go_on(rkhs: Cli, tmp_path: Path, mon
     (tmp_path / "given.yaml").write_text(parameters)
     assert load_config(tmp_path / "given.yaml") == longer(4, simulators=2)
     assert more == {"learner": {"output": str(folder), "quiet": True, "resume": True, "record": False}}
-    assert keywords == {"simulators": 2}
+    assert keywords == {"simulators": 2, "composed": False}
 
 
 def test_a_folder_in_use_is_refused_and_free_again_after(rkhs: Cli, tmp_path: Path) -> None:

@@ -1,0 +1,31 @@
+"""Simulator and policy node in one process: what they tell each other goes over topics, but over no network."""
+
+from __future__ import annotations
+
+from rkhs_ros.base.endings import Stop
+from rkhs_ros.nodes.policy_node import PolicyNode
+from rkhs_ros.nodes.spin import open_node, run, serve_together
+from sim_nodes.simulator_node import SimulatorNode
+
+
+def serve_with_policy(simulator: SimulatorNode, stop: Stop) -> None:
+    """Handle the messages of a simulator, and of a policy node beside it, until told to end.
+
+    Raises:
+        ValueError: a parameter of the policy node is unknown or does not fit.
+    """
+    policy = PolicyNode()
+    try:
+        open_node(policy)
+        serve_together([simulator, policy], stop)
+    finally:
+        policy.destroy_node()
+
+
+def main() -> None:
+    """Run both nodes."""
+    run(SimulatorNode, "simulator", serve_with_policy)
+
+
+if __name__ == "__main__":
+    main()
