@@ -9,7 +9,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from make_pictures import CONFIGS, HERE, Scene, frames, write_gif
+from side_by_side_film import Scene, frames, write_gif
 
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.learning.episodes import Episodes
@@ -17,7 +17,8 @@ from rkhs_ros.pictures.style import COLOURS
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.episode_files import load_episodes
 
-SIMULATED = CONFIGS / "pendulum_model_nac.yaml"  # the same task in simulation, which draws it
+HERE = Path(__file__).parent
+SIMULATED = HERE.parent / "config" / "pendulum_model_nac.yaml"  # the same task in simulation, which draws it
 
 
 def main() -> None:
