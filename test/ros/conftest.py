@@ -94,9 +94,17 @@ def of_process(pid: int | str, file: str) -> str:
 
 def nodes_of(run: Process, name: str) -> list[int]:
     """Return the process numbers of a run's nodes of that name."""
-    pid = run.popen.pid
-    children = of_process(pid, f"task/{pid}/children").split()
-    return [int(child) for child in children if f".{name}_node" in of_process(child, "cmdline")]
+    return [child for child in children_of(run.popen.pid) if f".{name}_node" in of_process(child, "cmdline")]
+
+
+def children_of(pid: int) -> list[int]:
+    """Return the process numbers of a process's children."""
+    return [int(child) for child in of_process(pid, f"task/{pid}/children").split()]
+
+
+def is_running(pid: int) -> bool:
+    """Return whether a process has not ended, whoever is to take note of that."""
+    return of_process(pid, "stat").rpartition(")")[2].split()[:1] not in ([], ["Z"])
 
 
 def kill(pid: int) -> None:
@@ -115,9 +123,13 @@ def start(domain: int) -> Iterator[Callable[..., Process]]:
         return processes[-1]
 
     yield begin
+    nodes = [child for process in processes for child in children_of(process.popen.pid)]
     for process in processes:
         process.popen.kill()
         process.popen.wait()
+    end = time.monotonic() + PATIENCE
+    while any(map(is_running, nodes)) and time.monotonic() < end:  # what they say last is for no other test to hear
+        time.sleep(0.01)
 
 
 @pytest.fixture

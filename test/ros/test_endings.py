@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from test.ros.conftest import PATIENCE, ROOT, Probe, Process, kill, nodes_of, of_process
+from test.ros.conftest import PATIENCE, ROOT, Probe, Process, children_of, is_running, kill, nodes_of, of_process
 
 Start = Callable[..., Process]
 Parameters = Callable[..., Path]
@@ -38,17 +38,6 @@ def test_a_node_ends_cleanly_on_one_and_on_two_quick_interrupts(
 
 def children(process: Process) -> list[int]:
     return children_of(process.popen.pid)
-
-
-def children_of(pid: int) -> list[int]:
-    return [int(child) for child in of_process(pid, f"task/{pid}/children").split()]
-
-
-def alive(pid: int) -> bool:
-    try:
-        return "Z" not in Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
-    except (FileNotFoundError, ProcessLookupError):
-        return False
 
 
 @pytest.fixture
@@ -81,7 +70,7 @@ def test_an_interrupted_run_keeps_what_it_learnt_and_leaves_no_process(
     kept = f"of 10000 iterations; kept: {folder}/curve.csv, {folder}/policy.npz"
     assert err.splitlines()[-1].endswith(f"{kept}; go on with: rkhs train --resume {folder}")
     assert "Traceback" not in err
-    assert not any(map(alive, nodes))
+    assert not any(map(is_running, nodes))
     assert {"config.yaml", "curve.csv", "policy.npz", "curve.png", "policy.png"} <= set(os.listdir(tmp_path / "out"))
 
 
@@ -122,7 +111,7 @@ def test_a_node_that_stalls_ends_the_run_by_name(run: Process, name: str) -> Non
     (line,) = [line for line in err.splitlines() if line.startswith("error:")]
     assert f"the {name} node" in line
     assert "Traceback" not in err
-    assert not any(map(alive, nodes))
+    assert not any(map(is_running, nodes))
 
 
 @pytest.mark.faults
