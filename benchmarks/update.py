@@ -55,7 +55,7 @@ def update_of(config: Path, samples: int, changes: Sequence[str] = ()) -> tuple[
     def collect(policy: GaussianPolicy, rows: int) -> Episodes:
         raise RuntimeError("these step rules try nothing out")
 
-    experience = Experience(episodes, training.discount, memory, collect)
+    experience = Experience(episodes, training.discount, memory, collect, np.ones(episodes.actions.shape[2]))
     return lambda: training.algorithm.update(last.policy, experience), last.metrics.centres
 
 

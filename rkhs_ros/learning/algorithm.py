@@ -18,6 +18,8 @@ from rkhs_ros.policies.gaussian import GaussianPolicy, mean_kl
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.kernels import Array, Kernel
 
+LEARNT_SD = 0.01, 10.0  # parts of the first standard deviation between which one is learnt
+
 
 @dataclass(frozen=True)
 class Metrics:
@@ -45,6 +47,7 @@ class Experience:
         discount: discount factor of the return.
         memory: earlier episodes that the algorithm asked to keep; none at first.
         collect: makes a number of fresh exploring episodes with a policy; they count as episodes used.
+        first_variance: of the first policy, shape (n,), which bounds one that is learnt.
         iteration: number of updates before this one.
     """
 
@@ -52,6 +55,7 @@ class Experience:
     discount: float
     memory: Episodes
     collect: Callable[[GaussianPolicy, int], Episodes]
+    first_variance: Array
     iteration: int = 0
 
 
@@ -135,7 +139,7 @@ class Algorithm(Settings, ABC):
         alpha = step.step_size(direction, variance, mean_return, experience.iteration)
         moved, error = self.space.move(policy, w.scale(alpha), samples.observations)
         new = replace(
-            moved, variance=self.decayed(policy) if spread is None else constant_variance(policy).moved(alpha * spread)
+            moved, variance=self.decayed(policy) if spread is None else _moved(policy, alpha * spread, experience)
         )
         return Update(new, measure(policy, new, samples.observations, alpha, error), experience.memory)
 
@@ -157,6 +161,11 @@ def constant_variance(policy: GaussianPolicy) -> ConstantVariance:
     if not isinstance(policy.variance, ConstantVariance):
         raise ValueError("variance: expected a constant one to change, got one that depends on the state")
     return policy.variance
+
+
+def _moved(policy: GaussianPolicy, step: Array, experience: Experience) -> ConstantVariance:
+    least, most = (part**2 * experience.first_variance for part in LEARNT_SD)
+    return constant_variance(policy).moved(step, least, most)
 
 
 def measure(

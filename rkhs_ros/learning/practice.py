@@ -165,7 +165,9 @@ def practise(
     memory = Episodes.none(_horizon(experience), spaces.observation_dim, spaces.action_dim).seen_through(inputs)
     for number in range(rounds):
         imagined = runner.collect(policy, _batch(practice, experience, number)).seen_through(inputs)
-        update = Experience(imagined, experience.discount, memory, _no_fresh_episodes, number)
+        update = Experience(
+            imagined, experience.discount, memory, _no_fresh_episodes, experience.first_variance, number
+        )
         policy, metrics, memory = algorithm.update(policy, update)
         deviation = np.maximum(deviation * practice.exploration_decay, least)
         if not algorithm.learns_variance:

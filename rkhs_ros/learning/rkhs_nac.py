@@ -21,7 +21,8 @@ class RKHSNAC(SparseSettings, ActorCritic):
 
     .. math:: h \leftarrow h + \alpha w, \qquad A(s, a) = \langle w, K(s, \cdot)\, \Sigma^{-1} (a - h(s)) \rangle
 
-    A learnt variance climbs its own natural gradient beside the mean's. In the paper it is constant.
+    A learnt variance climbs its own natural gradient beside the mean's, between a hundredth and ten times the first
+    standard deviation. In the paper it is constant.
 
     .. math:: \sqrt2 \log\sigma \leftarrow \sqrt2 \log\sigma + \alpha v, \qquad
         v = \frac1n \sum_t \big(A_t - A(s_t, a_t)\big) (\epsilon_t^2 / \sigma^2 - 1) / \sqrt2

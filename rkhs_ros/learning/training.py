@@ -183,7 +183,10 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
         if state.iterations == 0 and len(policy.mean.centres) == 0:  # a policy given has its kernel
             kernel = training.kernel.fit(episodes.flat(episodes.observations), policy.inputs.ages)
             policy = policy.with_mean(replace(policy.mean, kernel=kernel))
-        experience = Experience(episodes, training.discount, state.memory, collector.try_out, state.iterations)
+        variance = first_variance(training, spaces)
+        experience = Experience(
+            episodes, training.discount, state.memory, collector.try_out, variance, state.iterations
+        )
         policy, metrics, memory = training.algorithm.update(policy, experience)
         imagined_return = model_error = float("nan")
     done = state.iterations + 1

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from rkhs_ros.base.validation import require
 from rkhs_ros.pictures.known import references
-from rkhs_ros.pictures.style import label, looks, write
+from rkhs_ros.pictures.style import label, looks, whole_ticks, write
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.runs.aggregates import mean_over_runs
 from rkhs_ros.runs.comparison import Comparison, LearningCurve
@@ -49,6 +49,7 @@ def comparison_figure(comparison: Comparison) -> Figure:
     _draw_optimum(axes, comparison.task)
     kind = "noise-free" if any(curve.is_noise_free for curve in comparison.curves) else "exploring"
     label(axes, "exploring episodes", f"{kind} discounted return", comparison.task.environment)
+    whole_ticks(axes)
     axes.set_xlim(left=0)
     axes.grid(color="0.93", linewidth=0.6)
     axes.set_axisbelow(True)

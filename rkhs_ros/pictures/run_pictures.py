@@ -15,7 +15,7 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.pictures.attempts_figure import attempts_figure
 from rkhs_ros.pictures.known import names_of, references, success_reward
 from rkhs_ros.pictures.policy_figure import policy_figure
-from rkhs_ros.pictures.style import COLOURS, draw_references, label, legend_above, sheet, write
+from rkhs_ros.pictures.style import COLOURS, draw_references, label, legend_above, sheet, whole_ticks, write
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task, read_policy
@@ -90,5 +90,6 @@ def curve_figure(curve: Mapping[str, NDArray[Any]], task: Task) -> Figure:
         axes.plot(iterations[evaluated], mean[evaluated], **look)
     draw_references(axes, references(task))
     label(axes, "iteration", "discounted return")
+    whole_ticks(axes)
     legend_above(axes)
     return figure

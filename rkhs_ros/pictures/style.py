@@ -73,6 +73,12 @@ def label(axes: Axes, x: str, y: str, title: str = "") -> None:
         axis.set_major_formatter(Plain())
 
 
+def whole_ticks(axes: Axes) -> None:
+    """Let the axis across count in whole numbers."""
+    locator: Any = axes.xaxis.get_major_locator()
+    locator.set_params(integer=True, min_n_ticks=1)
+
+
 def colour_bar(axes: Axes, image: ScalarMappable, name: str) -> None:
     """Explain the colours of a plot beside it."""
     bar = axes.figure.colorbar(image, ax=axes, format=Plain())

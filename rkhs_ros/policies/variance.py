@@ -10,6 +10,8 @@ from rkhs_ros.base.validation import finite_array, require
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array, Kernel, rowwise_matmul
 
+MOST_STEP = 100.0  # of a variance's logarithm at a time, beyond which there are but its bounds
+
 
 @dataclass(frozen=True)
 class ConstantVariance:
@@ -39,9 +41,16 @@ class ConstantVariance:
         floor = np.minimum(self.values, minimum_sd**2)
         return ConstantVariance(np.maximum(self.values * factor**2, floor))
 
-    def moved(self, step: Array) -> ConstantVariance:
-        r"""Return the variance a step on along :math:`\sqrt2 \log\sigma` of each action, shape (n,)."""
-        return ConstantVariance(self.values * np.exp(np.sqrt(2.0) * step))
+    def moved(self, step: Array, least: Array, most: Array) -> ConstantVariance:
+        r"""Return the variance a step on along :math:`\sqrt2 \log\sigma` of each action, within bounds.
+
+        Args:
+            step: shape (n,); of any size, as steps of a given one may be.
+            least: lower bound of the variance, shape (n,), positive.
+            most: upper bound, shape (n,).
+        """
+        factor = np.exp(np.clip(np.sqrt(2.0) * step, -MOST_STEP, MOST_STEP))
+        return ConstantVariance(np.minimum(np.maximum(self.values * factor, least), most))
 
 
 @dataclass(frozen=True)

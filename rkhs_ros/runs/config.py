@@ -219,15 +219,15 @@ def config_for(environment: str, horizon: int | None, changes: Iterable[str] = (
         ValueError: settings that are unknown or do not fit.
     """
     changes = list(changes)
-    chosen = tree_of(changes)
-    algorithm, practice = _named(chosen, "algorithm", "name", "rkhs_nac"), _named(chosen, "practice", "form", "model")
+    chosen = tree_of(changes, {"algorithm": {"name": "rkhs_nac"}, "practice": {"form": "model"}})
+    algorithm, practice = _named(chosen, "algorithm", "name", "rkhs_nac"), _named(chosen, "practice", "form", "none")
     tree = {"name": name_of_run(environment), "environment": {"id": environment}, **settings_for(algorithm, practice)}
     return _changed(tree | ({"horizon": horizon} if horizon else {}), changes)
 
 
 def _named(tree: Mapping[str, Any], group: str, key: str, default: str) -> str:
-    """Return which of several a tree of settings chooses."""
-    settings = tree.get(group)
+    """Return which of several a tree of settings chooses; the default where a section was replaced by one without."""
+    settings = tree[group]
     return str(settings.get(key, default)) if isinstance(settings, Mapping) else default
 
 

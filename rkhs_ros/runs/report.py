@@ -183,7 +183,8 @@ def summary(folder: Path, config: Config) -> str:
     evaluations = f", and {last.evaluation_episodes} noise-free ones to measure it" if last.evaluation_episodes else ""
     lines = [
         f"Learnt {config.environment.id} in {_episodes(last.episodes)}{evaluations}, {last.seconds:.1f} s.",
-        f"Return: {first.train_return:.4g} of the first exploring episodes, {_end(rows)}; {last.centres} centres.",
+        f"Discounted return: {first.train_return:.4g} of the first exploring episodes, {_end(rows)}; "
+        f"{last.centres} centres.",
         f"Pictures: {folder / 'curve.png'} and {folder / 'policy.png'}",
         what_next(folder, config.training.iterations),
     ]
@@ -220,7 +221,8 @@ def _end(rows: list[Row]) -> str:
     at = next(row for row in rows if row.mean_policy_return == best)
     last = next(row for row in reversed(rows) if not isnan(row.mean_policy_return))
     end = "at the end" if last is rows[-1] else f"after {_episodes(last.episodes)}"
-    return f"{last.mean_policy_return:.4g} noise-free {end}, {best:.4g} at best (after {_episodes(at.episodes)})"
+    kept = "" if at is last else f", {BEST_POLICY}"
+    return f"{last.mean_policy_return:.4g} noise-free {end}, {best:.4g} at best (after {_episodes(at.episodes)}{kept})"
 
 
 def _episodes(count: int) -> str:

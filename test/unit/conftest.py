@@ -75,7 +75,8 @@ def learn() -> Callable[..., Update]:
         iteration: int = 0,
     ) -> Update:
         remembered = episodes.take(slice(0)) if memory is None else memory
-        return algorithm.update(policy, Experience(episodes, discount, remembered, collect, iteration))
+        first_variance = np.ones(policy.mean.output_dim)
+        return algorithm.update(policy, Experience(episodes, discount, remembered, collect, first_variance, iteration))
 
     return update
 

@@ -138,6 +138,15 @@ def test_the_step_of_mean_and_variance_together_has_the_divergence_asked_for(
     assert metrics.kl == pytest.approx(1e-6, rel=0.01)  # to the order of the step, a thousandth
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_learnt_variance_stays_near_the_first_however_long_the_step(
+    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
+) -> None:
+    policy = random_policy()
+    moved, *_ = learn(RKHSNAC(variance="learnt", step=FixedStep(1e6)), policy, random_episodes(policy))
+    assert set(moved.variance.values) <= {0.01**2, 10.0**2}  # times the first one, 1
+
+
 @pytest.mark.parametrize("sign", [-1.0, 1.0], ids=["costs", "pays"])
 def test_exploration_that_costs_shrinks_at_the_rate_of_its_own_gradient(sign: float, learn: Learn) -> None:
     sd, n = 0.7, 20_000

@@ -81,9 +81,10 @@ def test_an_algorithm_that_is_named_has_the_settings_for_a_task_that_nobody_tune
     assert load_config(Path("run/config.yaml")).training.algorithm == algorithm != RKHSPoWER()
 
 
-def test_without_practice_the_settings_are_those_for_learning_without_a_model(rkhs: Rkhs) -> None:
+@pytest.mark.parametrize("change", ["practice.form=none", "practice={}", "practice={form: none}"])
+def test_without_practice_the_settings_are_those_for_learning_without_a_model(rkhs: Rkhs, change: str) -> None:
     arguments = ("train", "--env", "my_slide:Slide-v0", *INLINE, "--iterations", 1, "--out", "run")
-    assert rkhs(*arguments, "--set", "practice.form=none", "horizon=7", "evaluation_episodes=2").code == 0
+    assert rkhs(*arguments, "--set", change, "horizon=7", "evaluation_episodes=2").code == 0
     training = load_config(Path("run/config.yaml")).training
     expected = build(Training, {**settings_for(practice="none"), "name": training.name, "horizon": 7})
     assert training == replace(expected, iterations=1, evaluation_episodes=2)

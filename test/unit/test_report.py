@@ -120,7 +120,10 @@ def test_the_summary_tells_first_and_last_return(tmp_path: Path, runner: InlineR
         before, after = float(rows[0]["train_return"]), float(rows[-1]["mean_policy_return"])
         told = summary(folder, config)
         assert f"Learnt rkhs/Toy-v0 in {3 * iterations} episodes, and {2 * iterations} noise-free ones" in told
-        assert f"Return: {before:.4g} of the first exploring episodes, {after:.4g} noise-free at the end" in told
+        assert (
+            f"Discounted return: {before:.4g} of the first exploring episodes, {after:.4g} noise-free at the end"
+            in told
+        )
 
 
 def test_a_folder_is_new_or_empty(tmp_path: Path) -> None:
