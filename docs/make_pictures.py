@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from side_by_side_film import Scene, frames, write_gif
+from side_by_side_film import Scene, frames, scene_of, write_gif
 
 from rkhs_ros.app.inline import iterations, runner_of
 from rkhs_ros.pictures.run_pictures import draw_run
@@ -34,16 +34,8 @@ def _scenes(config: Config) -> list[Scene]:
     """Return the real episode that is learnt from, and the one nearest the mean after practice in a model of it."""
     first = next(iterations(config))
     nearest = int(np.argmin(np.abs(first.mean_policy_returns - first.mean_policy_return)))
-    discounts = config.training.discount ** np.arange(config.training.horizon)
-    spaces = runner_of(config.environment).spaces
     return [
-        Scene(
-            title,
-            colour,
-            e.observations[row],
-            spaces.clip(e.actions[row]),
-            np.cumsum(discounts * e.rewards.mean(axis=0)),
-        )
+        scene_of(config, title, colour, e, row, e.rewards.mean(axis=0))
         for title, colour, e, row in (
             ("the first episode: exploring", COLOURS[1], first.exploration, 0),
             ("after practice in a model of it", COLOURS[0], first.evaluation, nearest),

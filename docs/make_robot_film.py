@@ -8,10 +8,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import numpy as np
-from side_by_side_film import Scene, frames, write_gif
+from side_by_side_film import Scene, frames, scene_of, write_gif
 
-from rkhs_ros.app.inline import runner_of
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.pictures.style import COLOURS
 from rkhs_ros.runs.config import Config, load_config
@@ -37,9 +35,7 @@ def main() -> None:
 
 def _scene(config: Config, title: str, colour: str, episodes: Episodes) -> Scene:
     """Return the first of some episodes as it is shown."""
-    earned = np.cumsum(config.training.discount ** np.arange(config.training.horizon) * episodes.rewards[0])
-    clip = runner_of(config.environment).spaces.clip
-    return Scene(title, colour, episodes.observations[0], clip(episodes.actions[0]), earned)
+    return scene_of(config, title, colour, episodes, 0, episodes.rewards[0])
 
 
 if __name__ == "__main__":

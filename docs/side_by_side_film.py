@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from rkhs_ros.app.inline import runner_of
+from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.pictures.film import spread
 from rkhs_ros.pictures.known import references
 from rkhs_ros.rkhs.kernels import Array
@@ -41,6 +42,13 @@ class Scene(NamedTuple):
     observations: Array
     actions: Array
     earned: Array
+
+
+def scene_of(config: Config, title: str, colour: str, episodes: Episodes, row: int, rewards: Array) -> Scene:
+    """Return one of some episodes as it is shown, and what rewards, shape (H,), come to."""
+    discounts = config.training.discount ** np.arange(config.training.horizon)
+    actions = runner_of(config.environment).spaces.clip(episodes.actions[row])
+    return Scene(title, colour, episodes.observations[row], actions, np.cumsum(discounts * rewards))
 
 
 def frames(config: Config, scenes: list[Scene]) -> Iterator[Image.Image]:

@@ -149,10 +149,10 @@ class Algorithm(Settings, ABC):
         Raises:
             ValueError: it depends on the state.
         """
-        return constant_variance(policy).decay(self.exploration_decay, self.exploration_minimum)
+        return _constant_variance(policy).decay(self.exploration_decay, self.exploration_minimum)
 
 
-def constant_variance(policy: GaussianPolicy) -> ConstantVariance:
+def _constant_variance(policy: GaussianPolicy) -> ConstantVariance:
     """Return the variance of a policy.
 
     Raises:
@@ -165,7 +165,7 @@ def constant_variance(policy: GaussianPolicy) -> ConstantVariance:
 
 def _moved(policy: GaussianPolicy, step: Array, experience: Experience) -> ConstantVariance:
     least, most = (part**2 * experience.first_variance for part in LEARNT_SD)
-    return constant_variance(policy).moved(step, least, most)
+    return _constant_variance(policy).moved(step, least, most)
 
 
 def measure(

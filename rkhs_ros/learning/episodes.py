@@ -67,7 +67,9 @@ class Episodes:
         return len(self.rewards)
 
     def __add__(self, other: Episodes) -> Episodes:
-        """Put the episodes of both together."""
+        """Put the episodes of both together; where there are no others these are not copied."""
+        if len(other) == 0:
+            return self
         names = [f.name for f in fields(self)]
         return Episodes(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in names))
 

@@ -12,22 +12,9 @@ ALGORITHMS: Mapping[str, Mapping[str, Any]] = {
     "rkhs_ac": {"centres": 80, "step": LONG_STEPS},
     "rkhs_power": {"centres": 80, "value_ridge": 0.001, "ridge_unit": "variance", "variance": "constant"},
 }
-BANDWIDTH = {"bandwidth": "dimension"}
-PRACTISING: Mapping[str, Any] = {
-    "iterations": 20,
-    "episodes_per_iteration": 1,
-    "exploration_sd": "range",
-    "kernel": {"form": "rbf", **BANDWIDTH},
-    "practice": {"form": "model"},
-}
+PRACTISING: Mapping[str, Any] = {"iterations": 20, "episodes_per_iteration": 1}
+WITHOUT_MODEL: Mapping[str, Any] = {"iterations": 60, "episodes_per_iteration": 5}
 # An update that sees a few real episodes alone has more noise and less to fit, in the same time of a robot.
-WITHOUT_MODEL: Mapping[str, Any] = {
-    "iterations": 60,
-    "episodes_per_iteration": 5,
-    "exploration_sd": "range",
-    "kernel": {"form": "rbf + linear", **BANDWIDTH},
-    "practice": {"form": "none"},
-}
 FEW_SAMPLES: Mapping[str, Mapping[str, Any]] = {
     "rkhs_nac": {
         "ridge": 0.03,
@@ -48,6 +35,11 @@ def settings_for(algorithm: str = "rkhs_nac", practice: str = "model") -> dict[s
         practice: its form; without a model others settings are good.
     """
     is_practising = practice != "none"
-    few = {} if is_practising else FEW_SAMPLES.get(algorithm, {})
-    own = {"name": algorithm, **ALGORITHMS.get(algorithm, {}), **few}
-    return {**(PRACTISING if is_practising else WITHOUT_MODEL), "algorithm": own}
+    form, batches, few = ("rbf", PRACTISING, {}) if is_practising else ("rbf + linear", WITHOUT_MODEL, FEW_SAMPLES)
+    return {
+        **batches,
+        "exploration_sd": "range",
+        "kernel": {"form": form, "bandwidth": "dimension"},
+        "practice": {"form": "model" if is_practising else "none"},
+        "algorithm": {"name": algorithm, **ALGORITHMS.get(algorithm, {}), **few.get(algorithm, {})},
+    }

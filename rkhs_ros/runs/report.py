@@ -80,7 +80,7 @@ def last_policy(folder: Path) -> Path:
     if file.is_file():
         return file
     old_folder(folder)
-    best = folder / "best_policy.npz"
+    best = folder / BEST_POLICY
     remedy = f"; the best one so far is {best}" * best.is_file()
     raise ValueError(f"{file}: expected the last policy, got none as the run has not ended{remedy}")
 

@@ -11,7 +11,8 @@ import pytest
 from rkhs_interfaces.msg import Action, Episodes, Observation
 from test.faults.conftest import PENDULUM
 from test.faults.runs import assert_same_bits
-from test.ros.conftest import Probe, Process, nodes_of, of_process, probe
+from test.processes import of_process
+from test.ros.conftest import Probe, Process, nodes_of, probe
 
 __all__ = ["probe"]
 Start = Callable[..., Process]

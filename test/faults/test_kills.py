@@ -9,7 +9,8 @@ import pytest
 
 from test.faults.conftest import PENDULUM
 from test.faults.runs import assert_same_bits, curve
-from test.ros.conftest import Process, kill, nodes_of, of_process
+from test.processes import of_process
+from test.ros.conftest import Process, kill, nodes_of
 
 Start = Callable[..., Process]
 RUNS = 4  # that share the kills

@@ -24,6 +24,7 @@ from rkhs_ros.nodes.messages import LOCKSTEP_QOS
 from rkhs_ros.nodes.transport import LOOPBACK, PROFILES, RANGE
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.report import resolved
+from test.processes import children_of, is_running, of_process
 
 ROOT = Path(__file__).parents[2]
 PATIENCE = 30.0  # seconds; far above what anything here takes
@@ -84,27 +85,9 @@ class Process:
         self.popen.send_signal(signal.SIGINT)
 
 
-def of_process(pid: int | str, file: str) -> str:
-    """Return what a file of /proc says of a process; nothing where it has ended."""
-    try:
-        return Path(f"/proc/{pid}/{file}").read_text()
-    except (FileNotFoundError, ProcessLookupError):
-        return ""
-
-
 def nodes_of(run: Process, name: str) -> list[int]:
     """Return the process numbers of a run's nodes of that name."""
     return [child for child in children_of(run.popen.pid) if f".{name}_node" in of_process(child, "cmdline")]
-
-
-def children_of(pid: int) -> list[int]:
-    """Return the process numbers of a process's children."""
-    return [int(child) for child in of_process(pid, f"task/{pid}/children").split()]
-
-
-def is_running(pid: int) -> bool:
-    """Return whether a process has not ended, whoever is to take note of that."""
-    return of_process(pid, "stat").rpartition(")")[2].split()[:1] not in ([], ["Z"])
 
 
 def kill(pid: int) -> None:

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from test.ros.conftest import PATIENCE, ROOT, Probe, Process, children_of, is_running, kill, nodes_of, of_process
+from test.processes import children_of, is_running, of_process
+from test.ros.conftest import PATIENCE, ROOT, Probe, Process, kill, nodes_of
 
 Start = Callable[..., Process]
 Parameters = Callable[..., Path]

@@ -12,7 +12,8 @@ from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from rkhs_ros.nodes.transport import PROFILES, RANGE
-from test.ros.conftest import ROOT, Probe, Process, of_process
+from test.processes import of_process
+from test.ros.conftest import ROOT, Probe, Process
 
 Start = Callable[..., Process]
 DISCOVERY_GROUP = "239.255.0.1"  # joined on the loopback interface

@@ -14,6 +14,7 @@ from rkhs_ros.app.seeds import MOST_SEEDS, parse_seeds, seed_folders
 from rkhs_ros.runs.comparison import compare
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve
+from test.processes import is_running
 from test.unit.conftest import Result, assert_refused
 
 CONFIG = Path(__file__).parents[2] / "config" / "toy_nac.yaml"
@@ -173,13 +174,6 @@ def workers(process: subprocess.Popen[str]) -> list[int]:
     children = Path(f"/proc/{process.pid}/task").glob("*/children")
     pids = [pid for file in children for pid in file.read_text().split()]
     return [int(pid) for pid in pids if "popen_loky" in Path(f"/proc/{pid}/cmdline").read_text()]
-
-
-def is_running(pid: int) -> bool:
-    try:
-        return "(zombie)" not in Path(f"/proc/{pid}/status").read_text()
-    except (FileNotFoundError, ProcessLookupError):
-        return False
 
 
 @pytest.mark.faults
