@@ -182,8 +182,8 @@ def _made_ready(policy: GaussianPolicy, algorithm: Algorithm, experience: RealEx
     """Return the policy with the kernel that all episodes so far settle, and a mean not far beyond the actions' bounds.
 
     The first episodes may have seen little, and another kernel fits now. Where the mean strayed far beyond a bound
-    exploration changes no action, so nothing could be learnt any more: it comes back to half a range beyond, at all
-    points seen. To the bound itself it need not, and the kink there would cost what was learnt.
+    exploration changes no action, so nothing could be learnt any more: it comes back to one first standard deviation
+    beyond, at all points seen. To the bound itself it need not, and the kink there would cost what was learnt.
     """
     seen = experience.episodes.seen_through(policy.inputs)
     points = seen.flat(seen.observations)
@@ -194,7 +194,7 @@ def _made_ready(policy: GaussianPolicy, algorithm: Algorithm, experience: RealEx
     if _alignment(kernel(few, few), own(few, few)) > SAME_KERNEL:
         kernel = own
     means = policy.mean(points)
-    values = experience.spaces.near(means)
+    values = experience.spaces.near(means, np.sqrt(experience.first_variance))
     if kernel is own and np.array_equal(values, means):
         return policy
     return policy.with_mean(algorithm.space.fit(kernel, points, values))

@@ -64,10 +64,10 @@ class Spaces:
         low, high = self._bounds
         return np.minimum(np.maximum(actions, low), high)  # several times faster than numpy.clip on few values
 
-    def near(self, actions: Array) -> Array:
-        """Return actions, shape (rows, action_dim), at most half a range beyond the bounds."""
+    def near(self, actions: Array, beyond: Array) -> Array:
+        """Return actions, shape (rows, action_dim), at most so far, shape (action_dim,), beyond the bounds."""
         low, high = self._bounds
-        return np.minimum(np.maximum(actions, low - self.half_ranges), high + self.half_ranges)
+        return np.minimum(np.maximum(actions, low - beyond), high + beyond)
 
     @property
     def half_ranges(self) -> Array:
