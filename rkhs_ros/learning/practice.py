@@ -27,6 +27,7 @@ MOST_COMPARED = 300  # points at which two kernels are compared
 SAME_KERNEL = 0.95  # alignment above which two kernels are as good as one
 AS_NEEDED = "as_needed"
 FUNCTION = "MODULE:FUNCTION in place of what is learnt, empty for none: from rows of"
+FROM_THE_START = 2  # the first of three episodes in a row that all begin as real ones do
 HORIZONS_AHEAD = 3.0  # times 1 / (1 - discount): beyond that 5 % of the return is left
 
 
@@ -176,6 +177,27 @@ def practise(
     alike = are_places_alike(episodes, spaces)
     policy = practice.exploring(policy, experience.first_variance, experience.iteration + 1, places_alike=alike)
     return Practised(policy, metrics, last, test.error)
+
+
+def expected(
+    practice: ModelPractice, policy: GaussianPolicy, episodes: Episodes, spaces: Spaces, count: int
+) -> Episodes:
+    """Return noise-free episodes of a policy as the model expects them, each in functions drawn from it.
+
+    Args:
+        practice: of the run.
+        policy: who acts.
+        episodes: all real ones so far, their observations as they were seen.
+        spaces: of the task.
+        count: number of episodes, below four.
+
+    Raises:
+        RunError: a function of what is known failed.
+    """
+    model = WorldModel.fit(
+        episodes, policy.inputs, spaces, practice.centres, practice.known_parts(spaces.observation_dim)
+    )
+    return ImaginedRunner(model).collect(policy, Batch(0, FROM_THE_START, count, episodes.horizon, explore=False))
 
 
 def _made_ready(policy: GaussianPolicy, algorithm: Algorithm, experience: RealExperience) -> GaussianPolicy:

@@ -60,7 +60,8 @@ class Bag:
         part = self._parts[iteration - 1]
         noise_free = [each for each in part if not each.batch.explore]
         version = noise_free[0].version if noise_free else part[0].version
-        return Seen(self._policies.get(version), *(together(part, explore=explore) for explore in (True, False)))
+        explored, evaluated = (together(part, explore=explore) for explore in (True, False))
+        return Seen(self._policies.get(version), explored, evaluated)
 
 
 def _iterations(batches: Sequence[RecordedBatch]) -> Iterator[list[RecordedBatch]]:

@@ -15,6 +15,7 @@ from rkhs_ros.runs.curve import Row
 MOST_POINTS = 1000
 PADDING_PX = 8  # above the plot and beside it, for the numbers at its ends
 TICKS_PX, LABEL_PX = 26, 22  # heights of the numbers along the episodes, and of the word below
+WHOLE = tuple(digit * 10**power for power in range(7) for digit in (1, 2, 5))  # distances of ticks
 NAMES = {"train_return": "exploring", "mean_policy_return": "noise-free", "imagined_return": "imagined"}
 COLOURS = {"train_return": "#E69F00", "mean_policy_return": "#0072B2", "imagined_return": "#CC79A7"}
 GREYS = ("#333333", "#777777", "#aaaaaa")  # of known returns
@@ -59,7 +60,7 @@ class CurvePlot:
     def _renew(self, data: tuple[Array, ...], series: tuple[Any, ...]) -> None:
         if self._plot is not None:
             self._plot.remove()
-        across = {"label": "episodes", "size": TICKS_PX, "labelSize": LABEL_PX, "labelGap": 0}
+        across = {"label": "episodes", "size": TICKS_PX, "labelSize": LABEL_PX, "labelGap": 0, "incrs": WHOLE}
         axes: Any = (across, {"label": "return"})
         more: Any = {"scales": {"x": {"time": False}}, "padding": (PADDING_PX, PADDING_PX, 0, 0)}
         more["legend"] = {"live": False}  # else "--" until somebody points

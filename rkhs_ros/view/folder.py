@@ -15,7 +15,7 @@ from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.episode_files import load_episodes
 from rkhs_ros.runs.report import BEST_POLICY, old_folder
-from rkhs_ros.view.source import Seen
+from rkhs_ros.view.source import Seen, imagining
 
 
 class Folder:
@@ -36,7 +36,7 @@ class Folder:
         self.name, self.task, self.total = config.training.name, config.task, config.training.iterations
         self.nodes = config.environment.nodes
         self.spaces: Spaces | None = None
-        self._remembers = isinstance(config.training.practice, ModelPractice)  # all episodes, as they were observed
+        self._practice = config.training.practice
         self._curve = Curve(path / "curve.csv")
         self._stamp = (0, 0)
         self._rows: list[Row] = []
@@ -70,13 +70,14 @@ class Folder:
             policy = policy_of(arrays)
         except Exception:  # it is gone meanwhile, or damaged, which raises almost anything
             return None
-        return Seen(policy, self._explored(memory, iteration), self._evaluated(iteration))
+        imagine = imagining(self._practice, policy, lambda: memory, self.spaces)
+        return Seen(policy, self._explored(memory, iteration), self._evaluated(iteration), imagine)
 
     def _explored(self, memory: Episodes, iteration: int) -> Episodes | None:
-        if not self._remembers or iteration > len(self._rows):
+        if not isinstance(self._practice, ModelPractice) or iteration > len(self._rows):
             return None
         ends = [0, *(row.episodes for row in self._rows[:iteration])]
-        return memory.take(slice(ends[-2], ends[-1]))
+        return memory.take(slice(ends[-2], ends[-1]))  # of all episodes, as they were observed
 
     def _evaluated(self, iteration: int) -> Episodes | None:
         """Return the episodes that are kept at the end, of the last policy."""

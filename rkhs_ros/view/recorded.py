@@ -19,7 +19,7 @@ from rkhs_ros.runs.config import load_config, robot_nodes
 from rkhs_ros.runs.curve import Row
 from rkhs_ros.runs.recorded import training_of
 from rkhs_ros.runs.report import is_begun
-from rkhs_ros.view.source import Seen
+from rkhs_ros.view.source import Seen, imagining
 
 
 class Left(NamedTuple):
@@ -80,7 +80,17 @@ class Recorded:
             batches = [self._batch(place) for place in left.episodes]
         except (ValueError, OSError):  # the run goes on with another file, of which more is known in a moment
             return None
-        return Seen(policy, *(together(batches, explore=explore) for explore in (True, False)))
+        imagine = imagining(self._practice, policy, lambda: self._explored(iteration), self.spaces)
+        explored, evaluated = (together(batches, explore=explore) for explore in (True, False))
+        return Seen(policy, explored, evaluated, imagine)
+
+    def _explored(self, iteration: int) -> Episodes:
+        """Return the exploring episodes of the iterations up to one."""
+        places = [place for number, left in self._left.items() if number <= iteration for place in left.episodes]
+        episodes = together([self._batch(place) for place in places], explore=True)
+        if episodes is None:
+            raise ValueError("recording: expected exploring episodes, got none")
+        return episodes
 
     def _forget(self) -> None:
         self._rows: list[Row] = []
@@ -107,7 +117,7 @@ class Recorded:
         training = training_of(head)
         if self.path.is_dir():
             training = load_config(self.path / "config.yaml").training  # which may have been told to go on for longer
-        self._head, self._began_ns = head, place.time
+        self._head, self._began_ns, self._practice = head, place.time, training.practice
         self.name, self.task, self.spaces, self.total = training.name, head.task, head.spaces, training.iterations
         self.nodes: Mapping[str, Mapping[str, Any]] = robot_nodes(loaded(head.configuration))
 

@@ -15,7 +15,7 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.coordinates import Coordinates
 from rkhs_ros.runs.shown import Motion
 from rkhs_ros.view.board import Choice, Subject, draw
-from rkhs_ros.view.source import Seen, Source
+from rkhs_ros.view.source import MOST_IMAGINED, Seen, Source
 from rkhs_ros.view.stage import Stage
 from rkhs_ros.view.tasks import look_of
 from rkhs_ros.view.timeline import Timeline
@@ -23,13 +23,16 @@ from rkhs_ros.view.timeline import Timeline
 LONGEST_PLAY_S = 8.0  # of an episode; a longer one is played faster
 MOST_LISTED = 20  # episodes of a kind in the list
 MOST_TOLD = 8  # numbers of a moment
-EXPLORING, NOISE_FREE = "exploring", "noise-free"
+EXPLORING, NOISE_FREE, IMAGINED = "exploring", "noise-free", "imagined"
 
 
 class Showing:
     """The episode that is looked at, with the controls that choose it.
 
     Owns these, the stage, and what was shown last.
+
+    Attributes:
+        episode: that is looked at, a single row; None at first.
 
     Args:
         server: of the page.
@@ -51,7 +54,7 @@ class Showing:
     def forget(self) -> None:
         """Forget what is shown, which is then shown anew."""
         self._shown: object = None
-        self._episode: Episodes | None = None
+        self.episode: Episodes | None = None
         self._motion: Motion | None = None
         self._at = -1  # the frame that is shown
 
@@ -66,18 +69,18 @@ class Showing:
         iteration, newest = max(seen.items())
         self._list(newest)
         kind, _, number = self._which.value.partition(" ")
-        episodes = _of_kind(newest, kind)
+        episodes = self._imagined(newest) if kind == IMAGINED else _of_kind(newest, kind)
         if episodes is not None:
             row = int(number) - 1
-            self._episode = episodes.take(slice(row, row + 1))
-            self._prepare(newest, self._episode)
-            self._set_motion(self._episode)
+            self.episode = episodes.take(slice(row, row + 1))
+            self._prepare(newest, self.episode)
+            self._set_motion(self.episode)
             self._hang(seen, iteration, kind)
         self._shown = self._chosen(iteration)
 
     def move(self) -> None:
         """Play on, and show the moment that is chosen."""
-        if self._episode is None or self._stage is None:
+        if self.episode is None or self._stage is None:
             return
         if self._frame.value != self._set_to:  # by somebody
             self._plays.value = False
@@ -86,19 +89,28 @@ class Showing:
         self._set_to = frame = int(self._frame.value)
         if frame != self._at:
             self._at = frame
-            steps, frames = int(self._episode.mask[0].sum()), int(self._frame.max) + 1
+            steps, frames = int(self.episode.mask[0].sum()), int(self._frame.max) + 1
             step = min(frame * steps // frames, steps - 1)
             self._stage.show(self._motion, min(frame, self._frames - 1), step)
-            self._words.content = self._told(self._episode, step, steps)
+            self._words.content = self._told(self.episode, step, steps)
 
     def _chosen(self, iteration: int) -> tuple[object, ...]:
         return iteration, self._which.value, *(each.value for each in self._choices)
 
     def _list(self, seen: Seen) -> None:
-        kinds = ((NOISE_FREE, seen.evaluation), (EXPLORING, seen.exploration))
-        listed = [f"{kind} {i + 1}" for kind, each in kinds if each for i in range(min(len(each), MOST_LISTED))]
+        counts = {kind: len(_of_kind(seen, kind) or ()) for kind in (NOISE_FREE, EXPLORING)}
+        counts[IMAGINED] = MOST_IMAGINED if seen.imagine is not None else 0
+        listed = [f"{kind} {i + 1}" for kind, count in counts.items() for i in range(min(count, MOST_LISTED))]
         if listed and listed != list(self._which.options):
             self._which.options = listed
+
+    def _imagined(self, seen: Seen) -> Episodes | None:
+        """Return what the model expects; None where that cannot be said."""
+        try:
+            return None if seen.imagine is None else seen.imagine()
+        except Exception as error:  # of a function of somebody's
+            print(f"warning: nothing imagined ({told(error)})", file=sys.stderr)
+            return None
 
     def _prepare(self, seen: Seen, episode: Episodes) -> None:
         """Set up the stage and what the policy can be drawn over, once it is known what there is."""
@@ -155,8 +167,8 @@ class Showing:
         )
         what = "Policy after" if coordinates.policy else "Episodes of"
         title, task = f"{what} iteration {iteration}", self._source.task
-        if self._stage is not None and self._episode is not None:
-            subject = Subject(title, coordinates, [*rows, self._episode], self._source.spaces, task.discount)
+        if self._stage is not None and self.episode is not None:
+            subject = Subject(title, coordinates, [*rows, self.episode], self._source.spaces, task.discount)
             self._stage.hang(draw(subject, choice))
 
     def _play(self, motion: Motion) -> None:

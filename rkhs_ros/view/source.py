@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from rkhs_ros.base.lock import is_locked
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.practice import ModelPractice, Practice, expected
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.runs.control import is_pausing
 from rkhs_ros.runs.curve import Row
 
+MOST_IMAGINED = 3  # episodes
 RUNNING, PAUSED, FINISHED, ENDED = "running", "paused", "finished", "not running"
 
 
@@ -24,11 +26,14 @@ class Seen(NamedTuple):
         policy: after it; None where it was not kept.
         exploration: its exploring episodes, as observed; None where they were not kept.
         evaluation: the noise-free episodes after it, alike.
+        imagine: returns noise-free episodes of the policy as a model of all episodes so far expects them; None where
+            none is learnt.
     """
 
     policy: GaussianPolicy | None
     exploration: Episodes | None
     evaluation: Episodes | None
+    imagine: Callable[[], Episodes] | None = None
 
 
 class Source(Protocol):
@@ -63,6 +68,22 @@ class Source(Protocol):
 
     def seen(self, iteration: int) -> Seen | None:
         """Return what one of these left; None where it is gone meanwhile."""
+
+
+def imagining(
+    practice: Practice, policy: GaussianPolicy, episodes: Callable[[], Episodes], spaces: Spaces | None
+) -> Callable[[], Episodes] | None:
+    """Return what imagines a policy's episodes; None where it does not practise, or the spaces are not known.
+
+    Args:
+        practice: of the run.
+        policy: who acts.
+        episodes: returns all real ones so far.
+        spaces: of the task.
+    """
+    if not isinstance(practice, ModelPractice) or spaces is None:
+        return None
+    return lambda: expected(practice, policy, episodes(), spaces, MOST_IMAGINED)
 
 
 def state_of(source: Source) -> str:

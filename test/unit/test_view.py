@@ -1,8 +1,9 @@
 """What the page of a run shows; in a browser it is seen in test/view."""
 
 import shutil
-from contextlib import suppress
+from contextlib import redirect_stdout, suppress
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -32,6 +33,8 @@ from rkhs_ros.view.board import Choice, Subject, board_figure, draw  # noqa: E40
 from rkhs_ros.view.curve_plot import MOST_POINTS, plotted  # noqa: E402
 from rkhs_ros.view.folder import Folder  # noqa: E402
 from rkhs_ros.view.recorded import Recorded  # noqa: E402
+from rkhs_ros.view.serving import opened  # noqa: E402
+from rkhs_ros.view.showing import Showing  # noqa: E402
 from rkhs_ros.view.source import ENDED, FINISHED, PAUSED, RUNNING, state_of  # noqa: E402
 from rkhs_ros.view.status import clock, status  # noqa: E402
 from rkhs_ros.view.tasks import in_space  # noqa: E402
@@ -129,6 +132,37 @@ def test_a_run_that_practises_shows_its_episodes_without_a_recording(tmp_path: P
     for number in (1, 2):
         expected, got = (source.seen(number).exploration for source in (recorded, kept))
         assert np.array_equal(expected.observations, got.observations)
+        assert np.array_equal(*(source.seen(number).imagine().observations for source in (recorded, kept)))
+    starts = kept.seen(2).imagine().observations[:, 0]
+    real = read_recording(tmp_path / "run").batches
+    of_both = np.concatenate([each.episodes.observations[:, 0] for each in real if each.batch.explore])
+    assert len(starts) == 3
+    assert all((start == of_both).all(axis=1).any() for start in starts)
+
+
+def test_a_run_that_does_not_practise_imagines_nothing(folder: Path) -> None:
+    assert Recorded(folder).seen(4).imagine is None
+    assert Folder(folder).seen(4).imagine is None
+
+
+def test_what_is_imagined_can_be_looked_at(tmp_path: Path) -> None:
+    changes = ["iterations=2", "horizon=20", "practice.iterations=1", "practice.episodes=2"]
+    config = load_config(CONFIGS / "pendulum_model_nac.yaml", changes)
+    source = Folder(run_training(config, runner_of(config.environment), tmp_path / "run", quiet=True))
+    source.refresh()
+    server = opened("127.0.0.1", 0)
+    try:
+        showing = Showing(server, source)
+        seen = {number: source.seen(number) for number in (1, 2)}
+        showing.show(seen)
+        (choice,) = (each for each in server.gui._gui_input_handle_from_uuid.values() if each.label == "Episode")
+        choice.value = next(option for option in choice.options if option.startswith("imagined"))
+        showing.show(seen)
+        assert showing.is_of(2)
+        assert np.array_equal(showing.episode.observations[0], source.seen(2).imagine().observations[0])
+    finally:
+        with redirect_stdout(StringIO()):
+            server.stop()
 
 
 def test_the_state_of_a_run_is_told_by_its_lock(folder: Path, tmp_path: Path) -> None:
