@@ -20,6 +20,8 @@ from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.simulation import Simulation
 from test.unit.conftest import Result
 
+pytestmark = pytest.mark.slow
+
 TASKS = Path(__file__).parents[1] / "faults" / "bad_tasks.py"
 ARGUMENTS = (
     *("train", "--env", "bad_tasks:Bad-v0", "--runner", "inline", "--quiet", "--iterations", 5, "--out", "run"),

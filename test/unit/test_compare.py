@@ -24,6 +24,8 @@ from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.report import resolved
 from test.unit.conftest import Result, assert_refused
 
+pytestmark = pytest.mark.slow
+
 TEXT = "#000000"
 TOY = Task("rkhs/Toy-v0", {}, 20, 0.99)
 Run = Callable[..., Result]

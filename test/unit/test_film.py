@@ -25,6 +25,8 @@ from sim_nodes.envs.pendulum import Pendulum
 from sim_nodes.envs.toy import Toy
 from test.unit.conftest import Result, assert_refused, command_line
 
+pytestmark = pytest.mark.slow
+
 TOY = Task("rkhs/Toy-v0", {}, 20, 0.99)
 Make = Callable[..., GaussianPolicy]
 Run = Callable[..., Result]

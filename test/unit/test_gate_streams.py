@@ -11,6 +11,8 @@ from rkhs_ros.robot.gate_state import Mode, Rules
 from rkhs_ros.robot.limits import EFFORT, KINDS, POSITION, VELOCITY
 from test.unit.gate_streams import NASTY, PERIOD, World, play, rules_of
 
+pytestmark = pytest.mark.slow
+
 STREAMS = 100  # of each kind of command
 seeds = st.integers(0, 2**63)
 over_kinds = pytest.mark.parametrize("kind", KINDS)

@@ -21,6 +21,8 @@ from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.episode_files import load_episodes
 from test.unit.conftest import assert_refused
 
+pytestmark = pytest.mark.slow
+
 Rkhs = Callable[..., Any]
 INLINE = ("--runner", "inline", "--quiet")
 SHORT = ("episodes_per_iteration=3", "evaluation_episodes=2", "practice.iterations=2", "practice.episodes=5")

@@ -44,6 +44,8 @@ from rkhs_ros.view.board import Choice, Subject, board_figure
 from rkhs_ros.view.timeline import Timeline
 from sim_nodes.envs.pendulum import Pendulum
 
+pytestmark = pytest.mark.slow
+
 LONG = "somebodys_package.environments.quadrupeds:VeryLongNamed/QuadrupedOnUnevenGround-v12"
 PENDULUM = Task("rkhs/Pendulum-v0", {}, 100, 0.99)
 SIZES = pytest.mark.parametrize("size", [1e-3, 1.0, 1e6])

@@ -27,6 +27,8 @@ pytest.importorskip("pybullet", reason="PyBullet is not installed: make pr2")
 from sim_nodes.pr2.environment import POSE_SD, PR2Door
 from sim_nodes.pr2.world import EFFORT, VELOCITY, Trajectory, World
 
+pytestmark = pytest.mark.slow
+
 TASK = "rkhs/PR2Door-v0"
 STRAIGHT = np.zeros(3)
 CHAIN = arm_chain(TORSO)

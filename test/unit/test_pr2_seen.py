@@ -23,6 +23,8 @@ pytest.importorskip("pybullet", reason="PyBullet is not installed: make pr2")
 from sim_nodes.pr2 import environment, robot, world
 from sim_nodes.pr2.environment import PR2Door
 
+pytestmark = pytest.mark.slow
+
 TASK = "rkhs/PR2Door-v0"
 
 

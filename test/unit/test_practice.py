@@ -148,6 +148,7 @@ ODD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("odd", ODD.values(), ids=ODD)
 @over_algorithms

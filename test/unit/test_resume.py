@@ -23,6 +23,8 @@ from rkhs_ros.runs.run import run_training
 from rkhs_ros.runs.simulation import Simulation
 from test.unit.conftest import Result, assert_refused
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 CONFIG_FILE = ROOT / "config" / "toy_nac.yaml"
 TRAINING = Training(name="short", iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)

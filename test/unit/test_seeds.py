@@ -17,6 +17,8 @@ from rkhs_ros.runs.curve import Curve
 from test.processes import is_running
 from test.unit.conftest import Result, assert_refused
 
+pytestmark = pytest.mark.slow
+
 CONFIG = Path(__file__).parents[2] / "config" / "toy_nac.yaml"
 SHORT = ("--set", "horizon=4", "iterations=2", "episodes_per_iteration=2")
 RESULTS = ("config.yaml", "policy.npz", "episodes.npz", "curve.png", "policy.png")

@@ -9,6 +9,8 @@ import pytest
 
 from rkhs_ros.runs.curve import Curve
 
+pytestmark = pytest.mark.slow
+
 CONFIG = Path(__file__).parents[2] / "config" / "toy_nac.yaml"
 COMMAND = (sys.executable, "-m", "rkhs_ros.app.cli")
 RUN = ("train", str(CONFIG), "--runner", "inline", "--simulators", "1", "--iterations", "3", "--out")

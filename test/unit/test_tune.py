@@ -11,6 +11,8 @@ from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.search_space import SPREAD, Dimension, search_space
 from test.unit.conftest import Result, assert_refused
 
+pytestmark = pytest.mark.slow
+
 CONFIG = Path(__file__).parents[2] / "config" / "toy_nac.yaml"
 TINY = ("--set", "horizon=4", "iterations=4", "episodes_per_iteration=2", "evaluation_episodes=2")
 QUICK = (*TINY, "--seeds", "0-1", "--jobs", 1, "--quiet")

@@ -40,6 +40,8 @@ from rkhs_ros.view.status import clock, status  # noqa: E402
 from rkhs_ros.view.tasks import in_space  # noqa: E402
 from rkhs_ros.view.timeline import Timeline  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 CONFIGS = Path(__file__).parents[2] / "config"
 
 

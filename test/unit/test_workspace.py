@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 PACKAGES = {"rkhs_ros": "ros.ament_python", "rkhs_interfaces": "ros.ament_cmake"}
 UNTRACKED = {".git", ".venv", "build", "install", "log", "results"}
