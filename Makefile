@@ -84,7 +84,7 @@ FAULTS ?= test/faults test/ros test/unit
 test-faults: build ## kill nodes, lose messages, send malformed ones, run for long; KILLS=N kills, FAULTS=what
 	@$(ENTER) $(PYTEST) -n auto -rP -m faults --kills $(KILLS) $(FAULTS)
 
-test-fast: build ## the tests that start no nodes and take under a minute in all
+test-fast: build ## the tests that start no nodes and draw nothing, in under a minute
 	@$(ENTER) $(PYTEST) -n auto -m "not ros and not slow and not faults and not clock and not browser and not pages"
 
 EXTRAS ?= test/faults/test_clusters.py test/unit/test_workers.py test/faults/test_other_learners.py
