@@ -224,7 +224,8 @@ def _made_ready(policy: GaussianPolicy, algorithm: Algorithm, experience: RealEx
 
 def _alignment(gram: Array, other: Array) -> float:
     r"""Return :math:`\langle K, K' \rangle_F / (\|K\|_F \|K'\|_F)` of two Gram matrices, 1 where they agree."""
-    return float(np.sum(gram * other) / (np.linalg.norm(gram) * np.linalg.norm(other)))
+    norms = np.linalg.norm(gram) * np.linalg.norm(other)
+    return float(np.sum(gram * other) / norms) if norms > 0 else float(np.array_equal(gram, other))
 
 
 def _test_before(

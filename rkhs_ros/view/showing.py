@@ -33,6 +33,7 @@ class Showing:
 
     Attributes:
         episode: that is looked at, a single row; None at first.
+        words: what is told of a moment of it.
 
     Args:
         server: of the page.
@@ -46,7 +47,7 @@ class Showing:
         self._frame: Any = gui.add_slider("Time", 0, 1, 1, 0, disabled=True)
         self._set_to = 0
         self._plays: Any = gui.add_checkbox("play", initial_value=True)
-        self._words = gui.add_markdown("")
+        self.words = gui.add_markdown("")
         self._choices: tuple[Any, ...] = ()
         self._stage: Stage | None = None
         self.forget()
@@ -57,6 +58,7 @@ class Showing:
         self.episode: Episodes | None = None
         self._motion: Motion | None = None
         self._at = -1  # the frame that is shown
+        self._trouble = ""
 
     def is_of(self, iteration: int) -> bool:
         """Return whether it is this iteration that is shown, as the controls say."""
@@ -69,9 +71,12 @@ class Showing:
         iteration, newest = max(seen.items())
         self._list(newest)
         kind, _, number = self._which.value.partition(" ")
+        self._trouble, row = "", int(number) - 1 if number else 0
         episodes = self._imagined(newest) if kind == IMAGINED else _of_kind(newest, kind)
+        if episodes is None:
+            kind, row = EXPLORING, 0
+            episodes = _of_kind(newest, kind)
         if episodes is not None:
-            row = int(number) - 1
             self.episode = episodes.take(slice(row, row + 1))
             self._prepare(newest, self.episode)
             self._set_motion(self.episode)
@@ -92,7 +97,7 @@ class Showing:
             steps, frames = int(self.episode.mask[0].sum()), int(self._frame.max) + 1
             step = min(frame * steps // frames, steps - 1)
             self._stage.show(self._motion, min(frame, self._frames - 1), step)
-            self._words.content = self._told(self.episode, step, steps)
+            self.words.content = self._told(self.episode, step, steps)
 
     def _chosen(self, iteration: int) -> tuple[object, ...]:
         return iteration, self._which.value, *(each.value for each in self._choices)
@@ -105,11 +110,11 @@ class Showing:
             self._which.options = listed
 
     def _imagined(self, seen: Seen) -> Episodes | None:
-        """Return what the model expects; None where that cannot be said."""
+        """Return what the model expects; None where that cannot be said, and why is told beside what is shown."""
         try:
             return None if seen.imagine is None else seen.imagine()
         except Exception as error:  # of a function of somebody's
-            print(f"warning: nothing imagined ({told(error)})", file=sys.stderr)
+            self._trouble = f"Nothing can be imagined ({told(error)}): an exploring episode in its place. "
             return None
 
     def _prepare(self, seen: Seen, episode: Episodes) -> None:
@@ -191,7 +196,7 @@ class Showing:
         told = [
             f"{name} **{value:.3g}**" for name, value in [*numbers[:MOST_TOLD], ("reward", episode.rewards[0, step])]
         ]
-        return f"Step {step + 1} of {steps}: {', '.join(told)}"
+        return f"{self._trouble}Step {step + 1} of {steps}: {', '.join(told)}"
 
 
 def _of_kind(seen: Seen, kind: str) -> Episodes | None:

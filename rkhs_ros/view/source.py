@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -83,7 +84,7 @@ def imagining(
     """
     if not isinstance(practice, ModelPractice) or spaces is None:
         return None
-    return lambda: expected(practice, policy, episodes(), spaces, MOST_IMAGINED)
+    return cache(lambda: expected(practice, policy, episodes(), spaces, MOST_IMAGINED))
 
 
 def state_of(source: Source) -> str:

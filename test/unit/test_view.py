@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.base.lock import locked
+from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.pictures.known import names_of
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
@@ -162,6 +163,14 @@ def test_what_is_imagined_can_be_looked_at(tmp_path: Path) -> None:
         showing.show(seen)
         assert showing.is_of(2)
         assert np.array_equal(showing.episode.observations[0], source.seen(2).imagine().observations[0])
+
+        def fails() -> Episodes:
+            raise ValueError("no such function")
+
+        showing.show({number: each._replace(imagine=fails) for number, each in seen.items()})
+        assert np.array_equal(showing.episode.observations, seen[2].exploration.observations[:1])
+        showing.move()
+        assert "no such function" in showing.words.content
     finally:
         with redirect_stdout(StringIO()):
             server.stop()
