@@ -26,6 +26,7 @@ FLAGS = (
     "--remote-debugging-port=0", "--hide-scrollbars", "--mute-audio",
 )  # fmt: skip
 HIDDEN = "[inert]"  # what is around controls of the page that nobody can use
+KEYS = {"End": 35, "Home": 36}  # that can be pressed
 START_TIMEOUT_S, ANSWER_TIMEOUT_S = 30.0, 30.0
 POLL_S = 0.1
 
@@ -104,6 +105,12 @@ class Tab:
     def click_on(self, script: str) -> None:
         """Click on the element that an expression gives, once it is there, wherever it moves meanwhile."""
         self.wait_for(f"(() => {{ const e = {script}; e?.click(); return !!e; }})()")
+
+    def press(self, script: str, key: str) -> None:
+        """Press and release a key at the element that an expression gives."""
+        self.value(f"{script}.focus()")
+        for kind in ("keyDown", "keyUp"):
+            self.ask("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=KEYS[key])
 
     def close(self) -> None:
         """Leave the tab."""

@@ -69,18 +69,24 @@ def main(names: Sequence[str]) -> None:
 @contextmanager
 def run_of(shot: Shot) -> Iterator[tuple[Path, str]]:
     """Let a run learn and yield its folder, and the address of its page."""
-    command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", str(CONFIGS / f"{shot.config}.yaml"), "--view"]
+    command = ["train", str(CONFIGS / f"{shot.config}.yaml"), "--view"]
     where = "ros" if shot.over_topics else "inline"
     changes = ["--set", *shot.settings] if shot.settings else []
     options = ["--runner", where, "--quiet", *changes, "--out", "results/run"]
-    with tempfile.TemporaryDirectory() as folder:
-        process = subprocess.Popen([*command, *options], cwd=folder, stdout=subprocess.PIPE, text=True)
-        try:
-            address = next(line for line in process.stdout or [] if " at http" in line).split()[-1]
-            yield Path(folder, "results", "run"), address
-        finally:
-            process.terminate()
-            process.communicate()
+    with tempfile.TemporaryDirectory() as folder, page_of([*command, *options], folder) as address:
+        yield Path(folder, "results", "run"), address
+
+
+@contextmanager
+def page_of(arguments: Sequence[str], folder: str | Path = ".") -> Iterator[str]:
+    """Run a command of rkhs that serves a page, in a folder; yield the page's address."""
+    command = [sys.executable, "-m", "rkhs_ros.app.cli", *arguments]
+    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)
+    try:
+        yield next(line for line in process.stdout or [] if " at http" in line).split()[-1]
+    finally:
+        process.terminate()
+        process.communicate()
 
 
 def wait_for_pause(folder: Path, iteration: int) -> None:
@@ -122,13 +128,17 @@ def settled(tab: browser.Tab) -> np.ndarray[Any, Any]:
 def slide(tab: browser.Tab, part: float) -> None:
     """Move the slider of the time to a part of its range, again where the page was not ready for it."""
     thumb = f"{browser.each('[role=slider]')}[1]"
-    track = f"{browser.each('.mantine-Slider-track')}[1]"
-    box = f"(() => {{ const b = {track}.getBoundingClientRect(); "
     while not tab.value(f"(s => Math.abs(s.ariaValueNow / s.ariaValueMax - {part}) < 0.05)({thumb})"):
-        x, y, width = tab.value(box + "return [b.x, b.y + b.height / 2, b.width]; })()")
-        tab.click(x + part * width, y)
+        click_on_time(tab, part)
         time.sleep(SETTLE_S)
     tab.ask("Input.dispatchMouseEvent", type="mouseMoved", x=0, y=0)  # what it points at looks different
+
+
+def click_on_time(tab: browser.Tab, part: float) -> None:
+    """Click on a part of the slider of the time."""
+    box = f"{browser.each('.mantine-Slider-track')}[1].getBoundingClientRect()"
+    x, y, width = tab.value(f"(b => [b.x, b.y + b.height / 2, b.width])({box})")
+    tab.click(x + part * width, y)
 
 
 if __name__ == "__main__":

@@ -126,18 +126,24 @@ def test_a_folder_without_a_recording_shows_what_it_keeps(folder: Path, tmp_path
     assert source.seen(5) is None
 
 
-def test_a_run_that_practises_shows_its_episodes_without_a_recording(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def practised(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that practised in a model, is finished, and recorded."""
     changes = ["iterations=2", "horizon=20", "practice.iterations=1", "practice.episodes=2"]
     config = load_config(CONFIGS / "pendulum_model_nac.yaml", changes)
-    run_training(config, runner_of(config.environment), tmp_path / "run", quiet=True, record=True)
-    recorded, kept = Recorded(tmp_path / "run"), Folder(tmp_path / "run")
+    path = tmp_path_factory.mktemp("practised") / "run"
+    return run_training(config, runner_of(config.environment), path, quiet=True, record=True)
+
+
+def test_a_run_that_practises_shows_its_episodes_without_a_recording(practised: Path) -> None:
+    recorded, kept = Recorded(practised), Folder(practised)
     kept.refresh()
     for number in (1, 2):
         expected, got = (source.seen(number).exploration for source in (recorded, kept))
         assert np.array_equal(expected.observations, got.observations)
         assert np.array_equal(*(source.seen(number).imagine().observations for source in (recorded, kept)))
     starts = kept.seen(2).imagine().observations[:, 0]
-    real = read_recording(tmp_path / "run").batches
+    real = read_recording(practised).batches
     of_both = np.concatenate([each.episodes.observations[:, 0] for each in real if each.batch.explore])
     assert len(starts) == 3
     assert all((start == of_both).all(axis=1).any() for start in starts)
@@ -148,10 +154,8 @@ def test_a_run_that_does_not_practise_imagines_nothing(folder: Path) -> None:
     assert Folder(folder).seen(4).imagine is None
 
 
-def test_what_is_imagined_can_be_looked_at(tmp_path: Path) -> None:
-    changes = ["iterations=2", "horizon=20", "practice.iterations=1", "practice.episodes=2"]
-    config = load_config(CONFIGS / "pendulum_model_nac.yaml", changes)
-    source = Folder(run_training(config, runner_of(config.environment), tmp_path / "run", quiet=True))
+def test_what_is_imagined_can_be_looked_at(practised: Path) -> None:
+    source = Folder(practised)
     source.refresh()
     server = opened("127.0.0.1", 0)
     try:

@@ -59,11 +59,7 @@ def stop_playing(tab: Tab) -> None:
 
 def slide(tab: Tab, number: int, key: str) -> None:
     """Move a slider to one of its ends: Home or End."""
-    tab.value(f"{each('[role=slider]')}[{number}].focus()")
-    for kind in ("keyDown", "keyUp"):
-        tab.ask(
-            "Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode={"End": 35, "Home": 36}[key]
-        )
+    tab.press(f"{each('[role=slider]')}[{number}]", key)
 
 
 def lines(folder: Path) -> int:
