@@ -14,7 +14,7 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.learning.spaces import Space
 from rkhs_ros.learning.steps import StepRule
-from rkhs_ros.policies.gaussian import GaussianPolicy, mean_kl
+from rkhs_ros.policies.gaussian import GaussianPolicy, mean_kl_from
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.kernels import Array, Kernel
 
@@ -141,7 +141,7 @@ class Algorithm(Settings, ABC):
         new = replace(
             moved, variance=self.decayed(policy) if spread is None else _moved(policy, alpha * spread, experience)
         )
-        return Update(new, measure(policy, new, samples.observations, alpha, error), experience.memory)
+        return Update(new, measure(samples, new, alpha, error), experience.memory)
 
     def decayed(self, policy: GaussianPolicy) -> ConstantVariance:
         """Return the variance of the next policy.
@@ -168,8 +168,7 @@ def _moved(policy: GaussianPolicy, step: Array, experience: Experience) -> Const
     return _constant_variance(policy).moved(step, least, most)
 
 
-def measure(
-    old: GaussianPolicy, new: GaussianPolicy, points: Array, step_size: float, sparsification_error: float
-) -> Metrics:
+def measure(samples: Samples, new: GaussianPolicy, step_size: float, sparsification_error: float) -> Metrics:
     """Return the metrics of an update over the points visited."""
-    return Metrics(step_size, mean_kl(old, new, points), len(new.mean.centres), sparsification_error)
+    kl = mean_kl_from(samples.mean, samples.variance, new, samples.observations)
+    return Metrics(step_size, kl, len(new.mean.centres), sparsification_error)

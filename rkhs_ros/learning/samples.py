@@ -26,6 +26,7 @@ class Samples:
     Attributes:
         episodes: where they come from.
         observations: s, shape (samples, d).
+        mean: :math:`h(s)` of the policy that acted, shape (samples, n).
         exploration: :math:`a - h(s)`, shape (samples, n).
         variance: of the policy that acted, the diagonal of Sigma, shape (samples, n).
         basis: the functions that the coefficients belong to.
@@ -34,6 +35,7 @@ class Samples:
 
     episodes: Episodes
     observations: Array
+    mean: Array
     exploration: Array
     variance: Array
     basis: NewtonBasis | FixedBasis
@@ -58,8 +60,8 @@ class Samples:
         cls, policy: GaussianPolicy, episodes: Episodes, basis: NewtonBasis | FixedBasis, features: Array
     ) -> Samples:
         observations = episodes.flat(episodes.observations)
-        exploration = episodes.flat(episodes.actions) - policy.mean(observations)
-        return cls(episodes, observations, exploration, policy.variance(observations), basis, features)
+        mean, variance = policy.mean(observations), policy.variance(observations)
+        return cls(episodes, observations, mean, episodes.flat(episodes.actions) - mean, variance, basis, features)
 
     @property
     def deviation(self) -> float:

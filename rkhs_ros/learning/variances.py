@@ -11,6 +11,7 @@ from rkhs_ros.policies.variance import FunctionVariance, KernelVariance, Varianc
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.pursuit import sparsify
+from rkhs_ros.rkhs.regression import by_blocks
 
 LEAST_MASS = 1e-9  # of a centre that is kept, relative to the greatest
 
@@ -28,7 +29,8 @@ def learnt(samples: Samples, weights: Array, sd_minimum: float, sd_maximum: floa
     """
     weights = np.maximum(weights, 0.0) if (weights > 0).any() else np.ones_like(weights)
     kernel, centres = samples.basis.kernel, samples.basis.centres
-    nearest = kernel(samples.observations, centres).argmax(axis=1)
+    points = samples.observations
+    nearest = by_blocks(lambda rows: kernel(points[rows], centres).argmax(axis=1), len(points))
     mass = np.bincount(nearest, weights, len(centres))
     squares = (weights[:, None] * samples.exploration**2).T
     sums = np.stack([np.bincount(nearest, column, len(centres)) for column in squares], axis=1)

@@ -113,7 +113,7 @@ class WeightedExploration(Algorithm):
         """
         moved, error = self.space.move(policy, change, samples.observations)
         new = replace(moved, variance=self._next_variance(policy, samples, weights))
-        metrics = measure(policy, new, samples.observations, 1.0, error)
+        metrics = measure(samples, new, 1.0, error)
         return Update(new, metrics, self._best(samples.episodes, experience.discount))
 
     def _next_variance(self, policy: GaussianPolicy, samples: Samples, weights: Array) -> Variance:

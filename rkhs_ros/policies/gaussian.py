@@ -77,8 +77,12 @@ class GaussianPolicy:
 
 def mean_kl(old: GaussianPolicy, new: GaussianPolicy, observations: Array) -> float:
     r"""Return the mean over states of :math:`KL(\pi_{old} \| \pi_{new})`, in nats."""
-    before, after = old.variance(observations), new.variance(observations)
-    squares = (old.mean(observations) - new.mean(observations)) ** 2
+    return mean_kl_from(old.mean(observations), old.variance(observations), new, observations)
+
+
+def mean_kl_from(mean: Array, before: Array, new: GaussianPolicy, observations: Array) -> float:
+    """Return the same from the old policy's mean and variance there, shapes (batch, n)."""
+    after, squares = new.variance(observations), (mean - new.mean(observations)) ** 2
     terms = np.log(after / before) + (before + squares) / after - 1.0
     return float(0.5 * terms.sum(axis=1).mean())
 

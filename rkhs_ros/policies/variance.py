@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rkhs_ros.base.validation import finite_array, require
-from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.function import BLOCK_ROWS, Function
 from rkhs_ros.rkhs.kernels import Array, Kernel, rowwise_matmul
+from rkhs_ros.rkhs.regression import by_blocks
 
 MOST_STEP = 100.0  # of a variance's logarithm at a time, beyond which there are but its bounds
 
@@ -105,6 +106,9 @@ class KernelVariance:
 
     def __call__(self, x: Array) -> Array:
         """Evaluate at points of shape (batch, d): shape (batch, n), each row by itself to the last bit."""
+        return by_blocks(lambda rows: self._at(x[rows]), len(x), BLOCK_ROWS)
+
+    def _at(self, x: Array) -> Array:
         near = self.kernel(x, self.centres) * self.mass
         total = near.sum(axis=1, keepdims=True)
         near = np.where(total > np.finfo(float).tiny, near, self.mass)

@@ -8,6 +8,7 @@ import numpy as np
 
 from rkhs_ros.base.validation import finite_array, require
 from rkhs_ros.rkhs.kernels import Array, Kernel, rowwise_matmul
+from rkhs_ros.rkhs.regression import by_blocks
 
 BLOCK_ROWS = 2000  # points evaluated at once, few enough for the cache
 
@@ -53,9 +54,11 @@ class Function:
         """Evaluate at points of shape (batch, d): shape (batch, n), each row by itself to the last bit."""
         if x.shape[1] != self.input_dim:
             raise ValueError(f"points: expected {self.input_dim} columns, got {x.shape[1]}")
-        if len(x) <= BLOCK_ROWS:
-            return rowwise_matmul(self.kernel(x, self.centres), self.weights)
-        return np.concatenate([self(x[i : i + BLOCK_ROWS]) for i in range(0, len(x), BLOCK_ROWS)])
+
+        def values(rows: slice) -> Array:
+            return rowwise_matmul(self.kernel(x[rows], self.centres), self.weights)
+
+        return by_blocks(values, len(x), BLOCK_ROWS)
 
     def __add__(self, other: Function) -> Function:
         """Add two functions of the same space; their centres are concatenated, or shared where they are the same."""

@@ -11,6 +11,7 @@ from scipy.linalg.blas import dtrsm
 
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array, Kernel
+from rkhs_ros.rkhs.regression import blocks_of
 
 
 class PivotedCholesky(NamedTuple):
@@ -39,7 +40,7 @@ def pivoted_cholesky(kernel: Kernel, points: Array, rank: int, tolerance: float 
         rank: number of points at most.
         tolerance: stop where the power function is below this part of the largest :math:`\kappa(x, x)`.
     """
-    power = kernel.diagonal(points)
+    power = np.array(kernel.diagonal(points))
     floor = tolerance * float(power.max(initial=0.0))
     rank = min(rank, len(points))
     rows = np.empty((rank, len(points)))
@@ -51,13 +52,14 @@ def pivoted_cholesky(kernel: Kernel, points: Array, rank: int, tolerance: float 
         if power[pivot] <= floor:
             pivots, rows = pivots[:k], rows[:k]
             break
-        row = row_of(pivot) if gram is None else gram[pivot]
-        row -= rows[:k, pivot] @ rows[:k]
-        row /= np.sqrt(power[pivot])
-        row[pivots[:k]] = 0.0
-        rows[k], pivots[k] = row, pivot
-        power = np.maximum(power - row**2, 0.0)
-        power[pivot] = 0.0
+        rows[k] = row_of(pivot) if gram is None else gram[pivot]
+        shares, length = rows[:k, pivot], np.sqrt(power[pivot])
+        for block in blocks_of(len(points)):  # its numbers stay in the cache
+            row = rows[k, block]
+            row -= shares @ rows[:k, block]
+            row /= length
+            power[block] = np.maximum(power[block] - row**2, 0.0)
+        rows[k, pivots[:k]], power[pivot], pivots[k] = 0.0, 0.0, pivot
     return PivotedCholesky(pivots, rows.T, power)
 
 

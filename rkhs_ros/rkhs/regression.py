@@ -64,7 +64,9 @@ def blocks_of(count: int, block_rows: int = BLOCK_ROWS) -> Iterator[slice]:
 
 
 def by_blocks(rows: Callable[[slice], Array], count: int, block_rows: int = BLOCK_ROWS) -> Array:
-    """Return so many rows, at least one, of which no more are made at once than a block has."""
+    """Return so many rows, of which no more are made at once than a block has."""
+    if count <= block_rows:
+        return rows(slice(0, count))
     return np.concatenate([rows(block) for block in blocks_of(count, block_rows)])
 
 

@@ -232,3 +232,15 @@ def test_nothing_to_choose_from_is_fitted_by_nothing(fitting: Fitting) -> None:
     zeros, targets = np.zeros((4, 2)), np.ones((4, 3))
     fit = pursue(kernel, zeros, targets, zeros, budget=3, fitting=fitting)
     assert (fit.chosen.shape, fit.function.weights.shape, fit.error) == ((0,), (0, 3), 1.0)
+
+
+@over_fittings
+def test_many_points_are_fitted_as_by_all_at_once(fitting: Fitting, monkeypatch: pytest.MonkeyPatch) -> None:
+    points, targets, candidates = problem(3, n=700, columns=2)
+    whole = pursue(KERNEL, points, targets, candidates, budget=9, fitting=fitting, ridge=1e-3)
+    monkeypatch.setattr("rkhs_ros.rkhs.pursuit.BLOCK_ROWS", 50)
+    monkeypatch.setattr("rkhs_ros.rkhs.pursuit.PLAIN_BLOCKS", 2)
+    parts = pursue(KERNEL, points, targets, candidates, budget=9, fitting=fitting, ridge=1e-3)
+    assert parts.chosen.tolist() == whole.chosen.tolist()
+    np.testing.assert_allclose(parts.residuals, whole.residuals, rtol=1e-12)
+    np.testing.assert_allclose(parts.function.weights, whole.function.weights, rtol=1e-8)
