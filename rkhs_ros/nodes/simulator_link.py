@@ -29,6 +29,7 @@ from rkhs_ros.policies.messages import spaces_of
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import MOST_ROWS, Environment
+from rkhs_ros.runs.sharing import Pace
 
 SIMULATOR, ROBOT = "simulator", "robot"
 PROBE_S = 0.2  # for a simulator that fell silent to answer, each time that others begin
@@ -48,9 +49,9 @@ class SimulatorLink:
     """One simulator, or robot, as the learner sees it.
 
     Owns the task it simulates, the batch that it was asked for and the policy that acts in it, the furthest step of the
-    batch that was seen, how often it was begun without coming further, and the episodes that it sent. Only those in
-    which the policy acted are taken. Of a robot's they may be void, even after they were finished, and while they are
-    waited for it is given signs of life.
+    batch that was seen, how often it was begun without coming further, how quick it was, and the episodes that it sent.
+    Only those in which the policy acted are taken. Of a robot's they may be void, even after they were finished, and
+    while they are waited for it is given signs of life.
 
     Args:
         node: the learner node.
@@ -80,6 +81,8 @@ class SimulatorLink:
         self.step = 0
         self.is_gone = False  # it fell silent, and others make its episodes
         self.attempts = 0
+        self.pace = Pace()
+        self._begun_at = 0.0  # monotonic time, seconds
         self.executions: list[Execution] = []
         self.refusal = ""  # why episodes of the batch were refused; empty while none were
         self.void: Ended | None = None  # what ended as void and is to begin again
@@ -200,6 +203,7 @@ class SimulatorLink:
         """
         anew = bool(self.refusal)
         self.batch, self.episodes, self.refusal, self.void = batch, None, "", None
+        self._begun_at = time.monotonic()
         self.attempts += 1
         if self.is_robot:
             self.step = 0  # what it did was done by the wall clock: there is no coming further in the same again
@@ -279,6 +283,7 @@ class SimulatorLink:
         if self._policy is not None:
             check_actions(episodes, self._policy, self.batch)
         self.episodes, self.executions = episodes, executions
+        self.pace.took(time.monotonic() - self._begun_at, self.batch.rows)
         self._finished[message.batch] = self.batch
 
     def _hear_veto(self, message: EpisodesMessage, batch: Batch) -> None:

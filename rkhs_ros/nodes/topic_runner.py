@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import reduce
-from itertools import chain, repeat
+from itertools import chain, compress, repeat
 from operator import add
 
 from rkhs_interfaces.msg import BatchProgress
@@ -25,6 +25,7 @@ from rkhs_ros.nodes.spin import PeerError, ReportingNode
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import Environment
+from rkhs_ros.runs.sharing import ALIKE, share
 
 IDLE_CHECK_S = 0.5  # without episodes before the peers are looked after
 UNKNOWN = repeat(BatchProgress())  # of a policy node that says nothing
@@ -101,8 +102,9 @@ class TopicRunner:
         parts = deque([batch])
         done: dict[Batch, Episodes] = {}
         while parts:
-            room = sum(simulator.task.room for simulator in self._simulators if not simulator.is_gone)
-            part, *rest = parts.popleft().parts(room)
+            self._look_around()
+            whole = parts.popleft()
+            part, *rest = whole.parts(sum(self._shares(whole.rows)))
             parts.extendleft(reversed(rest))
             done |= self._together(policy, part)
             parts.extend([*self._vetoed(done), *self._left_over()])
@@ -141,15 +143,31 @@ class TopicRunner:
         steps = " ".join(str(simulator.step) for simulator in self._simulators)
         return {"serving version": self._policy.version, "batch": batches, "step": steps}
 
-    def _together(self, policy: GaussianPolicy, batch: Batch) -> dict[Batch, Episodes]:
-        """Return the episodes of a batch that there is room for, by the batches of the simulators."""
+    def _look_around(self) -> None:
+        """Make all simulators ready for a batch, and look whether one that fell silent is back."""
         for simulator in self._simulators:
             simulator.mark_idle()
             if simulator.is_gone and simulator.answers():
                 simulator.is_gone = False
                 self._node.get_logger().warning(f"the {simulator.name} node is back")
-        there = [simulator for simulator in self._simulators if not simulator.is_gone]
-        self._begin(list(zip(there, batch.split(len(there)), strict=False)))
+
+    def _shares(self, rows: int) -> list[int]:
+        """Return how many rows each simulator that is there is to make side by side, by how quick they were."""
+        there = self._there
+        return share(rows, [each.task.room for each in there], [each.pace.seconds for each in there])
+
+    @property
+    def _there(self) -> list[SimulatorLink]:
+        return [simulator for simulator in self._simulators if not simulator.is_gone]
+
+    def _together(self, policy: GaussianPolicy, batch: Batch) -> dict[Batch, Episodes]:
+        """Return the episodes of a batch that there is room for, by the batches of the simulators."""
+        counts = self._shares(batch.rows)
+        asked = list(compress(self._there, counts))
+        for simulator in self._there:
+            if simulator not in asked:
+                self._leave_out(simulator, min(each.pace.seconds for each in asked))
+        self._begin(list(zip(asked, batch.shared(list(filter(None, counts))), strict=True)))
         self._progress_at = time.monotonic()
         while not self._complete():
             if self._peers.spin(self._has_news, IDLE_CHECK_S):
@@ -164,6 +182,14 @@ class TopicRunner:
                 record_kinds(self.record, each.batch, each.episodes, each.executions)
                 done[each.batch] = each.episodes
         return done
+
+    def _leave_out(self, simulator: SimulatorLink, quickest: float) -> None:
+        """Have the others make a simulator's episodes for a while, of which is told once if it is a slow one."""
+        pace = simulator.pace
+        if pace.waits == 0 and pace.seconds > ALIKE * quickest > 0:
+            times = f"{pace.seconds / quickest:.1f} times as long for an episode as the quickest"
+            self._node.get_logger().warning(f"the {simulator.name} node takes {times}: the others make its episodes")
+        pace.left_out()
 
     def _has_news(self) -> bool:
         return self._complete() or any(simulator.void for simulator in self._simulators)

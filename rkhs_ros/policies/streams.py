@@ -5,9 +5,10 @@ So the draws of an episode are the same wherever and beside whatever other episo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from hashlib import blake2b
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,6 +114,10 @@ class Batch:
         """Return the same episodes as that many batches of near the same size, in order; fewer where rows are few."""
         ends = [self.rows * part // parts for part in range(parts + 1)]
         return [self.part(begin, end) for begin, end in pairwise(ends) if end > begin]
+
+    def shared(self, counts: Sequence[int]) -> list[Batch]:
+        """Return the same episodes as batches of so many rows, each at least one, in order."""
+        return [self.part(end - count, end) for count, end in zip(counts, accumulate(counts), strict=True)]
 
     def parts(self, rows: int) -> list[Batch]:
         """Return the same episodes as batches of at most that many rows, in order."""

@@ -13,6 +13,7 @@ from gymnasium.spaces import Box
 
 EPISODE = 20  # steps
 GOOD_STEPS = 70  # of a copy: three batches, with which two iterations are done, and ten of the fourth
+SLOW_S = 0.01  # that a step takes longer
 MENDED = Path("mended")  # exists once the environment behaves
 CRASHED = Path("crashed")  # exists once its process died of it, from when on it dies again and again
 
@@ -41,6 +42,8 @@ class Bad(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         self.steps += 1
+        if self.fault == "slow" and any("simulator_2" in word for word in sys.argv):  # as on a slow machine
+            time.sleep(SLOW_S)
         self.x = float(np.clip(self.x + 0.3 * action[0], -2, 2))
         reward = -(self.x**2)
         if self.is_bad():

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from test.faults.runs import curve
+from test.faults.runs import assert_same_bits, curve
 from test.ros.conftest import Process
 
 Start = Callable[..., Process]
@@ -74,3 +74,20 @@ def test_infinite_bounds_of_observations_are_no_fault(
     settings = (*SMALL, "environment.options.fault=infinite bounds")
     run = start("rkhs", "train", "--env", "bad_tasks:Bad-v0", "--quiet", "--iterations", 2, "--set", *settings)
     assert run.finish()[0] == 0
+
+
+@pytest.mark.timeout(120)
+def test_a_slow_simulator_gives_its_episodes_to_the_other_and_changes_no_bit(
+    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(TASKS, tmp_path)
+    settings = ("episodes_per_iteration=4", "evaluation_episodes=4", "environment.options.fault=slow")
+    arguments = ("train", "--env", "bad_tasks:Bad-v0", "--iterations", 12, "--set", *settings)
+    done = {}
+    for runner in (("--simulators", 2), ("--runner", "inline")):
+        run = start("rkhs", *arguments, "--out", tmp_path / str(runner[1]), *runner)
+        done[runner[1]] = run.finish()
+    assert [code for code, *_ in done.values()] == [0, 0], done
+    assert "the simulator_2/simulator node takes" in "".join(done[2][1:])
+    assert_same_bits(tmp_path / "2", tmp_path / "inline")

@@ -21,10 +21,10 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300)]
 HOME, *OTHERS = (f"rkhs{os.getpid()}{name}" for name in "hab")  # of the learner, and of a simulator each
 
 
-def ip(*words: str) -> None:
-    """Have the network set up, or skip the test where that is not allowed."""
+def ip(*words: str) -> str:
+    """Have the network set up, or skip the test where that is not allowed; return what was said."""
     try:
-        subprocess.run(["ip", *words], check=True, capture_output=True, text=True)
+        return subprocess.run(["ip", *words], check=True, capture_output=True, text=True).stdout
     except FileNotFoundError:
         pytest.skip("expected the command ip, of iproute2, got none")
     except subprocess.CalledProcessError as error:
@@ -46,10 +46,20 @@ def machines() -> Iterator[None]:
             for place, link, host in ((HOME, cable, 1), (name, "cable", 2)):
                 ip("-n", place, "address", "add", f"10.77.{k}.{host}/24", "dev", link)
                 ip("-n", place, "link", "set", link, "up")
+        wait_until_plugged_in()
         yield
     finally:
         for name in made:
             subprocess.run(["ip", "netns", "delete", name], check=False, capture_output=True)
+
+
+def wait_until_plugged_in() -> None:
+    """Wait for the cables to carry, which may take a second; nodes use only what carries when they start."""
+    ends = [(HOME, "cable0"), (HOME, "cable1"), *((name, "cable") for name in OTHERS)]
+    deadline = time.monotonic() + 20
+    while not all("state UP" in ip("-n", place, "link", "show", link) for place, link in ends):
+        assert time.monotonic() < deadline, "a cable does not carry"
+        time.sleep(0.02)
 
 
 Start = Callable[..., subprocess.Popen[str]]
