@@ -89,7 +89,7 @@ test-fast: build ## the tests that start no nodes and draw nothing, in under a m
 
 EXTRAS ?= test/faults/test_clusters.py test/unit/test_workers.py test/faults/test_other_learners.py
 test-extras: build .venv-extras/.installed ## what needs heavy extras, which are put beside .venv
-	@$(ENTER) PYTHONPATH=$(CURDIR)/.venv-extras:$$PYTHONPATH python -m pytest -rs $(EXTRAS)
+	@$(ENTER) PYTHONPATH=$(CURDIR)/.venv-extras:$$PYTHONPATH python -m pytest -rsP $(EXTRAS)
 
 .venv-extras/.installed: requirements/extras.txt requirements/core.txt | $(VENV)
 	@echo "Installing the extras into .venv-extras ..."
