@@ -107,7 +107,8 @@ def _types(cls: type) -> dict[str, Any]:
 def _build_variant(f: Field[Any], values: Tree, path: str) -> Any:
     """Make the settings dataclass that the values name, or another one of the default's class."""
     table, key = f.metadata["table"], f.metadata["key"]
-    require(isinstance(values, Mapping), path.rstrip("."), "a section of keys", repr(values))
+    meant = f", as {path}{key}={values}" if isinstance(values, str) else ""
+    require(isinstance(values, Mapping), path.rstrip("."), f"a section of keys{meant}", repr(values))
     cls: Any = pick(str(values[key]), table, path + key) if key in values else type(f.default)
     try:
         return build(cls, {k: v for k, v in values.items() if k != key}, path)

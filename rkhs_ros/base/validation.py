@@ -53,6 +53,8 @@ def hint(name: str, known: Mapping[str, Any], path: str = "") -> str:
     near = begun[:MOST_MEANT] or _like(shown(name), known)
     if near:
         return f"did you mean {' or '.join(repr(path + each) for each in near)}?"
+    if not known:
+        return "there are none here"
     return f"known: {', '.join(sorted(known))}" if len(known) <= MOST_LISTED else f"none of {len(known)} is like it"
 
 

@@ -216,7 +216,7 @@ def test_a_step_that_is_tried_out_is_refused_before_the_run(rkhs: Callable[..., 
         ("practice.noise=blue", "practice.noise: unknown choice 'blue'"),
         ("practice.exploration=1", "unknown key 'practice.exploration'"),
         ("practice.form=dream", "practice.form"),
-        ("practice=model", "practice: expected a section of keys"),
+        ("practice=model", "practice: expected a section of keys, as practice.form=model, got 'model'"),
     ],
 )
 def test_wrong_settings_of_practice_are_refused_in_one_line(
