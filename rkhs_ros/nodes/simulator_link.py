@@ -212,6 +212,7 @@ class SimulatorLink:
         self.request.environment_seeds = seeds
         with self._place_named():
             self._peers.call_until_accepted(self._ask, self.name)
+        self._begun_at = time.monotonic()  # it may have been started again first
 
     def ask_again(self) -> bool:
         """Have what the simulator published last repeated; return whether it knows the batch as it was asked for."""

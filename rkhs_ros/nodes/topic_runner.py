@@ -186,7 +186,7 @@ class TopicRunner:
     def _leave_out(self, simulator: SimulatorLink, quickest: float) -> None:
         """Have the others make a simulator's episodes for a while, of which is told once if it is a slow one."""
         pace = simulator.pace
-        if pace.waits == 0 and pace.seconds > ALIKE * quickest > 0:
+        if pace.is_new and pace.seconds > ALIKE * quickest > 0:
             times = f"{pace.seconds / quickest:.1f} times as long for an episode as the quickest"
             self._node.get_logger().warning(f"the {simulator.name} node takes {times}: the others make its episodes")
         pace.left_out()

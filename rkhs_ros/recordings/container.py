@@ -191,7 +191,12 @@ def read_messages(path: Path) -> Found:
         found.faults.append(f"{scan.missing} messages are missing")
     if not ended:
         found.lost += size - at
-        found.faults.append(f"cut after {len(found.messages)} messages: {size - at} bytes at the end are left out")
+        rest = (
+            f"{size - at} bytes at the end are left out"
+            if size > at
+            else "nothing of it is lost, but it was not closed"
+        )
+        found.faults.append(f"cut after {len(found.messages)} messages: {rest}")
     return found
 
 

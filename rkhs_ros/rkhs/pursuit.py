@@ -48,7 +48,7 @@ class Pursuit:
     @property
     def error(self) -> float:
         """The final residual relative to the targets' norm."""
-        return float(self.residuals[-1] / self.residuals[0]) if self.residuals[0] > 0 else 0.0
+        return float(self.residuals[-1] / self.residuals[0]) if self.residuals[0] != 0 else 0.0
 
 
 def pursue(
@@ -122,7 +122,7 @@ def pursue_atoms(
     """
     m = atoms(slice(0)).shape[1]
     triangle, reduced, unreachable = _reduce(_blocks(rows, targets), m, targets.shape[1], ridge * len(targets))
-    dictionary = np.empty((m, count))
+    dictionary = np.empty((len(triangle), count))
     for block in blocks_of(count):
         dictionary[:, block] = triangle @ atoms(block).T
     chosen, weights, _ = _orthogonal(dictionary, reduced, budget, -unreachable, fitting)
@@ -145,14 +145,15 @@ def _reduce(blocks: Iterable[Array], m: int, k: int, ridge: float) -> tuple[Arra
 
     Returns:
         The triangular factor R of the basis at the points (a QR factorisation), shape (m, m); the targets' coordinates
-        Q'y, shape (m, k); and the square of what no function of the basis reaches.
+        Q'y, shape (m, k), both of fewer rows where there are fewer points; and the square of what no function of the
+        basis reaches.
     """
     factor = np.sqrt(ridge) * np.eye(m if ridge > 0 else 0, m + k)
     for i, rows in enumerate(blocks):
-        if i < PLAIN_BLOCKS or len(factor) < m + k:
+        if i < PLAIN_BLOCKS or len(factor) < m + k or m + k == 0:
             factor = np.asarray(np.linalg.qr(np.concatenate([factor, rows]), mode="r"))
         else:
-            factor = dtpqrt(0, PANEL, factor, rows, overwrite_a=True)[0]
+            factor = dtpqrt(0, min(PANEL, m + k), factor, rows, overwrite_a=True)[0]
     return factor[:m, :m], factor[:m, m:], float(np.sum(factor[m:, m:] ** 2))
 
 
@@ -235,7 +236,7 @@ def _basic(
     residual = target.copy()
     weights: dict[int, Array] = {}
     squares = [float(np.sum(residual**2))]
-    for _ in range(budget):
+    for _ in range(budget if residual.size and dictionary.size else 0):
         products = residual.T @ dictionary
         best = int(np.argmax(np.sum(products**2, axis=0) / lengths))
         step = products[:, best] / lengths[best]
@@ -244,7 +245,8 @@ def _basic(
         weights[best] = weights.get(best, 0.0) + step
         residual = residual - np.outer(dictionary[:, best], step)
         squares.append(float(np.sum(residual**2)))
-    return np.array(list(weights), dtype=int), np.array(list(weights.values())).reshape(-1, target.shape[1]), squares
+    values = np.array(list(weights.values())).reshape(len(weights), target.shape[1])
+    return np.array(list(weights), dtype=int), values, squares
 
 
 def sparsify(function: Function, points: Array, *, budget: int, tolerance: float = 0.0) -> Pursuit:

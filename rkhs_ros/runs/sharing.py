@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 ALIKE = 2.0  # times as long as the quickest, within which simulators count as equally quick
-FIRST_PATIENCE = 10  # batches without episodes for a simulator, after which it is tried again
+FIRST_PATIENCE, MOST_PATIENCE = 10, 160  # batches without episodes for a simulator, after which it is tried again
 
 
 @dataclass
@@ -23,6 +23,11 @@ class Pace:
     waits: int = 0
     patience: int = FIRST_PATIENCE
 
+    @property
+    def is_new(self) -> bool:
+        """Whether no batch went without it yet."""
+        return (self.waits, self.patience) == (0, FIRST_PATIENCE)
+
     def took(self, seconds: float, episodes: int) -> None:
         """Note how long it took for so many episodes."""
         self.seconds, self.waits = seconds / episodes, 0
@@ -31,7 +36,7 @@ class Pace:
         """Note that a batch went without it; after a while what is known of it is forgotten."""
         self.waits += 1
         if self.waits >= self.patience:
-            self.seconds, self.waits, self.patience = 0.0, 0, 2 * self.patience
+            self.seconds, self.waits, self.patience = 0.0, 0, min(2 * self.patience, MOST_PATIENCE)
 
 
 def share(episodes: int, rooms: Sequence[int], paces: Sequence[float]) -> list[int]:

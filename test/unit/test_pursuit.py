@@ -244,3 +244,26 @@ def test_many_points_are_fitted_as_by_all_at_once(fitting: Fitting, monkeypatch:
     assert parts.chosen.tolist() == whole.chosen.tolist()
     np.testing.assert_allclose(parts.residuals, whole.residuals, rtol=1e-12)
     np.testing.assert_allclose(parts.function.weights, whole.function.weights, rtol=1e-8)
+
+
+@over_fittings
+@pytest.mark.parametrize(("candidates", "columns"), [(0, 1), (1, 1), (3, 2), (7, 1), (12, 1)])
+def test_small_problems_of_many_points_too(
+    fitting: Fitting, candidates: int, columns: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points, targets, chosen_among = problem(4, n=300, p=candidates, columns=columns)
+    whole = pursue(KERNEL, points, targets, chosen_among, budget=5, fitting=fitting)
+    monkeypatch.setattr("rkhs_ros.rkhs.pursuit.BLOCK_ROWS", 50)
+    monkeypatch.setattr("rkhs_ros.rkhs.pursuit.PLAIN_BLOCKS", 1)
+    parts = pursue(KERNEL, points, targets, chosen_among, budget=5, fitting=fitting)
+    assert parts.chosen.tolist() == whole.chosen.tolist()
+    assert parts.residuals[-1] == pytest.approx(whole.residuals[-1], rel=1e-12)
+
+
+@pytest.mark.parametrize("rows", [0, 1, 2, 3])
+def test_fewer_equations_than_numbers_are_solved_exactly(rows: int, rng: np.random.Generator) -> None:
+    equations, targets = rng.normal(size=(rows, 3)), rng.normal(size=(rows, 1))
+    chosen, weights = pursue_atoms(
+        lambda block: equations[block], targets, lambda block: np.eye(3)[block], 3, budget=3, fitting="pre_fitting"
+    )
+    np.testing.assert_allclose(equations[:, chosen] @ weights, targets, atol=1e-9)
