@@ -80,7 +80,8 @@ class Peers:
         begin = time.monotonic()
         if self.spin(client.service_is_ready, min(SAID_AFTER_S, self.timeout_s)):
             return
-        self._say_waiting(name, begin)
+        if self.timeout_s > SAID_AFTER_S:
+            self._say_waiting(name, begin)
         if not self.spin(client.service_is_ready, begin + self.timeout_s - time.monotonic()):
             raise self.silent(name)
 
