@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from rkhs_ros.nodes.diagnostics import Diagnostics
 
 SIGNAL_CHECK_S = 0.1  # between looks at whether a signal came
+MOST_ENDING_S = 10  # for a node to end; the middleware now and then waits for ever, and nothing else could end it then
 LAST_WORDS_S = 0.5  # for listeners to be found and to take the reason before a node ends by an error
 ROSOUT_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 AnyNode = TypeVar("AnyNode", bound=Node)
@@ -135,6 +136,8 @@ def _code_of(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNod
         try:
             _work(node, work, stop)
         finally:
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
+            signal.alarm(MOST_ENDING_S)
             node.destroy_node()
     except StoppedError:
         pass

@@ -25,8 +25,9 @@ from rkhs_ros.nodes.spin import PeerError, ReportingNode
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import Environment
-from rkhs_ros.runs.sharing import ALIKE, share
+from rkhs_ros.runs.sharing import share
 
+WORTH_TELLING_S = 1.0  # that an episode of a slow simulator takes longer than the quickest's
 IDLE_CHECK_S = 0.5  # without episodes before the peers are looked after
 UNKNOWN = repeat(BatchProgress())  # of a policy node that says nothing
 MOST_ATTEMPTS = 5  # at a batch that comes no further, as a node dies at the same step each time
@@ -186,7 +187,7 @@ class TopicRunner:
     def _leave_out(self, simulator: SimulatorLink, quickest: float) -> None:
         """Have the others make a simulator's episodes for a while, of which is told once if it is a slow one."""
         pace = simulator.pace
-        if pace.is_new and pace.seconds > ALIKE * quickest > 0:
+        if pace.is_new and pace.seconds > quickest + WORTH_TELLING_S:
             times = f"{pace.seconds / quickest:.1f} times as long for an episode as the quickest"
             self._node.get_logger().warning(f"the {simulator.name} node takes {times}: the others make its episodes")
         pace.left_out()

@@ -13,7 +13,7 @@ from gymnasium.spaces import Box
 
 EPISODE = 20  # steps
 GOOD_STEPS = 70  # of a copy: three batches, with which two iterations are done, and ten of the fourth
-SLOW_S = 0.01  # that a step takes longer
+SLOW_S = 0.07  # that a step takes longer
 MENDED = Path("mended")  # exists once the environment behaves
 CRASHED = Path("crashed")  # exists once its process died of it, from when on it dies again and again
 
