@@ -121,9 +121,11 @@ lint: build ## format and style
 types: build ## static types
 	@$(ENTER) mypy
 
-bench: build ## measure speed
-	@$(ENTER) for script in $(filter-out benchmarks/tasks.py,$(shell grep -l __main__ benchmarks/*.py)); do \
-	  python "$$script"; done
+BENCH_OPTIONS ?=
+bench: build ## run the benchmarks, all of them even if some fail; BENCH_OPTIONS=--quick tests them in seconds each
+	@$(ENTER) failed=; for script in $(filter-out benchmarks/tasks.py,$(shell grep -l __main__ benchmarks/*.py)); do \
+	  echo "$$script ..."; python "$$script" $(BENCH_OPTIONS) || failed+=" $$script"; done; \
+	[ -z "$$failed" ] || { echo "failed:$$failed" >&2; exit 1; }
 
 tasks: build ## learn a table of tasks in results/tasks: hours; goes on where it was interrupted
 	@$(ENTER) python benchmarks/tasks.py

@@ -83,7 +83,7 @@ setup(
             "practice_robot = sim_nodes.robots.practice_robot_node:main",
             "gate = rkhs_ros.nodes.gate_node:main",
             "policy = rkhs_ros.nodes.policy_node:main",
-            "learner = rkhs_ros.nodes.learner_node:main",
+            "learner = rkhs_ros.app.learner:main",
             "recorder = rkhs_ros.nodes.recorder_node:main",
             "rkhs = rkhs_ros.app.cli:main",
         ],

@@ -6,12 +6,14 @@ Time is the median over repeats on one core.
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from functools import partial
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import numpy as np
 
+from command import parser
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.imagination import ImaginedRunner
 from rkhs_ros.learning.world_model import WorldModel
@@ -61,26 +63,28 @@ def policy_of(d: int, n: int) -> GaussianPolicy:
     return GaussianPolicy(mean, ConstantVariance(np.full(n, 0.1)))
 
 
-def fits(name: str) -> None:
+def fits(name: str, sizes: Sequence[int], repeats: int) -> None:
     """Print the time of a fit at growing numbers of steps."""
     d, n = TASKS[name]
     seconds = {}
-    for steps in STEPS:
+    for steps in sizes:
         episodes = episodes_of(d, n, steps)
-        seconds[steps] = seconds_of(partial(WorldModel.fit, episodes, Inputs(), spaces_of(d, n), MODEL_CENTRES), 3)
+        seconds[steps] = seconds_of(
+            partial(WorldModel.fit, episodes, Inputs(), spaces_of(d, n), MODEL_CENTRES), repeats
+        )
         aim = "   (aim 2 s)" if steps == 5_000 else ""
         print(f"fit, {name:<9} {d:>2} + {n} numbers, {steps:>6} steps   {seconds[steps]:6.2f} s{aim}", flush=True)
-    print(f"fit, {name:<9} growth {growth(seconds, STEPS[0], STEPS[-1]):.2f}   (aim at most 1)", flush=True)
+    print(f"fit, {name:<9} growth {growth(seconds, sizes[0], sizes[-1]):.2f}   (aim at most 1)", flush=True)
 
 
-def imagined(name: str) -> None:
-    """Print how many steps are imagined in a second."""
+def imagined(name: str, steps: int, repeats: int) -> None:
+    """Print how many steps are imagined in a second, by a model of a number of steps."""
     d, n = TASKS[name]
-    model = WorldModel.fit(episodes_of(d, n, 2_000), Inputs(), spaces_of(d, n), MODEL_CENTRES)
+    model = WorldModel.fit(episodes_of(d, n, steps), Inputs(), spaces_of(d, n), MODEL_CENTRES)
     runner, policy = ImaginedRunner(model), policy_of(d, n)
     for rows in ROWS:
         batch = Batch(2, 0, rows, HORIZON, explore=True)
-        rate = rows * HORIZON / seconds_of(partial(runner.collect, policy, batch), 9)
+        rate = rows * HORIZON / seconds_of(partial(runner.collect, policy, batch), repeats)
         aim = "   (aim 200000)" if name == "pendulum" else ""
         print(f"imagined, {name:<9} {d:>2} + {n} numbers, {rows:>4} rows   {rate:9.0f} steps/s{aim}", flush=True)
 
@@ -88,9 +92,15 @@ def imagined(name: str) -> None:
 def main() -> None:
     """Print the tables."""
     for name in TASKS:
-        imagined(name)
-    fits("cheetah")
+        imagined(name, steps=2_000, repeats=9)
+    fits("cheetah", STEPS, repeats=3)
+
+
+def main_quickly() -> None:
+    """Print small tables."""
+    imagined("pendulum", steps=100, repeats=1)
+    fits("pendulum", (100, 200), repeats=1)
 
 
 if __name__ == "__main__":
-    main()
+    (main_quickly if parser(__doc__).parse_args().quick else main)()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 import time
 from dataclasses import replace
@@ -10,7 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from command import parsed, parser
 from rkhs_ros.app.inline import runner_of
+from rkhs_ros.app.seeds import parse_seeds
 from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.recording import read_recording
@@ -25,22 +26,25 @@ TEST_EPISODES, TEST_SEED = 100, 10**6
 
 def main() -> None:
     """Record exploring episodes, learn from the recording, and print what was reached."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--episodes", type=int, nargs="+", default=[10, 20])
-    parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--config", default="pendulum_model_nac")
-    parser.add_argument("--rounds", type=int, default=3)
-    options = parser.parse_args()
+    command = parser(__doc__)
+    command.add_argument("--episodes", type=int, nargs="+", default=[10, 20])
+    command.add_argument(
+        "--seeds", default="100-109", help="as 100-109 or 100,105; no setting was chosen on the default"
+    )
+    command.add_argument("--config", default="pendulum_model_nac")
+    command.add_argument("--rounds", type=int, default=3)
+    options = parsed(command, config="toy_model_nac", episodes=[2], seeds="100", rounds=1)
     use_one_thread()
+    seeds = parse_seeds(options.seeds)
     for episodes in options.episodes:
         returns = []
-        for seed in range(options.seeds):
+        for seed in seeds:
             begin = time.perf_counter()
             returns.append(_return(options.config, episodes, seed, options.rounds))
             print(f"seed {seed}: {returns[-1]:.1f} ({time.perf_counter() - begin:.0f} s)", flush=True)
         reached = np.mean([value >= GOAL for value in returns])
         print(
-            f"{options.config}, {episodes} recorded episodes: {reached:.0%} of {options.seeds} seeds reach {GOAL:g} of "
+            f"{options.config}, {episodes} recorded episodes: {reached:.0%} of {len(seeds)} seeds reach {GOAL:g} of "
             f"{BEST:g}; median {np.median(returns):.1f}, least {min(returns):.1f}"
         )
 

@@ -6,7 +6,6 @@ door and the median time of an episode; the picture is kept only where it is tol
 
 from __future__ import annotations
 
-import argparse
 import os
 import time
 from pathlib import Path
@@ -20,7 +19,10 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from sim_nodes.pr2.environment import POSE_SD, PR2Door
+from command import needing, parser
+
+with needing("pybullet", "make pr2"):
+    from sim_nodes.pr2.environment import POSE_SD, PR2Door
 
 POSES = {
     "as demonstrated": np.zeros(3),
@@ -30,10 +32,12 @@ POSES = {
 COLUMNS, ROWS = 15, 13
 
 
-def survey(task: PR2Door, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[float]]:
+def survey(
+    task: PR2Door, pose: np.ndarray, shifts: np.ndarray, openings: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, list[float]]:
     """Return rewards and successes, shape (openings, shifts), and the seconds of the episodes."""
-    rewards, opened, seconds = np.empty((ROWS, COLUMNS)), np.empty((ROWS, COLUMNS), dtype=bool), []
-    shifts, openings = axes(task)
+    shape, seconds = (len(openings), len(shifts)), []
+    rewards, opened = np.empty(shape), np.empty(shape, dtype=bool)
     for row, opening in enumerate(openings):
         for column, shift in enumerate(shifts):
             begin = time.process_time()
@@ -43,19 +47,19 @@ def survey(task: PR2Door, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, lis
     return rewards, opened, seconds
 
 
-def axes(task: PR2Door) -> tuple[np.ndarray, np.ndarray]:
+def axes(task: PR2Door, columns: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the changes of the columns and of the rows."""
     space = task.single_action_space
-    return np.linspace(space.low[0], space.high[0], COLUMNS), np.linspace(space.low[1], space.high[1], ROWS)
+    return np.linspace(space.low[0], space.high[0], columns), np.linspace(space.low[1], space.high[1], rows)
 
 
-def main(path: Path | None) -> None:
+def main(path: Path | None, *, quick: bool) -> None:
     """Draw the maps, keep them if there is a path, and print the figures."""
     task = PR2Door()
-    shifts, openings = axes(task)
+    shifts, openings = axes(task, *((2, 2) if quick else (COLUMNS, ROWS)))
     figure, panels = plt.subplots(1, len(POSES), figsize=(14, 4), sharey=True, layout="constrained")
     for panel, (name, pose) in zip(panels, POSES.items(), strict=True):
-        rewards, opened, seconds = survey(task, pose)
+        rewards, opened, seconds = survey(task, pose, shifts, openings)
         columns, rows = np.meshgrid(shifts - task.start[0], openings - task.start[1])  # as actions
         mesh = panel.pcolormesh(columns, rows, rewards, vmin=0.0, vmax=1.0, cmap="viridis")
         panel.plot(columns[opened], rows[opened], "w.", markersize=5)
@@ -72,6 +76,7 @@ def main(path: Path | None) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--out", type=Path, metavar="FILE.png", help="where the picture goes (nowhere)")
-    main(parser.parse_args().out)
+    command = parser(__doc__)
+    command.add_argument("--out", type=Path, metavar="FILE.png", help="where the picture goes (nowhere)")
+    options = command.parse_args()
+    main(options.out, quick=options.quick)

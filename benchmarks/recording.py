@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from statistics import median
 
+from command import parser
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.recordings.definitions import Types, encoded
@@ -19,6 +20,7 @@ from rkhs_ros.runs.run import run_training
 ROOT = Path(__file__).parents[1]
 RUNS = ("pendulum_nac", "pendulum_pomdp_power", "toy_nac", "pendulum_model_nac")
 ITERATIONS, REPEATS = 10, 3
+QUICK = ("toy_nac",), 2, 1
 KINDS = ("Task", "Policy", "RecordedEpisodes", "Update")
 WRITING = ("begin", "serve", "ended", "updated", "close")  # methods of a recorder
 
@@ -40,7 +42,7 @@ class Stopwatch:
         return counted
 
 
-def main() -> None:
+def main(runs: Sequence[str], iterations: int, repeats: int) -> None:
     """Print the parts of the time that went into recording."""
     use_one_thread()
     watch = Stopwatch()
@@ -50,10 +52,10 @@ def main() -> None:
     print(f"once in a process: {1e3 * (time.process_time() - begin):.0f} ms, for the definitions of the messages")
     for name in WRITING:
         setattr(Recorder, name, watch.timed(getattr(Recorder, name)))
-    for name in RUNS:
-        config = load_config(ROOT / "config" / f"{name}.yaml", [f"iterations={ITERATIONS}"])
+    for name in runs:
+        config = load_config(ROOT / "config" / f"{name}.yaml", [f"iterations={iterations}"])
         whole, writing, size, episodes = [], [], 0, 0
-        for _ in range(REPEATS):
+        for _ in range(repeats):
             with tempfile.TemporaryDirectory() as folder:
                 watch.seconds, begin = 0.0, time.process_time()
                 run_training(config, runner_of(config.environment), Path(folder), quiet=True, record=True)
@@ -69,4 +71,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*(QUICK if parser(__doc__).parse_args().quick else (RUNS, ITERATIONS, REPEATS)))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from itertools import count
 from pathlib import Path
 
 os.environ["OMP_NUM_THREADS"] = "1"
@@ -15,6 +16,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import numpy as np
 import rclpy
 
+from command import parser
 from rkhs_interfaces.msg import Command, GateReport
 from rkhs_ros.app.launcher import for_all, started
 from rkhs_ros.app.robots import check_robot
@@ -34,8 +36,11 @@ from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.report import resolved
 
 CONFIG = Path(__file__).parents[1] / "config" / "robot_pendulum.yaml"
-PERIOD, HORIZON, EPISODES, CENTRES = 0.02, 1000, 3, 80
-AT_50_HZ = (f"robot.period={PERIOD}", f"horizon={HORIZON}", "robot.misses_allowed=1000", "gate.command_timeout=25.0")
+PERIOD, CENTRES = 0.02, 80
+HORIZON, EPISODES = 1000, 3
+QUICK = 10, 1
+WARM_UP = 10  # steps of an episode
+AT_50_HZ = (f"robot.period={PERIOD}", "robot.misses_allowed=1000", "gate.command_timeout=25.0")
 
 
 class Loop:
@@ -45,9 +50,18 @@ class Loop:
         self.observed: dict[int, int] = {}
         self.sent: dict[int, int] = {}
         self.executions: list[Execution] = []
+        self._learner = learner
         learner.create_subscription(Command, "command", self._hear_command, LOCKSTEP_QOS)
         learner.create_subscription(GateReport, "gate/report", self._hear_report, LOCKSTEP_QOS)
         learner.runner.record = self._record
+
+    def wait_until_heard(self, policy: GaussianPolicy) -> None:
+        """Run short episodes until the messages of both topics arrive, and forget what was heard."""
+        numbers = count()
+        while not len(self.latencies):
+            self._learner.runner.collect(policy, Batch(0, next(numbers), 1, WARM_UP, explore=True))
+        for heard in (self.observed, self.sent, self.executions):
+            heard.clear()
 
     def _record(self, batch: Batch, episodes: Episodes, executions: list[Execution]) -> None:
         self.executions += executions
@@ -92,10 +106,10 @@ def row(name: str, values: np.ndarray) -> str:
     return f"{name:<28}{values.mean():9.2f}{np.median(values):9.2f}{np.quantile(values, 0.999):9.2f}{values.max():9.2f}"
 
 
-def main() -> None:
+def main(horizon: int, episodes: int) -> None:
     """Print the table."""
     os.environ.update(by_udp(os.environ))
-    config = load_config(CONFIG, AT_50_HZ)
+    config = load_config(CONFIG, [*AT_50_HZ, f"horizon={horizon}"])
     with tempfile.TemporaryDirectory() as folder:
         parameters = Path(folder) / "parameters.yaml"
         parameters.write_text(for_all(resolved(config), simulators=1))
@@ -103,9 +117,10 @@ def main() -> None:
         with started(node_names(1, config.environment.nodes)[:-1], parameters):
             learner = LearnerNode()
             learner.open()
-            loop = Loop(learner)
+            loop, policy = Loop(learner), policy_of(config)
             learner.runner.connect()
-            learner.runner.collect(policy_of(config), Batch(0, 0, EPISODES, HORIZON, explore=True))
+            loop.wait_until_heard(policy)
+            learner.runner.collect(policy, Batch(1, 0, episodes, horizon, explore=True))
         rclpy.shutdown()
     steps, load = len(loop.periods), os.getloadavg()[0]
     print(f"{steps} steps of {1e3 * PERIOD:g} ms; load {load:.1f} on {os.cpu_count()} cores")
@@ -116,4 +131,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*(QUICK if parser(__doc__).parse_args().quick else (HORIZON, EPISODES)))

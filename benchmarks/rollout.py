@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from typing import Any
 
 import gymnasium
 
 import rkhs_ros
+from command import needing, parser
+
+with needing("mujoco", "pip install 'gymnasium[mujoco]'"):
+    import mujoco  # noqa: F401
 
 ENVIRONMENT, ITERATIONS = "InvertedPendulum-v5", 3
+QUICK = 1, 5
 
 
 class Counting(gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -24,12 +28,12 @@ class Counting(gymnasium.Wrapper[Any, Any, Any, Any]):
         return self.env.step(action)
 
 
-def main() -> None:
-    """Print the steps of the rows, and those needed."""
-    horizon = gymnasium.spec(ENVIRONMENT).max_episode_steps or 0
+def main(iterations: int, horizon: int | None) -> None:
+    """Print the steps of the rows, and those needed, of episodes of the environment's own horizon or another."""
+    horizon = horizon or gymnasium.spec(ENVIRONMENT).max_episode_steps or 0
     needed, episodes, begin = 0, 0, time.perf_counter()
     for result in rkhs_ros.learn(
-        lambda: Counting(gymnasium.make(ENVIRONMENT)), iterations=ITERATIONS, horizon=horizon, seed=0
+        lambda: Counting(gymnasium.make(ENVIRONMENT)), iterations=iterations, horizon=horizon, seed=0
     ):
         batches = (result.iteration.exploration, result.iteration.evaluation)
         needed += sum(int(batch.mask.sum()) for batch in batches)
@@ -42,7 +46,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except gymnasium.error.DependencyNotInstalled:
-        sys.exit("error: expected MuJoCo, got none; install gymnasium[mujoco]")
+    main(*(QUICK if parser(__doc__).parse_args().quick else (ITERATIONS, None)))

@@ -12,7 +12,9 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from contextlib import suppress
+from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
 
@@ -24,6 +26,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 
 import sim_nodes.envs  # noqa: F401  # registers the tasks
+from command import parser
 from rkhs_interfaces.msg import Observation
 from rkhs_ros.app.launcher import COMPOSED, for_all, started
 from rkhs_ros.learning.training import train
@@ -38,7 +41,8 @@ from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.simulation import Simulation
 
 CONFIG = Path(__file__).parents[1] / "config" / "pendulum_nac.yaml"
-ROUNDS, TRIPS = 5, 1000
+ROUNDS, TRIPS, QUICK_TRIPS = 5, 1000, 10
+QUICK = ("iterations=2", "horizon=5")
 
 
 def echo() -> None:
@@ -54,9 +58,9 @@ def echo() -> None:
             executor.spin_once(timeout_sec=3600.0)
 
 
-def ping_pong(message: Observation) -> float:
+def ping_pong(message: Observation, trips: int) -> float:
     """Return the seconds of a round trip of the message between two processes."""
-    process = subprocess.Popen([sys.executable, __file__, "echo"])
+    process = subprocess.Popen([sys.executable, __file__, "--echo"])
     node = rclpy.create_node("ping")
     forth = node.create_publisher(Observation, "ping", LOCKSTEP_QOS)
     heard: list[Observation] = []
@@ -72,7 +76,7 @@ def ping_pong(message: Observation) -> float:
         while not heard:
             executor.spin_once(timeout_sec=1.0)
 
-    seconds = seconds_per_call(trip, TRIPS)
+    seconds = seconds_per_call(trip, trips)
     process.terminate()
     process.wait()
     executor.shutdown()
@@ -92,7 +96,7 @@ def seconds_per_call(call, times: int) -> float:
 
 
 def over_topics(config: Config, policy: GaussianPolicy, names: tuple[str, ...]) -> tuple[float, float]:
-    """Return the seconds of a step and of a run, this process being the learner.
+    """Return the seconds of a step and of a run, this process being the learner, which it is once only.
 
     Args:
         config: of the run.
@@ -125,10 +129,10 @@ def batch_of(config: Config) -> Batch:
     return Batch(0, 0, config.training.episodes_per_iteration, config.training.horizon, explore=True)
 
 
-def main() -> None:
+def main(trips: int, changes: Sequence[str]) -> None:
     """Print the table."""
-    os.environ.update(by_udp(os.environ))  # this process is the learner, and talks as the other nodes do
-    config = load_config(CONFIG)
+    os.environ.update(by_udp(os.environ))  # the learners talk as the other nodes do
+    config = load_config(CONFIG, changes)
     simulation = Simulation(config.environment.id, config.environment.options)
     batch = batch_of(config)
     inline = InlineRunner(simulation)
@@ -138,13 +142,15 @@ def main() -> None:
     inline_run = time.perf_counter() - begin
     inline_step = seconds_per_call(lambda: inline.collect(last.policy, batch), 5) / batch.horizon
     rclpy.init()
-    raw = ping_pong(observation_message(1, 1, batch, 1, simulation.step(np.zeros((batch.rows, 1)))))
+    raw = ping_pong(observation_message(1, 1, batch, 1, simulation.step(np.zeros((batch.rows, 1)))), trips)
     rclpy.shutdown()
     print(f"raw ping-pong of the same message, two processes  {1e6 * raw:8.0f} us")
     print(f"in process: a step of {batch.rows} rows                    {1e6 * inline_step:8.0f} us")
     print(f"            a pendulum run                        {inline_run:8.2f} s")
-    for names in (("simulator", "policy"), (COMPOSED,)):
-        step, run = over_topics(config, last.policy, names)
+    kinds = (("simulator", "policy"), (COMPOSED,))
+    with get_context("spawn").Pool(1, maxtasksperchild=1) as pool:  # a learner that finds another one there ends
+        measured = pool.starmap(over_topics, [(config, last.policy, names) for names in kinds], chunksize=1)
+    for names, (step, run) in zip(kinds, measured, strict=True):
         print(f"over topics, {len(names) + 1} processes:")
         print(f"            a step {1e6 * step:31.0f} us   {step / raw:.2f} times the ping-pong (aim 1.5)")
         print(f"            environment steps per second {batch.rows / step:9.0f}")
@@ -152,4 +158,10 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    echo() if sys.argv[1:] == ["echo"] else main()
+    command = parser(__doc__)
+    command.add_argument("--echo", action="store_true", help="send messages back, for another process that measures")
+    options = command.parse_args()
+    if options.echo:
+        echo()
+    else:
+        main(*((QUICK_TRIPS, QUICK) if options.quick else (TRIPS, ())))

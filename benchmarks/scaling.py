@@ -8,33 +8,37 @@ from __future__ import annotations
 import os
 import tempfile
 import time
-from argparse import ArgumentParser
-from contextlib import suppress
 from pathlib import Path
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
+from command import parsed, parser
 from rkhs_ros.app.cli import main
 
 CONFIG = Path(__file__).parents[1] / "config" / "pendulum_nac.yaml"
 SWEEP = ("sweep", str(CONFIG), "--vary", "algorithm.ridge=1e-3,1e-2", "--quiet")
+QUICK = ("--set", "iterations=1", "horizon=5")
 
 
-def seconds_of(runs: int, folder: Path, *where: str) -> float:
+def seconds_of(runs: int, folder: Path, *how: str) -> float:
     """Return how long a sweep of so many runs takes."""
     begin = time.perf_counter()
-    with suppress(SystemExit):
-        main([*SWEEP, "--seeds", f"0-{runs // 2 - 1}", "--out", str(folder), *where])
+    try:
+        main([*SWEEP, "--seeds", f"0-{runs // 2 - 1}", "--out", str(folder), *how])
+    except SystemExit as end:
+        if end.code:
+            raise
     return time.perf_counter() - begin
 
 
 if __name__ == "__main__":
-    parser = ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=20, help="an even number; default: 20")
-    parser.add_argument("--scheduler", help="of a Dask cluster, measured as well")
-    options = parser.parse_args()
+    command = parser(__doc__)
+    command.add_argument("--runs", type=int, default=20, help="an even number; default: 20")
+    command.add_argument("--scheduler", help="of a Dask cluster, measured as well")
+    options = parsed(command, runs=2)
+    changes = QUICK if options.quick else ()
     places = [("--jobs", "1"), ("--jobs", "2"), *([("--scheduler", options.scheduler)] if options.scheduler else [])]
     with tempfile.TemporaryDirectory() as parent:
-        seconds = [seconds_of(options.runs, Path(parent) / str(n), *place) for n, place in enumerate(places)]
+        seconds = [seconds_of(options.runs, Path(parent) / str(n), *place, *changes) for n, place in enumerate(places)]
     for place, taken in zip(places, seconds, strict=True):
         print(f"{' '.join(place):<36} {taken:7.1f} s   {seconds[0] / taken:.2f} times as fast as one process")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
+from command import parsed, parser
 from rkhs_ros.app.seeds import parse_seeds
 from rkhs_ros.app.study import add_worker_arguments, workers_of
 from rkhs_ros.base.endings import FAILED, INTERRUPTED, RunError, say
@@ -75,6 +76,7 @@ TASKS = {
         "rkhs/PR2Door-v0", (0.5, 0.8), changes=("environment.options.pose=per_episode",), packages=("pybullet",)
     ),
 }
+QUICK = {"tasks": ["toy"], "learners": ["ours", "linear-ars"], "seeds": "100", "episodes": 1}
 
 
 class Place(NamedTuple):
@@ -132,21 +134,21 @@ def run(options: Namespace) -> int:
     return FAILED if failed else 0
 
 
-def parsed(arguments: Sequence[str] | None) -> Namespace:
+def options_of(arguments: Sequence[str] | None) -> Namespace:
     """Return the options.
 
     Raises:
         ValueError: a name is unknown, or a number does not fit.
     """
-    parser = ArgumentParser(description="How many episodes learners need on a table of tasks.")
-    parser.add_argument("--tasks", nargs="+", default=list(TASKS), help="default: all, " + ", ".join(TASKS))
-    parser.add_argument("--learners", nargs="+", default=list(LEARNERS), help="default: all, " + ", ".join(LEARNERS))
-    parser.add_argument("--seeds", default="0-9", help="as 0-9 or 0,2,5; default: 0-9")
-    parser.add_argument("--episodes", type=int, help="budget of each learner; default: the task's")
-    add_worker_arguments(parser)
-    parser.add_argument("--out", type=Path, default=Path("results/tasks"), help="folder; default: results/tasks")
-    parser.add_argument("--quiet", action="store_true", help="no progress bar")
-    options = parser.parse_args(arguments)
+    command = parser("How many episodes learners need on a table of tasks.")
+    command.add_argument("--tasks", nargs="+", default=list(TASKS), help="default: all, " + ", ".join(TASKS))
+    command.add_argument("--learners", nargs="+", default=list(LEARNERS), help="default: all, " + ", ".join(LEARNERS))
+    command.add_argument("--seeds", default="0-9", help="as 0-9 or 0,2,5; default: 0-9")
+    command.add_argument("--episodes", type=int, help="budget of each learner; default: the task's")
+    add_worker_arguments(command)
+    command.add_argument("--out", type=Path, default=Path("results/tasks"), help="folder; default: results/tasks")
+    command.add_argument("--quiet", action="store_true", help="no progress bar")
+    options = parsed(command, arguments, **QUICK)
     for kind, table in (("task", TASKS), ("learner", LEARNERS)):
         names = list(dict.fromkeys(getattr(options, f"{kind}s")))
         for name in names:
@@ -162,7 +164,7 @@ def parsed(arguments: Sequence[str] | None) -> Namespace:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code."""
     try:
-        return run(parsed(arguments))
+        return run(options_of(arguments))
     except (ValueError, OSError, RunError) as error:
         return say(error)
     except KeyboardInterrupt:

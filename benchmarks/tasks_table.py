@@ -46,10 +46,10 @@ class Cell:
         for threshold in self.thresholds:
             reached = np.array([self._reached(curve, threshold) for curve in self.curves])
             for name, values in zip(("episodes", "steps"), reached.T, strict=True):
-                yield Quantity(f"{name} to", threshold, _median(values))
+                yield Quantity(f"{name} to", threshold, median_until(values))
         for episodes in AFTER:
             yield Quantity("return after", episodes, self._mean_return_after(episodes))
-        yield Quantity("CPU seconds", None, _median(np.array([curve[-1].cpu_seconds for curve in self.curves])))
+        yield Quantity("CPU seconds", None, median_until(np.array([curve[-1].cpu_seconds for curve in self.curves])))
 
     def _return(self, point: Point) -> float:
         return point.discounted_return if self.discounted else point.undiscounted_return
@@ -80,8 +80,8 @@ class Quantity(NamedTuple):
         return self.name if self.at is None else f"{self.name} {self.at:g}"
 
 
-def _median(values: Array) -> Estimate:
-    """Return the median over the runs, of which some may be infinite."""
+def median_until(values: Array) -> Estimate:
+    """Return the median over the runs of counts, some of which may be infinite."""
     estimate = median_over_runs(np.minimum(values, NEVER))
     return Estimate(*(np.inf if number > NEVER / 1e5 else float(number) for number in estimate))
 

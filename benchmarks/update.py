@@ -9,12 +9,14 @@ import os
 import tracemalloc
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import numpy as np
 from sklearn.linear_model import OrthogonalMatchingPursuit
 
+from command import parser
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.learning.algorithm import Experience
 from rkhs_ros.learning.episodes import Episodes
@@ -27,10 +29,28 @@ from rkhs_ros.runs.config import load_config
 from timing import growth, seconds_of
 
 CONFIGS = Path(__file__).parents[1] / "config"
-REPEATS = {1_000: 21, 10_000: 7, 100_000: 3}
-MANY = 1_000_000
 POINTS, ATOMS = 1000, 40
 RANK = 2 * ATOMS  # of the basis that stands for the dictionary: the residual has the same six digits as at full rank
+
+
+class Sizes(NamedTuple):
+    """How much is measured.
+
+    Attributes:
+        repeats: of an update, by its number of samples.
+        many: samples of one more update.
+        iterations: of learning before the update.
+        pursuits: repeats of a matching pursuit.
+    """
+
+    repeats: dict[int, int]
+    many: int
+    iterations: int
+    pursuits: int
+
+
+FULL = Sizes({1_000: 21, 10_000: 7, 100_000: 3}, many=1_000_000, iterations=3, pursuits=31)
+QUICK = Sizes({100: 1, 200: 1}, many=200, iterations=1, pursuits=1)
 
 
 def peak_of(call: Callable[[], object]) -> int:
@@ -42,9 +62,11 @@ def peak_of(call: Callable[[], object]) -> int:
     return peak
 
 
-def update_of(config: Path, samples: int, changes: Sequence[str] = ()) -> tuple[Callable[[], object], int]:
-    """Return an update after three iterations, of episodes with that many steps, and the policy's centres."""
-    settings = load_config(config, [*changes, "iterations=3"])
+def update_of(
+    config: Path, samples: int, iterations: int, changes: Sequence[str] = ()
+) -> tuple[Callable[[], object], int]:
+    """Return an update after some iterations, of episodes with that many steps, and the policy's centres."""
+    settings = load_config(config, [*changes, f"iterations={iterations}"])
     training, environment = settings.training, settings.environment
     runner = runner_of(environment)
     *_, last = train(training, runner)
@@ -59,20 +81,20 @@ def update_of(config: Path, samples: int, changes: Sequence[str] = ()) -> tuple[
     return lambda: training.algorithm.update(last.policy, experience), last.metrics.centres
 
 
-def updates(config: Path, changes: Sequence[str] = (), aim: float = 30.0) -> None:
+def updates(config: Path, sizes: Sizes, changes: Sequence[str] = (), aim: float = 30.0) -> None:
     """Print time and memory of an algorithm's update of a policy that has all its centres."""
     name = " ".join([config.stem, *(change.rpartition(".")[2] for change in changes)])
     seconds: dict[int, float] = {}
     memory: dict[int, float] = {}
-    for samples, repeats in REPEATS.items():
-        update, centres = update_of(config, samples, changes)
+    for samples, repeats in sizes.repeats.items():
+        update, centres = update_of(config, samples, sizes.iterations, changes)
         seconds[samples], memory[samples] = seconds_of(update, repeats), peak_of(update)
-        note = f"   (aim {aim:.0f} ms)" if samples == min(REPEATS) else ""
+        note = f"   (aim {aim:.0f} ms)" if samples == min(sizes.repeats) else ""
         size = f"{samples:>6} samples, {centres:>4} centres"
         print(
             f"{name:<40}{size}  {1e3 * seconds[samples]:8.1f} ms  {memory[samples] / 2**20:8.1f} MiB{note}", flush=True
         )
-    least, most = min(REPEATS), max(REPEATS)
+    least, most = min(sizes.repeats), max(sizes.repeats)
     print(
         f"{name:<40}growth from {least} to {most}    {growth(seconds, least, most):8.2f}"
         f"     {growth(memory, least, most):8.2f}       (aim at most 1.1)",
@@ -80,7 +102,7 @@ def updates(config: Path, changes: Sequence[str] = (), aim: float = 30.0) -> Non
     )
 
 
-def pursuits() -> None:
+def pursuits(repeats: int) -> None:
     """Print residual and time of orthogonal matching pursuit, here and in scikit-learn, on one dictionary."""
     rng = np.random.default_rng(0)
     points, candidates = rng.uniform(-3.0, 3.0, (2, POINTS, 2))
@@ -103,7 +125,7 @@ def pursuits() -> None:
     def error(fitted: np.ndarray) -> float:
         return float(np.linalg.norm(targets[:, 0] - fitted) / np.linalg.norm(targets))
 
-    our_seconds, their_seconds, forming = (seconds_of(call, 31) for call in (fit_ours, fit_theirs, form))
+    our_seconds, their_seconds, forming = (seconds_of(call, repeats) for call in (fit_ours, fit_theirs, form))
     ours = fit_ours()
     print(f"pursuit of {len(ours.chosen)} among {POINTS} candidates, {POINTS} points; residual relative to the targets")
     print(
@@ -118,36 +140,38 @@ def pursuits() -> None:
     print(f"scikit-learn, with forming it            {1e3 * both:8.1f} ms   {both / our_seconds:26.2f} times ours")
 
 
-def at_many(config: Path) -> None:
+def at_many(config: Path, sizes: Sizes) -> None:
     """Print time and memory of an update at very many samples."""
-    update, centres = update_of(config, MANY)
+    update, centres = update_of(config, sizes.many, sizes.iterations)
     seconds, peak = seconds_of(update, 1), peak_of(update) / 2**20
-    size = f"{MANY} samples, {centres:>4} centres"
+    size = f"{sizes.many} samples, {centres:>4} centres"
     print(f"{config.stem:<39}{size}  {seconds:8.2f} s {peak:8.1f} MiB (aim 4 s, 1024 MiB)", flush=True)
 
 
-def once(config: Path, changes: Sequence[str], aim: str) -> None:
+def once(config: Path, sizes: Sizes, aim: str, changes: Sequence[str] = ()) -> None:
     """Print the time of an update at the fewest samples only."""
-    update, centres = update_of(config, min(REPEATS), changes)
+    samples = min(sizes.repeats)
+    update, centres = update_of(config, samples, sizes.iterations, changes)
     name = " ".join([config.stem, *(change.rpartition(".")[2] for change in changes)])
-    size = f"{min(REPEATS):>6} samples, {centres:>4} centres"
+    size = f"{samples:>6} samples, {centres:>4} centres"
     print(f"{name:<40}{size}  {1e3 * seconds_of(update, 9):8.1f} ms   {aim}", flush=True)
 
 
-def main() -> None:
+def main(sizes: Sizes) -> None:
     """Print the tables."""
     for name in ("ac", "npg", "nac", "power", "grid_ac", "enac", "grid_power"):
-        updates(CONFIGS / f"pendulum_{name}.yaml")
-    updates(CONFIGS / "pendulum_nac.yaml", ["algorithm.critic=trajectory"])
-    updates(CONFIGS / "pendulum_nac.yaml", ["algorithm.regression=pursuit"])
+        updates(CONFIGS / f"pendulum_{name}.yaml", sizes)
+    updates(CONFIGS / "pendulum_nac.yaml", sizes, ["algorithm.critic=trajectory"])
+    updates(CONFIGS / "pendulum_nac.yaml", sizes, ["algorithm.regression=pursuit"])
     for name in ("ac", "npg", "nac", "power"):
-        once(CONFIGS / f"pendulum_pomdp_{name}.yaml", [], "(aim 100 ms)")
-    once(CONFIGS / "pendulum_pomdp_enac.yaml", [], "")
-    once(CONFIGS / "pendulum_power.yaml", ["algorithm.weighting=printed"], "as printed: cubic in the samples")
+        once(CONFIGS / f"pendulum_pomdp_{name}.yaml", sizes, "(aim 100 ms)")
+    once(CONFIGS / "pendulum_pomdp_enac.yaml", sizes, "")
+    printed = ["algorithm.weighting=printed"]
+    once(CONFIGS / "pendulum_power.yaml", sizes, "as printed: cubic in the samples", printed)
     for name in ("ac", "npg", "nac", "power", "grid_ac", "enac", "grid_power"):
-        at_many(CONFIGS / f"pendulum_{name}.yaml")
-    pursuits()
+        at_many(CONFIGS / f"pendulum_{name}.yaml", sizes)
+    pursuits(sizes.pursuits)
 
 
 if __name__ == "__main__":
-    main()
+    main(QUICK if parser(__doc__).parse_args().quick else FULL)

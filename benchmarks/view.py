@@ -7,7 +7,6 @@ card. Again and again, since machines are noisy: read the ratios.
 
 from __future__ import annotations
 
-import argparse
 import os
 import signal
 import subprocess
@@ -33,6 +32,7 @@ import viser  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from websockets.sync.client import connect  # noqa: E402
 
+from command import parsed, parser, skip  # noqa: E402
 from rkhs_ros.app.inline import runner_of  # noqa: E402
 from rkhs_ros.learning.training import train  # noqa: E402
 from rkhs_ros.nodes.learning_topics import LearningTopics  # noqa: E402
@@ -43,7 +43,7 @@ CONFIG = ROOT / "config" / "pendulum_nac.yaml"
 ROUNDS, WINDOW_S = 6, 5.0
 SETTLE_S = 6.0  # after a change: the browser loads the page; nodes are heard for a while after the last one left
 WARM_UP = 30  # iterations before the clock starts, until the policy has its centres
-TELLING_S, PACE_S = 6.0, 0.05  # of telling alone, at a pace faster than that of the run
+PACE_S = 0.05  # of telling alone, faster than that of the run
 MOST_ROWS = 256  # that are told
 TIMEOUT_S = 120.0
 STOPPED, NOBODY, AWAY, HERE = "page stopped", "nobody there", "in a browser elsewhere", "in a browser here"
@@ -116,7 +116,7 @@ def drawn(chromium: browser.Browser, address: str) -> Iterator[None]:
     tab.close()
 
 
-def paces(rounds: int, window_s: float) -> dict[str, list[tuple[float, float]]]:
+def paces(rounds: int, window_s: float, settle_s: float) -> dict[str, list[tuple[float, float]]]:
     """Return, of each kind, seconds of an iteration and the part of a core that the page took, once for each round."""
     found: dict[str, list[tuple[float, float]]] = {kind: [] for kind in KINDS}
     with tempfile.TemporaryDirectory() as name:
@@ -129,7 +129,7 @@ def paces(rounds: int, window_s: float) -> dict[str, list[tuple[float, float]]]:
                 for kind in islice(cycle(KINDS), rounds * len(KINDS)):
                     page.send_signal(signal.SIGSTOP if kind == STOPPED else signal.SIGCONT)
                     with {AWAY: taken, HERE: partial(drawn, chromium)}.get(kind, nullcontext)(address):
-                        time.sleep(SETTLE_S)
+                        time.sleep(settle_s)
                         began, computed = time.monotonic(), cpu_seconds(page.pid)
                         pace = seconds_per_iteration(folder, window_s)
                         found[kind].append((pace, (cpu_seconds(page.pid) - computed) / (time.monotonic() - began)))
@@ -166,11 +166,11 @@ def part_of_a_core(topics: LearningTopics | None, iterations: Sequence, window_s
     return (time.process_time() - began) / window_s
 
 
-def main(rounds: int, window_s: float) -> None:
+def main(rounds: int, window_s: float, settle_s: float) -> None:
     """Print the medians, beside those with the page stopped."""
-    telling, silent = told(TELLING_S)
+    telling, silent = told(window_s)
     print(f"telling of the learning, nobody listens: {telling:.2%} of a core; the same node without: {silent:.2%}")
-    found = paces(rounds, window_s)
+    found = paces(rounds, window_s, settle_s)
     base = [pace for pace, _ in found[STOPPED]]
     for kind, measured in found.items():
         times, parts = zip(*measured, strict=True)
@@ -180,8 +180,11 @@ def main(rounds: int, window_s: float) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--rounds", type=int, default=ROUNDS)
-    parser.add_argument("--window", type=float, default=WINDOW_S, help="seconds in which a pace is measured")
-    options = parser.parse_args()
-    main(options.rounds, options.window)
+    if browser.found() is None:
+        skip("chromium", "make view-tools")
+    command = parser(__doc__)
+    command.add_argument("--rounds", type=int, default=ROUNDS)
+    command.add_argument("--window", type=float, default=WINDOW_S, help="seconds in which a pace is measured")
+    command.add_argument("--settle", type=float, default=SETTLE_S, help="seconds between two paces")
+    options = parsed(command, rounds=1, window=0.5, settle=0.5)
+    main(options.rounds, options.window, options.settle)

@@ -6,6 +6,7 @@ import json
 import sys
 import time
 from collections.abc import Callable
+from contextlib import ExitStack, closing
 from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
@@ -29,7 +30,7 @@ from rkhs_ros.nodes.messages import (
     observation_message,
     show,
 )
-from rkhs_ros.nodes.parameters import declare, declared, given, instance, require_known, restarts
+from rkhs_ros.nodes.parameters import declare, declared, given, process, require_known, restarts
 from rkhs_ros.nodes.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.uniqueness import Uniqueness
 from rkhs_ros.policies.messages import matrix
@@ -59,6 +60,7 @@ class SimulatorNode(ReportingNode):
 
     def __init__(self) -> None:
         super().__init__("simulator")
+        self._made = ExitStack()
 
     def open(self) -> None:
         """Make the environment and open topics and services.
@@ -69,8 +71,8 @@ class SimulatorNode(ReportingNode):
         require_section(self.get_fully_qualified_name(), sys.argv)
         tree = given(self)
         shown = declared(self, tree, "robot_state", False, "publish joint_states and robot_description for viewers")
-        again, number = restarts(self, tree), instance(self, tree)
-        self._simulation = self._make_simulation(tree)
+        again, own_process = restarts(self, tree), process(self, tree)
+        self._simulation = self._made.enter_context(closing(self._make_simulation(tree)))
         self._robot = self._make_robot_state() if shown else None
         self._batch: Batch | None = None
         self._identity = 0
@@ -88,11 +90,16 @@ class SimulatorNode(ReportingNode):
         self._episodes = self.create_publisher(Episodes, "episodes", LOCKSTEP_QOS)
         self._clock_ticks = self.create_publisher(Clock, "clock", LOCKSTEP_QOS)
         self.diagnostics = Diagnostics(self, again, self._report, ["action"])
-        self._uniqueness = Uniqueness(self, number)
+        self._uniqueness = Uniqueness(self, own_process)
         self.create_subscription(Action, "action", self._act, LOCKSTEP_QOS)
         self.create_service(StartEpisodes, "start_episodes", self._start)
         self.create_service(DescribeTask, "describe_task", self._describe)
         self.get_logger().info(f"ready for episodes of {self._simulation.environment}")
+
+    def destroy_node(self) -> None:
+        """Close the environment, if it was made."""
+        self._made.close()
+        super().destroy_node()
 
     def heartbeat(self) -> float:
         """Report, and ask for the action again where it does not come; return the seconds until the next time."""
@@ -231,7 +238,7 @@ class SimulatorNode(ReportingNode):
         if actions is not None:
             self._recorder.acted(self._step - 1, actions)
         self._recorder.observed(self._step, frame)
-        if not frame.active.any():
+        if frame.is_over:
             self._ended = episodes_message(msg, self._identity, self._version, self._recorder.episodes())
             self._episodes.publish(self._ended)
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Iterable
-from importlib.util import find_spec
 from pathlib import Path
 
 from rkhs_ros.app.domain import VARIABLE, domain_of
 from rkhs_ros.app.launcher import NodeProcess, assigned
-from rkhs_ros.base.validation import require
+from rkhs_ros.base.ros import require_ros
 
 
 def add_folder(parser: argparse.ArgumentParser) -> None:
@@ -34,7 +33,7 @@ def run_beside(folder: Path | None, node: str, parameters: Iterable[str] = ()) -
         ValueError: there is no ROS, or no run under way in the folder.
         KeyboardInterrupt: as it came, after the node's end.
     """
-    require(find_spec("rclpy") is not None, "rclpy", "ROS 2, on which the nodes of a run are heard", "none")
+    require_ros(f"{node} node")
     if folder is not None:
         os.environ[VARIABLE] = domain_of(folder)
     process = NodeProcess(node, assigned(parameters)).process

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.text import Text
 
 import rkhs_ros.app.inline  # noqa: F401  # registers the tasks, whose known returns are drawn
+from rkhs_ros.app.trust import reads_data
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.pictures.comparison import draw_comparison, format_of
 from rkhs_ros.runs.comparison import Comparison, compare
@@ -22,6 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, default=out, metavar="FILE.png", help=about)
 
 
+@reads_data
 def run(options: argparse.Namespace) -> int:
     """Draw the picture, write the tables beside it, and print them."""
     format_of(options.out)  # refused before anything is written

@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rkhs_ros.base.endings import RunError
+from rkhs_ros.base.files import read_whole
 from rkhs_ros.base.lock import locked
 from rkhs_ros.base.validation import require
 
@@ -55,7 +56,7 @@ def domain_of(folder: Path) -> str:
         ValueError: none is under way in the folder.
     """
     require(_file(folder).is_file(), f"{folder}", "the folder of a run under way over topics", "none")
-    return _file(folder).read_text().strip()
+    return read_whole(_file(folder)).decode(errors="replace").strip()
 
 
 def _file(folder: Path) -> Path:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from rkhs_ros.app.trust import reads_data
 from rkhs_ros.base.validation import require
 from rkhs_ros.recordings.lerobot import export
 from rkhs_ros.recordings.recording import read_recording
@@ -15,18 +16,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("recording", type=Path, metavar="RECORDING", help="a recording, or the folder of a recorded run")
     add("--lerobot", type=Path, metavar="DIR", required=True, help="a new folder for a LeRobotDataset v3.0")
-    add("--fps", type=float, metavar="N", help="steps in a second (what a robot's stamps say)")
+    add("--fps", type=float, metavar="N", help="steps per second, a whole number (that of a robot's time stamps)")
     add("--task", metavar="TEXT", help="what the episodes are of (the environment)")
 
 
+@reads_data
 def run(options: argparse.Namespace) -> int:
     """Write the episodes that count, and say how many they are."""
-    require(options.fps is None or options.fps > 0, "--fps", "a number above 0", options.fps)
+    fps = None if options.fps is None else _whole_fps(options.fps)
     recording = read_recording(options.recording)
     task = options.task or (recording.head.task.environment if recording.head else "")
     require(bool(task), "--task", "what the episodes of a bag are of", "none")
-    count = export(
-        recording.finished, task, options.lerobot, options.fps, recording.head.spaces if recording.head else None
-    )
-    print(f"Exported {count} episodes: {options.lerobot}")
+    spaces = recording.head.spaces if recording.head else None
+    count, rate = export(recording.finished, task, options.lerobot, fps, spaces)
+    print(f"Exported {count} episodes at {rate} steps per second: {options.lerobot}")
     return 0
+
+
+def _whole_fps(fps: float) -> int:
+    """Return the steps per second as an integer.
+
+    Raises:
+        ValueError: they are not a whole number above 0.
+    """
+    require(fps >= 1 and fps.is_integer(), "--fps", "a whole number of 1 or more, as LeRobot stores it", f"{fps:g}")
+    return int(fps)

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rkhs_ros.app.inline import runner_of
+from rkhs_ros.app.inline import spaces_of
+from rkhs_ros.app.trust import add_trust_argument, reads_data
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.imitation import imitation_from
@@ -26,6 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("episodes", type=Path, metavar="DIR|EPISODES", help="a run's folder, a file of episodes *.npz, or a recording")
     add("--env", metavar="ID", help="the environment that they are of, where the file does not tell")
+    add_trust_argument(parser)
     add(
         "--set",
         nargs="+",
@@ -37,13 +39,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--out", type=Path, default=Path("imitated.npz"), metavar="FILE", help="the policy's file (%(default)s)")
 
 
+@reads_data
 def run(options: argparse.Namespace) -> int:
     """Fit the policy, save it, and say how far it is from what was shown."""
     file = options.episodes / "episodes.npz" if (options.episodes / "episodes.npz").is_file() else options.episodes
     episodes, told = load_episodes(file) if file.suffix == ".npz" else _recorded(file)
     imitation = imitation_from(tree_of(options.set))
     task = _task(episodes, told, options.env)
-    spaces = runner_of(Environment(task.environment, task.options)).spaces if task.environment else _plain(episodes)
+    spaces = spaces_of(Environment(task.environment, task.options)) if task.environment else _plain(episodes)
     for what, size in (("observations", spaces.observation_dim), ("actions", spaces.action_dim)):
         got = getattr(episodes, what).shape[2]
         require(got == size, f"{file}: {what}", f"{size} numbers, as {task.environment} has", got)

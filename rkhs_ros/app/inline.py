@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import sim_nodes.envs  # noqa: F401  # registers the tasks
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task, load_policy
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.report import last_policy
@@ -27,16 +31,47 @@ def runner_of(environment: Environment) -> InlineRunner:
     return InlineRunner(Simulation(environment.id, environment.options, environment.rows_at_once))
 
 
+def spaces_of(environment: Environment) -> Spaces:
+    """Return the spaces of an environment, which is closed again.
+
+    Raises:
+        ValueError: the environment is unknown, its options do not fit, or a space is not continuous; or it is a robot.
+    """
+    with runner_of(environment) as runner:
+        return runner.spaces
+
+
+def note_horizon(simulation: Simulation, horizon: int, *, given: bool) -> None:
+    """Print a note if episodes end at another step than users may expect.
+
+    Args:
+        simulation: of the environment.
+        horizon: steps of an episode.
+        given: whether the user set the horizon.
+    """
+    name, own = simulation.environment, simulation.own_horizon
+    if own is None and not given:
+        note = f"{name} has no time limit; episodes end after {horizon} steps. Set horizon=N to change that"
+    elif own not in (None, horizon):
+        note = f"{horizon} steps, in place of {name}'s own {own}"
+    else:
+        return
+    print(f"note: horizon: {note}", file=sys.stderr)
+
+
 def iterations(config: Config) -> Iterator[Iteration]:
     """Make the run of a configuration, yielding each iteration as it is done."""
-    return train(config.training, runner_of(config.environment))
+    with runner_of(config.environment) as runner:
+        yield from train(config.training, runner)
 
 
-def load_acting(path: Path) -> tuple[GaussianPolicy, Task, InlineRunner]:
-    """Return a policy, its task and where it can act.
+@contextmanager
+def load_acting(path: Path, environment: str | None = None) -> Iterator[tuple[GaussianPolicy, Task, InlineRunner]]:
+    """Load a policy; yield it, its task and where it can act, which is closed at the end.
 
     Args:
         path: a policy file, or a run's folder, of which it is the last policy.
+        environment: the id that the file must name, if it names any.
 
     Raises:
         ValueError: the folder holds no policy yet, the file is damaged, or its policy does not fit its task.
@@ -44,14 +79,17 @@ def load_acting(path: Path) -> tuple[GaussianPolicy, Task, InlineRunner]:
     """
     path = last_policy(path) if path.is_dir() else path
     policy, task = load_policy(path)
-    require(task.environment != "", f"{path}", "a policy that names its environment", "one of none (see imitate --env)")
-    runner = runner_of(Environment(task.environment, task.options))
-    spaces = runner.spaces
-    input_dim = policy.inputs.dimension(spaces.observation_dim, spaces.action_dim)
-    require(
-        (input_dim, spaces.action_dim) == (policy.mean.input_dim, policy.mean.output_dim),
-        f"{path}",
-        f"a policy from {input_dim} to {spaces.action_dim} dimensions, as {task.environment} has",
-        f"{policy.mean.input_dim} to {policy.mean.output_dim}",
-    )
-    return policy, task, runner
+    named = task.environment or environment or ""
+    require(named != "", f"{path}", "a policy that names its environment", "one of none (see --env)")
+    require(environment in (None, named), "--env", f"{named}, which {path} names", environment)
+    task = replace(task, environment=named)
+    with runner_of(Environment(task.environment, task.options)) as runner:
+        spaces = runner.spaces
+        input_dim = policy.inputs.dimension(spaces.observation_dim, spaces.action_dim)
+        require(
+            (input_dim, spaces.action_dim) == (policy.mean.input_dim, policy.mean.output_dim),
+            f"{path}",
+            f"a policy from {input_dim} to {spaces.action_dim} dimensions, as {task.environment} has",
+            f"{policy.mean.input_dim} to {policy.mean.output_dim}",
+        )
+        yield policy, task, runner

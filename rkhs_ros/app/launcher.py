@@ -13,9 +13,9 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, NamedTuple
 
-from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED
+from rkhs_ros.base.endings import BAD_INPUT, ENDING, FAILED, INTERRUPTED, signals_held
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS, POLICY, PRACTICE_ROBOT, ROBOT, SIMULATOR
 from rkhs_ros.base.processes import terminate_with_parent
@@ -24,6 +24,8 @@ from rkhs_ros.nodes.names import node_names
 from rkhs_ros.runs.config import Config, environment_of_robot, robot_nodes
 
 TERMINATION_TIMEOUT_S = 2.0  # for a node to end after SIGTERM, before it is killed
+# The same for nodes that first bring a robot to rest: those that brake it, and what is braked.
+BRAKING_TIMEOUT_S = {"gate": 10.0, "practice_robot": 6.0}
 POLL_INTERVAL_S = 0.05
 MOST_DEATHS, DEATHS_WINDOW_S = 10, 300.0  # of a node in that time; with one more the run is given up
 SHORTEST_BACKOFF_S, LONGEST_BACKOFF_S = 0.05, 5.0  # before a node is started again; doubled with each death
@@ -31,7 +33,6 @@ NEVER_AGAIN = ("gate",)  # nodes that are not started again: what they stopped f
 LEARNING = ("policy", "learner")  # nodes that are no part of a world
 OWN_CODES = (0, FAILED, BAD_INPUT, INTERRUPTED)  # that a node ends with itself; with any other it died
 COMPOSED = "simulator+policy"  # nodes that share a process are named together
-ENDING = (signal.SIGINT, signal.SIGTERM)
 MODULES = {
     "simulator": "sim_nodes.simulator_node",
     COMPOSED: "sim_nodes.composed_node",
@@ -47,6 +48,13 @@ MODULES = {
 }
 
 
+class Moment(NamedTuple):
+    """When a run began: in nanoseconds of the system's clock, and in seconds of the one that is never set."""
+
+    stamp: int
+    monotonic: float
+
+
 class NodeProcess:
     """A node in a process of its own, which can be started again.
 
@@ -55,10 +63,10 @@ class NodeProcess:
     Args:
         name: a key of `MODULES`, after a namespace and a slash if need be.
         arguments: of the node, after ``--ros-args``.
-        began: when its run began, in nanoseconds; 0 for a node without a run.
+        began: when its run began; None for a node without a run.
     """
 
-    def __init__(self, name: str, arguments: Sequence[str] = (), began: int = 0) -> None:
+    def __init__(self, name: str, arguments: Sequence[str] = (), began: Moment | None = None) -> None:
         self.name = name
         self._arguments = list(arguments)
         self._began = began
@@ -104,33 +112,21 @@ class NodeProcess:
         """Start the node outside our foreground group, so that a Ctrl-C reaches it once, through us."""
         namespace, _, kind = self.name.rpartition("/")
         more = [f"restarts:={self._restarts}"] if self._restarts else []
-        more += [f"instance:={self._began + self._restarts}"] if self._began else []
+        if self._began:
+            age = time.monotonic() - self._began.monotonic
+            more += [f"instance:={self._began.stamp + self._restarts}", f"run_age:={age:.6f}"]
         more += ["resume:=true"] if self._restarts and kind == "learner" else []
         loggers = self.name.replace("/", ".").split("+")
         quiet = [word for name in loggers for word in ("--log-level", f"{name}:=warn")]  # we say ourselves what is well
         ros = ["--ros-args", *quiet, "-r", f"__ns:=/{namespace}", *self._arguments, *assigned(more)]
-        with signals_held():
+        with signals_held():  # Python loses what a handler raises while it forks
             return subprocess.Popen(
-                [sys.executable, "-m", MODULES[kind], *ros],
+                [sys.executable, "-P", "-m", MODULES[kind], *ros],
                 stdin=subprocess.DEVNULL,
                 process_group=0,
                 env=environment(),
                 preexec_fn=partial(terminate_with_parent, os.getpid()),
             )
-
-
-@contextmanager
-def signals_held() -> Iterator[None]:
-    """Handle signals that come meanwhile at the end: Python loses what a handler raises while it forks."""
-    held: list[int] = []
-    handlers = {number: signal.signal(number, lambda number, frame: held.append(number)) for number in ENDING}
-    try:
-        yield
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-        if held:
-            signal.raise_signal(held[0])
 
 
 Nodes = dict[str, NodeProcess]
@@ -266,13 +262,13 @@ def started(names: Iterable[str], parameters: Path) -> Iterator[Nodes]:
         parameters: a ROS parameter file.
     """
     nodes: Nodes = {}
-    began = time.time_ns()
+    began = Moment(time.time_ns(), time.monotonic())
     try:
         for name in names:
             nodes[name] = NodeProcess(name, ["--params-file", str(parameters)], began)
         yield nodes
     finally:
-        _terminate([node.process for node in nodes.values()])
+        _terminate(nodes.values())
 
 
 def assigned(parameters: Iterable[str]) -> list[str]:
@@ -344,14 +340,15 @@ def _tell_to_end(process: subprocess.Popen[bytes]) -> None:
     process.send_signal(signal.SIGCONT)
 
 
-def _terminate(processes: Iterable[subprocess.Popen[bytes]]) -> None:
-    processes = list(processes)
-    for process in processes:
-        _tell_to_end(process)
-    deadline = time.monotonic() + TERMINATION_TIMEOUT_S
-    for process in processes:
+def _terminate(nodes: Iterable[NodeProcess]) -> None:
+    nodes = list(nodes)
+    for node in nodes:
+        _tell_to_end(node.process)
+    begin = time.monotonic()
+    for node in nodes:
+        deadline = begin + BRAKING_TIMEOUT_S.get(node.name, TERMINATION_TIMEOUT_S)
         try:
-            process.wait(max(deadline - time.monotonic(), 0.1))
+            node.process.wait(max(deadline - time.monotonic(), 0.1))
         except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+            node.process.kill()
+            node.process.wait()

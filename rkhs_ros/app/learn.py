@@ -7,7 +7,8 @@ import sys
 from math import inf
 from pathlib import Path
 
-from rkhs_ros.app.inline import runner_of
+from rkhs_ros.app.inline import spaces_of
+from rkhs_ros.app.trust import add_trust_argument, reads_data
 from rkhs_ros.base.lock import locked
 from rkhs_ros.base.streams import Lossy
 from rkhs_ros.base.threads import use_one_thread
@@ -37,11 +38,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--iterations", type=int, default=ROUNDS, metavar="N", help="rounds of practice (%(default)s)")
     add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="settings, as practice.centres=300")
     add("--out", type=Path, metavar="DIR", help="folder for the results (results/NAME/TIME)")
+    add_trust_argument(parser)
     add("--quiet", action="store_true", help="no progress bar")
 
 
 def run(options: argparse.Namespace) -> int:
     """Learn, draw the pictures and say what was learnt."""
+    options.trust |= any(path.suffix in SUFFIXES for path in options.sources)  # a configuration is chosen as a program
+    return _learn(options)
+
+
+@reads_data
+def _learn(options: argparse.Namespace) -> int:
     files = [path for path in options.sources if path.suffix in SUFFIXES]
     require(len(files) <= 1, "learn", "one configuration at most", ", ".join(map(str, files)))
     recordings = {str(path): read_recording(path) for path in options.sources if path not in files}
@@ -63,7 +71,7 @@ def _settings(recordings: dict[str, Recording], file: Path | None, changes: list
         if file is None:
             raise ValueError(f"{name}: expected a configuration beside a bag, which does not tell its task, got none")
         config = _configured(file, changes)
-        return config, runner_of(config.environment).spaces
+        return config, spaces_of(config.environment)
     task = recording.head.task
     environment = Environment(task.environment, dict(task.options))
     if file is None:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterable, Iterator, Mapping
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-import sim_nodes.envs  # noqa: F401  # registers the project's tasks
+from rkhs_ros.app.inline import note_horizon
 from rkhs_ros.base.threads import use_one_thread
-from rkhs_ros.base.validation import hint, pick, require
+from rkhs_ros.base.validation import hint, nearest, pick, require
 from rkhs_ros.learning.algorithm import Algorithm
 from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.practice import PRACTICES, NoPractice
@@ -102,7 +103,8 @@ def train(
 
     Args:
         environment: a Gymnasium id (``module:Id-v0`` imports the module that registers it), an environment, a vector
-            environment, or a function or class that makes one. Observations and actions must be continuous.
+            environment, or a function or class that makes one. Observations and actions must be continuous. What is
+            made here is closed at the end; an environment that is passed stays open.
         algorithm: such as ``RKHSNAC(centres=80)``, or the name of one with settings for a task that nobody tuned;
             RKHS-NAC where None.
         progress: show a progress bar on standard error.
@@ -115,8 +117,8 @@ def train(
         ValueError: a setting is unknown or does not fit, or the environment cannot be used.
     """
     training, runner, warm_start = _prepared(environment, algorithm, settings)
-    with progress_bar(training, quiet=not progress) as show:
-        for result in _results(training, runner, warm_start):  # the last one is returned
+    with progress_bar(training, quiet=not progress) as show, closing(_results(training, runner, warm_start)) as results:
+        for result in results:  # the last one is returned
             show(result.iteration)
     return result
 
@@ -145,18 +147,30 @@ def _prepared(
 ) -> tuple[Training, InlineRunner, Policy | None]:
     """Return the settings checked, where policies act, and the policy to begin from."""
     use_one_thread()
+    _check_order(environment)
     given = dict(settings)
     start = given.pop("policy", None)
     simulation = Simulation(environment, given.pop("options", None), given.pop("rows_at_once", 0))
+    with ExitStack() as undo:
+        undo.callback(simulation.close)
+        warm_start = load(start) if isinstance(start, str | Path) else start
+        good = warm_start is None or isinstance(warm_start, Policy)
+        require(good, "policy", "a Policy or the file of one", warm_start)
+        training = _training(simulation, algorithm, given)
+        undo.pop_all()
+    if "horizon" not in given:
+        note_horizon(simulation, training.horizon, given=False)
+    return training, InlineRunner(simulation), warm_start
+
+
+def _training(simulation: Simulation, algorithm: Algorithm | str | None, settings: Mapping[str, Any]) -> Training:
+    """Return the settings of a run in a simulation, checked; those not given are those of `any_task`."""
     known = {f.name: f for f in fields(Training)}
-    for name in given:
+    for name in settings:
         if name not in known:
             raise ValueError(f"unknown setting '{name}', {_meant(name, known)}")
-    given = {
-        "name": name_of_run(simulation.environment),
-        "horizon": simulation.own_horizon or Training.horizon,
-        **given,
-    }
+    horizon = simulation.own_horizon or Training.horizon
+    given = {"name": name_of_run(simulation.environment), "horizon": horizon, **settings}
     if isinstance(algorithm, str):
         pick(algorithm, ALGORITHMS, "algorithm")
     if isinstance(given.get("practice"), str):
@@ -167,32 +181,42 @@ def _prepared(
     if isinstance(kernel, str):
         kernel = replace(untuned.kernel, form=kernel)
     given["kernel"] = GivenKernel(kernel=kernel) if isinstance(kernel, Kernel) else kernel
-    warm_start = load(start) if isinstance(start, str | Path) else start
-    good = warm_start is None or isinstance(warm_start, Policy)
-    require(good, "policy", "a Policy or the file of one", warm_start)
     require(not isinstance(algorithm, type), "algorithm", "one with its settings, as RKHSNAC()", algorithm)
     if not isinstance(algorithm, str | None):
         given["algorithm"] = algorithm
-    return replace(untuned, **given), InlineRunner(simulation), warm_start
+    return replace(untuned, **given)
+
+
+def _check_order(environment: object) -> None:
+    """Raise ValueError if the algorithm was passed in place of the environment."""
+    kind = environment if isinstance(environment, type) else type(environment)
+    if isinstance(environment, str) and environment in ALGORITHMS:
+        kind = ALGORITHMS[environment]
+    hint = f"the algorithm {kind.__name__}. Pass the environment first: train(environment, {kind.__name__}())"
+    expected = "an id, an environment, or a function that makes one"
+    require(not issubclass(kind, Algorithm), "environment", expected, hint)
 
 
 def _meant(name: str, known: Iterable[str]) -> str:
-    """Return a hint for an unknown setting: the first algorithm that has it, or the nearest name."""
-    algorithms: list[type[Algorithm]] = [ALGORITHMS["rkhs_nac"], *ALGORITHMS.values()]
-    having = [each.__name__ for each in algorithms if name in {f.name for f in fields(each)}]
-    return f"did you mean {having[0]}({name}=...)?" if having else hint(name, dict.fromkeys([*known, *OTHERS]))
+    """Return a hint for an unknown setting: the nearest one of a run, or of the first algorithm that has one."""
+    algorithms: list[type[Algorithm]] = [*reversed(ALGORITHMS.values()), ALGORITHMS["rkhs_nac"]]
+    owners = {f.name: each.__name__ for each in algorithms for f in fields(each)}
+    of_run = dict.fromkeys([*known, *OTHERS])
+    near = [] if name not in owners and nearest(name, of_run) else nearest(name, owners)
+    return f"did you mean {owners[near[0]]}({near[0]}=...)?" if near else hint(name, of_run)
 
 
-def _results(training: Training, runner: InlineRunner, warm_start: Policy | None) -> Iterator[Result]:
+def _results(training: Training, runner: InlineRunner, warm_start: Policy | None) -> Generator[Result, None, None]:
     simulation, begin = runner.simulation, time.monotonic()
     rows: tuple[Row, ...] = ()
     best: Policy | None = None
     task = Task(simulation.environment, simulation.options, training.horizon, training.discount)
-    first = first_state(training, runner.spaces, warm_start.gaussian if warm_start else None)
     highest = float("-inf")
-    for iteration in iterations_of(training, runner, first):
-        rows = (*rows, Row.of(iteration, time.monotonic() - begin))
-        policy = Policy(iteration.policy, task, runner.spaces)
-        if iteration.mean_policy_return > highest:
-            highest, best = iteration.mean_policy_return, policy
-        yield Result(policy, best, iteration, rows)
+    with runner:
+        first = first_state(training, runner.spaces, warm_start.gaussian if warm_start else None)
+        for iteration in iterations_of(training, runner, first):
+            rows = (*rows, Row.of(iteration, time.monotonic() - begin))
+            policy = Policy(iteration.policy, task, runner.spaces)
+            if iteration.mean_policy_return > highest:
+                highest, best = iteration.mean_policy_return, policy
+            yield Result(policy, best, iteration, rows)

@@ -6,12 +6,14 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from rkhs_ros.app.trust import add_trust_argument, reads_data
 from rkhs_ros.base.endings import FAILED
 from rkhs_ros.base.threads import use_one_thread
-from rkhs_ros.recordings.recording import Head, read_recording
+from rkhs_ros.recordings.recording import Recording, read_recording
 from rkhs_ros.runs.progress import progress_bar
-from rkhs_ros.runs.recorded import training_of, versions
+from rkhs_ros.runs.recorded import training_of
 from rkhs_ros.runs.replay import DifferenceError, replay
+from rkhs_ros.runs.surroundings import provenance
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,8 +22,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "recording", type=Path, metavar="RECORDING", help="a recording, or the folder of a recorded run"
     )
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    add_trust_argument(parser)
 
 
+@reads_data
 def run(options: argparse.Namespace) -> int:
     """Say that all updates have the recorded bits, or which is the first that has not."""
     recording = read_recording(options.recording)
@@ -36,13 +40,13 @@ def run(options: argparse.Namespace) -> int:
                 done = iteration.number
                 show(iteration)
     except DifferenceError as error:
-        print(f"{error}; {done} of {total} updates before it equal to the bit{_other_versions(head)}")
+        print(f"{error}; {done} of {total} updates before it equal to the bit{_other_versions(recording)}")
         return FAILED
     print(f"all {total} updates equal to the bit")
     return 0
 
 
-def _other_versions(head: Head) -> str:
+def _other_versions(recording: Recording) -> str:
     """Return with which other versions a recording was made; nothing where they are those of now."""
-    others = sorted(set(head.versions) - set(versions()))
+    others = sorted({version for head in recording.heads for version in head.versions} - set(provenance()))
     return f" (recorded with {', '.join(others)})" if others else ""

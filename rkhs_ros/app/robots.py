@@ -5,11 +5,11 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
+from rkhs_ros.base.ros import missing_ros
 from rkhs_ros.base.settings import build
 from rkhs_ros.base.validation import require
 from rkhs_ros.policies.spaces import Spaces
@@ -40,7 +40,7 @@ def check_robot(config: Config) -> Spaces:
             settings_of(str(section.pop("robot", DEFAULT)), section)
     require(config.training.simulators == 1, "simulators", "1, as there is one robot", config.training.simulators)
     _check_together(task, gate)
-    if find_spec("rclpy") is not None:
+    if not missing_ros():
         from rkhs_ros.nodes.robot_topics import check_topics  # here, since others than robots do without ROS
 
         check_topics(task, gate)

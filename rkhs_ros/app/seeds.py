@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.files import read_whole, write_whole
 from rkhs_ros.base.validation import require
 from rkhs_ros.runs.config import Config
-from rkhs_ros.runs.report import FIRST_POLICY, is_begun, resolved
+from rkhs_ros.runs.report import FIRST_POLICY, begin, is_begun
 
 SEEDS = re.compile(r"(\d{1,18})(?:-(\d{1,18}))?", re.ASCII)
 MOST_SEEDS = 10_000
@@ -60,6 +60,6 @@ def begin_seeds(
     for path, each in runs.items():
         path.mkdir()
         if first_policy is not None:
-            write_whole(path / FIRST_POLICY, first_policy.read_bytes())
-        write_whole(path / "config.yaml", resolved(each).encode())
+            write_whole(path / FIRST_POLICY, read_whole(first_policy))
+        begin(path, each)
     return runs

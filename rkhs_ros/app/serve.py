@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from importlib.util import find_spec
 from itertools import count
 from typing import Any
 
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rkhs_ros.base.endings import RunError
+from rkhs_ros.base.ros import require_ros
 from rkhs_ros.base.user_code import user_answer, user_function
 from rkhs_ros.base.validation import REAL_KINDS, require, shown
 
@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> int:
         ValueError: there is no ROS, no such function, or no such task.
         RunError: the function fails or returns no action of the task's, or the node is silent.
     """
-    require(find_spec("rclpy") is not None, "rkhs serve", "ROS 2, for the nodes to be reached by", "none")
+    require_ros("rkhs serve")
     require(options.episodes is None or options.episodes >= 1, "--episodes", "at least 1", options.episodes)
     function = user_function(options.function, "serve")
     from rkhs_ros.nodes.remote_env import RemoteEnv  # here, for without ROS it cannot be imported

@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 
 from rkhs_ros.app.domain import VARIABLE
-from rkhs_ros.app.inline import runner_of
+from rkhs_ros.app.inline import spaces_of
 from rkhs_ros.app.launcher import launch_worlds
 from rkhs_ros.app.robots import check_robot
+from rkhs_ros.base.ros import require_ros
 from rkhs_ros.base.validation import require
 from rkhs_ros.runs.config import Config, config_for, load_config
 from rkhs_ros.runs.environments import own_horizon
@@ -33,12 +33,12 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         ValueError: there is no ROS, or the task cannot be served.
     """
-    require(find_spec("rclpy") is not None, "rkhs simulate", "ROS 2, for the nodes to be reached by", "none")
+    require_ros("rkhs simulate")
     config = _configuration(options)
     if config.environment.nodes:
         check_robot(config)
     else:
-        runner_of(config.environment)
+        spaces_of(config.environment)
     config.check_for_topics()
     domain = os.environ.setdefault(VARIABLE, "0")
     print(f"{config.environment.id} in domain {domain}, until Ctrl-C", file=sys.stderr)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from rkhs_ros.app.inline import runner_of
-from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.validation import require
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve
-from rkhs_ros.runs.report import is_begun, resolved
+from rkhs_ros.runs.report import begin, is_begun
 from rkhs_ros.runs.run import run_training
 from rkhs_ros.runs.side_by_side import side_by_side
 from rkhs_ros.runs.workers import ALL_CORES, WorkerLostError, Workers
@@ -75,6 +75,7 @@ def make_missing(
     quiet: bool,
     drawn: bool = False,
     record: bool = False,
+    provenance_may_change: bool = False,
 ) -> dict[Path, str]:
     """Make what is missing of some runs and return, by the folders of those that failed, why they did.
 
@@ -85,8 +86,10 @@ def make_missing(
         quiet: without progress bar.
         drawn: with pictures of each.
         record: with a recording of each.
+        provenance_may_change: go on with those of other code, libraries or threads.
     """
-    missing = [(path, each, drawn, record) for path, each in runs.items() if not _is_done(path, each, drawn)]
+    how = drawn, record, provenance_may_change
+    missing = [(path, each, *how) for path, each in runs.items() if not _is_done(path, each, drawn)]
     ends: dict[Path, str | None] = {}
     try:
         ends.update(side_by_side(_make, missing, workers=workers, title=title, quiet=quiet))
@@ -104,13 +107,17 @@ def tell_failures(failures: Mapping[Path, str]) -> None:
 def _is_done(folder: Path, config: Config, drawn: bool) -> bool:
     curve, last = folder / "curve.csv", folder / (LAST_PICTURE if drawn else LAST_FILE)
     finished = last.is_file() and curve.is_file() and last.stat().st_mtime_ns >= curve.stat().st_mtime_ns
-    return finished and len(Curve(curve).rows()) == config.training.iterations
+    with suppress(ValueError):  # a damaged curve: the run cannot be resumed
+        return finished and len(Curve(curve).rows()) == config.training.iterations
+    return False
 
 
-def _make(folder: Path, config: Config, drawn: bool, record: bool) -> tuple[Path, str | None]:
+def _make(
+    folder: Path, config: Config, drawn: bool, record: bool, provenance_may_change: bool
+) -> tuple[Path, str | None]:
     """Begin a run or go on with it; return why that failed, None where it did not."""
     try:
-        advance(folder, config, record=record)
+        advance(folder, config, record=record, provenance_may_change=provenance_may_change)
         if drawn:
             from rkhs_ros.pictures.run_pictures import draw_run  # here, for most studies need no pictures of each run
 
@@ -120,9 +127,12 @@ def _make(folder: Path, config: Config, drawn: bool, record: bool) -> tuple[Path
     return folder, None
 
 
-def advance(folder: Path, config: Config, *, record: bool = False) -> None:
-    """Begin a run in this process, or go on with it, until it has made its iterations."""
+def advance(folder: Path, config: Config, *, record: bool = False, provenance_may_change: bool = False) -> None:
+    """Begin a run in this process, or go on with it, until it has made its iterations; as `run_training`."""
     if not is_begun(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        write_whole(folder / "config.yaml", resolved(config).encode())
-    run_training(config, runner_of(config.environment), folder, quiet=True, resume=True, record=record)
+        begin(folder, config)
+    with runner_of(config.environment) as runner:
+        run_training(
+            config, runner, folder, quiet=True, resume=True, record=record, provenance_may_change=provenance_may_change
+        )

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 
-from rkhs_ros.app.inline import runner_of
+from rkhs_ros.app.inline import note_horizon, runner_of
 from rkhs_ros.app.seeds import parse_seeds
 from rkhs_ros.app.study import (
     add_worker_arguments,
@@ -58,11 +58,13 @@ def run(options: argparse.Namespace) -> int:
         for seed in seeds
     }
     first = next(iter(configs.values()))
-    runner = runner_of(first.environment)
-    for (_, seed), config in configs.items():
-        if seed == seeds[0]:
-            require_evaluated(config)
-            first_state(config.training, runner.spaces)
+    with runner_of(first.environment) as runner:
+        for (_, seed), config in configs.items():
+            if seed == seeds[0]:
+                require_evaluated(config)
+                first_state(config.training, runner.spaces)
+        if not options.quiet:
+            note_horizon(runner.simulation, first.training.horizon, given=first.sets_horizon)
     out = study_folder(options.out, "sweeps", first.training.name)
     folders = {key: filed(out, config, *TASKS) for key, config in configs.items()}
     runs = {folders[key]: config for key, config in configs.items()}

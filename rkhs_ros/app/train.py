@@ -5,19 +5,20 @@ from __future__ import annotations
 import argparse
 import sys
 from contextlib import nullcontext, suppress
-from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
 from rkhs_ros.app.domain import own_domain
-from rkhs_ros.app.inline import runner_of
+from rkhs_ros.app.inline import note_horizon, runner_of
 from rkhs_ros.app.launcher import journal_in, launch
 from rkhs_ros.app.robots import check_robot, default_domain
 from rkhs_ros.app.seeds import begin_seeds, parse_seeds, seed_folders
 from rkhs_ros.app.study import add_worker_arguments, make_missing, tell_failures, workers_of
+from rkhs_ros.app.trust import add_trust_argument, reads_data
 from rkhs_ros.app.view import page_beside, require_viser, stay_with
 from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED, RunError, say
-from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.files import read_whole, write_whole
+from rkhs_ros.base.ros import missing_ros, require_ros
 from rkhs_ros.base.streams import Lossy
 from rkhs_ros.base.validation import pick, require
 from rkhs_ros.learning.registry import ALGORITHMS
@@ -25,6 +26,7 @@ from rkhs_ros.learning.state import first_state
 from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import load_policy
+from rkhs_ros.runs.checkpoint import ACCEPT
 from rkhs_ros.runs.comparison import compare
 from rkhs_ros.runs.config import Config, config_for, load_config
 from rkhs_ros.runs.environments import own_horizon
@@ -43,7 +45,6 @@ from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.run import run_training
 
 RECORDS = ("episodes", "raw")  # what is recorded
-REMEDY = "run 'make build', then 'source setup.bash'"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,6 +53,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("config", type=Path, nargs="?", metavar="CONFIG", help="a YAML file, see config/")
     add("--env", metavar="ID", help="in place of CONFIG, an environment (module:Id-v0 imports the module)")
     add("--resume", type=Path, metavar="DIR", help="in place of CONFIG, a run or the runs of --seeds to go on with")
+    add(
+        ACCEPT,
+        action="store_true",
+        help="go on though code, libraries or threads changed since, which config.yaml notes",
+    )
     add("--algorithm", metavar="NAME", help="an algorithm with its defaults, in place of the configuration's")
     add("--policy", type=Path, metavar="FILE", help="a policy to begin from, as one that was imitated")
     add(
@@ -75,12 +81,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="write recording.mcap, to replay, learn from and look at; raw: all topics as well",
     )
     add("--view", action="store_true", help="record, and show the run in the browser")
+    add_trust_argument(parser)
     add("--quiet", action="store_true", help="no progress bar")
 
 
 def run(options: argparse.Namespace) -> int:
     """Train, draw the pictures and print what was learnt."""
     _check_source(options)
+    options.trust |= options.resume is None  # a configuration is chosen as a program, a run's folder may be data
+    return _train(options)
+
+
+@reads_data
+def _train(options: argparse.Namespace) -> int:
     if options.view:
         require_viser()
         options.record = options.record or RECORDS[0]
@@ -91,7 +104,8 @@ def run(options: argparse.Namespace) -> int:
         given = getattr(options, name)
         require(given is None, f"--{name}", "it together with --seeds, or with --resume of such runs", given)
     begun = _begun(options)
-    with page_beside(begun.folder) if options.view else nullcontext() as page:
+    beside = page_beside(begun.folder, trust=options.trust) if options.view else nullcontext()
+    with begun.runner or nullcontext(), beside as page:
         code = _train_one(options, begun)
         if page and code == 0:
             stay_with(page)
@@ -111,6 +125,9 @@ def _check_source(options: argparse.Namespace) -> None:
     require(len(given) == 1, "train", expected, " and ".join(given) or "none")
     names = ("seed", "seeds", "set", "out", "algorithm", "policy")
     wrong = [f"--{name}" for name in names if options.resume and getattr(options, name) not in (None, [])]
+    require(
+        bool(options.resume) or not options.allow_provenance_change, ACCEPT, "it together with --resume", "it alone"
+    )
     require(not wrong, "--resume", "the settings and the folder that the run began with", ", ".join(wrong))
 
 
@@ -129,8 +146,13 @@ def _configuration(options: argparse.Namespace, file: Path | None) -> Config:
     return config_for(options.env, own_horizon(options.env), changes)
 
 
-def _learnable(config: Config, first_policy: Path | None) -> tuple[Spaces, InlineRunner | None]:
+def _learnable(config: Config, first_policy: Path | None, *, quiet: bool = False) -> tuple[Spaces, InlineRunner | None]:
     """Return the spaces of a run that can be begun, and where policies can act in this process; nowhere on a robot.
+
+    Args:
+        config: the run.
+        first_policy: the file of the policy that it begins with, if any.
+        quiet: without a note on the horizon.
 
     Raises:
         ValueError: the environment cannot be served, or the settings or the first policy do not fit it.
@@ -138,6 +160,8 @@ def _learnable(config: Config, first_policy: Path | None) -> tuple[Spaces, Inlin
     runner = None if config.environment.nodes else runner_of(config.environment)
     spaces = runner.spaces if runner else check_robot(config)
     first_state(config.training, spaces, load_policy(first_policy)[0] if first_policy else None)
+    if runner and not quiet:
+        note_horizon(runner.simulation, config.training.horizon, given=config.sets_horizon)
     return spaces, runner
 
 
@@ -160,21 +184,23 @@ class Begun(NamedTuple):
 def _begun(options: argparse.Namespace) -> Begun:
     """Return a run that can be made, whose folder is there."""
     config = _configuration(options, old_folder(options.resume) / "config.yaml" if options.resume else options.config)
-    spaces, runner = _learnable(config, options.policy)
-    if runner and not options.quiet:
-        _tell_of_horizon(config, runner.simulation.own_horizon)
+    spaces, runner = _learnable(config, options.policy, quiet=options.quiet)
     over_topics = _is_over_topics(options.runner)
     require(over_topics or options.record != "raw", "--record", "episodes in this process, which has no topics", "raw")
-    runner = None if over_topics else runner or runner_of(config.environment)
     if over_topics:
+        if runner:
+            runner.simulation.close()  # a robot, say, is open once only: the simulator node shall have it
+            runner = None
         config.check_for_topics()
         if options.runner == "composed":
             _check_for_composition(config)
-    elif options.simulators:
-        print("note: --simulators is of no use in this process, which is the only simulator", file=sys.stderr)
+    else:
+        runner = runner or runner_of(config.environment)
+        if options.simulators:
+            print("note: --simulators is of no use in this process, which is the only simulator", file=sys.stderr)
     folder = options.resume or new_folder(options.out, config.training.name)
     if options.policy:
-        write_whole(folder / FIRST_POLICY, options.policy.read_bytes())
+        write_whole(folder / FIRST_POLICY, read_whole(options.policy))
     elif not options.resume:
         (folder / FIRST_POLICY).unlink(missing_ok=True)  # left by a run that was killed before it began
     return Begun(config, spaces, runner, folder)
@@ -212,32 +238,26 @@ def _leave_resumable(config: Config, folder: Path, spaces: Spaces) -> None:
         draw_run(folder)
 
 
-def _tell_of_horizon(config: Config, own: int | None) -> None:
-    """Say where episodes end at another step than the environment's own."""
-    horizon = config.training.horizon
-    if own is not None and own != horizon:
-        print(f"note: horizon: {horizon} steps, in place of {config.environment.id}'s own {own}", file=sys.stderr)
-
-
 def _is_over_topics(asked: str | None) -> bool:
-    """Return whether the run is made over topics: as asked, else where the interfaces are built.
+    """Return whether the run is made over topics: as asked, else if this Python can run nodes.
 
     Raises:
-        ValueError: it is asked for, and they are not built.
+        ValueError: it is asked for, and this Python cannot.
     """
     if asked == "inline":
         return False
-    interfaces = find_spec("rkhs_interfaces")
-    built = interfaces is not None and interfaces.origin is not None  # the source folder passes for one without origin
-    require(built or asked is None, "rkhs_interfaces", f"the built interfaces ({REMEDY})", "none")
-    if not built:
-        print(f"note: training in this process, since rkhs_interfaces is not built ({REMEDY})", file=sys.stderr)
-    return built
+    if asked is not None:
+        require_ros(f"--runner {asked}")
+    missing = missing_ros()
+    if missing:
+        print(f"note: training in this process, since {missing}", file=sys.stderr)
+    return not missing
 
 
 def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> int:
     output = str(folder.resolve())
     given = {name: bool(getattr(options, name)) for name in ("quiet", "resume", "record")}
+    given["provenance_may_change"] = options.allow_provenance_change
     further: dict[str, dict[str, str | bool]] = {"learner": {"output": output, **given}}
     if config.environment.nodes:
         further["robot"] = {"journal": journal_in(folder.resolve())}
@@ -251,7 +271,13 @@ def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> i
 def _in_process(config: Config, folder: Path, options: argparse.Namespace, runner: InlineRunner) -> int:
     try:
         run_training(
-            config, runner, folder, quiet=options.quiet, resume=bool(options.resume), record=bool(options.record)
+            config,
+            runner,
+            folder,
+            quiet=options.quiet,
+            resume=bool(options.resume),
+            record=bool(options.record),
+            provenance_may_change=options.allow_provenance_change,
         )
     except (ValueError, OSError, RunError) as error:
         return say(error)
@@ -268,10 +294,16 @@ def _train_several(options: argparse.Namespace) -> int:
     title = next(iter(runs.values())).training.name
     try:
         failures = make_missing(
-            runs, workers=workers, title=title, quiet=options.quiet, drawn=True, record=bool(options.record)
+            runs,
+            workers=workers,
+            title=title,
+            quiet=options.quiet,
+            drawn=True,
+            record=bool(options.record),
+            provenance_may_change=options.allow_provenance_change,
         )
     except KeyboardInterrupt:
-        print(f"interrupted; {how_to_go_on(folder)}", file=sys.stderr)
+        print(f"interrupted; {how_to_go_on(folder, next(iter(runs.values())))}", file=sys.stderr)
         return INTERRUPTED
     tell_failures(failures)
     done = [path for path in runs if path not in failures]
@@ -288,6 +320,8 @@ def _runs_to_go_on_with(options: argparse.Namespace) -> tuple[Path, dict[Path, C
 
 def _new_runs(options: argparse.Namespace) -> tuple[Path, dict[Path, Config]]:
     seeds, config = parse_seeds(options.seeds), _configuration(options, options.config)
-    _learnable(config, options.policy)
+    _, runner = _learnable(config, options.policy, quiet=options.quiet)
+    if runner:
+        runner.simulation.close()
     folder = new_folder(options.out, config.training.name)
     return folder, begin_seeds(folder, config, seeds, options.policy)

@@ -10,7 +10,7 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rkhs_ros.app.inline import runner_of
+from rkhs_ros.app.inline import note_horizon, runner_of
 from rkhs_ros.app.seeds import parse_seeds
 from rkhs_ros.app.study import add_worker_arguments, require_all_heeded, study_folder, workers_of
 from rkhs_ros.base.endings import INTERRUPTED, RunError
@@ -82,7 +82,10 @@ def _search(options: argparse.Namespace) -> Search:
     require_all_heeded(options.set, {"--seeds": ["seed"]})
     config = load_config(options.config, options.set)
     require_evaluated(config)
-    first_state(config.training, runner_of(config.environment).spaces)
+    with runner_of(config.environment) as runner:
+        first_state(config.training, runner.spaces)
+        if not options.quiet:
+            note_horizon(runner.simulation, config.training.horizon, given=config.sets_horizon)
     folder = study_folder(options.out, "tuned", config.training.name)
     storage = options.storage or f"sqlite:///{folder / 'study.db'}"
     space = search_space(config, options.over)

@@ -15,7 +15,11 @@ from pathlib import Path
 import rkhs_ros.app.inline  # noqa: F401  # registers the tasks, which are shown
 from rkhs_ros.app.domain import VARIABLE, domain_of
 from rkhs_ros.app.launcher import MODULES, environment
+from rkhs_ros.app.trust import add_trust_argument, reads_data
+from rkhs_ros.base.endings import INTERRUPTED
 from rkhs_ros.base.processes import terminate_with_parent
+from rkhs_ros.base.ros import missing_ros
+from rkhs_ros.base.streams import Lossy
 from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.recordings.recording import FILE
@@ -39,8 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--wait", action="store_true", help="for a run that is about to begin its recording")
     add("--host", default=HOST, help="address to listen at; 0.0.0.0 lets other machines in (%(default)s)")
     add("--port", type=int, default=PORT, metavar="N", help="port, or the next free one (%(default)s)")
+    add_trust_argument(parser)
 
 
+@reads_data
 def run(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C.
 
@@ -56,27 +62,29 @@ def run(options: argparse.Namespace) -> int:
     use_one_thread()
     os.nice(NICENESS)
     path = options.path or newest_run(RESULTS)
-    if options.wait:
-        wait_for_recording(path)
-    source = source_of(path)
+    source = None if options.wait else source_of(path)
+    folder = source.path if source else path.parent
     if not is_local(options.host):
         print(
             f"warning: --host {options.host}: whoever reaches it sees the run, and can stop it, a robot too",
             file=sys.stderr,
         )
-    monitor = Monitor(partial(monitor_process, source.path))
-    told = partial(print, f"View {source.path} at", flush=True)
-    serve(source, monitor, options.host, options.port, told)
+    monitor = Monitor(partial(monitor_process, folder))
+    told = partial(print, f"View {folder} at", flush=True)
+    try:
+        serve(lambda: source or wait_for_recording(path), monitor, options.host, options.port, told)
+    except KeyboardInterrupt:  # the way it ends
+        return INTERRUPTED
     return 0
 
 
 def monitor_process(folder: Path) -> subprocess.Popen[bytes] | None:
     """Start the node that hears the others of a run over topics; None where there is no such run, or no ROS."""
-    if find_spec("rclpy") is None:
+    if missing_ros():
         return None
     with suppress(ValueError, OSError):
         return subprocess.Popen(
-            [sys.executable, "-m", MODULES["monitor"], "--ros-args", "--log-level", "error"],
+            [sys.executable, "-P", "-m", MODULES["monitor"], "--ros-args", "--log-level", "error"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -93,27 +101,41 @@ def require_viser() -> None:
 
 
 @contextmanager
-def page_beside(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+def page_beside(folder: Path, *, trust: bool) -> Iterator[subprocess.Popen[str]]:
     """Serve the page of a run that is to be recorded, in a process of its own that may end as it likes.
+
+    Print its address as soon as it is served, before the run begins.
 
     Args:
         folder: of the run.
+        trust: whether the page may import what the run names.
     """
-    command = [sys.executable, "-m", "rkhs_ros.app.cli", "view", "--wait", str(folder / FILE)]
-    parent = partial(terminate_with_parent, os.getpid())
-    page = subprocess.Popen(command, stdin=subprocess.DEVNULL, process_group=0, preexec_fn=parent)
+    trusted = ["--trust"] if trust else []
+    command = [sys.executable, "-P", "-m", "rkhs_ros.app.cli", "view", "--wait", *trusted, str(folder / FILE)]
+    page = subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        text=True,
+        process_group=0,
+        preexec_fn=partial(terminate_with_parent, os.getpid()),
+    )
+    end = page.kill  # while it starts it has nobody to take leave of
     try:
+        if page.stdout and (address := page.stdout.readline()):
+            print(address, end="", file=Lossy(sys.stdout), flush=True)
+            end = page.terminate
         yield page
     finally:
-        page.terminate()
+        end()
         page.wait()
 
 
-def stay_with(page: subprocess.Popen[bytes]) -> None:
+def stay_with(page: subprocess.Popen[str]) -> None:
     """Wait until the process of a page ends, or Ctrl-C."""
     if page.poll() is None:
-        print("The page stays until Ctrl-C.", file=sys.stderr, flush=True)
         with suppress(KeyboardInterrupt):
+            print("The page stays until Ctrl-C.", file=sys.stderr, flush=True)
             page.wait()
 
 

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import errno
+import signal
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 FAILED = 1  # a node, an environment, a disk, or a run of several
 BAD_INPUT = 2
 INTERRUPTED = 130  # by Ctrl-C or SIGTERM, as shells have it
+ENDING = (signal.SIGINT, signal.SIGTERM)
 DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 
 
@@ -32,6 +37,23 @@ class Stop:
     def is_set(self) -> bool:
         """Return whether it was told to."""
         return self._is_set
+
+
+@contextmanager
+def signals_held() -> Iterator[None]:
+    """Handle signals that arrive in this block when it is left; only the main thread handles any."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    held: list[int] = []
+    handlers = {number: signal.signal(number, lambda number, frame: held.append(number)) for number in ENDING}
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        if held:
+            signal.raise_signal(held[0])
 
 
 def exit_code(error: Exception) -> int:

@@ -9,17 +9,19 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
+from rkhs_ros.base.files import open_regular, require_replaceable
+
 PROBES, PROBE_S = 5, 0.002  # how often, and after how long, a lock is tried again that may be a look of `is_locked`
 
 
 def is_locked(folder: Path) -> bool:
     """Return whether a process is in the run of a folder."""
     try:
-        with (folder / "checkpoints" / "lock").open("rb") as file:
+        with open_regular(folder / "checkpoints" / "lock") as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
-    except OSError:
+    except (OSError, ValueError):
         return False
     return False
 
@@ -36,7 +38,9 @@ def locked(folder: Path) -> Iterator[None]:
         OSError: the folder cannot be written.
     """
     (folder / "checkpoints").mkdir(exist_ok=True)
-    with (folder / "checkpoints" / "lock").open("ab") as file:
+    path = folder / "checkpoints" / "lock"
+    require_replaceable(path)
+    with path.open("ab") as file:
         if not any(_is_taken(file) for _ in range(PROBES)):
             raise ValueError(f"{folder}: expected a folder of its own, got one in use by another process")
         yield

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 import numpy as np
 
-from rkhs_ros.base.validation import hint, pick, require
+from rkhs_ros.base.validation import NamedFields, hint, pick, require
 
 T = TypeVar("T")
 Tree = Mapping[str, Any]
@@ -24,7 +24,7 @@ class UnknownKeyError(ValueError):
     """A section has no setting of that name."""
 
 
-class Settings:
+class Settings(NamedFields):
     """Base of a frozen dataclass whose fields are settings: their values are checked however it is made."""
 
     def __post_init__(self) -> None:

@@ -1,4 +1,8 @@
-"""Modules and functions that users name: imported from what is installed, or from the folder that we are in."""
+"""Modules and functions that are named: by users, or by data files of others, whose names are not trusted.
+
+A module is installed if Python finds it without the folder that we are in and the relative folders of PYTHONPATH: in
+site-packages, in a built workspace, in a package installed in development mode, or in an absolute folder of PYTHONPATH.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +12,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import chdir, contextmanager
+from contextlib import chdir, contextmanager, nullcontext
 from importlib import import_module
+from importlib.util import find_spec
 from types import FrameType, ModuleType
 from typing import Any
 
@@ -18,6 +23,8 @@ from numpy.typing import NDArray
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import hint, require, shown
+
+TRUSTED = "RKHS_TRUSTED_MODULES"  # of this process and those that it starts: names with ":" between; all if unset
 
 
 class HangError(BaseException):
@@ -31,22 +38,72 @@ def surroundings_kept() -> Iterator[None]:
         yield
 
 
+@contextmanager
+def only_installed(*trusted: str) -> Iterator[None]:
+    """Import meanwhile none but modules that are installed, in this process and in those that it starts.
+
+    Args:
+        *trusted: names of modules that a person named, which may be elsewhere.
+    """
+    before = os.environ.get(TRUSTED)
+    os.environ[TRUSTED] = ":".join(trusted)
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[TRUSTED]
+        else:
+            os.environ[TRUSTED] = before
+
+
+def is_trusted(module: str) -> bool:
+    """Return whether a module may be imported from wherever it is."""
+    trusted = os.environ.get(TRUSTED)
+    return trusted is None or module in trusted.split(":")
+
+
+def is_installed(module: str) -> bool:
+    """Return whether a module, or the package that it is in, is installed; it is not imported."""
+    with _installed_only():
+        try:
+            return find_spec(module.partition(".")[0]) is not None
+        except ValueError:  # of a module without a specification, as __main__
+            return False
+
+
 def user_module(module: str) -> ModuleType:
-    """Import a module that is installed, or in the folder that the process was started in.
+    """Import a module that is installed, or, if it is trusted, in the folder that the process was started in.
 
     Raises:
         ValueError: it cannot be imported.
     """
-    if os.getcwd() not in sys.path:
+    trusted = is_trusted(module)
+    if trusted and os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
+    expected = f"expected a module '{shown(module)}' to import, installed"
+    if not trusted and module.partition(".")[0] not in sys.modules and not is_installed(module):
+        raise ValueError(f"{expected}, got none; a data file names it: from elsewhere it is imported with --trust")
     try:
-        with surroundings_kept():
+        with surroundings_kept(), nullcontext() if trusted else _installed_only():
             return import_module(module)
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # the module is somebody's code
-        expected = f"expected a module '{shown(module)}' to import, installed or in this folder"
-        raise ValueError(f"{expected}, got {type(error).__name__}: {shown(error)}") from error
+        where = " or in this folder" * trusted
+        raise ValueError(f"{expected}{where}, got {type(error).__name__}: {shown(error)}") from error
+
+
+@contextmanager
+def _installed_only() -> Iterator[None]:
+    """Leave out of Python's path the folder that we are in, and the relative ones of PYTHONPATH."""
+    before = list(sys.path)
+    given = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    relative = {os.path.realpath(path) for path in (os.curdir, *given) if not os.path.isabs(path)}
+    sys.path[:] = [path for path in before if os.path.isabs(path) and os.path.realpath(path) not in relative]
+    try:
+        yield
+    finally:
+        sys.path[:] = before
 
 
 def user_function(name: str, what: str) -> Callable[..., Any]:

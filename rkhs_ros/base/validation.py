@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import fields
 from difflib import get_close_matches
-from math import prod
-from typing import Any, TypeVar
+from math import isfinite, prod
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -49,13 +50,30 @@ def hint(name: str, known: Mapping[str, Any], path: str = "") -> str:
         known: those that there are.
         path: what goes before each of them where it is meant.
     """
-    begun = sorted(each for each in known if name and each.startswith(name))
-    near = begun[:MOST_MEANT] or _like(shown(name), known)
+    near = nearest(name, known)
     if near:
         return f"did you mean {' or '.join(repr(path + each) for each in near)}?"
     if not known:
         return "there are none here"
     return f"known: {', '.join(sorted(known))}" if len(known) <= MOST_LISTED else f"none of {len(known)} is like it"
+
+
+def nearest(name: str, known: Iterable[str]) -> list[str]:
+    """Return the known names that begin with a name, or else those most like it."""
+    begun = sorted(each for each in known if name and each.startswith(name))
+    return begun[:MOST_MEANT] or _like(shown(name), known)
+
+
+class NamedFields:
+    """Base of a dataclass that suggests the nearest field if it is made with an unknown one."""
+
+    def __new__(cls, *args: Any, **kwargs: Any) -> Self:
+        """Raise TypeError for a keyword that is not a field."""
+        known = {f.name: f for f in fields(cls) if f.init}  # type: ignore[arg-type]  # a subclass is a dataclass
+        for name in kwargs:
+            if name not in known:
+                raise TypeError(f"{cls.__name__}: unknown setting '{shown(name)}', {hint(name, known)}")
+        return super().__new__(cls)
 
 
 def _like(name: str, known: Iterable[str]) -> list[str]:
@@ -75,9 +93,19 @@ def numbers(*counts: int) -> str:
     return f"{' or '.join(map(str, each))} number{'s' * (each[-1] != 1)}"
 
 
+def all_finite(array: NDArray[np.float64]) -> bool:
+    """Return whether all numbers are finite, in one pass: if their squares add up to a finite number, they are."""
+    return isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
+
+
+def all_within(array: NDArray[np.float64], limit: float) -> bool:
+    """Return whether no number exceeds the limit in size, in one pass if the squares add up to less; nan exceeds it."""
+    return bool(np.vdot(array, array) <= limit**2) or bool((np.abs(array) <= limit).all())
+
+
 def require_finite(array: NDArray[np.float64], what: str) -> None:
     """Raise ValueError where a number is not finite."""
-    if not np.isfinite(array).all():
+    if not all_finite(array):
         raise ValueError(f"{what}: expected finite numbers, got nan or infinity")
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import yaml
 
+from rkhs_ros.base.files import read_whole
 from rkhs_ros.base.validation import require, shown
 
 MOST_BYTES = 100_000  # of a text; PyYAML reads as much in a second
@@ -97,8 +98,7 @@ def read_yaml(path: Path) -> Any:
         ValueError: the file is none, or too large, too deep, or with aliases; the message names it.
         OSError: it cannot be read.
     """
-    with path.open("rb") as file:
-        content = file.read(MOST_BYTES + 1)
+    content = read_whole(path, MOST_BYTES)
     try:
         return loaded(content.decode())
     except ValueError as error:

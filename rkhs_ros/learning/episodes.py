@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -66,12 +67,22 @@ class Episodes:
         """Return the number of episodes N."""
         return len(self.rewards)
 
+    @classmethod
+    def concatenate(cls, parts: Iterable[Episodes]) -> Episodes:
+        """Join episodes in order, each copied once; a single part is returned as it is.
+
+        Raises:
+            ValueError: there are no parts, or they differ in horizon or sizes.
+        """
+        joined = list(parts)
+        require(bool(joined), "episodes", "at least one part to join", "none")
+        if len(joined) == 1:
+            return joined[0]
+        return cls(*(np.concatenate([getattr(part, f.name) for part in joined]) for f in fields(cls)))
+
     def __add__(self, other: Episodes) -> Episodes:
         """Put the episodes of both together; where there are no others these are not copied."""
-        if len(other) == 0:
-            return self
-        names = [f.name for f in fields(self)]
-        return Episodes(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in names))
+        return Episodes.concatenate([self, other]) if len(other) else self
 
     def take(self, rows: NDArray[np.int_] | slice) -> Episodes:
         """Return some of the episodes."""

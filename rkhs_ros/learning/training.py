@@ -224,12 +224,12 @@ def _practised(
         first_variance=first_variance(training, spaces),
         seed=training.seed,
         iteration=iteration,
-        surpassed=_surpassed(episodes.returns(training.discount), training.episodes_per_iteration),
+        surpassed=surpassed(episodes.returns(training.discount), training.episodes_per_iteration),
     )
     return practise(practice, training.algorithm, policy, experience)
 
 
-def _surpassed(returns: Array, newest: int) -> float:
+def surpassed(returns: Array, newest: int) -> float:
     """Return how many earlier iterations, of so many episodes each, earned less than the newest one in the mean."""
     earlier, now = returns[:-newest], returns[-newest:].mean()
     return float((earlier < now).sum() / newest)

@@ -23,6 +23,7 @@ from rkhs_ros.robot.gate_settings import FLOATS, TRAJECTORY, TWIST, TWIST_STAMPE
 from rkhs_ros.robot.gate_state import Command, CommandReport, Gate
 from rkhs_ros.robot.limits import Limits, Sensed
 from rkhs_ros.robot.motion import Setpoint, braking
+from rkhs_ros.robot.sensors import missing_joints
 
 MOST_POINTS = 10  # of a trajectory, which is sent every period
 TYPES = {FLOATS: Float64MultiArray, TRAJECTORY: JointTrajectory, TWIST: Twist, TWIST_STAMPED: TwistStamped}
@@ -65,9 +66,8 @@ class JointStates:
             ValueError: a joint is missing.
         """
         if message.name != self._names:
-            missing = sorted(set(self._joints) - set(message.name))
-            if missing:
-                raise ValueError(f"expected joint '{missing[0]}', got {', '.join(message.name) or 'none'}")
+            if missing := missing_joints(self._joints, message.name):
+                raise ValueError(missing)
             self._names = list(message.name)
             self._places = np.array([self._names.index(joint) for joint in self._joints])
         fields = (self._picked(values) for values in (message.position, message.velocity, message.effort))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from rkhs_ros.nodes.arguments import require_section
 from rkhs_ros.nodes.diagnostics import STOP, Diagnostics
 from rkhs_ros.nodes.learning_topics import LearningTopics
 from rkhs_ros.nodes.names import namespaces
-from rkhs_ros.nodes.parameters import declare, declared, given, instance, restarts
+from rkhs_ros.nodes.parameters import declare, declared, given, process, restarts
 from rkhs_ros.nodes.peers import Peers
 from rkhs_ros.nodes.simulator_link import ROBOT, SIMULATOR
 from rkhs_ros.nodes.spin import ReportingNode, StoppedError, run
@@ -25,9 +26,10 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import Config, Environment, environment_from
 from rkhs_ros.runs.episode_files import save_episodes
 from rkhs_ros.runs.evaluation import evaluation_of
-from rkhs_ros.runs.report import is_begun, new_folder, old_folder, what_next
+from rkhs_ros.runs.report import is_begun, new_folder, old_folder, what_next, what_was_kept
 from rkhs_ros.runs.run import run_training
 
+Draw = Callable[[Path], object]
 EVALUATION = "evaluation.npz"  # in the output folder: the episodes that measured a policy
 
 
@@ -53,16 +55,18 @@ class LearnerNode(ReportingNode):
         self.resume = declared(
             self, tree, "resume", False, "go on with the run in the output folder, if one began there"
         )
+        about = "go on with a run of other code, libraries or threads, too"
+        self.provenance_may_change = declared(self, tree, "provenance_may_change", False, about)
         self.record = declared(self, tree, "record", False, "record the run in recording.mcap, in its folder")
         about = "policy.npz to measure in noise-free episodes, in place of learning; empty to learn"
         self.evaluate = declared(self, tree, "evaluate", "", about)
-        again, number = restarts(self, tree), instance(self, tree)
+        again, own_process = restarts(self, tree), process(self, tree)
         self.environment = self._environment_from(tree)
         self.training = training_from(tree)
         declare(self, entries(self.training))
         topics = [f"{namespace}episodes" for namespace in namespaces(self.training.simulators)]
         self.diagnostics = Diagnostics(self, again, lambda: self.runner.report(), topics)
-        self._uniqueness = Uniqueness(self, number)
+        self._uniqueness = Uniqueness(self, own_process)
         self.peers = Peers(self, self.training.timeout)
         kind = ROBOT if self.environment and self.environment.nodes else SIMULATOR
         self.runner = TopicRunner(self, self.peers, self.training.simulators, self.training.rows, kind)
@@ -83,7 +87,11 @@ class LearnerNode(ReportingNode):
         return min(self.diagnostics.heartbeat(), self.runner.heartbeat(), self.topics.heartbeat())
 
 
-def learn(node: LearnerNode, stop: Stop) -> None:
+def draw_nothing(folder: Path) -> None:
+    """Draw no pictures: `rkhs train`, which starts the node, does so itself."""
+
+
+def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
     """Run the whole training of a learner node, or until told to end."""
     node.peers.stop = stop
     with node.diagnostics.errors_reported():
@@ -103,15 +111,20 @@ def learn(node: LearnerNode, stop: Stop) -> None:
                 resume=resume,
                 record=node.record or costs,
                 sync=costs,
+                provenance_may_change=node.provenance_may_change,
                 rest=node.peers.rest,
                 look_on=node.topics.tell,
             )
         except (StoppedError, KeyboardInterrupt):
             node.diagnostics.tell(STOP, "the run was asked to stop")
+            node.get_logger().info(what_was_kept(folder, config))
+            if (folder / "policy.npz").is_file():
+                draw(folder)
             raise
         finally:
             node.topics.close()
-        node.get_logger().info(what_next(folder, config.training.iterations))
+        draw(folder)
+        node.get_logger().info(what_next(folder, config))
 
 
 def measure(node: LearnerNode, stop: Stop) -> None:
@@ -126,13 +139,19 @@ def measure(node: LearnerNode, stop: Stop) -> None:
         print(json.dumps(evaluation_of(episodes, environment.id, training.seed, training.discount), indent=2))
 
 
-def work(node: LearnerNode, stop: Stop) -> None:
-    """Learn, or measure what was learnt."""
-    (measure if node.evaluate else learn)(node, stop)
+def main(draw: Draw = draw_nothing) -> None:
+    """Run the learner node: learn, or measure what was learnt.
 
+    Args:
+        draw: draws the pictures of the run in a folder, when it is over.
+    """
 
-def main() -> None:
-    """Run the learner node."""
+    def work(node: LearnerNode, stop: Stop) -> None:
+        if node.evaluate:
+            measure(node, stop)
+        else:
+            learn(node, stop, draw)
+
     run(LearnerNode, "learner", work)
 
 

@@ -16,9 +16,8 @@ from rosgraph_msgs.msg import Clock
 
 import rkhs_interfaces.msg as msg
 from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
-from rkhs_ros.base.validation import require
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.messages import MOST_INPUTS, doubles, matrix, policy_message, spaces_fields
+from rkhs_ros.policies.messages import MOST_INPUTS, doubles, policy_message, spaces_fields, viewed
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 
@@ -34,7 +33,7 @@ if TYPE_CHECKING:  # a policy node needs no simulation
 # until the peers say that they are connected.
 LOCKSTEP_QOS = QoSProfile(depth=16, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
 LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # for those who come later, too
-BATCH = attrgetter(*(field.name for field in fields(Batch)))  # what a message says of its batch
+batch_fields = attrgetter(*(field.name for field in fields(Batch)))  # of a message
 CLOCK_ENDS = 2**31  # seconds, which /clock cannot tell any more
 
 
@@ -47,9 +46,9 @@ def observation_message(identity: int, version: int, batch: Batch, step: int, fr
 
 def show(message: msg.Observation, step: int, frame: Frame) -> None:
     """Fill in the message of a batch what it shows after ``step`` steps; to make a new one for each takes longer."""
-    message.step, message.over = step, not frame.active.any()
+    message.step, message.over = step, frame.is_over
     message.observations, message.rewards = doubles(frame.observations), doubles(frame.rewards)
-    if not frame.active.all():
+    if not frame.is_whole:
         message.terminated, message.truncated = _rows_where(frame.terminated), _rows_where(frame.truncated)
 
 
@@ -76,7 +75,7 @@ def robot_observation_message(
 
 
 def observations_of(message: msg.Observation, batch: Batch) -> Array:
-    """Return the observations that a message of a batch carries, shape (rows, d).
+    """Return the observations that a message of a batch carries, shape (rows, d); they share its memory.
 
     Raises:
         ValueError: the step cannot be, or they are misshapen or not finite; nor may the rewards be.
@@ -84,15 +83,12 @@ def observations_of(message: msg.Observation, batch: Batch) -> Array:
     if message.step + (not message.over) > batch.horizon:
         expected = f"at most {batch.horizon}, and less unless all is over"
         raise ValueError(f"step: expected {expected}, got {message.step}")
-    matrix(message.rewards, batch.rows if message.step else 0, 1, "rewards")
-    columns = max(len(message.observations) // batch.rows, 1)
-    require(columns <= MOST_INPUTS, "observations", f"at most {MOST_INPUTS} numbers a row", columns)
-    return matrix(message.observations, batch.rows, columns, "observations")
-
-
-def is_of(message: msg.Observation, batch: Batch) -> bool:
-    """Return whether a message is of a batch; to make the batch of each message takes longer."""
-    return bool(BATCH(message) == BATCH(batch))
+    viewed(message.rewards, (batch.rows if message.step else 0,), "rewards")
+    seen = message.observations
+    columns = max(len(seen) // batch.rows, 1)
+    if columns > MOST_INPUTS:
+        raise ValueError(f"observations: expected at most {MOST_INPUTS} numbers a row, got {columns}")
+    return viewed(seen, (batch.rows, columns), "observations")
 
 
 def batch_of(message: msg.Observation | StartEpisodes.Request) -> Batch:

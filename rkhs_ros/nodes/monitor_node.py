@@ -12,13 +12,12 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.task import Future
 
 from rkhs_interfaces.msg import GateState
 from rkhs_ros.base.endings import Stop
 from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS, REPORT_PERIOD_S, TOPIC
 from rkhs_ros.nodes.messages import LATCHED_QOS
-from rkhs_ros.nodes.operator_node import SERVICES
+from rkhs_ros.nodes.operator_calls import OperatorCalls
 from rkhs_ros.nodes.spin import run
 
 WORDS = ("start", "pause", "stop", "veto")  # that make no robot move that a person has not armed: never "arm"
@@ -33,7 +32,7 @@ SILENT = "silent"
 class MonitorNode(Node):
     """Hears what the nodes and the gate of a run report, and calls the services of a few words.
 
-    Owns the newest reports, and what came of the last word. Has no client of the service that arms the gate.
+    Owns the newest reports, and the calls. Has no client of the service that arms the gate.
     """
 
     def __init__(self) -> None:
@@ -41,12 +40,9 @@ class MonitorNode(Node):
         super().__init__("monitor")
         self._heard: dict[str, tuple[DiagnosticStatus, float]] = {}
         self._gate: GateState | None = None
-        self._answer = ""
+        self.calls = OperatorCalls(self, WORDS)
         self.create_subscription(DiagnosticArray, TOPIC, self._hear, DIAGNOSTICS_QOS)
         self.create_subscription(GateState, "gate/state", self._hear_gate, LATCHED_QOS)
-        services = {word: SERVICES[word] for word in WORDS}
-        self._asked = {word: request for word, (_, _, request) in services.items()}
-        self._callers = {word: self.create_client(kind, name) for word, (name, kind, _) in services.items()}
 
     def report(self) -> dict[str, Any]:
         """Return what was reported, as it goes into a line."""
@@ -57,23 +53,8 @@ class MonitorNode(Node):
         ]
         fields = () if self._gate is None else self._gate.get_fields_and_field_types()
         gate = {name: getattr(self._gate, name) for name in fields} or None
-        return {"nodes": nodes, "gate": gate, "answer": self._answer}
-
-    def say(self, word: str) -> None:
-        """Call the service of a word; any other is passed over."""
-        if word not in self._callers:
-            return
-        if not self._callers[word].service_is_ready():
-            self._answer = f"{word}: the node is not there"
-            return
-        self._answer = f"{word}: asked"
-        future = self._callers[word].call_async(self._asked[word])
-        future.add_done_callback(lambda done: self._hear_answer(word, done))
-
-    def _hear_answer(self, word: str, future: Future) -> None:
-        answer = future.result()
-        told = "done" if answer.success else "refused"
-        self._answer = f"{word}: {told}" + f" ({answer.message})" * bool(answer.message)
+        call = self.calls.newest  # a late answer to an older one is not shown
+        return {"nodes": nodes, "gate": gate, "answer": call.text if call else ""}
 
     def _hear(self, message: DiagnosticArray) -> None:
         self._heard |= {status.name: (status, time.monotonic()) for status in message.status}
@@ -94,7 +75,9 @@ def tell(node: MonitorNode, stop: Stop) -> None:
             if not words:
                 return
             for word in words.decode(errors="replace").split():
-                node.say(word)
+                if word in WORDS:
+                    node.calls.call(word)
+        node.calls.proceed()
         if time.monotonic() >= due and (news := node.report()) != told:
             told, due = news, time.monotonic() + TELL_PERIOD_S
             print(json.dumps(news), flush=True)

@@ -2,36 +2,24 @@
 
 from __future__ import annotations
 
-import time
-from typing import Any
-
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from std_srvs.srv import SetBool, Trigger
 
 from rkhs_ros.base.endings import Stop
 from rkhs_ros.base.validation import pick
+from rkhs_ros.nodes.operator_calls import SERVICES, OperatorCalls
 from rkhs_ros.nodes.spin import SIGNAL_CHECK_S, PeerError, run
-
-FOUND_TIMEOUT_S, ANSWER_TIMEOUT_S = 3.0, 10.0  # until the node is found, and until it answers
-SERVICES: dict[str, tuple[str, Any, Any]] = {  # of each word: the service, its type, what is asked
-    "arm": ("gate/arm", Trigger, Trigger.Request()),
-    "stop": ("gate/stop", Trigger, Trigger.Request()),
-    "start": ("robot/start", Trigger, Trigger.Request()),
-    "pause": ("robot/pause", SetBool, SetBool.Request(data=True)),
-    "veto": ("robot/veto", Trigger, Trigger.Request()),
-}
 
 
 class OperatorNode(Node):
-    """Calls one service, once: a word said twice may mean two things."""
+    """Calls the service of one word."""
 
     def __init__(self) -> None:
         """Read which word is to be passed on."""
         super().__init__("operator")
         self.word = str(self.declare_parameter("word", "").value)
-        self.service, kind, self.request = pick(self.word, SERVICES, "word")
-        self.client = self.create_client(kind, self.service)
+        self.service, *_ = pick(self.word, SERVICES, "word")
+        self.calls = OperatorCalls(self, [self.word])
 
 
 def pass_on(node: OperatorNode, stop: Stop) -> None:
@@ -42,19 +30,18 @@ def pass_on(node: OperatorNode, stop: Stop) -> None:
     """
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    deadline, future = time.monotonic() + FOUND_TIMEOUT_S, None
-    while not (future and future.done()) and not stop.is_set():
-        if time.monotonic() > deadline:
-            what = "does not answer" if future else "is not there; name the run's folder, or set ROS_DOMAIN_ID"
-            raise PeerError(f"{node.service}: the node {what}")
+    call = node.calls.call(node.word)
+    while not call.is_over:
+        if stop.is_set():
+            return
+        node.calls.proceed()
         executor.spin_once(timeout_sec=SIGNAL_CHECK_S)
-        if future is None and node.client.service_is_ready():
-            deadline, future = time.monotonic() + ANSWER_TIMEOUT_S, node.client.call_async(node.request)
-    if future and future.done():
-        answer = future.result()
-        if not answer.success:
-            raise PeerError(f"{node.word} was refused: {answer.message}")
-        print(f"{node.word}: done" + f" ({answer.message})" * bool(answer.message))
+    if call.failure:
+        hint = "" if call.is_found else "; name the run's folder, or set ROS_DOMAIN_ID"
+        raise PeerError(f"{node.service}: {call.failure}{hint}")
+    if not call.answer.success:
+        raise PeerError(f"{node.word} was refused: {call.answer.message}")
+    print(call.text)
 
 
 def main() -> None:

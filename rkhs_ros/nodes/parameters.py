@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -65,14 +66,29 @@ def restarts(node: Node, tree: dict[str, Any]) -> int:
     return int(declared(node, tree, "restarts", 0, "times that this node was started again after it died"))
 
 
-def instance(node: Node, tree: dict[str, Any]) -> int:
-    """Take out of a node's tree what names its process, and declare it.
+@dataclass(frozen=True)
+class Process:
+    """What tells a process of a node from others of the same name.
 
-    All nodes of a run are given the time at which it began, plus their restarts: so of two runs all nodes of one are
-    older than those of the other.
+    Attributes:
+        number: greater than those of processes before it, by the system's clock.
+        began: monotonic time at which it began, in seconds, or the run that it belongs to.
+    """
+
+    number: int
+    began: float
+
+
+def process(node: Node, tree: dict[str, Any]) -> Process:
+    """Take out of a node's tree what names its process and tells how old it is, and declare it.
+
+    All nodes of a run are given the time at which it began, plus their restarts, and how long that is ago: so of two
+    runs all nodes of one are older than those of the other.
     """
     about = "names this process among those of its name, the older ones by smaller numbers; 0 for the time"
-    return int(declared(node, tree, "instance", 0, about)) or time.time_ns()
+    number = int(declared(node, tree, "instance", 0, about)) or time.time_ns()
+    about = "seconds since the run of this process began; of two processes of a name the one of the older run stays"
+    return Process(number, time.monotonic() - float(declared(node, tree, "run_age", 0.0, about)))
 
 
 def require_known(tree: Mapping[str, Any], *known: str) -> None:

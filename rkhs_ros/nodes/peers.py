@@ -4,17 +4,28 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 from rclpy.client import Client
 from rclpy.experimental import EventsExecutor
+from rclpy.signals import SignalHandlerOptions, get_current_signal_handlers_options
 
-from rkhs_ros.base.endings import Stop
+from rkhs_ros.base.endings import Stop, signals_held
 from rkhs_ros.nodes.spin import SIGNAL_CHECK_S, PeerError, ReportingNode, StoppedError
 
 REFUSAL_STANDS_S = 2.0  # that a node must keep to its refusal
 SAID_AFTER_S = 3.0  # that a node is waited for
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.5, 2.0  # without an answer before a request is sent again; back-off by two
+
+
+def _interrupts_held() -> AbstractContextManager[None]:
+    """Hold signals while the executor runs: it loses what their handlers raise while it converts a message.
+
+    In a process whose signals rclpy handles they are left to rclpy.
+    """
+    is_free = get_current_signal_handlers_options() == SignalHandlerOptions.NO
+    return signals_held() if is_free else nullcontext()
 
 
 class SilentError(PeerError):
@@ -58,7 +69,8 @@ class Peers:
             if left <= 0:
                 return False
             wait = min(left, SIGNAL_CHECK_S, self._node.heartbeat())  # new peers do not wake the executor either
-            self._executor.spin_once(timeout_sec=wait)
+            with _interrupts_held():
+                self._executor.spin_once(timeout_sec=wait)
             if self.stop.is_set():
                 raise StoppedError
         return True

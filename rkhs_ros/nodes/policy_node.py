@@ -12,10 +12,10 @@ from rkhs_interfaces.msg import Policy as PolicyMessage
 from rkhs_interfaces.srv import SetPolicy
 from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.diagnostics import Diagnostics
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS, batch_of, is_of, observations_of
+from rkhs_ros.nodes.messages import LOCKSTEP_QOS, batch_fields, batch_of, observations_of
 from rkhs_ros.nodes.names import namespaces
 from rkhs_ros.nodes.newest_topic import NewestTopic
-from rkhs_ros.nodes.parameters import declared, given, instance, require_known, restarts
+from rkhs_ros.nodes.parameters import declared, given, process, require_known, restarts
 from rkhs_ros.nodes.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.uniqueness import Uniqueness
 from rkhs_ros.policies.messages import doubles, policy_message, policy_of
@@ -42,6 +42,7 @@ class SimulatorTopics:
         self.session = Session()
         self._failed: BatchProgress | None = None
         self._batch: Batch | None = None
+        self._batch_fields: tuple[object, ...] = ()
         self._action = Action()
         self.actions = node.create_publisher(Action, f"{namespace}action", LOCKSTEP_QOS)
         node.create_subscription(ObservationMessage, f"{namespace}observation", self._observe, LOCKSTEP_QOS)
@@ -50,9 +51,9 @@ class SimulatorTopics:
         before = self.session.last
         match self._reply(message):
             case Answer() as answer:
+                self._publish(answer)
                 self._failed = None
                 self._node.diagnostics.stuck = ""
-                self._publish(answer)
                 self._node.diagnostics.steps += answer is not before
             case Ignored(reason):
                 self._node.diagnostics.pass_over(f"an observation: {reason}")
@@ -86,9 +87,10 @@ class SimulatorTopics:
         Raises:
             ValueError: it is misshapen, not finite, or a number is out of range.
         """
+        shown = batch_fields(message)
+        if self._batch is None or shown != self._batch_fields:
+            self._batch, self._batch_fields = batch_of(message), shown
         batch = self._batch
-        if batch is None or not is_of(message, batch):
-            batch = self._batch = batch_of(message)
         return Observation(
             identity=message.batch,
             version=message.policy_version,
@@ -120,12 +122,12 @@ class PolicyNode(ReportingNode):
         simulators = declared(self, tree, "simulators", 1, "simulator nodes to serve")
         if not 1 <= simulators <= MOST_SIMULATORS:
             raise ValueError(f"simulators: expected 1 to {MOST_SIMULATORS}, got {simulators}")
-        again, number = restarts(self, tree), instance(self, tree)
+        again, own_process = restarts(self, tree), process(self, tree)
         self.served = self._from_file(tree)
         self._simulators = [SimulatorTopics(self, namespace) for namespace in namespaces(simulators)]
         topics = [f"{namespace}observation" for namespace in namespaces(simulators)]
         self.diagnostics = Diagnostics(self, again, self._report, topics)
-        self._uniqueness = Uniqueness(self, number)
+        self._uniqueness = Uniqueness(self, own_process)
         self._in_service = NewestTopic(self, PolicyMessage, "policy_in_service")
         if self.served:
             self._in_service.offer(partial(policy_message, msg, self.served.policy, self.served.version))

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 from rclpy.node import Node
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from rkhs_ros.nodes.names import NODES
 
@@ -17,7 +18,12 @@ SAME_STAND_S = 30.0  # the same of one name: a node that was killed is seen for 
 def publishers(node: Node, topic: str) -> Counter[str]:
     """Return how many publishers each node has on a topic, by the nodes' full names, unknown ones marked."""
     infos = node.get_publishers_info_by_topic(topic)
-    return Counter(_shown(f"{info.node_namespace.rstrip('/')}/{info.node_name}") for info in infos)
+    return Counter(_shown(full_name(info)) for info in infos)
+
+
+def full_name(info: TopicEndpointInfo) -> str:
+    """Return the full name of the node that an endpoint belongs to."""
+    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 
 
 def listed(node: Node, topic: str) -> str:

@@ -17,7 +17,7 @@ from rkhs_ros.base.endings import Stop
 from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.arguments import require_section
 from rkhs_ros.nodes.diagnostics import Diagnostics
-from rkhs_ros.nodes.parameters import declared, given, instance, require_known, restarts
+from rkhs_ros.nodes.parameters import declared, given, process, require_known, restarts
 from rkhs_ros.nodes.spin import SIGNAL_CHECK_S, ReportingNode, run
 from rkhs_ros.nodes.uniqueness import Uniqueness
 from rkhs_ros.recordings.container import MessageFile, Stored
@@ -52,11 +52,11 @@ class RecorderNode(ReportingNode):
         require_section(self.get_fully_qualified_name(), sys.argv)
         tree = given(self)
         folder = declared(self, tree, "output", "", "folder for the file")
-        again, number = restarts(self, tree), instance(self, tree)
+        again, own_process = restarts(self, tree), process(self, tree)
         require_known(tree)
         require(bool(folder), "output", "a folder for the file", "none")
         self.diagnostics = Diagnostics(self, again, lambda: {"messages": self.messages})
-        self._uniqueness = Uniqueness(self, number)
+        self._uniqueness = Uniqueness(self, own_process)
         self._topics: set[str] = set()
         self.messages = 0
         self._search_at = 0.0  # monotonic time, seconds

@@ -12,15 +12,15 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
+from rkhs_ros.base.ros import EXPECTED, missing_ros
 from rkhs_ros.base.validation import require
 from rkhs_ros.runs.rows import GOES_ON, KEPT, Flags
 
 try:
     from rkhs_ros.nodes.remote_world import RemoteWorld
 except ImportError as error:
-    raise DependencyNotInstalled(
-        f"rkhs/Remote-v0: expected ROS 2 Jazzy and the built interfaces (make build, source setup.bash), got: {error}"
-    ) from error
+    got = missing_ros() or error
+    raise DependencyNotInstalled(f"rkhs/Remote-v0: expected {EXPECTED}, got none: {got}") from error
 
 if TYPE_CHECKING:
     from rkhs_ros.nodes.remote_world import Seen

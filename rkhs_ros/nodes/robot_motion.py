@@ -48,6 +48,7 @@ class RobotMotion:
         alive_at: monotonic time of the learner's last sign of life, seconds.
         paused: whether a person wants no further episode to begin.
         waiting: what a person is waited for to do; empty while nobody is.
+        sensors: the topics that are heard.
     """
 
     def __init__(
@@ -70,7 +71,7 @@ class RobotMotion:
         self._shown: Observation | None = None
         self._gate = GateLink(node, instance, task.stale_after, self._hear_report)
         self._practice = PracticeLink(node, self._gate) if arms else None
-        self._sensors = SensorTopics(node, task)
+        self.sensors = SensorTopics(node, task)
         self._observations = node.create_publisher(Observation, "observation", LOCKSTEP_QOS)
         self._service = node.create_client(Trigger, task.reset.trigger.service or "~/trigger")
         node.create_subscription(Action, "action", self._act, LOCKSTEP_QOS)
@@ -157,7 +158,7 @@ class RobotMotion:
         elif obstacle or self.paused:
             from_here = self._practice is not None and self._practice.make_ready(now) and not self.paused
             what = f"{obstacle}; {self._gate.remedy}" if obstacle else f"paused; to go on: {self.call('start')}"
-            self.waiting = "" if from_here else what
+            self.waiting = "" if from_here else self.sensors.obstacle() or what
             self._began_at = now
         elif self._is_sensing(now) and self._is_served(now):
             self.waiting = ""
@@ -169,19 +170,24 @@ class RobotMotion:
         name = f"{self._node.get_fully_qualified_name()}/{service}"
         return f"rkhs robot {service}, or ros2 service call {name} std_srvs/srv/Trigger"
 
+    def _blindness(self) -> str:
+        """Return which sensors cannot be used, and why; empty if all can."""
+        try:
+            self._observe()
+        except SensingError as error:
+            return self.sensors.obstacle() or str(error)
+        return self.sensors.obstacle()
+
     def _is_sensing(self, now: float) -> bool:
         """Return whether the sensors speak.
 
         Raises:
             RunError: they do not in time.
         """
-        try:
-            self._observe()
-        except SensingError as error:
-            if now - self._began_at > PEERS_TIMEOUT_S:
-                raise RunError(f"{error}, for {PEERS_TIMEOUT_S:g} s") from error
-            return False
-        return True
+        obstacle = self._blindness()
+        if obstacle and now - self._began_at > PEERS_TIMEOUT_S:
+            raise RunError(f"{obstacle}, for {PEERS_TIMEOUT_S:g} s")
+        return not obstacle
 
     def _is_served(self, now: float) -> bool:
         """Return whether the service that a reset calls is there, or none is called.
@@ -269,7 +275,7 @@ class RobotMotion:
         Raises:
             SensingError: one is silent or stale.
         """
-        return Reading(self._task.sensors.observation(self._sensors.heard(), time.monotonic()), 0.0, time.time_ns())
+        return Reading(self._task.sensors.observation(self.sensors.heard(), time.monotonic()), 0.0, time.time_ns())
 
     def _sense(self) -> Reading:
         """Return what the sensors say now, and what the reward's topic does.
@@ -280,13 +286,13 @@ class RobotMotion:
         reading, reward = self._observe(), self._task.reward
         if not reward.topic:
             return reading
-        message = fresh(self._sensors.heard(), reward.topic, time.monotonic(), self._task.stale_after)
+        message = fresh(self.sensors.heard(), reward.topic, time.monotonic(), self._task.stale_after)
         (told,) = field_values(message, reward.field)
         return reading._replace(reward=told)
 
     def _sense_joints(self) -> Joints:
         home = self._task.reset.home
-        return home.joints_in(fresh(self._sensors.heard(), home.topic, time.monotonic(), self._task.stale_after))
+        return home.joints_in(fresh(self.sensors.heard(), home.topic, time.monotonic(), self._task.stale_after))
 
     def _finish(self, episode: RobotEpisode) -> None:
         """Have the robot hold, and tell who began the episode that it is over."""

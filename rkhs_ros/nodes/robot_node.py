@@ -19,7 +19,7 @@ from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.nodes.arguments import require_section
 from rkhs_ros.nodes.diagnostics import Diagnostics
 from rkhs_ros.nodes.messages import LOCKSTEP_QOS, batch_of, describe_robot
-from rkhs_ros.nodes.parameters import declare, declared, given, instance, restarts
+from rkhs_ros.nodes.parameters import declare, declared, given, process, restarts
 from rkhs_ros.nodes.robot_motion import RobotMotion
 from rkhs_ros.nodes.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.uniqueness import Uniqueness
@@ -61,7 +61,7 @@ class RobotNode(ReportingNode):
             False,
             "arm the gate of a practice robot, and end its protective stops, from here; of no other",
         )
-        again, number = restarts(self, tree), instance(self, tree)
+        again, own_process = restarts(self, tree), process(self, tree)
         self._task = robot_task_from(tree)
         declare(self, (entry for entry in self._task.entries() if entry.value != ()))
         self._journal = Journal(Path(folder).expanduser() if folder else None)
@@ -72,7 +72,7 @@ class RobotNode(ReportingNode):
         self._failure = ""
         self._pace, self._misses, self._voids = Pace(), 0, 0
         self.diagnostics = Diagnostics(self, again, self._report, ["action", "gate/report"])
-        self._uniqueness = Uniqueness(self, number)
+        self._uniqueness = Uniqueness(self, own_process)
         instance_number = self._uniqueness.instance
         self._motion = RobotMotion(self, self._task, instance_number, arms=arms, ended=self._keep)
         self._open_topics()
@@ -97,6 +97,7 @@ class RobotNode(ReportingNode):
         if due - now < CALM_S:
             return max(due - time.monotonic(), 0.0)
         self._uniqueness.check()
+        self._motion.sensors.heartbeat(now)
         self.diagnostics.waiting = self._motion.waiting
         return max(min(self.diagnostics.heartbeat(), due - time.monotonic()), 0.0)
 
@@ -248,6 +249,7 @@ class RobotNode(ReportingNode):
             "period worst ms": f"{1e3 * self._pace.worst:.2f}",
             "misses": self._misses,
             "void episodes": self._voids,
+            **self._motion.sensors.report(),
         }
 
 

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
 import rclpy
@@ -22,17 +23,23 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 from rkhs_ros.base.endings import INTERRUPTED, RunError, Stop, say
+from rkhs_ros.base.settings import Entry
 from rkhs_ros.base.streams import messages_may_be_lost
 from rkhs_ros.base.validation import shown
 from rkhs_ros.nodes.arguments import check_arguments
 from rkhs_ros.nodes.names import in_one_line
+from rkhs_ros.nodes.parameters import declare
 from rkhs_ros.nodes.transport import by_udp
 
 if TYPE_CHECKING:
     from rkhs_ros.nodes.diagnostics import Diagnostics
 
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+IGNORED = (signal.SIGUSR1, signal.SIGUSR2, signal.SIGTSTP)  # the last would suspend a node that others wait for
+CLOCK = "use_sim_time"
 SIGNAL_CHECK_S = 0.1  # between looks at whether a signal came
 MOST_ENDING_S = 10  # for a node to end; the middleware now and then waits for ever, and nothing else could end it then
+RETRY_S = 0.001  # after which what failed is tried again while a node brings to rest what it moves
 LAST_WORDS_S = 0.5  # for listeners to be found and to take the reason before a node ends by an error
 ROSOUT_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 AnyNode = TypeVar("AnyNode", bound=Node)
@@ -64,6 +71,7 @@ class ReportingNode(Node):
         super().__init__(
             name, context=context, namespace=namespace, automatically_declare_parameters_from_overrides=True
         )
+        self._fix_clock()
         self._rosout = self.create_publisher(Log, "/rosout", ROSOUT_QOS)
 
     def open(self) -> None:
@@ -73,6 +81,11 @@ class ReportingNode(Node):
             ValueError: an unknown parameter or a value that does not fit.
         """
         raise NotImplementedError
+
+    def _fix_clock(self) -> None:
+        """Make the parameter that chooses the node's clock read-only, as all others are: stamps must not jump."""
+        about = {"description": "whether time stamps are those of /clock; fixed when the node starts"}
+        declare(self, [Entry(CLOCK, self.get_parameter(CLOCK).value, about)])
 
     def tell_fatal(self, reason: str) -> None:
         """Tell those who listen to the log why the node ends; on standard error that is one line without this."""
@@ -98,23 +111,50 @@ def serve(node: ReportingNode, stop: Stop) -> None:
 
 
 def serve_together(nodes: Sequence[ReportingNode], stop: Stop) -> None:
-    """Handle the messages of nodes that share a process until told to end; an error of one ends all."""
+    """Handle the messages of nodes that share a process until told to end; an error of one ends all.
+
+    However it ends, each node first brings to rest what it moves.
+    """
     executor = EventsExecutor()
     with ExitStack() as reports:
         for node in nodes:
             executor.add_node(node)
             reports.enter_context(node.diagnostics.errors_reported())
-        while not (stop.is_set() and all(node.may_end() for node in nodes)):
-            executor.spin_once(timeout_sec=min(SIGNAL_CHECK_S, *[node.heartbeat() for node in nodes]))
+        try:
+            while not (stop.is_set() and all(node.may_end() for node in nodes)):
+                executor.spin_once(timeout_sec=min(SIGNAL_CHECK_S, *[node.heartbeat() for node in nodes]))
+        except BaseException:
+            _bring_to_rest(nodes, executor)
+            raise
+
+
+def _bring_to_rest(nodes: Sequence[ReportingNode], executor: EventsExecutor) -> None:
+    """Go on until all nodes may end, although something failed and may fail again."""
+    deadline = time.monotonic() + MOST_ENDING_S
+    work: list[Callable[[], object]] = [node.heartbeat for node in nodes]
+    work.append(partial(executor.spin_once, timeout_sec=RETRY_S))
+    while not all(_tried(node.may_end) for node in nodes) and time.monotonic() < deadline:
+        for do in work:
+            _tried(do)
+
+
+def _tried(do: Callable[[], object]) -> object:
+    """Return what a function returns; None if it fails."""
+    try:
+        return do()
+    except BaseException:  # also SystemExit: nothing may end a process that still moves a robot
+        time.sleep(RETRY_S)  # it may fail at once, and is tried again at once
+        return None
 
 
 def run(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, Stop], None]) -> None:
     """Run a node's process: make it, let it work, and end cleanly.
 
     Bad input ends with one line and exit code 2, a silent peer, a failed environment or a full disk with one line and
-    exit code 1, a run that was asked to stop with that of an interrupt, a signal with exit code 0. A signal only sets
+    exit code 1. A signal or a request to stop ends a run with the exit code of an interrupt, and a node that only
+    serves others with exit code 0. A signal only sets
     the event that the work is given: ROS's own handlers would pull the context from under a callback that is about to
-    publish.
+    publish. SIGHUP ends no process that was started by nohup.
 
     Args:
         make_node: makes it.
@@ -127,8 +167,7 @@ def run(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, St
 
 def _code_of(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, Stop], None]) -> int:
     stop = Stop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, frame: stop.set())
+    _handle_signals(stop)
     code = 0
     try:
         _begin(name)
@@ -139,17 +178,23 @@ def _code_of(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNod
             signal.signal(signal.SIGALRM, signal.SIG_DFL)
             signal.alarm(MOST_ENDING_S)
             node.destroy_node()
-    except StoppedError:
-        pass
-    except KeyboardInterrupt:  # a run that was asked to stop
+    except (StoppedError, KeyboardInterrupt):
         code = INTERRUPTED
     except (ValueError, OSError, RunError) as error:
         code = say(error)
     finally:
         rclpy.try_shutdown()
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in ENDING:
             signal.signal(number, signal.SIG_IGN)  # Python would put back what kills it while it ends
     return code
+
+
+def _handle_signals(stop: Stop) -> None:
+    for number in ENDING:
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # as nohup has it
+            signal.signal(number, lambda number, frame: stop.set())
+    for number in IGNORED:
+        signal.signal(number, signal.SIG_IGN)
 
 
 def _begin(name: str) -> None:

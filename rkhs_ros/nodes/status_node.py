@@ -21,18 +21,19 @@ from rkhs_ros.base.endings import Stop
 from rkhs_ros.base.validation import shown
 from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS, REPORT_PERIOD_S, TOPIC
 from rkhs_ros.nodes.messages import LATCHED_QOS
+from rkhs_ros.nodes.sources import PREFIX
 from rkhs_ros.nodes.spin import SIGNAL_CHECK_S, PeerError, run
 
 LISTEN_S = 3 * REPORT_PERIOD_S  # without word of another node, after which all are taken to have reported
 PROGRESS = "rkhs_interfaces/msg/LearningProgress"
-COLUMNS = {  # of what is reported: their heads, which leave a terminal of 80 characters room for all
+COLUMNS = {  # headers of the reported values: one line each, and short enough for a terminal of 80 columns
     "serving version": "policy",
     "batch": "batch",
     "step": "step",
-    "steps per second": "steps\nper s",
+    "steps per second": "Hz",
     "refusals": "refused",
-    "passed over": "passed\nover",
-    "restarts": "started\nagain",
+    "passed over": "ignored",
+    "restarts": "restarts",
 }
 LAST_REFUSAL = "last refusal"
 MODE = "state"  # of a gate or a robot, beside how the node fares
@@ -95,7 +96,7 @@ def heading(progress: LearningProgress) -> Text:
     lines = (
         f"{shown(progress.run)}: iteration {progress.iteration} of {progress.iterations}, "
         f"{progress.episodes} episodes, {progress.centres} centres{left}",
-        f"return {progress.train_return:.4g}{_measured(progress)}",
+        f"return {progress.train_return:.4g}{_measured(progress)}" if progress.iteration else "no return yet",
         "in " + "".join(c if c.isprintable() else "?" for c in progress.folder),  # whole, however long it is
     )
     return Text("\n".join(lines))
@@ -122,11 +123,15 @@ def table(statuses: Statuses) -> Table:
 
 
 def reasons(statuses: Statuses) -> Iterator[Text]:
-    """Yield what is the matter with nodes, and what each last refused or passed over, a line each."""
+    """Yield what is the matter with nodes, how their sources fare, and what each last refused, a line each."""
     for name, status in sorted(statuses.items()):
         if status.message != _word(status):
             yield Text(f"{shown(name)} {shown(status.message)}")
-        if reason := _values(status).get(LAST_REFUSAL):
+        values = _values(status)
+        for key, line in values.items():
+            if key.startswith(PREFIX):
+                yield Text(f"{shown(name)} {shown(key.removeprefix(PREFIX))}: {shown(line)}")
+        if reason := values.get(LAST_REFUSAL):
             yield Text(f"{shown(name)} last refused or passed over {shown(reason)}")
 
 

@@ -6,9 +6,7 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import reduce
 from itertools import chain, compress, repeat
-from operator import add
 
 from rkhs_interfaces.msg import BatchProgress
 from rkhs_ros.base.endings import RunError
@@ -59,6 +57,7 @@ class TopicRunner:
         self._peers = peers
         self.record: Record = forget
         self._clock_steps = 0
+        self._discarded: list[Batch] = []  # finished ones, which are to run again
         self._progress_at = 0.0  # monotonic time, seconds
         refuse = node.diagnostics.refuse
         self._simulators = [SimulatorLink(node, peers, place, rows, refuse, kind) for place in namespaces(simulators)]
@@ -100,6 +99,18 @@ class TopicRunner:
             ValueError: a node refused the policy or the batch.
         """
         self._policy.serve(policy)
+        try:
+            done = self._in_parts(policy, batch)
+        finally:
+            self._record_vetoes()  # also if the run is stopped: it may be resumed
+        for simulator in self._simulators:
+            simulator.forget_finished()
+        return Episodes.concatenate(
+            done[part] for part in sorted(done, key=lambda part: (not part.explore, part.first_episode))
+        )
+
+    def _in_parts(self, policy: GaussianPolicy, batch: Batch) -> dict[Batch, Episodes]:
+        """Return the episodes of a batch by the batches of the simulators, part after part."""
         parts = deque([batch])
         done: dict[Batch, Episodes] = {}
         while parts:
@@ -108,12 +119,8 @@ class TopicRunner:
             part, *rest = whole.parts(sum(self._shares(whole.rows)))
             parts.extendleft(reversed(rest))
             done |= self._together(policy, part)
-            parts.extend([*self._vetoed(done), *self._left_over()])
-        for simulator in self._simulators:
-            simulator.forget_finished()
-        return reduce(
-            add, (done[part] for part in sorted(done, key=lambda part: (not part.explore, part.first_episode)))
-        )
+            parts.extend([*self._take_discarded(done), *self._left_over()])
+        return done
 
     @property
     def is_of_robots(self) -> bool:
@@ -128,15 +135,21 @@ class TopicRunner:
         """Return what simulators that fell silent had been asked for."""
         return [each.batch for each in self._simulators if each.is_gone and each.batch is not None]
 
-    def _vetoed(self, done: dict[Batch, Episodes]) -> list[Batch]:
-        """Take out of what is done the episodes that a person made void since, and return them."""
-        vetoed = [ended for simulator in self._simulators for ended in simulator.vetoed]
+    def _record_vetoes(self) -> None:
+        """Record which finished episodes a person discarded since; they are to run again."""
         for simulator in self._simulators:
+            for ended in simulator.vetoed:
+                self._tell_void(ended)
+                self._discarded.append(ended.batch)
             simulator.vetoed.clear()
-        for ended in vetoed:
-            self._tell_void(ended)
-            del done[ended.batch]
-        return [ended.batch for ended in vetoed]
+
+    def _take_discarded(self, done: dict[Batch, Episodes]) -> list[Batch]:
+        """Remove the discarded episodes from those that are done, and return their batches."""
+        self._record_vetoes()
+        discarded, self._discarded = self._discarded, []
+        for batch in discarded:
+            del done[batch]
+        return discarded
 
     def report(self) -> dict[str, object]:
         """Return what is to be reported of policy and batches."""
@@ -172,6 +185,7 @@ class TopicRunner:
         self._progress_at = time.monotonic()
         while not self._complete():
             if self._peers.spin(self._has_news, IDLE_CHECK_S):
+                self._record_vetoes()
                 self._run_void_again()
             else:
                 self._recover(policy)
@@ -193,7 +207,7 @@ class TopicRunner:
         pace.left_out()
 
     def _has_news(self) -> bool:
-        return self._complete() or any(simulator.void for simulator in self._simulators)
+        return self._complete() or any(simulator.void or simulator.vetoed for simulator in self._simulators)
 
     def _run_void_again(self) -> None:
         """Ask robots again for the episodes that were void.

@@ -13,7 +13,8 @@ HEAD = """# The paper's figures, made again
 
 Made by `rkhs results` from the tables that `rkhs reproduce` writes; do not edit. Returns are discounted and, unless
 said otherwise, of the noise-free policy, means over the runs. The step sizes are ours: the paper does not say in
-which units its own are.
+which units its own are. The runs of a curve have the seeds 0, 1, 2 and so on, and settings were chosen on some of them:
+see [configurations](configurations.md#what-they-reach) for held-out seeds.
 
 | Figure | The paper says | Holds | What came out |
 |---|---|---|---|

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rkhs_ros.base.files import read_whole
 from rkhs_ros.rkhs.kernels import Array
 
 
@@ -51,11 +52,10 @@ def load_table(path: Path) -> Table:
     """
     if not path.exists():
         raise ValueError(f"{path}: expected a table, got none; 'rkhs reproduce {path.stem}' makes it")
-    with path.open(newline="") as text:
-        lines = list(csv.DictReader(text))
+    content = read_whole(path)
     curves: dict[tuple[str, str], dict[int, list[dict[str, str]]]] = {}
     try:
-        for line in lines:
+        for line in csv.DictReader(content.decode().splitlines()):
             curves.setdefault((line["panel"], line["curve"]), {}).setdefault(int(line["run"]), []).append(line)
         return {key: _returns(runs) for key, runs in curves.items()}
     except (KeyError, ValueError) as error:

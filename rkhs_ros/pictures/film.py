@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -61,9 +61,10 @@ def shoot(policy: GaussianPolicy, task: Task, runner: InlineRunner, *, seed: int
     if hasattr(simulation.shown, "render_frames"):
         return _watched(policy, batch, simulation, frames)
     own = isinstance(simulation.shown, DrawsItself)
-    shown, look = (simulation, _drawn) if own else (_with_pictures(task, simulation), _rendered)
-    steps = spread(int(runner.collect(policy, batch).mask[0].sum()), frames)
-    pictures = np.array(list(_moments(policy, batch, shown, steps, look)))
+    look, drawing = (_drawn, nullcontext(simulation)) if own else (_rendered, _with_pictures(task, simulation))
+    with drawing as shown:
+        steps = spread(int(runner.collect(policy, batch).mask[0].sum()), frames)
+        pictures = np.array(list(_moments(policy, batch, shown, steps, look)))
     return Film({"": pictures}, [f"step {step}" for step in steps])
 
 
@@ -113,14 +114,14 @@ def _drawn(simulation: Simulation, action: Array) -> Pictures:
     return np.array(canvas.buffer_rgba())[:, :, :3]
 
 
-def _with_pictures(task: Task, simulation: Simulation) -> Simulation:
-    """Return the simulation of an environment that is told to draw itself."""
+def _with_pictures(task: Task, simulation: Simulation) -> closing[Simulation]:
+    """Return the simulation of an environment that is told to draw itself, as a context that closes it."""
     modes = simulation.shown.metadata.get("render_modes") or []
     what = "an environment that draws itself (render mode rgb_array)"
     require("rgb_array" in modes, task.environment, what, f"one with {', '.join(modes) or 'no render mode'}")
     choose_renderer()
     with _told_what_to_install(task.environment):
-        return Simulation(task.environment, {**task.options, "render_mode": "rgb_array"})
+        return closing(Simulation(task.environment, {**task.options, "render_mode": "rgb_array"}))
 
 
 def _rendered(simulation: Simulation, action: Array) -> Pictures:

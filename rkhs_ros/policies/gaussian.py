@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.base.validation import pick, require, shown
+from rkhs_ros.base.validation import all_finite, pick, require, shown
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.noise import FILTERS
 from rkhs_ros.policies.streams import Batch
@@ -103,6 +103,9 @@ class Acting:
         self.batch = batch
         self._explore = explore
         self._require_room(max(batch.horizon * policy.mean.output_dim, *policy.mean.centres.shape))
+        self._mean = policy.mean.prepared()
+        variance = policy.variance
+        self._constant_sd = np.sqrt(variance.values) if isinstance(variance, ConstantVariance) else None
         self._columns = 0  # of the observations, not known yet
         self._seen = self._done = np.zeros((batch.rows, batch.horizon, 0))
 
@@ -138,13 +141,17 @@ class Acting:
         numbers = self.batch.rows * row
         require(numbers <= MOST_NUMBERS, "batch", f"at most {MOST_NUMBERS} numbers at a time", numbers)
 
+    @np.errstate(over="ignore", invalid="ignore")  # reported by row and step instead
     def _act(self, step: int, points: Array) -> Array:
-        policy = self.policy
-        with np.errstate(over="ignore", invalid="ignore"):  # told by row and step instead
-            actions = policy.act(points, self._exploration[:, step])
-        finite = np.isfinite(actions)
-        if not finite.all():
-            row = int(finite.all(axis=1).argmin())
+        actions = self._mean(points)
+        noise = self._exploration[:, step]
+        exploring = len(noise)
+        if exploring:
+            if self._constant_sd is None:
+                noise = np.sqrt(self.policy.variance(points[:exploring])) * noise
+            actions[:exploring] += noise
+        if not all_finite(actions):
+            row = int(np.isfinite(actions).all(axis=1).argmin())
             raise RunError(
                 f"the policy's action in row {row}, step {step + 1}: expected finite numbers, got {shown(actions[row])}"
             )
@@ -152,6 +159,12 @@ class Acting:
 
     @cached_property
     def _exploration(self) -> Array:
-        """The draws of the whole batch, made once it is known that the policy fits what is observed."""
+        """The draws of the whole batch, times the standard deviation if it is constant.
+
+        They are made once it is known that the policy fits what is observed.
+        """
         policy, horizon = self.policy, self.batch.horizon
-        return policy.exploration(self.batch) if self._explore else np.zeros((0, horizon, policy.mean.output_dim))
+        if not self._explore:
+            return np.zeros((0, horizon, policy.mean.output_dim))
+        draws = policy.exploration(self.batch)
+        return draws if self._constant_sd is None else self._constant_sd * draws

@@ -48,12 +48,22 @@ def shaped(values: Any, shape: tuple[int, ...], what: str) -> Array:
     Raises:
         ValueError: another number of values, or some that are not finite.
     """
-    if len(values) != prod(shape):  # seen before they are copied: there may be millions
-        raise ValueError(f"{what}: expected {shape} values, got {len(values)}")
-    array = np.array(np.frombuffer(values, dtype=np.float64).reshape(shape))
-    require_finite(array, what)
+    array = viewed(values, shape, what).copy()
     array.setflags(write=False)
     return array
+
+
+def viewed(values: Any, shape: tuple[int, ...], what: str) -> Array:
+    """Return a float64[] field as a finite array that shares its memory.
+
+    Raises:
+        ValueError: another number of values, or some that are not finite.
+    """
+    if len(values) != prod(shape):
+        raise ValueError(f"{what}: expected {shape} values, got {len(values)}")
+    array = np.frombuffer(values)
+    require_finite(array, what)
+    return array.reshape(shape)
 
 
 def spaces_fields(spaces: Spaces) -> dict[str, Any]:

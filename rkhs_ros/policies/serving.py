@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.base.validation import require
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
@@ -29,8 +29,7 @@ class ServedPolicy:
     explores: bool = True
 
 
-@dataclass(frozen=True, eq=False)
-class Observation:
+class Observation(NamedTuple):
     """What a batch of episodes shows before its next step.
 
     Attributes:
@@ -50,8 +49,7 @@ class Observation:
     over: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class Answer:
+class Answer(NamedTuple):
     """The actions of a step.
 
     Attributes:
@@ -96,8 +94,7 @@ class Failed:
 Reply = Answer | Ended | Ignored | Refused | Failed
 
 
-@dataclass(frozen=True)
-class Serving:
+class Serving(NamedTuple):
     """A batch being served.
 
     Attributes:
@@ -167,12 +164,14 @@ class Session:
 
     def _go_on(self, observation: Observation, serving: Serving) -> Reply:
         batch, step = serving.acting.batch, observation.step
-        if observation.batch != batch:
+        if observation.batch is not batch and observation.batch != batch:
             raise ValueError(f"batch {observation.identity}: expected {batch}, got {observation.batch}")
-        require(step <= serving.awaited, "step", f"at most {serving.awaited}, the next one", step)
+        if step > serving.awaited:
+            raise ValueError(f"step: expected at most {serving.awaited}, the next one, got {step}")
         if observation.over:
             return Ended()
-        require(step < batch.horizon, "step", f"less than {batch.horizon}, unless all is over", step)
+        if step >= batch.horizon:
+            raise ValueError(f"step: expected less than {batch.horizon}, unless all is over, got {step}")
         if step == serving.last.step:
             return serving.last
         answer = _act(serving.acting, observation)

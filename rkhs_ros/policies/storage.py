@@ -14,7 +14,7 @@ from zipfile import ZipFile
 
 import numpy as np
 
-from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.files import read_whole, require_expansion, write_whole
 from rkhs_ros.base.settings import build
 from rkhs_ros.base.validation import finite_array, require
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -25,7 +25,6 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Kernel, Term, kernel_from_terms
 
 SCHEMA = 2
-SMALL, MOST_EXPANSION = 2**26, 20  # bytes that any archive may grow to, and how many times its size beyond
 NAMES = ("observation_names", "action_names")  # of the spaces, in a file that has them
 Arrays = dict[str, np.ndarray]
 
@@ -97,7 +96,7 @@ def read_policy(path: Path) -> SavedPolicy:
         FileNotFoundError: there is no such file.
     """
     try:
-        arrays = unpacked(path.read_bytes())
+        arrays = unpacked(read_whole(path))
         (schema,) = whole_numbers(arrays["schema"].reshape(1), "schema")
         require(schema == SCHEMA, f"{path}", f"a policy of schema {SCHEMA}", f"schema {schema}")
         return SavedPolicy(policy_of(arrays), Task(**json.loads(str(arrays["task"]))), _spaces(arrays))
@@ -141,9 +140,7 @@ def unpacked(content: bytes) -> Arrays:
         ValueError: it would grow beyond all measure.
     """
     with ZipFile(BytesIO(content)) as archive:
-        size = sum(member.file_size for member in archive.infolist())
-        most = SMALL + MOST_EXPANSION * len(content)
-        require(size <= most, "archive", f"at most {most} bytes in {len(content)}", size)
+        require_expansion(sum(member.file_size for member in archive.infolist()), len(content), "archive")
         members = {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
     return {name: _array(member) for name, member in members.items()}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 from typing import IO, NamedTuple, cast
@@ -17,7 +17,14 @@ from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from rkhs_ros import __version__
-from rkhs_ros.base.files import named, require_replaceable, sync_to_disk
+from rkhs_ros.base.files import (
+    MOST_BYTES,
+    named,
+    open_regular,
+    require_expansion,
+    require_replaceable,
+    sync_to_disk,
+)
 from rkhs_ros.base.validation import require
 
 LIBRARY = "rkhs_ros"  # that wrote a file
@@ -170,23 +177,27 @@ def read_messages(path: Path) -> Found:
     """Return the messages of an MCAP file, up to where it was cut; those whose checksum is wrong are left out.
 
     Raises:
-        ValueError: it is no MCAP file.
+        ValueError: it is no MCAP file, or too large, as its compressed parts may be.
         OSError: it cannot be read.
     """
-    found, scan = Found(), Scan()
-    size = path.stat().st_size
-    with path.open("rb") as file:
+    found, scan, unpacked = Found(), Scan(), 0
+    with open_regular(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        require(size <= MOST_BYTES, f"{path}", f"a recording of at most {MOST_BYTES} bytes", size)
         magic = file.read(len(MCAP0_MAGIC))
         require(magic == MCAP0_MAGIC, f"{path}", "an MCAP file", f"one that begins with {magic!r}")
         at, ended = file.tell(), False
         for code, content in records(file, size):
             try:
-                found.messages += scan.messages(code, content)
+                messages = scan.messages(code, content)
+                found.messages += messages
+                unpacked += sum(len(message.content) for message in messages)
             except Exception as error:  # a damaged record raises almost anything
                 what = " ".join(f"{type(error).__name__}: {error}".split())
                 found.lost += len(content)
                 found.faults.append(f"{len(content)} bytes at {at} passed over: damaged ({what})")
             ended, at = code == Opcode.DATA_END, file.tell()
+            require_expansion(unpacked, size, f"{path}")
     if scan.missing:
         found.faults.append(f"{scan.missing} messages are missing")
     if not ended:
@@ -201,7 +212,11 @@ def read_messages(path: Path) -> Found:
 
 
 def records(file: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
-    """Yield the opcode and content of each whole record, up to the end of the data or where the file was cut."""
+    """Yield the opcode and content of each whole record, up to the end of the data or where the file was cut.
+
+    Raises:
+        ValueError: a record is too large for the memory.
+    """
     while file.tell() + HEADER_BYTES <= size:
         begin = file.tell()
         header = file.read(HEADER_BYTES)
@@ -209,9 +224,33 @@ def records(file: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
         if length > size - file.tell():
             file.seek(begin)
             return
+        require(length <= MOST_BYTES, f"{file.name}", f"records of at most {MOST_BYTES} bytes", length)
         yield header[0], file.read(length)
         if header[0] == Opcode.DATA_END:
             return
+
+
+def _unpacked(chunk: Chunk) -> Chunk:
+    """Return a chunk without compression.
+
+    Raises:
+        ValueError: it would grow beyond all measure, or to another size than it says.
+    """
+    if not chunk.compression:
+        return chunk
+    require_expansion(chunk.uncompressed_size, len(chunk.data), "chunk")
+    most = chunk.uncompressed_size + 1  # one more, to see whether it ends there
+    if chunk.compression == "zstd":
+        from zstandard import ZstdDecompressor  # here and below, since ours are not compressed
+
+        data = ZstdDecompressor().stream_reader(chunk.data).read(most)
+    else:
+        require(chunk.compression == "lz4", "chunk", "compression by zstd or lz4", chunk.compression)
+        from lz4.frame import LZ4FrameDecompressor
+
+        data = LZ4FrameDecompressor().decompress(chunk.data, max_length=most)
+    require(len(data) == chunk.uncompressed_size, "chunk", f"{chunk.uncompressed_size} bytes", len(data))
+    return replace(chunk, compression="", data=data)
 
 
 class Scan:
@@ -235,7 +274,7 @@ class Scan:
         if code == Opcode.CHUNK:
             return [
                 message
-                for record in breakup_chunk(Chunk.read(stream), validate_crc=True)
+                for record in breakup_chunk(_unpacked(Chunk.read(stream)), validate_crc=True)
                 for message in self._taken(record)
             ]
         if code == Opcode.SCHEMA:

@@ -7,8 +7,10 @@ from io import SEEK_SET
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
+from rkhs_ros.base.files import open_regular
 from rkhs_ros.recordings.container import Scan, Stored, records
 from rkhs_ros.recordings.definitions import PACKAGE, decoded
 
@@ -57,12 +59,12 @@ class Following:
         Raises:
             ValueError: it is not there any more.
         """
-        with self.path.open("rb") as file:
+        with open_regular(self.path) as file:
             file.seek(place.offset, SEEK_SET)
             for code, content in records(file, self.path.stat().st_size):
-                for stored in self._scanned(code, content):
+                for stored, message in self._scanned(code, content):
                     if stored.kind == PACKAGE + place.kind and stored.time == place.time:
-                        return decoded(stored.content, stored.kind, stored.definition)
+                        return message
                 break
         raise ValueError(f"{self.path}: expected a message of type {place.kind} at {place.offset}, got another")
 
@@ -72,17 +74,19 @@ class Following:
         self._scan = Scan()
 
     def _read(self, size: int) -> Iterator[tuple[Place, Any]]:
-        with self.path.open("rb") as file:
+        with open_regular(self.path) as file:
             file.seek(self._offset)
             for code, content in records(file, size):
-                for stored in self._scanned(code, content):
-                    place = Place(self._offset, stored.kind.removeprefix(PACKAGE), stored.time)
-                    yield place, decoded(stored.content, stored.kind, stored.definition)
+                for stored, message in self._scanned(code, content):
+                    yield Place(self._offset, stored.kind.removeprefix(PACKAGE), stored.time), message
+                if code == Opcode.DATA_END:  # what comes after it is for others, and nothing guards it
+                    return
                 self._offset = file.tell()
 
-    def _scanned(self, code: int, content: bytes) -> list[Stored]:
-        """Return our messages in a record; none where it is damaged."""
+    def _scanned(self, code: int, content: bytes) -> list[tuple[Stored, Any]]:
+        """Return our messages in a record, as they are stored and what they say; none where it is damaged."""
         try:
-            return [each for each in self._scan.messages(code, content) if each.kind.startswith(PACKAGE)]
+            ours = [each for each in self._scan.messages(code, content) if each.kind.startswith(PACKAGE)]
+            return [(each, decoded(each.content, each.kind, each.definition)) for each in ours]
         except Exception:  # a damaged record raises almost anything
             return []

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rkhs_ros.base.validation import require
+from rkhs_ros.learning.execution import Execution
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.recordings.recording import RecordedBatch
+from rkhs_ros.recordings.batches import RecordedBatch
 from rkhs_ros.rkhs.kernels import Array
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ FILES = {"chunks_size": 1000, "data_files_size_in_mb": 100, "video_files_size_in
 PLACES = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 NANOSECONDS = 1e9
+RATE_TOLERANCE = 0.005  # of the time stamps' rate, relative, by which a whole number of steps per second may differ
 INDEX = "__index_level_0__"  # name of the column that the tasks are looked up by
 Columns = dict[str, np.ndarray]
 
@@ -47,19 +49,21 @@ class Episode:
 
 
 def export(
-    batches: Sequence[RecordedBatch], task: str, folder: Path, fps: float | None, spaces: Spaces | None = None
-) -> int:
-    """Write episodes into a new folder as a dataset, and return their number.
+    batches: Sequence[RecordedBatch], task: str, folder: Path, fps: int | None, spaces: Spaces | None = None
+) -> tuple[int, int]:
+    """Write episodes into a new folder as a dataset, and return their number and the steps per second.
+
+    LeRobot stores the steps per second as an integer, and looks up frames as if they were that far apart.
 
     Args:
         batches: of episodes that count.
         task: what they are of.
         folder: a new one.
-        fps: steps in a second; of a robot's episodes what their stamps say, where None.
+        fps: steps per second, by which the time stamps are set; if None, a robot's time stamps are kept.
         spaces: of the task, which may name its numbers; None where they are not known.
 
     Raises:
-        ValueError: pyarrow is not installed, the folder is there, or there are no episodes.
+        ValueError: pyarrow is not installed, the folder exists, there are no episodes, or the rate is not whole.
         OSError: it cannot be written.
     """
     try:
@@ -68,8 +72,8 @@ def export(
         raise ValueError("pyarrow: expected it to be installed, got none; pip install pyarrow") from error
     require(not folder.exists(), f"{folder}", "a new folder", "one that is there")
     require(bool(batches), "recording", "episodes that count", "none")
-    rate = fps or _rate(batches)
-    episodes = list(_episodes(batches, rate))
+    rate = _rate(batches) if fps is None else fps
+    episodes = list(_episodes(batches, fps))
     files = {DATA: _table(_frames(episodes)), EPISODES: _table(_descriptions(episodes, task)), TASKS: _tasks(task)}
     for name, table in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -80,22 +84,31 @@ def export(
     }
     _write_json(folder / "meta/info.json", _info(episodes, rate, spaces))
     _write_json(folder / "meta/stats.json", stats)
-    return len(episodes)
+    return len(episodes), rate
 
 
-def _rate(batches: Sequence[RecordedBatch]) -> float:
-    """Return the steps in a second that a robot's stamps tell.
+def _rate(batches: Sequence[RecordedBatch]) -> int:
+    """Return the steps per second of a robot's time stamps.
 
     Raises:
-        ValueError: there are no stamps, as of a simulation.
+        ValueError: there are no time stamps, as of a simulation, or their rate is not a whole number.
     """
+    if not all(each.executions for each in batches):
+        raise ValueError("--fps: expected the steps per second, which simulations do not record, got none")
     steps = [np.diff(execution.stamps) for each in batches for execution in each.executions]
-    if not steps:
-        raise ValueError("--fps: expected the steps in a second, which no simulation records, got none")
-    return round(NANOSECONDS / float(np.median(np.concatenate(steps))))
+    interval = float(np.median(np.concatenate(steps)))
+    require(interval > 0, "recording: time stamps", "increasing ones", f"steps of {interval:g} ns")
+    measured = NANOSECONDS / interval
+    rate = round(measured)
+    if abs(rate - measured) > RATE_TOLERANCE * measured:
+        raise ValueError(
+            "recording: expected a whole number of steps per second, which is all that LeRobot can store, "
+            f"got {measured:.4g} by the time stamps. Choose a rate with --fps N, by which all time stamps are then set."
+        )
+    return rate
 
 
-def _episodes(batches: Sequence[RecordedBatch], fps: float) -> Iterator[Episode]:
+def _episodes(batches: Sequence[RecordedBatch], fps: int | None) -> Iterator[Episode]:
     index = 0
     rows = ((each, row) for each in batches for row in range(each.batch.rows))
     for number, (each, row) in enumerate(rows):
@@ -109,7 +122,7 @@ def _episodes(batches: Sequence[RecordedBatch], fps: float) -> Iterator[Episode]
         yield Episode(columns)
 
 
-def _columns(each: RecordedBatch, row: int, fps: float) -> Columns:
+def _columns(each: RecordedBatch, row: int, fps: int | None) -> Columns:
     episodes, going = each.episodes, each.episodes.mask[row]
     steps = int(going.sum())
     done = np.arange(steps) == steps - 1
@@ -118,13 +131,16 @@ def _columns(each: RecordedBatch, row: int, fps: float) -> Columns:
         "action": episodes.actions[row, going],
         "next.reward": episodes.rewards[row, going],
     }
-    times = np.arange(steps) / fps
     if each.executions:
-        execution = each.executions[row]
-        times = (execution.stamps[:steps] - execution.stamps[0]) / NANOSECONDS
-        columns["action.executed"] = execution.executed
-    singles = {name: values.astype(np.float32) for name, values in (columns | {"timestamp": times}).items()}
+        columns["action.executed"] = each.executions[row].executed
+    columns["timestamp"] = _measured_times(each.executions[row], steps) if fps is None else np.arange(steps) / fps
+    singles = {name: values.astype(np.float32) for name, values in columns.items()}
     return {**singles, "next.done": done, "next.terminated": done & episodes.terminated[row]}
+
+
+def _measured_times(execution: Execution, steps: int) -> Array:
+    """Return the seconds from the first observation to that before each step, shape (steps,)."""
+    return np.asarray((execution.stamps[:steps] - execution.stamps[0]) / NANOSECONDS)
 
 
 def _frames(episodes: Sequence[Episode]) -> dict[str, Any]:
@@ -168,7 +184,7 @@ def _stats(column: np.ndarray) -> Mapping[str, Array]:
     }
 
 
-def _info(episodes: Sequence[Episode], fps: float, spaces: Spaces | None) -> dict[str, Any]:
+def _info(episodes: Sequence[Episode], fps: int, spaces: Spaces | None) -> dict[str, Any]:
     names = {"observation.state": spaces.observation_names, "action": spaces.action_names} if spaces else {}
     return {
         "codebase_version": VERSION,
@@ -177,7 +193,7 @@ def _info(episodes: Sequence[Episode], fps: float, spaces: Spaces | None) -> dic
         "total_frames": sum(map(len, episodes)),
         "total_tasks": 1,
         **FILES,
-        "fps": int(fps) if fps == int(fps) else fps,
+        "fps": fps,
         "splits": {"train": f"0:{len(episodes)}"},
         "data_path": f"data/{PLACES}",
         "video_path": None,

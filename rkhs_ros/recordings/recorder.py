@@ -19,13 +19,13 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.messages import doubles, policy_message
 from rkhs_ros.policies.storage import policy_arrays
 from rkhs_ros.policies.streams import Batch
+from rkhs_ros.recordings.batches import ARRAYS
 from rkhs_ros.recordings.container import MessageFile, Stored
 from rkhs_ros.recordings.definitions import Types, definition, encoded
 from rkhs_ros.recordings.recording import Head, Recording, head_fields
 
 TYPES = Types()
 TOPICS = {"Task": "task", "Policy": "policy", "RecordedEpisodes": "recorded_episodes", "Update": "update"}
-ARRAYS = [f.name for f in fields(Episodes)]
 METRICS = [f.name for f in fields(Metrics)]
 
 

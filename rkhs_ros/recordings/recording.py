@@ -5,28 +5,28 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import reduce
-from operator import add
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-from rkhs_ros.base.files import write_whole
-from rkhs_ros.base.validation import require
+from rkhs_ros.base.files import open_regular, read_whole, write_whole
+from rkhs_ros.base.validation import require, shown
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.execution import Execution
 from rkhs_ros.learning.messages import episodes_of, executions_of
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.messages import policy_of, spaces_fields, spaces_of
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.recordings.container import Found, Stored, read_messages
+from rkhs_ros.recordings.batches import RecordedBatch, counted, finished_episodes
 from rkhs_ros.recordings.definitions import PACKAGE, decoded, store_of_all
+
+if TYPE_CHECKING:
+    from rkhs_ros.recordings.container import Found, Stored
 
 FILE = "recording.mcap"
 BAG = "metadata.yaml"  # in the folder of a bag
-Key = tuple[bool, int]  # whether an episode explored, and its number
 
 
 @dataclass(frozen=True)
@@ -50,49 +50,39 @@ class Head:
     warm_start: bool
 
 
-class RecordedBatch(NamedTuple):
-    """A batch of episodes that ended.
-
-    Attributes:
-        batch: their numbers.
-        version: of the policy that acted.
-        episodes: what was observed, done and earned.
-        executions: how they went on a robot; none of a simulation.
-        time: when it was recorded, in nanoseconds since 1970.
-    """
-
-    batch: Batch
-    version: int
-    episodes: Episodes
-    executions: list[Execution]
-    time: int
-
-    @property
-    def is_void(self) -> bool:
-        """Whether it is not to be learnt from."""
-        return any(execution.void_reason for execution in self.executions)
-
-
 @dataclass
 class Recording:
     """What a recording holds.
 
     Attributes:
-        head: what was learnt and how; None in a bag that others recorded.
+        heads: what was learnt and how; another one where the run went on with other versions, none in a bag that others
+            recorded.
         policies: by version.
         batches: in the order in which they ended, void ones included.
         updates: the messages of the iterations done.
     """
 
-    head: Head | None = None
+    heads: list[Head] = field(default_factory=list)
     policies: dict[int, GaussianPolicy] = field(default_factory=dict)
     batches: list[RecordedBatch] = field(default_factory=list)
     updates: list[Any] = field(default_factory=list)
 
     @property
+    def head(self) -> Head | None:
+        """The first head; None where there is none."""
+        return self.heads[0] if self.heads else None
+
+    @property
     def finished(self) -> list[RecordedBatch]:
-        """The batches that count."""
-        return [batch for batch in self.batches if not batch.is_void]
+        """The episodes that count, each once, as batches of one row."""
+        return list(self.by_numbers().values())
+
+    @property
+    def replaced(self) -> int:
+        """How many finished episodes do not count, as others of their numbers were recorded later."""
+        finished = finished_episodes(self.batches)
+        last = {each.batch: each for each in finished}
+        return sum(not each.has_same_episodes(last[each.batch]) for each in finished)
 
     def episodes(self) -> Episodes:
         """Return all episodes that count, each once.
@@ -100,13 +90,14 @@ class Recording:
         Raises:
             ValueError: there are none, or of different horizons.
         """
-        horizons = {each.batch.horizon for each in self.finished}
+        finished = self.finished
+        horizons = {each.batch.horizon for each in finished}
         require(len(horizons) == 1, "recording", "episodes of one horizon", f"horizons {sorted(horizons) or 'of none'}")
-        return reduce(add, (each.episodes.take(slice(row, row + 1)) for each, row in self.rows().values()))
+        return Episodes.concatenate(each.episodes for each in finished)
 
-    def rows(self) -> dict[Key, tuple[RecordedBatch, int]]:
-        """Return where each episode that counts is: its batch and row."""
-        return {key: (each, row) for each in self.finished for row, key in enumerate(each.batch.keys)}
+    def by_numbers(self) -> dict[Batch, RecordedBatch]:
+        """Return the episodes that count by their numbers, a batch of one row each."""
+        return counted(self.batches)
 
 
 def head_fields(head: Head) -> dict[str, Any]:
@@ -161,8 +152,15 @@ def read_recording(path: Path) -> Recording:
         OSError: it cannot be read.
     """
     path = recording_file(path)
-    recording = recording_of(_bag_messages(path) if path.is_dir() else _ours(_whole(path).messages))
+    with faults_named(path):
+        recording = recording_of(_bag_messages(path) if path.is_dir() else _ours(_whole(path).messages))
     require(bool(recording.head or recording.batches), f"{path}", "a recording of a run", "none of our messages")
+    if count := recording.replaced:
+        print(
+            f"warning: {path}: {count} episodes are ignored; later ones have the same seeds and numbers. "
+            "Record runs with the same seed in separate bags.",
+            file=sys.stderr,
+        )
     return recording
 
 
@@ -175,22 +173,45 @@ def read_held(path: Path) -> tuple[Recording, list[Stored]]:
         ValueError: it is no recording.
         OSError: it cannot be read, or not kept.
     """
-    found = _whole(path) if path.is_file() else Found()
-    recording = recording_of(_ours(found.messages))
+    if not path.is_file():
+        return Recording(), []
+    found = _whole(path)
+    with faults_named(path):
+        recording = recording_of(_ours(found.messages))
     if found.lost or (found.messages and not recording.head):
         _keep_damaged(path)
     return (recording, found.messages) if recording.head else (Recording(), [])
 
 
+@contextmanager
+def faults_named(path: Path) -> Iterator[None]:
+    """Name the recording whose messages are none of a run, as others may write them.
+
+    Raises:
+        ValueError: they raised anything.
+    """
+    try:
+        yield
+    except OSError:
+        raise
+    except Exception as error:
+        why = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+        if why.startswith(f"{path}"):
+            raise
+        raise ValueError(f"{path}: expected the messages of a run, got some that are none ({shown(why)})") from error
+
+
 def _keep_damaged(path: Path) -> None:
     count = len(list(path.parent.glob(f"{path.stem}_damaged_*{path.suffix}")))
     kept = path.with_name(f"{path.stem}_damaged_{count + 1}{path.suffix}")
-    write_whole(kept, path.read_bytes())
+    write_whole(kept, read_whole(path))
     print(f"warning: {path}: kept as it was in {kept}", file=sys.stderr)
 
 
 def _whole(path: Path) -> Found:
     """Return the messages of an MCAP file that are whole; what is damaged is named on standard error."""
+    from rkhs_ros.recordings.container import read_messages  # here, since only recordings need mcap
+
     found = read_messages(path)
     for fault in found.faults:
         print(f"warning: {path}: {fault}", file=sys.stderr)
@@ -206,6 +227,13 @@ def _ours(messages: Iterable[Stored]) -> Iterator[tuple[str, int, Any]]:
 
 def _bag_messages(folder: Path) -> Iterator[tuple[str, int, Any]]:
     """Yield type, time and message of what a bag holds of ours."""
+    files = sorted(folder.glob("*.mcap"))
+    if files:  # by our own reader, within bounds
+        yield from _ours(sorted((each for file in files for each in _whole(file).messages), key=lambda each: each.time))
+        return
+    for file in folder.iterdir():
+        if not file.is_dir():
+            open_regular(file).close()  # else a pipe would be waited for
     from rosbags.highlevel import AnyReader  # here, since it takes 0.2 s and few need it
 
     with AnyReader([folder], default_typestore=store_of_all()) as reader:
@@ -220,11 +248,11 @@ def recording_of(messages: Iterable[tuple[str, int, Any]]) -> Recording:
     Raises:
         ValueError: one of them says what cannot be.
     """
-    recording, batches, sent = Recording(), dict[int, Batch](), dict[int, tuple[Any, int]]()
+    recording, batches, sent = Recording(), dict[int, Batch](), dict[tuple[int, bool], tuple[Any, int]]()
     for kind, time, message in messages:
         match kind.removeprefix(PACKAGE):
             case "Task":
-                recording.head = recording.head or head_of(message)
+                recording.heads.append(head_of(message))
             case "Policy":
                 recording.policies[message.version] = policy_of(message)
             case "Update":
@@ -235,11 +263,14 @@ def recording_of(messages: Iterable[tuple[str, int, Any]]) -> Recording:
             case "Observation":
                 batches.setdefault(message.batch, _numbers(message, message))
             case "Episodes":
-                sent.setdefault(message.batch, (message, time))  # a simulator may be asked for them again
+                is_void = any(execution.void_reason for execution in message.executions)
+                sent.setdefault((message.batch, is_void), (message, time))  # a simulator may be asked for them again
+    first = max((batch.first_episode + batch.rows for batch in batches.values()), default=0)
     for message, time in sent.values():  # now that all observations are seen, whose order with these nobody keeps
-        first = sum(each.batch.rows for each in recording.batches)
-        unknown = Batch(0, first, message.rows, message.horizon, explore=True)
-        whole = _batch(None, batches.get(message.batch, unknown), message, time)
+        if message.batch not in batches:
+            batches[message.batch] = Batch(0, first, message.rows, message.horizon, explore=True)
+            first += message.rows
+        whole = _batch(None, batches[message.batch], message, time)
         recording.batches += [
             whole._replace(batch=kind, episodes=whole.episodes.take(rows), executions=whole.executions[rows])
             for kind, rows in whole.batch.kinds

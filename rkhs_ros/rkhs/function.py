@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,11 +55,12 @@ class Function:
         """Evaluate at points of shape (batch, d): shape (batch, n), each row by itself to the last bit."""
         if x.shape[1] != self.input_dim:
             raise ValueError(f"points: expected {self.input_dim} columns, got {x.shape[1]}")
+        return self.prepared()(x)
 
-        def values(rows: slice) -> Array:
-            return rowwise_matmul(self.kernel(x[rows], self.centres), self.weights)
-
-        return by_blocks(values, len(x), BLOCK_ROWS)
+    def prepared(self) -> Callable[[Array], Array]:
+        """Return a bit-identical function for many calls, which does not check the shape of the points."""
+        near = self.kernel.to(self.centres)
+        return lambda x: by_blocks(lambda rows: rowwise_matmul(near(x[rows]), self.weights), len(x), BLOCK_ROWS)
 
     def __add__(self, other: Function) -> Function:
         """Add two functions of the same space; their centres are concatenated, or shared where they are the same."""

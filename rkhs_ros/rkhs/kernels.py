@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.distance import cdist, pdist
 
-from rkhs_ros.base.validation import numbers, pick, require
+from rkhs_ros.base.validation import NamedFields, numbers, pick, require
 
 Array = NDArray[np.float64]
 MAX_KERNEL_TERMS = 100  # a kernel is evaluated term within term
@@ -29,7 +29,7 @@ class Term(NamedTuple):
     parameters: tuple[float, ...]
 
 
-class Kernel(ABC):
+class Kernel(NamedFields, ABC):
     """A positive semi-definite function of two points, evaluated on all pairs of two sets."""
 
     @abstractmethod
@@ -49,6 +49,10 @@ class Kernel(ABC):
     @abstractmethod
     def diagonal(self, x: Array) -> Array:
         """Return the kernel of each point of ``x``, shape (n, d), with itself, shape (n,)."""
+
+    def to(self, y: Array) -> Callable[[Array], Array]:
+        """Return a function from points to their kernel with ``y``, bit-identical to the kernel, for many calls."""
+        return lambda x: self(x, y)
 
     def row_by_row(self, x: Array) -> Callable[[int], Array]:
         """Return a function from i to row i of the matrix of all pairs of ``x``, shape (n,)."""
@@ -94,8 +98,12 @@ class RBF(Kernel):
         object.__setattr__(self, "bandwidth", tuple(values.tolist()))
 
     def __call__(self, x: Array, y: Array) -> Array:  # noqa: D102
-        scale = self._scale(x.shape[1])
-        return _gaussian(x * scale, y * scale)
+        return self.to(y)(x)
+
+    def to(self, y: Array) -> Callable[[Array], Array]:  # noqa: D102
+        scale = self._scale(y.shape[1])
+        scaled = y * scale
+        return lambda x: _gaussian(x * scale, scaled)
 
     def row_by_row(self, x: Array) -> Callable[[int], Array]:  # noqa: D102
         scaled = x * self._scale(x.shape[1])  # once, not for every row

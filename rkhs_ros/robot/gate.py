@@ -12,12 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.robot.gate_state import CLAMPED, Command, CommandReport, Flags, Gate, Mode, Rules
+from rkhs_ros.robot.gate_state import CLAMPED, MOST_NUMBER, Command, CommandReport, Flags, Gate, Mode, Rules
 from rkhs_ros.robot.limits import EFFORT, MOST, POSITION, VELOCITY, Limits, Sensed
 from rkhs_ros.robot.motion import Setpoint, advance, rest_at
 
 CLOCK_TOLERANCE_S = 0.01  # by which a stamp may be ahead of this machine's clock
-REST_SPEED = 0.02  # rad/s or m/s sensed of a joint that is taken to be at rest
 SAME = 1e-9  # relative difference of commands that are taken to be the same
 
 
@@ -55,7 +54,7 @@ def sensed(state: Gate, rules: Rules, now: float, news: Sensed) -> tuple[Gate, s
     reason = _flaw(state, rules, now, news)
     if reason:
         return _count(state, refusals=1), reason
-    state = replace(state, sensed=news)
+    state = _timed_rest(_anchored(replace(state, sensed=news)), rules, now)
     passed = next(rules.sensed.passed(news), "")
     return stopped(state, passed) if passed else state, ""
 
@@ -73,21 +72,24 @@ def ticked(state: Gate, rules: Rules, now: float) -> tuple[Gate, Array | None]:
         return state, None
     state = _watch(state, rules, now)
     motion = _next_motion(state, rules, now)
-    state = replace(state, motion=motion, due=now + rules.period)
+    state = _timed_rest(replace(state, motion=motion, due=now + rules.period), rules, now)
     return state, motion.value if motion and state.is_armed else None
 
 
 def armed(state: Gate, rules: Rules, now: float) -> tuple[Gate, str]:
-    """Arm a gate at a person's word; return why not where it refuses, else nothing."""
-    if state.mode in (Mode.HOLDING, Mode.MOVING):
+    """Arm a gate at a person's word; return the reason if it refuses, else nothing.
+
+    A gate that is not moving then takes commands of any process, whatever numbers it heard before.
+    """
+    if state.mode == Mode.MOVING:
         return state, ""
-    obstacle = _obstacle(state, rules, now)
+    obstacle = _obstacle(state, rules, now) if state.mode != Mode.HOLDING else ""
     if obstacle:
         return state, obstacle
     if not state.is_armed:
         anchor = state.sensed.position if state.sensed is not None else None
         state = replace(state, motion=_start(state.sensed, rules.limits), anchor=anchor)
-    return replace(state, mode=Mode.HOLDING, reason="", goal=None), ""
+    return replace(state, mode=Mode.HOLDING, reason="", goal=None, sender=-1, number=-1), ""
 
 
 def stopped(state: Gate, reason: str) -> Gate:
@@ -97,21 +99,38 @@ def stopped(state: Gate, reason: str) -> Gate:
     return _count(replace(_held(state), mode=Mode.STOPPED, reason=reason), stops=1)
 
 
-def stop_asked(state: Gate, is_asked: bool, reason: str) -> Gate:
-    """Stop, and refuse to be armed, as long as somebody keeps asking for it."""
-    state = replace(state, stop_asked=is_asked)
-    return stopped(state, reason) if is_asked else state
+def stop_asked(state: Gate, reason: str) -> Gate:
+    """Stop, and refuse to be armed, as long as there is a reason: who requests a stop, in words."""
+    state = replace(state, stop_asked=reason)
+    return stopped(state, reason) if reason else state
 
 
-def is_at_rest(state: Gate, rules: Rules) -> bool:
-    """Return whether the robot has come to rest, as far as its commands tell, and of efforts what is sensed."""
-    if not state.is_armed or state.motion is None:
-        return True
-    if state.goal is not None:
-        return False
-    if rules.limits.kind == EFFORT and state.sensed is not None:
-        return bool((np.abs(state.sensed.velocity) <= REST_SPEED).all())
-    return not (state.motion.rate if rules.limits.kind == POSITION else state.motion.value).any()
+def leave(state: Gate, rules: Rules, now: float) -> tuple[Gate, bool]:
+    """Stop the robot for good, and let go of it when it is at rest; return whether nothing remains to be sent.
+
+    A robot may keep the newest command for ever, so efforts go to 0 last: none is right without a look at the joints.
+    """
+    state = replace(stopped(state, "the gate ends"), is_leaving=True)
+    motion = state.motion
+    if not state.is_armed or motion is None:
+        return state, True
+    state = replace(state, lets_go=state.lets_go or is_at_rest(state, rules, now))
+    is_pushing = rules.limits.kind == EFFORT and bool(motion.value.any())
+    return state, state.lets_go and not is_pushing
+
+
+def last_output(state: Gate, rules: Rules) -> Setpoint | None:
+    """Return the output to send when no other will follow, at rest or not; None if there is none to send.
+
+    Velocities and efforts become 0 at once. Positions stay: the newest one is held already.
+    """
+    is_held = not state.is_armed or rules.limits.kind == POSITION
+    return None if is_held else rest_at(np.zeros(rules.limits.joints))
+
+
+def is_at_rest(state: Gate, rules: Rules, now: float) -> bool:
+    """Return whether the robot has been at rest for long enough: one reading may be that of a turning point."""
+    return not state.is_armed or now - state.rest_since >= rules.rest_time
 
 
 def _count(state: Gate, **more: int) -> Gate:
@@ -120,15 +139,44 @@ def _count(state: Gate, **more: int) -> Gate:
 
 
 def _held(state: Gate) -> Gate:
-    """Come to rest, those that hold by effort where the joints are as a motion ends, and expect no further command."""
-    is_new = state.goal is not None
-    anchor = state.sensed.position if state.sensed is not None and is_new else state.anchor
+    """Come to rest, and expect no further command; joints that hold by effort brake first, see `_anchored`."""
     mode = Mode.HOLDING if state.mode == Mode.MOVING else state.mode
-    return replace(state, mode=mode, goal=None, anchor=anchor)
+    if state.goal is not None and state.sensed is not None:
+        state = replace(state, anchor=state.sensed.position, swing=state.sensed.velocity)
+    return replace(state, mode=mode, goal=None)
+
+
+def _anchored(state: Gate) -> Gate:
+    """Hold joints where they first turn after a motion: the spring that braked them does not pull them back."""
+    if state.sensed is None or state.anchor is None or state.swing is None:
+        return state
+    turns = np.sign(state.swing) * np.sign(state.sensed.velocity) < 0
+    anchor = np.where(turns, state.sensed.position, state.anchor)
+    return replace(state, anchor=anchor, swing=np.where(turns, 0.0, state.swing))
+
+
+def _timed_rest(state: Gate, rules: Rules, now: float) -> Gate:
+    """Note since when the robot has been at rest, and forget it when it moves."""
+    since = min(state.rest_since, now) if _is_still(state, rules, now) else np.inf
+    return replace(state, rest_since=since)
+
+
+def _is_still(state: Gate, rules: Rules, now: float) -> bool:
+    """Return whether the robot does not move now, by its commands, and of efforts by what is sensed."""
+    if state.goal is not None or state.motion is None:
+        return False
+    if rules.limits.kind != EFFORT:
+        return not (state.motion.rate if rules.limits.kind == POSITION else state.motion.value).any()
+    if state.sensed is None or _stale(state, rules, now):
+        return False
+    return bool((np.abs(state.sensed.velocity) <= rules.rest_speed).all())
 
 
 def _objection(state: Gate, rules: Rules, now: float, command: Command) -> str:
     """Return why a command is not to be taken; empty where it is."""
+    greatest = max(command.instance, command.number)
+    if greatest > MOST_NUMBER:
+        return f"expected numbers of a process and of a command of at most {MOST_NUMBER}, got {greatest}"
     if state.goal is not None and command.instance != state.sender:
         return f"expected commands of process {state.sender} until it holds, got one of {command.instance}"
     if command.instance < state.sender:
@@ -230,7 +278,7 @@ def _holding_effort(state: Gate, rules: Rules, now: float) -> Array:
     of a load it bears on, and it drives nothing that it cannot see.
     """
     joints = state.sensed
-    if joints is None or state.anchor is None:
+    if joints is None or state.anchor is None or state.lets_go:
         return np.zeros(rules.limits.joints)
     damping = np.zeros_like(rules.damping) if _stale(state, rules, now) else rules.damping
     effort = rules.stiffness * (state.anchor - joints.position) - damping * joints.velocity
@@ -239,8 +287,10 @@ def _holding_effort(state: Gate, rules: Rules, now: float) -> Array:
 
 def _obstacle(state: Gate, rules: Rules, now: float) -> str:
     """Return why a gate cannot be armed now; empty where it can."""
+    if state.is_leaving:
+        return "expected a gate that goes on, got one that ends"
     if state.stop_asked:
-        return "expected nobody to ask for a stop, got one who does"
+        return f"cannot arm while {state.stop_asked}"
     stale = _stale(state, rules, now)
     if stale or state.sensed is None:
         return stale

@@ -19,6 +19,7 @@ TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStampe
 KINDS_OF = {FLOATS: KINDS, TRAJECTORY: (POSITION,), TWIST: (VELOCITY,), TWIST_STAMPED: (VELOCITY,)}
 AXES = tuple(f"{part}.{axis}" for part in ("linear", "angular") for axis in "xyz")  # what a Twist has for joints
 Numbers = tuple[float, ...]
+LONGEST_END_S = 8.0  # for a robot to come to rest before its gate ends; a launcher waits for as long
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,19 @@ class HoldSettings(Settings):
 
 
 @dataclass(frozen=True)
+class RestSettings(Settings):
+    """When a robot is at rest, before its gate ends."""
+
+    speed: float = setting(
+        0.02, "greatest speed of joints at rest, rad/s or m/s; of efforts only", minimum=0.0, maximum=MOST
+    )
+    time: float = setting(0.2, "seconds for which the robot must be at rest without a break", minimum=0.0, maximum=5.0)
+    timeout: float = setting(
+        3.0, "seconds after which the gate ends though the robot is not at rest", minimum=0.0, maximum=LONGEST_END_S
+    )
+
+
+@dataclass(frozen=True)
 class GateSettings(Settings):
     """The settings of a gate."""
 
@@ -93,8 +107,12 @@ class GateSettings(Settings):
     limits: LimitSettings = LimitSettings()
     sensed: SensedSettings = SensedSettings()
     hold: HoldSettings = HoldSettings()
+    rest: RestSettings = RestSettings()
     command_timeout: float = setting(
         0.2, "seconds without a command after which a motion is stopped", minimum=0.001, maximum=60.0
+    )
+    stop_timeout: float = setting(
+        0.0, "seconds of silence of a publisher of 'stop' that mean stop; 0 for none", minimum=0.0, maximum=60.0
     )
     stale_after: float = setting(0.1, "age in seconds at which what was sensed is too old", minimum=0.001, maximum=60.0)
     period: float = setting(0.01, "seconds between messages to the hardware", minimum=0.001, maximum=1.0)
@@ -130,6 +148,8 @@ def rules(settings: GateSettings) -> Rules:
         settings.command_timeout,
         settings.stale_after if settings.sensor.topic else np.inf,
         settings.period,
+        settings.rest.speed,
+        settings.rest.time,
     )
 
 

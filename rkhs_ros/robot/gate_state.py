@@ -12,7 +12,8 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.limits import EFFORT, LEAST, MOST, POSITION, VELOCITY, Limits, Sensed, SensedLimits
 from rkhs_ros.robot.motion import Setpoint
 
-STOP_ASKED = "a stop was asked for"  # how the reason begins where somebody had the robot stop
+MOST_NUMBER = 2**63 - 1  # of a process and of its commands; a parameter of ROS can be no greater
+STOP_ASKED = "a stop is requested"  # how the reason begins where somebody had the robot stop
 
 
 class Mode(StrEnum):
@@ -50,6 +51,8 @@ class Rules:
         command_timeout: seconds without a command after which a motion is stopped.
         stale_after: seconds after which what was sensed is too old; infinity where nothing is sensed.
         period: seconds between outputs, at least.
+        rest_speed: rad/s or m/s sensed of a joint, up to which one that holds by effort is taken to be at rest.
+        rest_time: seconds for which a robot must be at rest without a break before it is left.
 
     Raises:
         ValueError: they do not fit each other.
@@ -62,6 +65,8 @@ class Rules:
     command_timeout: float
     stale_after: float
     period: float
+    rest_speed: float
+    rest_time: float
 
     def __post_init__(self) -> None:
         joints = self.limits.joints
@@ -72,6 +77,8 @@ class Rules:
             require(good, f"hold.{name}", f"{joints} numbers from 0 to {MOST:g}", gains)
         for name in ("command_timeout", "stale_after", "period"):
             require(getattr(self, name) >= LEAST, name, "a time above 0", getattr(self, name))
+        for name in ("rest_speed", "rest_time"):
+            require(0.0 <= getattr(self, name) < np.inf, name, "a number from 0", getattr(self, name))
         require(self.period <= self.command_timeout < np.inf, "period", "at most command_timeout", self.period)
         blind = self.stale_after == np.inf
         require(not (blind and self.fields), "sensor", f"a topic that tells {', '.join(self.fields)}", "none")
@@ -138,12 +145,17 @@ class Gate:
         motion: the newest output, as long as it is disarmed the one that would be; None while positions are unknown.
         goal: the command to go to, shape (joints,); None while none is due.
         anchor: position to hold by effort, shape (joints,).
+        swing: velocities with which joints that hold by effort came to their anchor, shape (joints,); 0 of one that
+            has turned since.
         sensed: what was sensed last; None before.
         heard_at: time of the newest command taken.
         sender: process that it came from.
         number: of that command.
-        stop_asked: whether somebody keeps asking for a stop.
+        stop_asked: who keeps asking for a stop, in words; empty if nobody.
         due: time of the next tick.
+        rest_since: time since which the robot has been at rest without a break; infinity while it is not.
+        is_leaving: whether the gate ends, and is not to be armed again.
+        lets_go: whether efforts go to 0 in place of holding, as the last thing before the gate ends.
     """
 
     mode: Mode = Mode.DISARMED
@@ -152,12 +164,16 @@ class Gate:
     motion: Setpoint | None = None
     goal: Array | None = None
     anchor: Array | None = None
+    swing: Array | None = None
     sensed: Sensed | None = None
     heard_at: float = -np.inf
     sender: int = -1
     number: int = -1
-    stop_asked: bool = False
+    stop_asked: str = ""
     due: float = -np.inf
+    rest_since: float = np.inf
+    is_leaving: bool = False
+    lets_go: bool = False
 
     @property
     def is_armed(self) -> bool:

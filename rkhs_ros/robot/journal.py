@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.files import read_whole, write_whole
 from rkhs_ros.base.validation import shown
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.execution import Execution
@@ -69,7 +69,7 @@ class Journal:
         if path is None or not path.exists():
             return None
         try:
-            arrays = unpacked(path.read_bytes())
+            arrays = unpacked(read_whole(path))
             episodes = Episodes(*(arrays[name] for name in EPISODES))
             return Ended(batch, episodes, Execution(arrays["stamps"], arrays["executed"], arrays["flags"]))
         except Exception as error:  # a damaged archive raises almost anything

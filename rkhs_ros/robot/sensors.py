@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from math import isfinite
@@ -203,12 +203,18 @@ def joint_values(message: Any, field: str, joints: tuple[str, ...]) -> list[floa
         SensingError: a joint is not among those of the message, or has no such value.
     """
     names, values = list(message.name), getattr(message, field)
+    if missing := missing_joints(joints, names):
+        raise SensingError(missing)
     for joint in joints:
-        if joint not in names:
-            raise SensingError(f"expected joint '{joint}', got joints {shown(', '.join(names) or 'without names')}")
         if names.index(joint) >= len(values):
             raise SensingError(f"expected the {field} of joint '{joint}', got {len(values)} values")
     return [float(values[names.index(joint)]) for joint in joints]
+
+
+def missing_joints(joints: Iterable[str], names: Sequence[str]) -> str:
+    """Return in words which joints are not among the names of a message; empty if all are."""
+    missing = ", ".join(f"'{joint}'" for joint in joints if joint not in names)
+    return f"missing joints {missing}, got {shown(', '.join(names) or 'none')}" if missing else ""
 
 
 @dataclass(frozen=True)

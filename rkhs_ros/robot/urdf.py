@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from rkhs_ros.base.files import read_whole
 from rkhs_ros.base.validation import pick, require
 
 ROTATES_FREELY = "continuous"  # type of joints without a range
@@ -60,7 +61,7 @@ def read_limits(file: Path, joints: Iterable[str]) -> list[JointLimit]:
         OSError: it cannot be read.
     """
     try:
-        root = ElementTree.fromstring(file.read_bytes())
+        root = ElementTree.fromstring(read_whole(file))
     except (ElementTree.ParseError, ValueError) as error:
         raise ValueError(f"{file}: expected a URDF, got no XML: {error}") from error
     require(root.tag == "robot", f"{file}", "a URDF, with a robot", root.tag)

@@ -7,15 +7,15 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import fields
+from functools import partial
 from hashlib import blake2b
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rkhs_ros import __version__
-from rkhs_ros.base.files import sync_to_disk, write_whole
+from rkhs_ros.base.files import open_regular, read_whole, sync_to_disk, write_whole
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.state import State
@@ -23,11 +23,14 @@ from rkhs_ros.policies.storage import packed, policy_arrays, policy_of, unpacked
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.surroundings import surroundings
 
-SCHEMA = 3
+SCHEMA = 4
+ACCEPT = "--allow-provenance-change"  # the option of ``rkhs train``
 SYNC_EVERY = 1.0  # seconds; waiting for the disk takes longer than many an iteration
 KEPT = 2
 FREE = ("iterations", "simulators", "timeout")  # settings that no iteration's result depends on
 COUNTS = ("iterations", "explored", "evaluated")  # of a state
+_digest = partial(blake2b, digest_size=16)
+REMEDY = "Put the file back as it was, or train in another folder."
 MEMORY = [f.name for f in fields(Episodes)]
 
 
@@ -44,10 +47,18 @@ class Checkpoints:
     Args:
         folder: the run's folder DIR.
         config: the run.
+        provenance_may_change: whether to go on with a run of other code, libraries or threads.
         clock: tells the seconds since some moment.
     """
 
-    def __init__(self, folder: Path, config: Config, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        config: Config,
+        *,
+        provenance_may_change: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._folder = folder / "checkpoints"
         self._curve = folder / "curve.csv"
         self._config = config
@@ -56,7 +67,8 @@ class Checkpoints:
         self._synced: Path | None = None
         self._last: list[Path] = []
         self._surroundings = surroundings()
-        self._lines = LinesDigest()
+        self._heeded = config.settings if provenance_may_change else config.settings | self._surroundings
+        self._lines = _digest()
         self._digested = 0  # bytes of curve.csv
 
     def write(self, state: State) -> None:
@@ -69,7 +81,7 @@ class Checkpoints:
         due = now - self._synced_at >= SYNC_EVERY
         if due:
             sync_to_disk(self._curve)  # first, for without its line a checkpoint is of no use
-        path = self._folder / f"{state.iterations:07}.npz"
+        path = self._path(state.iterations)
         write_whole(path, self._content(state), sync=due)
         if due:
             self._synced, self._synced_at = path, now
@@ -82,7 +94,7 @@ class Checkpoints:
         """Return the state to go on from, of the newest checkpoint that is sound; those that are not go to stderr.
 
         It is from before the last iteration. The pictures show that one's episodes, which are not kept: it is made
-        again, to the same bits. Its checkpoint stays until there are newer ones.
+        again, to the same bits.
 
         Args:
             lines: number of good lines of curve.csv; a checkpoint after more iterations is of no use.
@@ -91,19 +103,47 @@ class Checkpoints:
             None where there is no such checkpoint.
 
         Raises:
-            ValueError: a checkpoint of another schema, with other settings or surroundings, or of another curve.
+            ValueError: a checkpoint of another schema, with other settings or surroundings, or of another curve; or
+                the curve lacks the lines that all sound ones were written after.
             OSError: the disk failed.
         """
+        beyond: list[tuple[Path, int]] = []
         for path in sorted(self._folder.glob("*.npz"), reverse=True):
             state, digest = self._read(path) or (None, "")
             if state and state.iterations > lines:
-                _pass_over(path, f"curve.csv has {lines} good lines, not {state.iterations}")
+                beyond.append((path, state.iterations))
             elif state:
                 self._check_curve(path, state.iterations, digest)
                 if state.iterations < self._config.training.iterations:
-                    self._settle(path)
+                    for other, iterations in beyond:
+                        _pass_over(other, f"curve.csv has the lines of {lines} iterations, not of {iterations}")
                     return state
+        if beyond:
+            (newest, iterations), *_ = beyond
+            raise OtherRunError(
+                f"{self._curve}: lines are missing; expected those of {iterations} iterations, which {newest.name} was "
+                f"written after, got those of {lines}. {REMEDY}"
+            )
         return None
+
+    def go_on_from(self, state: State) -> None:
+        """Keep the checkpoint of a state, on the disk, until there are newer ones, and remove those after it.
+
+        The lines of their iterations will be written anew, with other seconds than they were written after.
+
+        Raises:
+            OSError: the disk failed.
+        """
+        path = self._path(state.iterations)
+        for other in self._folder.glob("*.npz"):
+            if other.name > path.name:
+                other.unlink()
+        sync_to_disk(path)
+        sync_to_disk(self._folder)
+        self._synced, self._last = path, [path]
+
+    def _path(self, iterations: int) -> Path:
+        return self._folder / f"{iterations:07}.npz"
 
     def _content(self, state: State) -> bytes:
         run = {"settings": self._config.settings, "surroundings": self._surroundings, "curve": self._digest_of_curve()}
@@ -115,9 +155,9 @@ class Checkpoints:
     def _read(self, path: Path) -> tuple[State, str] | None:
         """Return the state in a checkpoint and the digest of the curve up to it, None where it is damaged."""
         try:
-            arrays = unpacked(path.read_bytes())
+            arrays = unpacked(read_whole(path))
             about = json.loads(arrays["about"].item())
-            _check_same_run(path, about, self._config.settings | self._surroundings)
+            _check_same_run(path, about, self._heeded)
             memory = Episodes(*(arrays[f"memory_{name}"] for name in MEMORY))
             counts = {name: about[name] for name in COUNTS}
             good = all(type(count) is int and count >= 0 for count in counts.values())
@@ -131,62 +171,36 @@ class Checkpoints:
 
     def _digest_of_curve(self) -> str:
         """Return the digest of all lines, of which only the new ones are read."""
-        with self._curve.open("rb") as file:
+        with open_regular(self._curve) as file:
             file.seek(self._digested)
-            for line in file:
-                self._lines.add(line)
+            self._lines.update(file.read())
             self._digested = file.tell()
-        return str(self._lines)
+        return self._lines.hexdigest()
 
     def _check_curve(self, path: Path, iterations: int, digest: str) -> None:
-        lines = LinesDigest()
-        with self._curve.open("rb") as file:
-            for line in islice(file, iterations + 1):  # the header, too
-                lines.add(line)
-        if str(lines) != digest:
+        lines = read_whole(self._curve).splitlines(keepends=True)[: iterations + 1]  # the header, too
+        if _digest(b"".join(lines)).hexdigest() != digest:
             raise OtherRunError(
-                f"{self._curve}: expected the {iterations} lines that {path.name} was written after, got others; "
-                "put them back, or begin another run"
+                f"{self._curve}: expected the {iterations} lines that {path.name} was written after, got others. "
+                f"{REMEDY}"
             )
 
-    def _settle(self, path: Path) -> None:
-        """Have a checkpoint on the disk, to be kept until there are newer ones."""
-        sync_to_disk(path)
-        sync_to_disk(self._folder)
-        self._synced, self._last = path, [path]
 
-
-class LinesDigest:
-    """What follows from the lines of a curve, less the seconds, so that no other lines pass for them.
-
-    Owns the digest of those added so far.
-    """
-
-    def __init__(self) -> None:
-        self._digest = blake2b(digest_size=16)
-
-    def add(self, line: bytes) -> None:
-        """Add the next line."""
-        self._digest.update(line.rpartition(b",")[0] + b"\n")
-
-    def __str__(self) -> str:
-        """Return it as text."""
-        return self._digest.hexdigest()
-
-
-def _check_same_run(path: Path, about: dict[str, Any], settings: dict[str, Any]) -> None:
+def _check_same_run(path: Path, about: dict[str, Any], heeded: dict[str, Any]) -> None:
     schema, version = about["schema"], about["version"]
     if schema != SCHEMA:
         raise OtherRunError(
             f"{path}: expected a checkpoint of schema {SCHEMA}, got schema {schema}; go on with rkhs_ros {version}"
         )
     began = about["settings"] | about["surroundings"]
-    given = json.loads(json.dumps(settings))
-    for name in [*given, *began]:
+    given = json.loads(json.dumps(heeded))
+    for name in [*given, *about["settings"]]:
         expected, got = (settings.get(name, "no such setting") for settings in (began, given))
         if expected != got and name not in FREE:
+            remedy = f"; {ACCEPT} goes on regardless, and notes it" * (name in about["surroundings"])
             raise OtherRunError(
-                f"{path}: {name}: expected {expected}, with which the run began, got {got}; begin another run for that"
+                f"{path}: {name}: expected {expected}, with which the run began, got {got}; "
+                f"begin another run for that{remedy}"
             )
 
 

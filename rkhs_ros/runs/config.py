@@ -27,10 +27,15 @@ NODE_PARAMETERS = {
     "gate": OF_ANY_NODE,
     "practice_robot": OF_ANY_NODE,
     "policy": OF_ANY_NODE | {"simulators", "policy_file"},
-    "learner": OF_ANY_NODE | {"output", "quiet", "resume", "record", "evaluate"},
+    "learner": OF_ANY_NODE | {"output", "quiet", "resume", "provenance_may_change", "record", "evaluate"},
 }
 
 
+OF_CODE = (
+    "environment.id",
+    *(f"practice.{part}" for part in ("reward", "end", "change")),
+    *(f"robot.{rule}.function" for rule in ("reward", "end")),
+)  # settings that name it, after its module
 ROBOT_NODES = ("robot", "gate", "practice_robot")  # nodes that a robot has in place of a simulator
 
 
@@ -76,10 +81,17 @@ class Environment:
 
 @dataclass(frozen=True)
 class Config:
-    """A whole run: where it learns and how."""
+    """A whole run: where it learns and how.
+
+    Attributes:
+        environment: where it learns.
+        training: how it learns.
+        sets_horizon: whether the settings name the horizon, which otherwise has its default.
+    """
 
     environment: Environment
     training: Training
+    sets_horizon: bool = field(default=True, compare=False)
 
     @property
     def task(self) -> Task:
@@ -94,6 +106,13 @@ class Config:
         robot = dict(_leaves({"robot": self.environment.nodes["robot"]})) if self.environment.nodes else {}
         learner = {entry.name: entry.value for entry in entries(self.training)}
         return {"environment.id": self.environment.id, **options, **robot, **learner}
+
+    @property
+    def modules(self) -> list[str]:
+        """The modules that settings name code of."""
+        known = self.settings
+        named = (str(known.get(name, "")).rpartition(":")[0] for name in OF_CODE)
+        return [module for module in named if module]
 
     def check_for_topics(self) -> None:
         """Raise ValueError where a setting cannot be a ROS parameter, as an option of the environment's may be."""
@@ -241,7 +260,7 @@ def _changed(tree: dict[str, Any], changes: Iterable[str]) -> Config:
     tree = tree_of(changes, tree)
     nodes = {name: tree.pop(name) for name in ROBOT_NODES if name in tree}
     environment = environment_of_robot(nodes) if nodes else environment_from(tree.pop("environment"))
-    return Config(environment, training_from(tree))
+    return Config(environment, training_from(tree), "horizon" in tree)
 
 
 def tree_of(changes: Iterable[str], tree: Mapping[str, Any] | None = None) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.files import open_regular, write_whole
 from rkhs_ros.base.validation import pick
 
 PAUSE, RESUME, STOP = WORDS = ("pause", "resume", "stop")
@@ -86,9 +86,9 @@ class Control:
         taken = self._folder / TAKEN
         try:
             (self._folder / ASKED).replace(taken)  # first, for while it is read another may be asked
-            with taken.open("rb") as file:
+            with open_regular(taken) as file:
                 word = file.read(MOST_BYTES).decode(errors="replace")
             taken.unlink()
-        except OSError:
+        except (OSError, ValueError):
             return None
         return word if word in WORDS else None

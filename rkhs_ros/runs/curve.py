@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
@@ -10,10 +11,12 @@ from typing import Any, NamedTuple, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from rkhs_ros.base.files import named, write_whole
+from rkhs_ros.base.files import named, read_whole, write_whole
+from rkhs_ros.base.validation import shown
 from rkhs_ros.learning.training import Iteration
 
 END = "\r\n"
+TORN = re.compile(r"[-+.,_0-9a-z]*\r?")  # what a kill or a full disk may leave of a line
 PACE_OF = 20  # iterations, the last ones, by whose pace the rest is estimated
 
 
@@ -78,6 +81,7 @@ def seconds_left(rows: Sequence[Row], iterations: int) -> float:
     return max(pace, 0.0) * (iterations - newest.iteration)
 
 
+HEADER = ",".join(Row._fields)
 KINDS = tuple(get_type_hints(Row).values())
 
 
@@ -94,20 +98,18 @@ class Curve:
         self.path = path
 
     def rows(self) -> list[Row]:
-        """Return the lines 1, 2, ... up to the first that is torn, altered or out of order.
+        """Return the lines of iterations 1, 2, ...; a last one whose writing was cut short is left out.
 
         Raises:
+            ValueError: a line is damaged, or was edited.
             OSError: the file cannot be read.
         """
-        text = self.path.read_bytes().decode("ascii", errors="replace") if self.path.exists() else ""
-        header, *lines = text.split(END)[:-1] or [""]  # what the last line's end is missing from is torn
-        rows: list[Row] = []
-        for line in lines if header == ",".join(Row._fields) else []:
-            row = _row(line)
-            if row is None or row.iteration != len(rows) + 1:
-                break
-            rows.append(row)
-        return rows
+        text = read_whole(self.path).decode("ascii", errors="replace") if self.path.exists() else ""
+        *lines, torn = text.split(END)
+        rows = [self._row(number, line) for number, line in enumerate(lines)]
+        if not TORN.fullmatch(torn):
+            raise self._damaged(len(lines), torn)
+        return rows[1:]
 
     def begin(self, rows: Iterable[Row]) -> None:
         """Put these lines in place of the file's.
@@ -131,6 +133,22 @@ class Curve:
             except OSError:
                 os.truncate(self.path, size)  # a full disk may have taken a part
                 raise
+
+    def _row(self, number: int, line: str) -> Row:
+        """Return the values of a line, by its number; BEGINNING of the header."""
+        if number == 0 and line == HEADER:
+            return BEGINNING
+        row = _row(line)
+        if row is None or row.iteration != number or number == 0:
+            raise self._damaged(number, line)
+        return row
+
+    def _damaged(self, number: int, got: str) -> ValueError:
+        expected = f"that of iteration {number}" if number else f"the header, {HEADER[:20]}..."
+        return ValueError(
+            f"{self.path}: line {number + 1} is damaged or was edited; expected {expected} as it was written, "
+            f"got {shown(repr(got))}. Put the file back as it was, or train in another folder."
+        )
 
 
 def _line(values: Iterable[object]) -> str:

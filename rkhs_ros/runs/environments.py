@@ -52,7 +52,7 @@ def rows_of(source: Source, options: Mapping[str, Any] | None = None, rows_at_on
         return _registered(source, dict(options or {}), rows_at_once)
     require(not options, "options", "them with an id, or given to the environment where it is made", options)
     if isinstance(source, VectorEnv):
-        return VectorRows(lambda rows, horizon: source, source.num_envs)
+        return VectorRows(source)
     if isinstance(source, Env):
         return SeparateRows(lambda: source, name_of(source), most=1)
     require(callable(source), "environment", "an id, an environment, or a function that makes one", source)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.files import read_whole, write_whole
 from rkhs_ros.base.validation import REAL_KINDS, finite_array, require, shown
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.storage import Arrays, Task, packed, unpacked
@@ -52,7 +52,7 @@ def load_episodes(path: Path) -> SavedEpisodes:
         FileNotFoundError: there is no such file.
     """
     try:
-        arrays = unpacked(path.read_bytes())
+        arrays = unpacked(read_whole(path))
         task = Task(**json.loads(str(arrays["task"]))) if "task" in arrays else None
         return SavedEpisodes(_episodes(arrays), task)
     except FileNotFoundError:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import reduce
 from math import ceil
-from operator import add
 from typing import Any
 
 from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS
@@ -83,7 +81,7 @@ def all_episodes(recordings: Mapping[str, Recording]) -> Episodes:
     for (name, recording), episodes in zip(recordings.items(), found, strict=True):
         expected, got = (_task(each, of) for each, of in ((first, found[0]), (recording, episodes)))
         require(expected == got, f"{name}: task", f"that of {first_name}, {expected}", got)
-    return reduce(add, found)
+    return Episodes.concatenate(found)
 
 
 def _task(recording: Recording, episodes: Episodes) -> tuple[Any, ...]:

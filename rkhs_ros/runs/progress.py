@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from math import isnan
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.console import Console, RenderableType
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Column
+from rich.text import Text
 
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.learning.training_settings import Training
@@ -25,6 +35,26 @@ def bar_console(*, quiet: bool) -> Console:
     console = Console(file=sys.stderr, quiet=quiet)
     console.width -= len(ECHO) + 1
     return console
+
+
+def bar_columns() -> tuple[ProgressColumn, ...]:
+    """Return the columns of a bar; in a narrow terminal the title and the bar shrink, the numbers stay."""
+    return (
+        TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=False, overflow="ellipsis")),
+        BarColumn(table_column=Column(no_wrap=False)),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+
+
+class _TwoLines(Progress):
+    """A bar with the returns on a line of their own, so that both fit a terminal of 80 columns."""
+
+    def get_renderables(self) -> Iterable[RenderableType]:
+        """Return the bar and the line below it."""
+        yield self.make_tasks_table(self.tasks)
+        yield from (Text(task.fields["returns"]) for task in self.tasks)
 
 
 @contextmanager
@@ -49,24 +79,16 @@ def progress_bar(
 
 @contextmanager
 def _bar(training: Training, done: int, console: Console, *, quiet: bool) -> Iterator[Show]:
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    text = TextColumn("return {task.fields[train]}, noise-free {task.fields[mean]}{task.fields[imagined]}")
-    with Progress(*columns, text, console=console, disable=quiet) as progress:
-        task = progress.add_task(
-            training.name, total=training.iterations, completed=done, train="-", mean="-", imagined=""
-        )
+    with _TwoLines(*bar_columns(), console=console, disable=quiet) as progress:
+        bar = progress.add_task(training.name, total=training.iterations, completed=done, returns="return -")
+        mean = "-"  # noise-free return that was measured last
 
         def show(iteration: Iteration) -> None:
-            progress.update(task, advance=1, train=f"{iteration.train_return:.4g}")
+            nonlocal mean
             if len(iteration.evaluation):
-                progress.update(task, mean=f"{iteration.mean_policy_return:.4g}")
-            progress.update(task, imagined=_imagined(iteration))
+                mean = f"{iteration.mean_policy_return:.4g}"
+            text = f"return {iteration.train_return:.4g}, noise-free {mean}{_imagined(iteration)}"
+            progress.update(bar, advance=1, returns=text)
 
         yield show
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import reduce
 from itertools import groupby
-from operator import add
 from pathlib import Path
 from typing import Protocol
 
@@ -25,10 +23,10 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.container import MessageFile
 from rkhs_ros.recordings.recorder import Recorder
 from rkhs_ros.recordings.recording import FILE, Head, Recording, read_held
-from rkhs_ros.runs.checkpoint import FREE
+from rkhs_ros.runs.checkpoint import ACCEPT, FREE
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.report import FIRST_POLICY, resolved
-from rkhs_ros.runs.surroundings import surroundings
+from rkhs_ros.runs.surroundings import provenance
 
 
 class RecordableRunner(Runner, Protocol):
@@ -49,7 +47,7 @@ class RecordingRunner:
 
     def __init__(self, runner: RecordableRunner, recorder: Recorder, held: Recording) -> None:
         self._runner = runner
-        self._held = held.rows()
+        self._held = held.by_numbers()
         self._recorder = recorder
 
     @property
@@ -69,26 +67,27 @@ class RecordingRunner:
         """
         self._recorder.serve(policy)
         parts: list[Episodes] = []
-        keys = batch.keys
-        for is_held, group in groupby(range(batch.rows), lambda row: keys[row] in self._held):
+        episodes = batch.parts(1)
+        for is_held, group in groupby(range(batch.rows), lambda row: episodes[row] in self._held):
             rows = list(group)
             part = batch.part(rows[0], rows[-1] + 1)
             parts.append(self._recorded(policy, part) if is_held else self._runner.collect(policy, part))
-        return reduce(add, parts)
+        return Episodes.concatenate(parts)
 
     def updated(self, iteration: Iteration) -> None:
         """Record what an iteration came to."""
         self._recorder.updated(iteration)
 
     def _recorded(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
-        places = [self._held[key] for key in batch.keys]
-        episodes = reduce(add, (each.episodes.take(slice(row, row + 1)) for each, row in places))
+        episodes = Episodes.concatenate(self._held[each].episodes for each in batch.parts(1))
         check_actions(episodes, policy, batch)
         return episodes
 
 
 @contextmanager
-def recorded(config: Config, runner: RecordableRunner, folder: Path, *, sync: bool) -> Iterator[RecordingRunner]:
+def recorded(
+    config: Config, runner: RecordableRunner, folder: Path, *, sync: bool, provenance_may_change: bool = False
+) -> Iterator[RecordingRunner]:
     """Record a run in its folder, or go on with its recording.
 
     Args:
@@ -96,6 +95,7 @@ def recorded(config: Config, runner: RecordableRunner, folder: Path, *, sync: bo
         runner: who lets the policies act.
         folder: of the run.
         sync: wait until the disk has each record, as for a robot, whose episodes cost.
+        provenance_may_change: whether to go on with a recording of other code, libraries or threads, with a new head.
 
     Raises:
         ValueError: the recording is of another run.
@@ -103,12 +103,15 @@ def recorded(config: Config, runner: RecordableRunner, folder: Path, *, sync: bo
     """
     file, head = folder / FILE, head_of_run(config, runner.spaces, warm_start=(folder / FIRST_POLICY).exists())
     held, messages = read_held(file)
+    is_new = not held.heads or held.heads[-1].versions != head.versions
     if held.head:
         _check_same_run(file, held.head, head)
+        expected = f"the recording of this run, with the same versions (or {ACCEPT})"
+        require(provenance_may_change or not is_new, f"{file}", expected, "that of others")
     recorder, record_before = Recorder(MessageFile(file, messages, sync=sync), held), runner.record
     runner.record = recorder.ended
     try:
-        if not held.head:
+        if is_new:
             recorder.begin(head)
         yield RecordingRunner(runner, recorder, held)
     finally:
@@ -118,12 +121,7 @@ def recorded(config: Config, runner: RecordableRunner, folder: Path, *, sync: bo
 
 def head_of_run(config: Config, spaces: Spaces, *, warm_start: bool) -> Head:
     """Return the head of the recording of a run."""
-    return Head(config.task, spaces, config.training.seed, resolved(config), versions(), warm_start)
-
-
-def versions() -> tuple[str, ...]:
-    """Return what the bits of a run depend on beside its settings, "name version" each."""
-    return tuple(f"{name} {version}" for name, version in surroundings().items())
+    return Head(config.task, spaces, config.training.seed, resolved(config), provenance(), warm_start)
 
 
 def training_of(head: Head) -> Training:
@@ -140,5 +138,5 @@ def _check_same_run(file: Path, began: Head, goes_on: Head) -> None:
     trainings = [training_of(head) for head in (began, goes_on)]
     free = {name: getattr(trainings[1], name) for name in FREE}
     settings = [replace(training, **free) for training in trainings]
-    same = settings[0] == settings[1] and began.task == goes_on.task and began.versions == goes_on.versions
-    require(same, f"{file}", "the recording of this run, with the same settings and versions", "that of another")
+    same = settings[0] == settings[1] and began.task == goes_on.task
+    require(same, f"{file}", "the recording of this run, with the same settings", "that of another")

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import reduce
-from operator import add
 from typing import Any
 
 import numpy as np
@@ -44,7 +42,7 @@ class RecordedRunner:
         self.spaces = spaces
         self.update = 1
         self._recording = recording
-        self._rows = recording.rows()
+        self._episodes = recording.by_numbers()
 
     def room(self, rows: int) -> int:
         """Return how many of so many rows are looked up at a time: one, and none before it is needed."""
@@ -57,23 +55,20 @@ class RecordedRunner:
             ValueError: some are not recorded.
             DifferenceError: another policy acted in them.
         """
-        return reduce(add, (self._episode(policy, part) for part in batch.parts(1)))
+        return Episodes.concatenate(self._episode(policy, part) for part in batch.parts(1))
 
     def _episode(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         number, kind = batch.first_episode, "exploring" if batch.explore else "noise-free"
-        place = self._rows.get((batch.explore, number))
-        if place is None:
+        recorded = self._episodes.get(batch)
+        if recorded is None:
             raise ValueError(f"update {self.update}: expected the {kind} episode {number}, which is not recorded")
-        recorded, row = place
         where = f"update {self.update}, {kind} episode {number}"
         self.check_policy(policy, recorded.version, where)
-        require(recorded.batch.seed == batch.seed, f"{where}: seed", str(batch.seed), recorded.batch.seed)
-        episodes = recorded.episodes.take(slice(row, row + 1))
         try:
-            check_actions(episodes, policy, batch)
+            check_actions(recorded.episodes, policy, batch)
         except ValueError as error:
             raise DifferenceError(f"update {self.update}, {kind} {error}") from error
-        return episodes
+        return recorded.episodes
 
     def check_policy(self, policy: GaussianPolicy, version: int, where: str) -> None:
         """Raise DifferenceError unless a policy made again is the recorded one of that version."""

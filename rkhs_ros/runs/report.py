@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import platform
 import sys
 import time
 from collections import deque
 from collections.abc import Iterable
 from datetime import datetime
+from itertools import takewhile
 from math import inf, isnan
 from pathlib import Path
 from shlex import quote
 
 from rkhs_ros.base.endings import told
-from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.files import read_whole, write_whole
+from rkhs_ros.base.user_code import is_installed
 from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.policies.spaces import Spaces
@@ -22,8 +23,9 @@ from rkhs_ros.runs.attempts import Attempts
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.episode_files import save_episodes
-from rkhs_ros.runs.surroundings import LIBRARIES, surroundings
+from rkhs_ros.runs.surroundings import provenance
 
+CONFIGURATION = "config.yaml"
 BEST_POLICY = "best_policy.npz"
 FIRST_POLICY = "first_policy.npz"  # of a run that began from a given policy
 MOST_RECENT = 256  # lines of the curve that are at hand for those who look on
@@ -54,7 +56,7 @@ def new_folder(folder: Path | None, name: str) -> Path:
 
 def is_begun(folder: Path) -> bool:
     """Return whether a run was begun in the folder."""
-    return (folder / "config.yaml").is_file()
+    return (folder / CONFIGURATION).is_file()
 
 
 def old_folder(folder: Path | None) -> Path:
@@ -116,7 +118,8 @@ class Report:
         self._best = self._best_of(rows)
         self._attempts = Attempts(folder, config.task, spaces, rows[-1].episodes if rows else 0)
         self._began = time.monotonic() - (rows[-1].seconds if rows else 0.0)
-        write_whole(folder / "config.yaml", resolved(config).encode())
+        file = folder / CONFIGURATION
+        write_whole(file, _noted(file, resolved(config), done).encode())
         self._curve.begin(rows)
 
     def add(self, iteration: Iteration) -> None:
@@ -163,12 +166,34 @@ class Report:
         save_episodes(self.folder / "episodes.npz", shown, self._config.task)
 
 
+def begin(folder: Path, config: Config) -> None:
+    """Write the configuration of a run, which makes its folder one to go on with.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    write_whole(folder / CONFIGURATION, resolved(config).encode())
+
+
 def resolved(config: Config) -> str:
-    """Return the whole configuration as a ROS parameter file, under the versions it ran with."""
-    names = ("rkhs_ros", *LIBRARIES)
-    packages = ", ".join(f"{name} {version}" for name, version in surroundings().items() if name in names)
-    header = f"# Python {platform.python_version()}, {packages}\n"
-    return header + dumped(config.parameters())
+    """Return the whole configuration as a ROS parameter file, under the versions it runs with."""
+    return f"# {', '.join(provenance())}\n{dumped(config.parameters())}"
+
+
+def _noted(file: Path, content: str, done: int) -> str:
+    """Return what a configuration's file is to hold: with the versions noted in it before, where they are others.
+
+    Args:
+        file: of the run so far.
+        content: under the versions of now.
+        done: number of iterations that are kept.
+    """
+    lines = read_whole(file).decode(errors="replace").splitlines() if done and file.is_file() else []
+    noted = list(takewhile(lambda line: line.startswith("#"), lines))
+    now, _, settings = content.partition("\n")
+    if not noted or noted[-1].endswith(now.removeprefix("#")):
+        return content if len(noted) < 2 else "\n".join([*noted, settings])
+    return "\n".join([*noted, f"# from iteration {done + 1}: {now.removeprefix('# ')}", settings])
 
 
 def best_return(rows: Iterable[Row]) -> float:
@@ -186,7 +211,7 @@ def summary(folder: Path, config: Config) -> str:
         f"Discounted return: {first.train_return:.4g} of the first exploring episodes, {_end(rows)}; "
         f"{last.centres} centres.",
         f"Pictures: {folder / 'curve.png'} and {folder / 'policy.png'}",
-        what_next(folder, config.training.iterations),
+        what_next(folder, config),
     ]
     return "\n".join(lines)
 
@@ -197,21 +222,25 @@ def what_was_kept(folder: Path, config: Config) -> str:
     kept = [str(folder / name) for name in ("curve.csv", "policy.npz") if (folder / name).is_file()]
     return (
         f"interrupted after {done} of {config.training.iterations} iterations; kept: {', '.join(kept) or 'nothing'}; "
-        f"{how_to_go_on(folder)}"
+        f"{how_to_go_on(folder, config)}"
     )
 
 
-def what_next(folder: Path, iterations: int) -> str:
+def what_next(folder: Path, config: Config) -> str:
     """Return where the results of a run that is done are, and what to type to look at them and to go on."""
-    name = quote(str(folder))
-    return (
-        f"Results: {name}; see them: rkhs view {name}; go on: rkhs train --resume {name} --iterations {2 * iterations}"
-    )
+    name, longer = quote(str(folder)), 2 * config.training.iterations
+    named = f"{name}{_trust(config)}"
+    return f"Results: {name}; see them: rkhs view {named}; go on: rkhs train --resume {named} --iterations {longer}"
 
 
-def how_to_go_on(folder: Path) -> str:
+def how_to_go_on(folder: Path, config: Config) -> str:
     """Return what to type for a run to go on."""
-    return f"go on with: rkhs train --resume {quote(str(folder))}"
+    return f"go on with: rkhs train --resume {quote(str(folder))}{_trust(config)}"
+
+
+def _trust(config: Config) -> str:
+    """Return the option that is needed for a run that names modules which are not installed."""
+    return "" if all(map(is_installed, config.modules)) else " --trust"
 
 
 def _end(rows: list[Row]) -> str:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from functools import reduce
-from operator import add
+from typing import Self
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.learning.episodes import Episodes
@@ -16,7 +15,7 @@ from rkhs_ros.runs.simulation import Simulation
 
 
 class InlineRunner:
-    """Lets policies act in a simulation of this process.
+    """Lets policies act in a simulation of this process; as a context manager it closes the simulation at the end.
 
     Args:
         simulation: the task.
@@ -30,6 +29,14 @@ class InlineRunner:
         self.spaces = simulation.spaces
         self.record: Record = forget
 
+    def __enter__(self) -> Self:
+        """Return the runner."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Close the simulation."""
+        self.simulation.close()
+
     def room(self, rows: int) -> int:
         """Return how many of so many rows can run side by side."""
         return self.simulation.room(rows)
@@ -41,7 +48,7 @@ class InlineRunner:
             RunError: the environment failed, or a number is not finite.
         """
         parts = batch.parts(self.room(batch.rows))
-        return reduce(add, (self._together(policy, part) for part in parts))
+        return Episodes.concatenate(self._together(policy, part) for part in parts)
 
     def _together(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         acting = Acting(policy, batch, explore=batch.explore)
@@ -49,7 +56,7 @@ class InlineRunner:
         frame = self.simulation.start(batch)
         recorder.observed(0, frame)
         step = 0
-        while frame.active.any():
+        while not frame.is_over:
             actions = self._actions(acting, step, frame.observations)
             frame = self.simulation.step(actions)
             recorder.acted(step, actions)

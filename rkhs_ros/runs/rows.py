@@ -48,12 +48,14 @@ class Rows(Protocol):
     """Rows of one environment that run side by side.
 
     Attributes:
-        observation_space: of one row.
+        observed: observation space of one row, as the environment has it.
+        observation_space: of one row, a dictionary or tuple being flattened.
         action_space: of one row.
         shown: the environment of the first row, or of all, to look at.
         current: the row that is being reset or stepped; None where all are at once.
     """
 
+    observed: Space[Any]
     observation_space: Space[Any]
     action_space: Space[Any]
     current: int | None
@@ -73,6 +75,9 @@ class Rows(Protocol):
     def step(self, actions: NDArray[Any], active: Flags) -> Step:
         """Make a step with actions of shape ``(rows, *shape)``; what rows show that are not active means nothing."""
 
+    def close(self) -> None:
+        """Close the environments."""
+
 
 class SeparateRows:
     """Copies of an ordinary environment; only those are stepped whose episode goes on.
@@ -89,7 +94,9 @@ class SeparateRows:
     def __init__(self, make: Callable[[], AnyEnv], name: str, most: int = 0) -> None:
         self._make = make
         self._name = name
-        self._copies = [_flat(make())]
+        first = make()
+        self.observed = first.observation_space
+        self._copies = [_flat(first)]
         self._observations: Array = np.empty((0, 0))
         self.current: int | None = None
         self._most = most or _rows_at_once(self.shown) or MOST_COPIES
@@ -148,6 +155,11 @@ class SeparateRows:
             result.terminated[row], result.truncated[row] = terminated, truncated
         return result._replace(observations=self._observations.copy())
 
+    def close(self) -> None:
+        """Close the copies."""
+        for copy in self._copies:
+            copy.close()
+
     def _row(self, observation: Any) -> Array:
         row = _real(observation, self.observation_space.dtype)
         _check_size(row.shape, self.observation_space)
@@ -157,16 +169,16 @@ class SeparateRows:
 class VectorRows:
     """The rows of one vector environment.
 
-    Owns the vector environments, one for each size of a batch.
+    Owns the vector environments, one for each size of a batch, or one for all.
 
     Args:
-        make: makes one of so many rows and steps.
+        make: makes one of so many rows and steps, or is a vector environment for all batches.
         most: rows at most; 0 for any number.
     """
 
-    def __init__(self, make: Callable[[int, int], AnyVectorEnv], most: int = 0) -> None:
+    def __init__(self, make: Callable[[int, int], AnyVectorEnv] | AnyVectorEnv, most: int = 0) -> None:
         self._make = make
-        self._most = most
+        self._most = make.num_envs if isinstance(make, VectorEnv) else most
         self._vectors: dict[tuple[int, int], AnyVectorEnv] = {}
         self._current = self._vector(1, 1)
         self.current: int | None = None
@@ -216,14 +228,15 @@ class VectorRows:
         if spare:
             actions = np.concatenate([actions, np.repeat(actions[-1:], spare, axis=0)])
         observations, rewards, terminated, truncated, info = self._current.step(actions)
-        observations = self._as_they_ended(observations, terminated | truncated, info)
+        if self._mode != AutoresetMode.NEXT_STEP:
+            observations = self._as_they_ended(observations, terminated | truncated, info)
         rows = slice(self._rows)
-        rewards = np.reshape(rewards, len(actions))
+        rewards = np.asarray(rewards).reshape(len(actions))
         return Step(self._flat(observations), rewards[rows], terminated[rows], truncated[rows])
 
     def _as_they_ended(self, observations: Any, ended: Flags, info: dict[str, Any]) -> Any:
         """Return the observations, those of episodes that ended being their last, whichever way they begin anew."""
-        if not ended.any() or self._mode == AutoresetMode.NEXT_STEP:
+        if not ended.any():
             return observations
         if self._mode == AutoresetMode.SAME_STEP:
             observations = np.array(observations)
@@ -238,13 +251,20 @@ class VectorRows:
         _check_size(array.shape[1:], self.observation_space)
         return array.reshape(len(array), -1)[: self._rows]
 
+    def close(self) -> None:
+        """Close the vector environments."""
+        for vector in self._vectors.values():
+            vector.close()
+
     def _vector(self, rows: int, horizon: int) -> AnyVectorEnv:
-        key = (rows, horizon)
+        key = (0, 0) if isinstance(self._make, VectorEnv) else (rows, horizon)
         if key not in self._vectors:
             if len(self._vectors) >= MOST_VECTORS:
                 oldest = next(iter(self._vectors))
                 self._vectors.pop(oldest).close()
-            self._vectors[key] = _flat_vector(self._make(rows, horizon))
+            made = self._make if isinstance(self._make, VectorEnv) else self._make(rows, horizon)
+            self.observed = made.single_observation_space
+            self._vectors[key] = _flat_vector(made)
         return self._vectors[key]
 
 

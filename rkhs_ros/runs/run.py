@@ -5,8 +5,9 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rkhs_ros.base.lock import locked
 from rkhs_ros.base.threads import use_one_thread
@@ -21,8 +22,10 @@ from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.control import Control, Rest
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.progress import progress_bar
-from rkhs_ros.runs.recorded import RecordableRunner, recorded
-from rkhs_ros.runs.report import FIRST_POLICY, Report, new_folder, old_folder
+from rkhs_ros.runs.report import FIRST_POLICY, Report, begin, is_begun, new_folder, old_folder
+
+if TYPE_CHECKING:
+    from rkhs_ros.runs.recorded import RecordableRunner, RecordingRunner
 
 LookOn = Callable[[Iteration, Sequence[Row]], None]  # is told of each iteration, with the last lines of the curve
 
@@ -40,6 +43,7 @@ def run_training(
     resume: bool = False,
     record: bool = False,
     sync: bool = False,
+    provenance_may_change: bool = False,
     rest: Rest = time.sleep,
     look_on: LookOn = look_away,
 ) -> Path:
@@ -53,6 +57,7 @@ def run_training(
         resume: go on with the run in the folder; what it leaves has the same bits as that of a run never stopped.
         record: write recording.mcap; a run that goes on and has one goes on with it in any case.
         sync: wait until the disk has each record, as for a robot, whose episodes cost.
+        provenance_may_change: go on with a run of other code, libraries or threads, which is noted in config.yaml.
         rest: waits for some seconds, while the run pauses.
         look_on: is told of each iteration once it is written.
 
@@ -68,7 +73,7 @@ def run_training(
     folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
     with locked(folder):
         use_one_thread()
-        checkpoints = Checkpoints(folder, config)
+        checkpoints = Checkpoints(folder, config, provenance_may_change=provenance_may_change)
         curve = Curve(folder / "curve.csv")
         lines, iterations = len(curve.rows()), config.training.iterations
         require(lines <= iterations, "iterations", f"at least {lines}, which the run has made", iterations)
@@ -78,23 +83,35 @@ def run_training(
             if curve.path.exists():
                 print(f"note: {folder}: no checkpoint to go on from: the run begins again", file=sys.stderr)
         done = state.iterations if state else 0
-        report = Report(folder, config, runner.spaces, done)
+        first = state or first_state(config.training, runner.spaces, _given(folder))
         control = Control(folder, rest)
         record |= (folder / FILE).is_file()
-        recording = recorded(config, runner, folder, sync=sync) if record else nullcontext()
-        bar = progress_bar(config.training, done, quiet=quiet, folder=folder)
-        with recording as recorder, finished(report), bar as show:
-            state = state or first_state(config.training, runner.spaces, _given(folder))
-            for iteration in train(config.training, recorder or runner, state):
-                if recorder:
-                    recorder.updated(iteration)
-                report.add(iteration)  # before the checkpoint, which is of no use without its line
-                checkpoints.write(iteration.state)
-                show(iteration)
-                look_on(iteration, report.recent)
-                control.obey()
+        if not is_begun(folder):
+            begin(folder, config)
+        how = {"sync": sync, "provenance_may_change": provenance_may_change}
+        with _recording(config, runner, folder, **how) if record else nullcontext() as recorder:
+            if state:
+                checkpoints.go_on_from(state)
+            report = Report(folder, config, runner.spaces, done)  # from here on what was there before is replaced
+            with finished(report), progress_bar(config.training, done, quiet=quiet, folder=folder) as show:
+                for iteration in train(config.training, recorder or runner, first):
+                    if recorder:
+                        recorder.updated(iteration)
+                    report.add(iteration)  # before the checkpoint, which is of no use without its line
+                    checkpoints.write(iteration.state)
+                    show(iteration)
+                    look_on(iteration, report.recent)
+                    control.obey()
         control.clear()
     return folder
+
+
+def _recording(
+    config: Config, runner: RecordableRunner, folder: Path, **how: bool
+) -> AbstractContextManager[RecordingRunner]:
+    from rkhs_ros.runs.recorded import recorded  # here, since only recordings need mcap
+
+    return recorded(config, runner, folder, **how)
 
 
 def _check_environment(folder: Path, environment: Environment) -> None:

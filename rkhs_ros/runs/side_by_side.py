@@ -7,9 +7,9 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any, TypeVar
 
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress
 
-from rkhs_ros.runs.progress import bar_console
+from rkhs_ros.runs.progress import bar_columns, bar_console
 from rkhs_ros.runs.workers import Workers
 
 T = TypeVar("T")
@@ -37,8 +37,6 @@ def side_by_side(
 @contextmanager
 def progress_bar(title: str, total: int, *, quiet: bool) -> Iterator[Callable[[], None]]:
     """Show a bar on stderr, and give what advances it by one; it is shown to nobody where it is quiet or of nothing."""
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     hidden = quiet or total == 0
-    bars = Progress(*columns, TimeRemainingColumn(), console=bar_console(quiet=hidden), disable=hidden)
-    with bars as progress:
+    with Progress(*bar_columns(), console=bar_console(quiet=hidden), disable=hidden) as progress:
         yield partial(progress.advance, progress.add_task(title, total=total))

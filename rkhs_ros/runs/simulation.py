@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from math import inf, prod
 from typing import Any, NamedTuple, TypeVar
 
 import gymnasium
 import numpy as np
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, Dict, Tuple
+from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.base.validation import LARGEST, require, shown
+from rkhs_ros.base.validation import LARGEST, all_within, require, shown
 from rkhs_ros.policies.input_names import told_names
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
@@ -23,6 +26,7 @@ from rkhs_ros.runs.shown import HasRobot, JointStates
 
 Answer = TypeVar("Answer")
 STEP_SECONDS = ("step_seconds", "dt", "tau")  # attributes of environments, the first one counts
+CONTINUOUS = "a continuous space (a Box of numbers)"
 
 
 class Frame(NamedTuple):
@@ -42,12 +46,22 @@ class Frame(NamedTuple):
     terminated: Flags
     truncated: Flags
 
+    @property
+    def is_over(self) -> bool:
+        """Whether the episodes of all rows are over."""
+        return not np.count_nonzero(self.active)  # quicker than any() on few rows
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the episodes of all rows go on."""
+        return bool(np.count_nonzero(self.active) == len(self.active))
+
 
 class Simulation:
     """Episodes of one environment, side by side.
 
-    Owns the environment and the step it is at. Does not own any random state: an episode follows from the
-    seeds of its batch. Actions are clipped to the action space here and nowhere before.
+    Owns the step it is at, and the environment unless the caller passed one. Does not own any random state: an episode
+    follows from the seeds of its batch. Actions are clipped to the action space here and nowhere before.
 
     Args:
         environment: a Gymnasium id (``module:Id-v0``, too), an environment, a vector environment, or a function that
@@ -67,17 +81,40 @@ class Simulation:
         require(good, "rows_at_once", "a whole number, 0 for any number of rows", rows_at_once)
         self.rows_at_once = rows_at_once
         self._registered = isinstance(environment, str)
+        self._is_open = not isinstance(environment, gymnasium.Env | VectorEnv)  # and to be closed by us
         self._rows = rows_of(environment, options, rows_at_once)
+        self._batch: Batch | None = None
+        self._step = 0
+        self._lasts: NDArray[np.int64] = np.empty(0, dtype=np.int64)  # step at which each row is cut off
+        self._cuts: frozenset[int] = frozenset()  # the same, each step once
+        self._frame: Frame
+        with ExitStack() as undo:
+            undo.callback(self.close)
+            self._describe()
+            undo.pop_all()
+
+    def _describe(self) -> None:
+        """Set what is known of the task.
+
+        Raises:
+            ValueError: a space is not continuous.
+        """
         actions = _continuous(self._rows.action_space, f"{self.environment} actions")
+        _check_for_images(self._rows.observed, f"{self.environment} observations")
         self.observation_space = _continuous(self._rows.observation_space, f"{self.environment} observations")
         sizes = {"observation": self.observation_space, "action": actions}
         names = (told_names(getattr(self.shown, f"{kind}_names", ()), prod(box.shape)) for kind, box in sizes.items())
         self.spaces = Spaces(self.observation_space.shape, *_bounds(actions), *names)
-        self._batch: Batch | None = None
-        self._step = 0
-        self._lasts: NDArray[np.int64] = np.empty(0, dtype=np.int64)  # step at which each row is cut off
-        self._frame: Frame
         self.step_seconds = _step_seconds(self.shown)
+
+    def close(self) -> None:
+        """Close the environments that were made here; one that the caller passed stays open."""
+        if self._is_open:
+            self._is_open = False
+            try:
+                self._rows.close()
+            except Exception as error:  # somebody's code; no result depends on it
+                print(f"warning: {self.environment}: close: {type(error).__name__}: {shown(error)}", file=sys.stderr)
 
     @property
     def own_horizon(self) -> int | None:
@@ -128,6 +165,7 @@ class Simulation:
                 truncated=kept & before.truncated,
             )
         self._batch, self._step, self._lasts, self._frame = batch, 0, lasts, begun
+        self._cuts = frozenset(lasts.tolist())
         return self._checked(begun)
 
     def _kept(self, batch: Batch, seeds: Sequence[int]) -> Flags:
@@ -155,17 +193,19 @@ class Simulation:
         before = self._frame
         self._step += 1
         seen = self._asked(f"step {self._step}", self._rows.step, self.spaces.shaped(actions), before.active)
-        truncated = seen.truncated | (self._step == self._lasts)
+        truncated = seen.truncated
+        if self._step in self._cuts:
+            truncated = truncated | (self._step == self._lasts)
         going = ~(seen.terminated | truncated)
         frame = Frame(seen.observations, seen.rewards, going, seen.terminated, truncated)
-        self._frame = frame if before.active.all() else _where_active(before, frame)
+        self._frame = frame if before.is_whole else _where_active(before, frame)
         return self._checked(self._frame)
 
+    @np.errstate()  # what the environment sets of numpy's errors ends with the call
     def _asked(self, doing: str, call: Callable[..., Answer], *arguments: Any) -> Answer:
         """Return what the environment answers; where it, which is somebody's code, fails, name it, row and step."""
         try:
-            with np.errstate():  # that it sets what numpy raises shall not matter to us
-                return call(*arguments)
+            return call(*arguments)
         except KeyboardInterrupt:
             raise
         except BaseException as error:
@@ -176,9 +216,8 @@ class Simulation:
     def _checked(self, frame: Frame) -> Frame:
         """Return a frame of which every number can be learnt from."""
         for quantity, values in (("observation", frame.observations), ("reward", frame.rewards)):
-            good = np.abs(values) <= LARGEST  # nan is not
-            if not good.all():
-                row, *column = np.argwhere(~good)[0].tolist()
+            if not all_within(values, LARGEST):
+                row, *column = np.argwhere(~(np.abs(values) <= LARGEST))[0].tolist()  # nan compares false
                 raise RunError(
                     f"{self.environment}: {quantity} of row {row} {self._moment()}: expected finite numbers of at most "
                     f"{LARGEST:g} in size, got {values[row, *column]}{f' in column {column[0]}' if column else ''}"
@@ -226,8 +265,15 @@ def _step_seconds(environment: AnyEnv | AnyVectorEnv) -> float:
 
 def _continuous(space: gymnasium.Space[Any], what: str) -> Box:
     if not isinstance(space, Box) or not np.issubdtype(space.dtype, np.floating):
-        image = isinstance(space, Box) and len(space.shape) >= 2
-        kind = "images, which are not supported" if image else space
-        raise ValueError(f"{what}: expected a continuous space (a Box of numbers), got {shown(kind)}")
+        raise ValueError(f"{what}: expected {CONTINUOUS}, got {shown(space)}")
     require(0 not in space.shape, what, "at least one number", f"the shape {space.shape}")
     return space
+
+
+def _check_for_images(space: gymnasium.Space[Any], what: str) -> None:
+    """Raise ValueError if a space, or one within it, is of images."""
+    parts = space.items() if isinstance(space, Dict) else enumerate(space) if isinstance(space, Tuple) else ()
+    for name, part in parts:
+        _check_for_images(part, f"{what}: {name!r}")
+    is_image = isinstance(space, Box) and len(space.shape) >= 2 and not np.issubdtype(space.dtype, np.floating)
+    require(not is_image, what, CONTINUOUS, "images, which are not supported")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import platform
 from functools import cache
 from hashlib import blake2b
 from importlib.metadata import version
@@ -23,15 +25,43 @@ def surroundings(*packages: str) -> dict[str, str]:
         packages: names of those whose code the run depends on, beside that which learns.
     """
     threads = {"threads of linear algebra": str(use_one_thread())}
-    return {"rkhs_ros": f"{__version__}+{code_digest((*CODE, *packages))}", **LIBRARIES, **threads}
+    python = ".".join(platform.python_version_tuple()[:2])  # the syntax tree of the same code is another
+    code = f"{__version__}+{code_digest((*CODE, *packages))}"
+    return {"Python": python, "rkhs_ros": code, **LIBRARIES, **threads}
+
+
+def provenance(*packages: str) -> tuple[str, ...]:
+    """Return the same as words, "name version" each."""
+    return tuple(f"{name} {version}" for name, version in surroundings(*packages).items())
 
 
 @cache
 def code_digest(packages: tuple[str, ...]) -> str:
-    """Return a few letters that follow from the packages' source files."""
+    """Return a few letters that follow from what the packages' source files compute.
+
+    Docstrings, comments and line breaks count for nothing.
+    """
     digest = blake2b(digest_size=4)
     for package in packages:
         for folder in getattr(find_spec(package), "submodule_search_locations", None) or ():
             for path in sorted(Path(folder).rglob("*.py")):
-                digest.update(f"{package}/{path.relative_to(folder)}\0".encode() + path.read_bytes())
+                tree = ast.parse(path.read_bytes())
+                tree.body = _without_docstrings(tree.body)
+                digest.update(f"{package}/{path.relative_to(folder)}\0{ast.dump(tree)}\0".encode())
     return digest.hexdigest()
+
+
+def _without_docstrings(statements: list[ast.stmt]) -> list[ast.stmt]:
+    """Return statements less those that are a text only, and those within them alike."""
+    for each in statements:
+        if isinstance(body := getattr(each, "body", None), list):
+            each.body = _without_docstrings(body)  # type: ignore[attr-defined]
+    return [each for each in statements if not _is_text(each)]
+
+
+def _is_text(statement: ast.stmt) -> bool:
+    return (
+        isinstance(statement, ast.Expr)
+        and isinstance(statement.value, ast.Constant)
+        and isinstance(statement.value.value, str)
+    )

@@ -13,7 +13,8 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
-from rkhs_ros.recordings.recording import RecordedBatch, read_recording
+from rkhs_ros.recordings.batches import RecordedBatch
+from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.runs.curve import Row
 from rkhs_ros.view.recorded import together
 from rkhs_ros.view.source import Seen
@@ -36,7 +37,7 @@ class Bag:
 
     def __init__(self, path: Path) -> None:
         recording = read_recording(path)
-        batches = sorted(recording.finished, key=lambda each: each.time)
+        batches = recording.finished
         require(bool(batches), f"{path}", "a bag with whole episodes of a run", "none")
         self.path, self.name = path, path.stem
         self.task = Task("", {}, batches[0].batch.horizon, UNDISCOUNTED)

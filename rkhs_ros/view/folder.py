@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from rkhs_ros.base.files import read_whole
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.practice import ModelPractice
 from rkhs_ros.policies.spaces import Spaces
@@ -65,7 +66,7 @@ class Folder:
     def seen(self, iteration: int) -> Seen | None:
         """Return what is kept of an iteration."""
         try:
-            arrays = unpacked((self.path / "checkpoints" / f"{iteration:07}.npz").read_bytes())
+            arrays = unpacked(read_whole(self.path / "checkpoints" / f"{iteration:07}.npz"))
             memory = Episodes(*(arrays[f"memory_{name}"] for name in MEMORY))
             policy = policy_of(arrays)
         except Exception:  # it is gone meanwhile, or damaged, which raises almost anything

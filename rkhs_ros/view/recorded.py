@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import reduce
-from operator import add
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,8 +11,9 @@ from rkhs_ros.base.yaml_text import loaded
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.messages import policy_of
 from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.recordings.batches import RecordedBatch, counted
 from rkhs_ros.recordings.following import Following, Place
-from rkhs_ros.recordings.recording import Head, RecordedBatch, head_of, recording_file, recording_of
+from rkhs_ros.recordings.recording import Head, faults_named, head_of, recording_file, recording_of
 from rkhs_ros.runs.config import load_config, robot_nodes
 from rkhs_ros.runs.curve import Row
 from rkhs_ros.runs.recorded import training_of
@@ -46,7 +45,6 @@ class Recorded:
         file = recording_file(path)
         self.path = file.parent if is_begun(file.parent) else file
         self._following = Following(file)
-        self._head: Head | None = None
         self.spaces: Spaces | None = None
         self._forget()
         self.refresh()
@@ -57,8 +55,9 @@ class Recorded:
         is_other, news = self._following.news()
         if is_other:
             self._forget()
-        for place, message in news:
-            self._take(place, message)
+        with faults_named(self._following.path):
+            for place, message in news:
+                self._take(place, message)
 
     @property
     def rows(self) -> Sequence[Row]:
@@ -76,8 +75,9 @@ class Recorded:
         if left is None:
             return None
         try:
-            policy = policy_of(self._following.message(left.policy))
-            batches = [self._batch(place) for place in left.episodes]
+            with faults_named(self._following.path):
+                policy = policy_of(self._following.message(left.policy))
+                batches = [self._batch(place) for place in left.episodes]
         except (ValueError, OSError):  # the run goes on with another file, of which more is known in a moment
             return None
         imagine = imagining(self._practice, policy, lambda: self._explored(iteration), self.spaces)
@@ -93,6 +93,7 @@ class Recorded:
         return episodes
 
     def _forget(self) -> None:
+        self._head: Head | None = None
         self._rows: list[Row] = []
         self._left: dict[int, Left] = {}
         self._policies: dict[int, Place] = {}
@@ -100,7 +101,8 @@ class Recorded:
 
     def _take(self, place: Place, message: Any) -> None:
         if place.kind == "Task":
-            self._begin(head_of(message), place)
+            if self._head is None:  # later ones tell of other versions
+                self._begin(head_of(message), place)
         elif self._head is None:
             return  # it is no recording of a run, or its head is damaged
         elif place.kind == "Policy":
@@ -131,5 +133,5 @@ class Recorded:
 
 def together(batches: Sequence[RecordedBatch], *, explore: bool) -> Episodes | None:
     """Return the episodes of some batches that count, exploring or noise-free; None where there are none."""
-    some = [each.episodes for each in batches if each.batch.explore == explore and not each.is_void]
-    return reduce(add, some) if some else None
+    some = [each.episodes for each in counted(batches).values() if each.batch.explore == explore]
+    return Episodes.concatenate(some) if some else None

@@ -46,8 +46,8 @@ def source_of(path: Path) -> Source:
     return Recorded(folder) if (folder / FILE).is_file() else Folder(folder)
 
 
-def wait_for_recording(file: Path) -> None:
-    """Wait until a run that is about to begin has begun its recording.
+def wait_for_recording(file: Path) -> Source:
+    """Wait until a run that is about to begin has begun its recording, and return it.
 
     Raises:
         ValueError: it does not in time.
@@ -55,7 +55,8 @@ def wait_for_recording(file: Path) -> None:
     deadline = time.monotonic() + BEGIN_TIMEOUT_S
     while time.monotonic() < deadline:
         with suppress(ValueError, OSError):
-            return Recorded(file).refresh()
+            Recorded(file).refresh()
+            return source_of(file)
         time.sleep(TICK_S)
     raise ValueError(f"{file}: expected a run to begin its recording within {BEGIN_TIMEOUT_S:g} s, got none")
 
@@ -80,32 +81,34 @@ def opened(host: str, port: int) -> ViserServer:
     return server
 
 
-def serve(source: Source, monitor: Monitor, host: str, port: int, tell: Callable[[str], None]) -> None:
+def serve(begun: Callable[[], Source], monitor: Monitor, host: str, port: int, tell: Callable[[str], None]) -> None:
     """Serve the page of a run until an interrupt.
 
     Args:
-        source: the run.
+        begun: returns the run, once it has begun; the page is empty until then.
         monitor: hears its nodes.
         host: address to listen at.
         port: port to listen at; the next free one is taken.
-        tell: is told the address of the page.
+        tell: is told the address of the page as soon as it is served.
 
     Raises:
-        ValueError: the address is none of this machine.
+        ValueError: the address is none of this machine, or no run begins.
         KeyboardInterrupt: the process was told to end; the page was told of it.
     """
     server = opened(host, port)
-    page = Page(server, source, monitor)
-    page.refresh()
-    page.tick()
     name = "localhost" if is_local(host) or host == "0.0.0.0" else host
-    tell(f"http://{name}:{server.get_port()}")
     try:
-        _work(server, page)
+        tell(f"http://{name}:{server.get_port()}")
+        page = Page(server, begun(), monitor)
+        try:
+            page.refresh()
+            page.tick()
+            _work(server, page)
+        finally:
+            page.rest()
+            page.tell_end()
+            time.sleep(LAST_WORDS_S)
     finally:
-        page.rest()
-        page.tell_end()
-        time.sleep(LAST_WORDS_S)
         with redirect_stdout(StringIO()):
             server.stop()
 

@@ -13,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from viser.transforms import SO3
 
+from rkhs_ros.base.files import open_regular, read_whole
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.urdf import PACKAGE, located
 
 GREY = "#B4B6BA"  # of what has no colour
+MIMIC = {"multiplier": 1.0, "offset": 0.0}  # of a joint that mimics another, if the URDF does not say
 SHADE = 0.87  # of what is white, which would not be seen before a white page
 
 
@@ -56,6 +58,9 @@ class Joint(NamedTuple):
         frame: its own in that of the link, shape (4, 4).
         axis: of its motion, in its frame.
         middle: of its range.
+        leader: name of the joint that it mimics; empty if none.
+        multiplier: of the leader's position.
+        offset: added to that.
     """
 
     name: str
@@ -64,6 +69,9 @@ class Joint(NamedTuple):
     frame: Array
     axis: Array
     middle: float
+    leader: str = ""
+    multiplier: float = 1.0
+    offset: float = 0.0
 
 
 class Visual(NamedTuple):
@@ -87,10 +95,13 @@ class UrdfBodies:
 
     def __init__(self, file: Path) -> None:
         try:
-            root = ElementTree.fromstring(file.read_bytes())
+            root = ElementTree.fromstring(read_whole(file))
         except ElementTree.ParseError as error:
             raise ValueError(f"{file}: expected a URDF, got no XML: {error}") from error
         self._joints = {_attribute(joint, "child", "link"): _joint(joint) for joint in root.findall("joint")}
+        self._named = {joint.name: joint for joint in self._joints.values() if joint.name}
+        for name in self._named:
+            self._check_leaders(file, name)
         paints = {paint.get("name", ""): paint for paint in root.iter("material") if paint.find("color") is not None}
         self.visuals = [visual for link in root.findall("link") for visual in _visuals(link, paints, file.parent)]
         if not self.visuals:
@@ -104,7 +115,7 @@ class UrdfBodies:
     def frames(self, positions: Mapping[str, Array], count: int) -> list[Array]:
         """Return the frame of each body, shape (count, 4, 4), by the positions of joints.
 
-        A joint of which none is given is in the middle of its range.
+        A joint of which none is given follows the joint that it mimics, or is in the middle of its range.
         """
         frames: dict[str, Array] = {}
         return [self._frame(visual.link, positions, count, frames) @ visual.frame for visual in self.visuals]
@@ -115,11 +126,25 @@ class UrdfBodies:
             if joint is None:
                 frames[link] = np.tile(np.eye(4), (count, 1, 1))
             else:
-                position = positions.get(joint.name, np.full(count, joint.middle))
-                frames[link] = (
-                    self._frame(joint.parent, positions, count, frames) @ joint.frame @ _moved(joint, position)
-                )
+                moved = _moved(joint, self._position(joint, positions, count))
+                frames[link] = self._frame(joint.parent, positions, count, frames) @ joint.frame @ moved
         return frames[link]
+
+    def _position(self, joint: Joint, positions: Mapping[str, Array], count: int) -> Array:
+        if joint.name in positions:
+            return positions[joint.name]
+        if joint.leader in self._named:
+            return joint.multiplier * self._position(self._named[joint.leader], positions, count) + joint.offset
+        return np.full(count, joint.middle)
+
+    def _check_leaders(self, file: Path, name: str) -> None:
+        """Raise ValueError if a joint mimics itself, be it by way of others."""
+        leaders, leader = {name}, self._named[name].leader
+        while leader in self._named:
+            if leader in leaders:
+                raise ValueError(f"{file}: joint '{name}': expected it to mimic another joint, got a circle")
+            leaders.add(leader)
+            leader = self._named[leader].leader
 
 
 def _moved(joint: Joint, position: Array) -> Array:
@@ -139,7 +164,10 @@ def _joint(element: Element) -> Joint:
     frame, kind = _frame(element.find("origin")), element.get("type", "fixed")
     middle = sum(float(_attribute(element, "limit", end) or 0.0) for end in ("lower", "upper")) / 2
     parent = _attribute(element, "parent", "link")
-    return Joint(element.get("name", ""), kind, parent, frame, way, 0.0 if kind == "continuous" else middle)
+    leader = _attribute(element, "mimic", "joint")
+    multiplier, offset = (float(_attribute(element, "mimic", end) or usual) for end, usual in MIMIC.items())
+    middle = 0.0 if kind == "continuous" else middle
+    return Joint(element.get("name", ""), kind, parent, frame, way, middle, leader, multiplier, offset)
 
 
 def _visuals(link: Element, paints: Mapping[str, Element], folder: Path) -> Iterator[Visual]:
@@ -173,7 +201,8 @@ def _body(visual: Element, colour: str, folder: Path) -> Surface | Primitive:
 def _surface(file: Path, scale: Array, colour: str) -> Surface:
     import trimesh  # here, since it takes 0.3 s and few need it
 
-    mesh: Any = trimesh.load(file, force="mesh", skip_materials=True)
+    with open_regular(file):  # else a pipe would be waited for
+        mesh: Any = trimesh.load(file, force="mesh", skip_materials=True)
     vertices = np.asarray(mesh.vertices) * scale
     return Surface("mesh", three(np.ptp(vertices, axis=0)), colour, vertices, np.asarray(mesh.faces))
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.vector_task import BLUE, DARK, ORANGE, PALE, Array, Body, Motion, VectorTask, clip, upright
+from sim_nodes.envs.vector_task import BLUE, DARK, ORANGE, PALE, Array, Body, Motion, VectorTask, upright
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,10 +58,13 @@ class Pendulum(VectorTask):
 
     def transition(self, states: Array, actions: Array, noise: Array) -> Array:  # noqa: D102
         columns, kicks = states.T, self.kick_sds * noise.T
-        drift = 0.05 * np.array([columns[1], actions[:, 0]])
+        drift = np.empty_like(columns, order="C")
+        np.multiply(0.05, actions[:, 0], out=drift[1])
         for kick in (kicks[:2], kicks[2:]):
-            columns = self._bounded(columns + drift + kick)
             np.multiply(0.05, columns[1], out=drift[0])
+            columns = columns + drift
+            columns += kick
+            self._bound(columns)
         return columns.T
 
     def reward(self, states: Array, actions: Array) -> Array:  # noqa: D102
@@ -111,9 +114,9 @@ class Pendulum(VectorTask):
         turns[:, 0, 0], turns[:, 0, 2] = np.cos(theta / 2), np.sin(theta / 2)
         return Motion(self.step_seconds * np.arange(len(theta), dtype=np.float64), places, turns)
 
-    def _bounded(self, columns: Array) -> Array:
-        bounded = clip(columns, LOW, HIGH)
+    def _bound(self, columns: Array) -> None:
         if self.angle == "wrap":
             turned = (columns[0] + np.pi) % (2 * np.pi) - np.pi
-            bounded[0] = np.where(turned < np.pi, turned, -np.pi)  # the remainder of a tiny negative number rounds up
-        return bounded
+            columns[0] = np.where(turned < np.pi, turned, -np.pi)  # the remainder of a tiny negative number rounds up
+        np.maximum(columns, LOW, out=columns)
+        np.minimum(columns, HIGH, out=columns)

@@ -101,6 +101,9 @@ class VectorTask(VectorEnv[Array, Array, Any]):
         self.max_episode_steps = max_episode_steps
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
+        # One for each row: arrays of the same shape are quicker to compare than those that are broadcast.
+        actions: Any = self.action_space
+        self._action_bounds: tuple[Array, Array] = actions.low, actions.high
         self._streams: list[np.random.Generator] = []
 
     @abstractmethod
@@ -168,7 +171,7 @@ class VectorTask(VectorEnv[Array, Array, Any]):
 
     def step(self, actions: Array) -> tuple[Array, Any, Any, Any, dict[str, Any]]:
         """Make one step in every row."""
-        clipped = clip(actions, self.single_action_space.low, self.single_action_space.high)
+        clipped = clip(actions, *self._action_bounds)
         draws = self._next_noise()
         noise, observation_noise = draws[:, : self.noise_dim], draws[:, self.noise_dim :]
         if self._step == self.max_episode_steps:
@@ -178,7 +181,8 @@ class VectorTask(VectorEnv[Array, Array, Any]):
             self._step += 1
             rewards = self.reward(self._states, clipped)
             self._states = self.transition(self._states, clipped, noise)
-        truncated = np.full(self.num_envs, self._step == self.max_episode_steps)
+        truncated = np.zeros(self.num_envs, dtype=bool)
+        truncated[:] = self._step == self.max_episode_steps
         return (
             self.observe(self._states, observation_noise),
             rewards,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from math import inf
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -15,7 +16,7 @@ from rkhs_ros.nodes.arguments import require_section
 from rkhs_ros.nodes.clocks import now_by_both_clocks
 from rkhs_ros.nodes.diagnostics import STOP, Diagnostics
 from rkhs_ros.nodes.messages import LATCHED_QOS
-from rkhs_ros.nodes.parameters import declare, declared, given, instance, restarts
+from rkhs_ros.nodes.parameters import declare, declared, given, process, restarts
 from rkhs_ros.nodes.publishers import SinglePublishers
 from rkhs_ros.nodes.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.uniqueness import Uniqueness
@@ -25,6 +26,7 @@ from sim_nodes.robots.protection import SECOND_PUBLISHER
 from sim_nodes.robots.topics import ArmTopics, DoorTopics, MotorPendulumTopics, RobotTopics
 
 TOPICS: dict[str, Any] = {"motor_pendulum": MotorPendulumTopics, "arm": ArmTopics, "pr2_door": DoorTopics}
+LEFT_TIMEOUT_S = 4.0  # for who commands the robot to leave it, before it ends
 REPORT_PERIOD_S = 0.1  # between reports of violations, and looks at who publishes commands
 
 
@@ -46,20 +48,21 @@ class PracticeRobotNode(ReportingNode):
         """
         require_section(self.get_fully_qualified_name(), sys.argv)
         tree = given(self)
-        again, number = restarts(self, tree), instance(self, tree)
+        again, own_process = restarts(self, tree), process(self, tree)
         name = declared(self, tree, "robot", DEFAULT, f"which robot: {', '.join(SETTINGS)}")
         settings = settings_of(name, tree)
         declare(self, entries(settings))
         self._speed = settings.speed
         self._report_at = 0.0  # monotonic time, seconds
         self._told: tuple[object, ...] = ()
+        self._end_at = inf  # monotonic time, seconds; known once the node is to end
         self._crowded = ""
         self._topics: RobotTopics = TOPICS[name](self, settings, self._command)
         self._hardware = Hardware(self._topics.robot)
         self._commanders = SinglePublishers(self, self._topics.command_topics)
         self._violations = self.create_publisher(DiagnosticStatus, "~/violations", LATCHED_QOS)
         self.diagnostics = Diagnostics(self, again, self._report)
-        self._uniqueness = Uniqueness(self, number)
+        self._uniqueness = Uniqueness(self, own_process)
         self.create_service(Trigger, "~/reset_protective_stop", self._reset)
         self._begin, self._begin_ns = now_by_both_clocks()
         self.get_logger().info(f"{name} is there, at {self._speed:g} times the wall's speed")
@@ -75,6 +78,13 @@ class PracticeRobotNode(ReportingNode):
         self._look_after_commands()
         wait = max(self._hardware.next_event() - self._now(), 0.0) / self._speed
         return min(wait, self.diagnostics.heartbeat(), REPORT_PERIOD_S)
+
+    def may_end(self) -> bool:
+        """Wait for those who command the robot: they bring it to rest first, by what it senses."""
+        now = time.monotonic()
+        self._end_at = min(self._end_at, now + LEFT_TIMEOUT_S)
+        is_left = not any(self.count_publishers(topic) for topic in self._topics.command_topics)
+        return is_left or now >= self._end_at
 
     def _now(self) -> float:
         """Return the robot's time in seconds."""

@@ -27,14 +27,14 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.simulation import Frame, Simulation
 from test.faults.runs import assert_same_bits
 from test.faults.spoilers import ALWAYS, FREE, THEN, Spoiler, paths, spoil
-from test.ros.conftest import PATIENCE, Probe, Process, probe
+from test.ros.conftest import Probe, Process, probe
 from test.ros.test_policy_node import PLAIN, WINDOW, policy
 
 __all__ = ["probe"]
 CASES, IN_THE_RUN = 500, 200  # of each kind
 GROWTH = 200e6  # bytes
 TOPICS = {Observation: "observation", Action: "action", Episodes: "episodes"}
-SERVICES = {SetPolicy.Request: "set_policy", StartEpisodes.Request: "start_episodes"}
+SERVICES = {SetPolicy.Request: ("set_policy", "policy"), StartEpisodes.Request: ("start_episodes", "simulator")}
 POLICIES = [policy(1, name, inputs) for name in ("constant", "kernel", "function") for inputs in (PLAIN, WINDOW)]
 FOREIGN = 9  # version of a policy that the policy node does not have
 BATCH = Batch(3, first_episode=5, rows=20, horizon=50, explore=True, noise_free=6, first_noise_free=2)
@@ -77,7 +77,8 @@ class Intruder:
 
     def refused(self, request: Any) -> None:
         """Ask for what must be refused, in one line that says why."""
-        response = self.probe.ask(SERVICES[type(request)], request, again=PATIENCE)  # refusals are counted
+        service, node = SERVICES[type(request)]
+        response = self.probe.ask_once(service, request, node)  # refusals are counted
         assert not response.accepted
         assert_reason(response.message)
 

@@ -7,7 +7,10 @@ from pathlib import Path
 import numpy as np
 from std_srvs.srv import Trigger
 
+from rkhs_ros.recordings.batches import RecordedBatch
+from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.runs.curve import Curve
+from rkhs_ros.runs.replay import replay
 from test.ros.conftest import Probe, Process, kill, nodes_of, probe
 from test.ros.robot_bench import CONFIG, QUICK
 
@@ -33,7 +36,7 @@ def test_what_a_person_vetoes_is_run_again_and_not_learnt_from(start: Start, tmp
     run = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *QUICK, *more)
     probe.add_service("robot/veto", Trigger)
     probe.until(lambda: any(m.first_episode == 1 and m.step > 1 for m in probe.heard["observation"]), 100)
-    answer = probe.ask("robot/veto", Trigger.Request(), again=60.0)
+    answer = probe.ask_once("robot/veto", Trigger.Request(), "robot")
     assert answer.success, answer.message  # the second one is under way, under the same policy
     code, _, err = run.finish()
     assert code == 0, err
@@ -46,6 +49,35 @@ def test_what_a_person_vetoes_is_run_again_and_not_learnt_from(start: Start, tmp
     (row,) = Curve(folder / "curve.csv").rows()
     assert len(returns) == 3
     np.testing.assert_allclose(row.train_return, np.mean(returns))
+
+
+def test_a_veto_holds_if_the_run_is_interrupted_and_resumed(start: Start, tmp_path: Path, probe: Probe) -> None:
+    folder = tmp_path / "run"
+    more = ("iterations=1", "episodes_per_iteration=3", "horizon=300", "robot.misses_allowed=150")
+    run = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *QUICK, *more)
+    probe.add_service("robot/veto", Trigger)
+    probe.until(lambda: any(m.first_episode == 1 and m.step > 1 for m in probe.heard["observation"]), 100)
+    assert probe.ask_once("robot/veto", Trigger.Request(), "robot").success
+
+    def vetoed() -> list[RecordedBatch]:
+        batches = read_recording(folder).batches
+        return [each for each in batches if each.executions[0].void_reason == "vetoed by a person"]
+
+    probe.until(vetoed, 100)
+    run.interrupt()
+    run.finish()
+    (discarded,) = vetoed()
+    recording = read_recording(folder)
+    places = [k for k, each in enumerate(recording.batches) if each.attempt == discarded.attempt]
+    assert [recording.batches[place].is_void for place in places] == [False, True]
+    assert places[1] == places[0] + 1  # recorded at once, not when the next episode is over
+    assert discarded.batch not in recording.by_numbers()
+    code, _, err = start("rkhs", "train", "--quiet", "--resume", folder).finish()
+    assert code == 0, err
+    recording = read_recording(folder)
+    assert recording.by_numbers()[discarded.batch].attempt != discarded.attempt
+    assert len(recording.finished) == 3
+    assert len(list(replay(recording))) == 1
 
 
 def test_an_episode_that_is_void_again_and_again_ends_the_run(start: Start, tmp_path: Path) -> None:

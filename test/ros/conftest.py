@@ -7,12 +7,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from math import inf
 from pathlib import Path
 from typing import Any
 
 import domain_coordinator
 import pytest
 import rclpy
+from rcl_interfaces.srv import ListParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -27,7 +29,7 @@ from rkhs_ros.runs.report import resolved
 from test.processes import children_of, is_running, of_process
 
 ROOT = Path(__file__).parents[2]
-PATIENCE = 30.0  # seconds; far above what anything here takes
+PATIENCE = 90.0  # seconds; far above what anything here takes, beside other busy processes too
 MODULES = {
     "simulator": "sim_nodes.simulator_node",
     "practice_robot": "sim_nodes.robots.practice_robot_node",
@@ -35,10 +37,14 @@ MODULES = {
     "robot": "rkhs_ros.nodes.robot_node",
     "gate": "rkhs_ros.nodes.gate_node",
     "learner": "rkhs_ros.nodes.learner_node",
+    "drawing_learner": "rkhs_ros.app.learner",  # as `ros2 run` and the launch files start it
+    "recorder": "rkhs_ros.nodes.recorder_node",
     "rkhs": "rkhs_ros.app.cli",
     "relay": "test.faults.relay",
     "imports": "test.ros.imports",
     "sender": "test.ros.gate_sender",
+    "stopper": "test.ros.gate_stopper",
+    "failing_gate": "test.ros.failing_gate",
 }
 TYPES = {"observation": Observation, "action": Action, "episodes": Episodes}
 SERVICES = {"start_episodes": StartEpisodes, "describe_task": DescribeTask, "set_policy": SetPolicy}
@@ -140,6 +146,7 @@ class Probe(Node):
         self._services_asked = {name: self.create_client(c, name) for name, c in SERVICES.items()}
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self)
+        self._others: list[Node] = []
 
     def until(self, condition: Callable[[], bool], seconds: float = PATIENCE) -> None:
         deadline = time.monotonic() + seconds
@@ -180,9 +187,27 @@ class Probe(Node):
         self.until(answered)
         return next(future.result() for future, _ in futures if future.done())
 
+    def ask_once(self, service: str, request: Any, node: str) -> Any:
+        """Return the answer to a request that may act, so that it must not be repeated.
+
+        The node first answers a client that was made later, so it knows this one, too: its answer is not lost.
+        """
+        greeting = f"{node}/list_parameters"
+        if greeting not in self._services_asked:
+            self.add_service(greeting, ListParameters)
+        self.ask(greeting, ListParameters.Request())
+        return self.ask(service, request, again=inf)
+
+    def add_node(self, name: str, **arguments: Any) -> Node:
+        """Return a node of that name, whose messages are handled with the probe's own."""
+        self._others.append(Node(name, context=self.context, **arguments))
+        self._executor.add_node(self._others[-1])
+        return self._others[-1]
+
     def close(self) -> None:
         self._executor.shutdown()
-        self.destroy_node()
+        for node in (*self._others, self):
+            node.destroy_node()
 
 
 @pytest.fixture

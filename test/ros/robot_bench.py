@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from std_msgs.msg import Empty, Float64
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import Trigger
 
 from rkhs_interfaces.msg import Action, Command, GateReport, GateState, Observation
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
@@ -80,7 +80,6 @@ class Bench:
         node.create_timer(LIFE_PERIOD_S, self._live)
         for name in ("start", "stop", "veto"):
             node.add_service(f"robot/{name}", Trigger)
-        node.add_service("robot/pause", SetBool)
         self.gate_state("holding")
 
     def gate_state(self, state: str, reason: str = "") -> None:
@@ -117,7 +116,7 @@ class Bench:
         return self.ended(self.start(episode, **changes))
 
     def say(self, service: str) -> Trigger.Response:
-        return self.probe.ask(f"robot/{service}", Trigger.Request(), again=60.0)  # once: it may act
+        return self.probe.ask_once(f"robot/{service}", Trigger.Request(), "robot")
 
     def until_moving(self, step: int = 1) -> None:
         self.probe.until(lambda: any(message.step >= step for message in self.observations()))

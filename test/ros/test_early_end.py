@@ -39,6 +39,18 @@ class Robot(gymnasium.Env):
 
 gymnasium.register("Robot-v0", Robot, max_episode_steps=20)
 """
+OPEN_ONCE = """
+import os
+
+class OpenOnce(Robot):
+    def __init__(self):
+        os.close(os.open("taken", os.O_CREAT | os.O_EXCL))
+
+    def close(self):
+        os.remove("taken")
+
+gymnasium.register("Robot-v0", OpenOnce, max_episode_steps=20)
+"""
 CONFIG = """
 simulator: {ros__parameters: {environment: {id: "one_robot:Robot-v0"}}}
 learner: {ros__parameters: {iterations: 3, episodes_per_iteration: 10, evaluation_episodes: 3, horizon: 20}}
@@ -67,3 +79,14 @@ def test_one_robot_learns_over_topics_as_in_process(
     assert episodes.terminated.all()
     assert (episodes.mask.sum(axis=1) < 9).all()
     assert np.isfinite(episodes.final_observations).all()
+
+
+def test_a_robot_that_is_open_once_only_learns_over_topics_and_is_closed(
+    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("one_robot.py").write_text(MODULE + OPEN_ONCE)
+    Path("robot.yaml").write_text(CONFIG)
+    code, _, err = start("rkhs", "train", "robot.yaml", "--runner", "ros", "--iterations", 1, "--out", "run").finish()
+    assert code == 0, err
+    assert not Path("taken").exists()

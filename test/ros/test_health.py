@@ -81,9 +81,9 @@ def test_every_node_reports_and_says_how_often_it_was_started_again(run: Process
         assert report.hardware_id == socket.gethostname()
     kill(*nodes_of(run, "policy"))
     probe.until(lambda: hearing.value("/policy", "restarts") == "1")
-    first, second = hearing.instances["/policy"]
-    assert second > first
-    assert [len(hearing.instances[name]) for name in ("/simulator", "/learner")] == [1, 1]
+    probe.until(lambda: len(set(hearing.instances["/policy"])) == 2)
+    assert hearing.instances["/policy"] == sorted(hearing.instances["/policy"])
+    assert [len(set(hearing.instances[name])) for name in ("/simulator", "/learner")] == [1, 1]
 
 
 @pytest.mark.faults
@@ -187,20 +187,21 @@ class Namesake:
     def _hear(self, message: NodeInstance) -> None:
         self.heard.append(message)
 
-    def say(self, answers: int) -> None:
-        self.said.publish(NodeInstance(node="/policy", instance=1, answers=answers))
+    def say(self, age: float) -> None:
+        self.said.publish(NodeInstance(node="/policy", instance=1, age=age))
 
 
 @pytest.mark.parametrize(
-    ("name", "answers", "ends"), [("policy", False, False), ("forger", True, False), ("policy", True, True)]
+    ("name", "age", "ends"), [("policy", 0.0, False), ("forger", 1e6, False), ("policy", 1e6, True)]
 )
-def test_a_node_ends_for_one_before_it_only_where_that_is_there_and_answers(
-    start: Start, probe: Probe, name: str, answers: bool, ends: bool
+def test_a_node_ends_only_for_an_older_one_that_is_there(
+    start: Start, probe: Probe, name: str, age: float, ends: bool
 ) -> None:
     other = Namesake(probe, name)
     policy = start("policy")
     probe.until(lambda: other.heard != [])
-    other.say(answers=other.heard[0].instance if answers else 0)
+    probe.settle(0.3)  # an age of 0 is no longer one of a process that began at the same time
+    other.say(age)
     if ends:
         probe.until(lambda: policy.popen.poll() is not None)
         assert "error: expected one policy node, got another that was there before" in policy.finish()[2]
@@ -208,3 +209,21 @@ def test_a_node_ends_for_one_before_it_only_where_that_is_there_and_answers(
         probe.settle(1.5)
         assert policy.popen.poll() is None
     other.node.destroy_node()
+
+
+def test_of_nodes_started_at_once_one_stays(start: Start, probe: Probe) -> None:
+    policies = [start("policy") for _ in range(3)]
+    probe.until(lambda: sum(each.popen.poll() is None for each in policies) == 1)
+    probe.settle(1.0)
+    (last,) = [each for each in policies if each.popen.poll() is None]
+    assert [each.finish()[0] for each in policies if each is not last] == [1, 1]
+
+
+def test_a_node_of_an_older_run_stays_though_it_started_later(start: Start, probe: Probe) -> None:
+    hearing = Hearing(probe)
+    younger = start("policy", "--ros-args", "-p", "instance:=1")
+    probe.until(lambda: hearing.instances["/policy"] == [1])
+    older = start("policy", "--ros-args", "-p", "run_age:=100.0", "-p", "instance:=2")
+    probe.until(lambda: younger.popen.poll() is not None)
+    assert "another that was there before" in younger.finish()[2]
+    assert older.popen.poll() is None

@@ -1,4 +1,4 @@
-"""What the processes of a run import: policy and learner node need no task, no Gymnasium and no pictures."""
+"""What the processes of a run import: policy and learner node need no task, no pictures and no recordings."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -7,7 +7,7 @@ import pytest
 
 from test.ros.conftest import MODULES, Process
 
-FOREIGN = {"gymnasium", "matplotlib", "pybullet", "sim_nodes"}
+FOREIGN = {"gymnasium", "matplotlib", "mcap", "pybullet", "rosbags", "sim_nodes"}
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def imported(start: Callable[..., Process], parameters: Callable[..., Path], tmp
     return {name: {line.partition(".")[0] for line in (tmp_path / name).read_text().splitlines()} for name in nodes}
 
 
-def test_policy_and_learner_node_import_no_task_and_no_pictures(imported: dict[str, set[str]]) -> None:
+def test_policy_and_learner_node_import_no_task_no_pictures_and_no_recordings(imported: dict[str, set[str]]) -> None:
     assert {name: packages & FOREIGN for name, packages in imported.items()} == {
         "simulator": {"gymnasium", "sim_nodes"},
         "policy": set(),

@@ -8,7 +8,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from rkhs_interfaces.srv import SetPolicy
 from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS
-from test.ros.conftest import Probe, Process
+from rkhs_ros.runs.curve import Curve
+from test.ros.conftest import ROOT, Probe, Process
 
 Learner = Callable[..., Process]
 
@@ -74,3 +75,27 @@ def test_a_batch_without_a_step_is_begun_anew_before_it_ends_the_run(learn: Lear
     assert (code, err) == (1, "error: the policy node acted in no step within 6 s\n")
     assert len({message.batch for message in probe.heard["observation"]}) > 1
     assert (DiagnosticStatus.ERROR, "stuck: no simulator makes a step") in states
+
+
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_a_learner_by_hand_draws_its_run_and_says_how_it_goes_on(
+    start: Callable[..., Process], parameters: Callable[..., Path], probe: Probe, tmp_path: Path, interrupted: bool
+) -> None:
+    folder, iterations = tmp_path / "out", 100_000 if interrupted else 2
+    file = ("--params-file", parameters("toy_nac", f"iterations={iterations}"))
+    start("simulator", "--ros-args", *file)
+    start("policy")
+    learner = start("drawing_learner", "--ros-args", *file, "-p", f"output:={folder}", "-p", "quiet:=true")
+    if interrupted:
+        probe.until(lambda: (folder / "curve.csv").is_file() and len(Curve(folder / "curve.csv").rows()) > 1)
+        learner.interrupt()
+    code, _, err = learner.finish()
+    assert (code, err) == (130 if interrupted else 0, "")
+    assert {"curve.png", "policy.png", "policy.npz"} <= {path.name for path in folder.iterdir()}
+    said, remedy = learner.told[-1], f"rkhs train --resume {folder}"
+    assert (f"go on with: {remedy}" if interrupted else f"go on: {remedy}") in said
+    assert ("interrupted after" in said) == interrupted
+
+
+def test_ros_is_given_the_learner_that_draws() -> None:
+    assert '"learner = rkhs_ros.app.learner:main"' in (ROOT / "setup.py").read_text()

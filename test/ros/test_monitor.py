@@ -3,10 +3,12 @@
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
 from rkhs_interfaces.msg import GateState
@@ -14,7 +16,7 @@ from rkhs_ros.app.view import monitor_process
 from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS, TOPIC
 from rkhs_ros.nodes.messages import LATCHED_QOS
 from rkhs_ros.nodes.monitor_node import WORDS
-from rkhs_ros.nodes.operator_node import SERVICES
+from rkhs_ros.nodes.operator_calls import SERVICES
 from rkhs_ros.view.monitor import Monitor, NodeReport
 from rkhs_ros.view.nodes_panel import EPISODES, STOP
 from test.ros.conftest import Probe
@@ -31,21 +33,30 @@ def monitor(domain: int, tmp_path: Path) -> Iterator[Monitor]:
 
 
 class Peers:
-    """The nodes of a robot's run, in the test's node: it counts what it is asked."""
+    """Gate and robot node of a run, in the test's process: they count what they are asked.
+
+    Attributes:
+        asked: the services that were called, in order.
+        held: futures by service, for which an answer waits.
+    """
 
     def __init__(self, probe: Probe) -> None:
         self.asked: list[str] = []
+        self.held: dict[str, Future] = {}
+        nodes = {name: probe.add_node(name) for name in ("gate", "robot")}
         for name, kind, _ in SERVICES.values():
-            probe.create_service(kind, name, lambda request, response, name=name: self.answer(name, request, response))
+            nodes[name.partition("/")[0]].create_service(kind, name, partial(self.answer, name))
         self._gate = probe.create_publisher(GateState, "gate/state", LATCHED_QOS)
         self._diagnostics = probe.create_publisher(DiagnosticArray, TOPIC, DIAGNOSTICS_QOS)
         self._gate.publish(GateState(state="stopped", reason="too fast", commands=7, clamps=3, refusals=2, stops=1))
 
-    def answer(
+    async def answer(
         self, name: str, request: object, response: Trigger.Response | SetBool.Response
     ) -> Trigger.Response | SetBool.Response:
         self.asked.append(name)
         assert not isinstance(request, SetBool.Request) or request.data
+        if name in self.held:
+            await self.held[name]
         response.success, response.message = name != "robot/veto", "there is none" if name == "robot/veto" else ""
         return response
 
@@ -79,6 +90,31 @@ def test_gate_and_nodes_are_heard_and_told_what_is_safe(monitor: Monitor, probe:
     clients = dict(probe.get_client_names_and_types_by_node("monitor", "/"))
     assert "/gate/stop" in clients
     assert "/gate/arm" not in clients
+
+
+def test_an_answer_to_an_older_word_is_not_shown(monitor: Monitor, probe: Probe) -> None:
+    peers = Peers(probe)
+    peers.held["gate/stop"] = Future()
+    probe.until(lambda: bool(monitor.listen() and monitor._process))
+    monitor.say("stop")
+    probe.until(lambda: "gate/stop" in peers.asked)
+    monitor.say("pause")
+    probe.until(lambda: monitor.listen().answer == "pause: done")
+    peers.held["gate/stop"].set_result(None)
+    probe.settle(1.0)
+    assert monitor.listen().answer == "pause: done"
+
+
+def test_words_said_before_the_nodes_are_found_reach_them_in_order(monitor: Monitor, probe: Probe) -> None:
+    probe.until(lambda: bool(monitor.listen() and monitor._process))
+    for word in ("stop", "pause", "start"):
+        monitor.say(word)
+    probe.until(lambda: monitor.listen().answer == "start: asked")
+    peers = Peers(probe)
+    probe.until(lambda: monitor.listen().answer == "start: done")
+    assert peers.asked.index("robot/pause") < peers.asked.index("robot/start")
+    assert peers.asked.count("robot/start") == 1
+    assert "gate/stop" in peers.asked
 
 
 def test_a_node_that_falls_silent_is_told(monitor: Monitor, probe: Probe) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from rcl_interfaces.msg import ParameterType
-from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter
 
 from rkhs_ros.base.settings import entries
@@ -50,6 +50,23 @@ def test_the_environments_options_are_described_and_cannot_be_changed_in_a_run(
     assert all(d.description and d.read_only for d in answer.descriptors)
     change = Parameter(OPTIONS[0], value="clip").to_parameter_msg()
     (result,) = probe.ask("simulator/set_parameters", SetParameters.Request(parameters=[change])).results
+    assert not result.successful
+
+
+@pytest.mark.parametrize("name", ["simulator", "policy", "practice_robot", "recorder"])
+def test_no_parameter_can_be_set_while_a_node_runs(
+    start: Callable[..., Process], probe: Probe, tmp_path: Path, name: str
+) -> None:
+    given = {"simulator": ("-p", "environment.id:=rkhs/Toy-v0"), "recorder": ("-p", f"output:={tmp_path}")}
+    start(name, "--ros-args", *given.get(name, ()))
+    for kind, service in (("list", ListParameters), ("describe", DescribeParameters), ("set", SetParameters)):
+        probe.add_service(f"{name}/{kind}_parameters", service)
+    names = probe.ask(f"{name}/list_parameters", ListParameters.Request()).result.names
+    assert "use_sim_time" in names
+    described = probe.ask(f"{name}/describe_parameters", DescribeParameters.Request(names=names)).descriptors
+    assert [each.name for each in described if not each.read_only] == []
+    change = Parameter("use_sim_time", value=True).to_parameter_msg()
+    (result,) = probe.ask(f"{name}/set_parameters", SetParameters.Request(parameters=[change])).results
     assert not result.successful
 
 

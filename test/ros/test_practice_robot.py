@@ -105,18 +105,18 @@ def test_the_pendulum_moves_by_the_wall_clock(robot: Callable[..., Operator]) ->
     assert last.velocity[0] - first.velocity[0] == pytest.approx(0.5 * seconds, abs=0.01)
     between = [stamp(each) for each in operator.joints if stamp(first) <= stamp(each) <= stamp(last)]
     assert between == sorted(set(between))
-    assert abs(len(between) - 1 - 100.0 * seconds) < 0.2 * 100.0 * seconds  # under load some are lost on their way
+    assert np.median(np.diff(between)) == pytest.approx(0.01, rel=0.2)  # under load some are lost on their way
     assert operator.violations == {}
 
 
 def test_with_a_speed_factor_all_goes_faster(robot: Callable[..., Operator]) -> None:
     operator = robot(speed=10.0, sensor_rate=20.0, process_noise=0.0)
-    operator.command(0.02)  # so little that the stop is 2.5 s of the wall's time away
+    operator.command(0.002)  # so little that the stop is 8 s of the wall's time away
     first = operator.move_on()
     operator.probe.settle(0.5)
     last = operator.move_on()
     seconds = stamp(last) - stamp(first)
-    assert last.velocity[0] - first.velocity[0] == pytest.approx(0.02 * 10.0 * seconds, abs=0.001)
+    assert last.velocity[0] - first.velocity[0] == pytest.approx(0.002 * 10.0 * seconds, abs=0.0001)
 
 
 def test_a_robot_that_was_held_up_moves_as_if_it_had_not_been(robot: Callable[..., Operator]) -> None:

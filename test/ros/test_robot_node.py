@@ -6,9 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, String
 
+from rkhs_ros.nodes.messages import LATCHED_QOS
+from rkhs_ros.nodes.sources import OBSTACLE
 from test.ros.conftest import Probe, Process, kill
-from test.ros.robot_bench import HORIZON, PERIOD, Bench, drawn, write_section
+from test.ros.robot_bench import HORIZON, PERIOD, SECTION, SENSOR_PERIOD_S, Bench, drawn, write_section
 
 pytestmark = pytest.mark.clock
 Start = Callable[..., Process]
@@ -212,7 +216,11 @@ def test_a_reward_that_fails_is_told_and_the_robot_holds(begin: Callable[..., Pr
     ("silent", "changes", "failure"),
     [
         pytest.param(
-            {"sensor"}, {}, "sensor position: no message came on position, for 5 s", id="a sensor that never speaks"
+            {"sensor"},
+            {},
+            "sensor position: /position not heard, published by /probe as std_msgs/msg/Float64; "
+            "topics of std_msgs/msg/Float64: /position, for 5 s",
+            id="a sensor that never speaks",
         ),
         pytest.param(
             set(),
@@ -324,3 +332,28 @@ def test_a_word_that_no_node_hears_is_told_soon(start: Start) -> None:
     code, _, err = start("rkhs", "robot", "stop").finish()
     assert (code, len(err.splitlines())) == (1, 1)
     assert "gate/stop: the node is not there; name the run's folder, or set ROS_DOMAIN_ID" in err
+
+
+def test_sensors_that_cannot_be_used_are_told_before_a_person_arms(
+    begin: Callable[..., Process], bench: Bench, probe: Probe
+) -> None:
+    names = ["shoulder"]
+    joints = probe.create_publisher(JointState, "joint_states", 1)
+    probe.create_timer(SENSOR_PERIOD_S, lambda: joints.publish(JointState(name=names, position=[0.5] * len(names))))
+    obstacles: list[String] = []
+    probe.create_subscription(String, OBSTACLE, obstacles.append, LATCHED_QOS)
+    arm = {"topic": "joint_states", "joints": ["shoulder", "elbow"], "fields": ["position"]}
+    bench.gate_state("disarmed")
+    good = SECTION["sensors"]["position"]
+    begin(sensors={"arm": arm, "place": good | {"topic": "positon"}, "position": good})
+    bench.start(horizon=200)
+    missing = "; missing joints 'elbow', got shoulder; sensor place: /positon not heard, published by nobody"
+    probe.until(lambda: missing in bench.describe().waiting)
+    assert bench.describe().waiting.startswith("sensor arm: /joint_states heard, ")
+    probe.until(lambda: obstacles != [] and missing in obstacles[-1].data)  # which the gate refuses to be armed with
+    names.append("elbow")
+    speech = probe.create_publisher(Float64, "positon", 1)
+    probe.create_timer(SENSOR_PERIOD_S, lambda: speech.publish(Float64()))
+    probe.until(lambda: "rkhs robot arm" in bench.describe().waiting)
+    probe.until(lambda: obstacles[-1].data == "")
+    assert not bench.moves

@@ -96,7 +96,7 @@ def test_a_real_robot_waits_for_a_person_to_arm_it(start: Start, tmp_path: Path,
         answer = probe.ask("describe_task", DescribeTask.Request())
     assert "the gate is not armed" in answer.waiting
     probe.settle(1.5)  # for the learner to say so
-    assert probe.ask("gate/arm", Trigger.Request()).success
+    assert probe.ask_once("gate/arm", Trigger.Request(), "gate").success
     code, _, err = run.finish()
     assert code == 0, err
     assert "the robot node waits: the gate is not armed; see that the robot may move, then: rkhs robot arm" in err

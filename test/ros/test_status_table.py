@@ -1,12 +1,15 @@
 """What others report is shown as it is, whatever is in it."""
 
 from io import StringIO
+from pathlib import Path
 
 import pytest
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rich.console import Console
 
 from rkhs_interfaces.msg import LearningProgress
+from rkhs_ros.nodes.learning_messages import progress_message
 from rkhs_ros.nodes.status_node import COLUMNS, LAST_REFUSAL, MODE, heading, reasons, table
 
 
@@ -21,7 +24,7 @@ def test_markup_and_escapes_of_others_are_shown_as_text(text: str) -> None:
     shown = out.getvalue()
     assert not set(shown) & set("\x1b\x07")
     assert text[:6].split("\n")[0].split("\x1b")[0] in shown
-    assert len(shown.splitlines()) == 4  # two of the head, the node, its reason
+    assert len(shown.splitlines()) == 3  # headers, the node, its reason
 
 
 def test_a_run_of_two_simulators_in_a_namespace_is_shown_whole_in_80_characters() -> None:
@@ -37,7 +40,7 @@ def test_a_run_of_two_simulators_in_a_namespace_is_shown_whole_in_80_characters(
     Console(file=out, width=80).print(table(statuses))
     words = out.getvalue().split()
     assert set(nodes) <= set(words)
-    assert {word for head in COLUMNS.values() for word in head.split()} <= set(words)
+    assert out.getvalue().splitlines()[0].split() == ["node", "state", *COLUMNS.values()]
     assert words.count(random[-4:]) == 8
     assert "…" not in out.getvalue()
 
@@ -51,8 +54,10 @@ def printed(*parts: object, width: int = 80) -> list[str]:
 def test_what_is_the_matter_stands_below_the_table_of_a_robots_nodes() -> None:
     why = "no simulator makes a step, and much more is to be said of this than any column has room for"
     values = dict.fromkeys(COLUMNS, "1000")
+    source = "/joint_sates not heard, published by nobody; topics of sensor_msgs/msg/JointState: /joint_states"
+    gate = {MODE: "stopped", "passed over": "0", LAST_REFUSAL: "a command", "source joints": source}
     known = {  # as gate and practice robot report: some of the columns, and what they do
-        "/gate": (b"\2", f"stuck: {why}", {MODE: "stopped", "passed over": "0", LAST_REFUSAL: "a command"}),
+        "/gate": (b"\2", f"stuck: {why}", gate),
         "/practice_robot": (b"\0", "well", {"passed over": "0"}),
         "/robot": (b"\1", "waits: for a person", values | {MODE: "getting ready"}),
     }
@@ -63,13 +68,14 @@ def test_what_is_the_matter_stands_below_the_table_of_a_robots_nodes() -> None:
         for name, (level, message, about) in known.items()
     }
     rows = printed(table(statuses))
-    assert [line.split()[:3] for line in rows[2:] if line.startswith("/")] == [
+    assert [line.split()[:3] for line in rows if line.startswith("/")] == [
         ["/gate", "stuck", "stopped"],
         ["/practice_robot", "well", "0"],
         ["/robot", "waits", "getting"],
     ]
     assert [str(line) for line in reasons(statuses)] == [
         f"/gate stuck: {why}",
+        f"/gate joints: {source}",
         "/gate last refused or passed over a command",
         "/robot waits: for a person",
     ]
@@ -84,3 +90,9 @@ def test_the_heading_says_how_far_the_run_is() -> None:
     assert first == "mine: iteration 3 of 40, 0 episodes, 0 centres, about 12 s left"
     assert second == "return 1.5, noise-free 2.5"
     assert "".join(rest) == f"in {progress.folder}"
+
+
+def test_before_the_first_iteration_the_heading_shows_no_return() -> None:
+    progress = progress_message(Time(), "mine", Path("/results/mine"), 40, [])
+    lines = printed(heading(progress))
+    assert lines == ["mine: iteration 0 of 40, 0 episodes, 0 centres", "no return yet", "in /results/mine"]

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from rkhs_ros.robot.gate import armed, begin, commanded, sensed, stop_asked, stopped, ticked
+from rkhs_ros.robot.gate import armed, begin, commanded, last_output, leave, sensed, stop_asked, stopped, ticked
 from rkhs_ros.robot.gate_state import Command, CommandReport, Gate, Mode, Rules
 from rkhs_ros.robot.limits import EFFORT, POSITION, VELOCITY, Limits, Sensed, SensedLimits
 
@@ -35,6 +35,8 @@ def rules_of(kind: str, joints: int = 2, sensed: dict[str, Any] | None = None, *
         command_timeout=0.2,
         stale_after=0.1,
         period=PERIOD,
+        rest_speed=0.02,
+        rest_time=0.2,
     )
 
 
@@ -89,7 +91,7 @@ class World:
         self.position = np.broadcast_to(np.asarray(start, dtype=float), joints).copy()
         self.velocity = np.zeros(joints)
         self.effort = np.zeros(joints)
-        self.senses = True
+        self.senses, self.load = True, 0.0
         self.numbers = {1: 0, 2: 0}
         self.outputs: list[np.ndarray] = []
         self.times: list[float] = []
@@ -120,8 +122,8 @@ class World:
 
     def command(self, values: Any, instance: int = 1, age: float = 0.0, number: int | None = None) -> CommandReport:
         """Send a command to the gate; ungated, it would go straight to the robot."""
-        number = self.numbers[instance] + 1 if number is None else number
-        self.numbers[instance] = max(self.numbers[instance], number)
+        number = self.numbers.get(instance, 0) + 1 if number is None else number
+        self.numbers[instance] = max(self.numbers.get(instance, 0), number)
         array = None if values is None else np.asarray(values, dtype=float)
         command = Command(instance, number, self.now - age, array)
         self.state, report = commanded(self.state, self.rules, self.now, command)
@@ -136,8 +138,24 @@ class World:
     def stop(self, reason: str = "asked for") -> None:
         self.state = stopped(self.state, reason)
 
+    def leave(self, timeout: float = 3.0) -> float:
+        """Have the gate end as its process does; return after how many seconds."""
+        begun, is_left = self.now, False
+        while not is_left and self.now < begun + timeout:
+            self.state, is_left = leave(self.state, self.rules, self.now)
+            if not is_left:
+                self.tick()
+        if (last := last_output(self.state, self.rules)) is not None:
+            self.outputs.append(last.value)
+        return self.now - begun
+
+    def coast(self, seconds: float) -> None:
+        """Let time pass without the gate; the robot keeps the last command."""
+        for _ in range(round(seconds / PERIOD)):
+            self._obey(PERIOD)
+
     def ask_stop(self, is_asked: bool) -> None:
-        self.state = stop_asked(self.state, is_asked, "the topic")
+        self.state = stop_asked(self.state, "a stop is requested" if is_asked else "")
 
     def moves(self) -> bool:
         """Whether the last two outputs differ."""
@@ -150,7 +168,7 @@ class World:
         if self.rules.limits.kind == POSITION:
             self.velocity, self.position = (newest - self.position) / seconds, newest
             return
-        change = newest * seconds if self.rules.limits.kind == EFFORT else newest - self.velocity
+        change = (newest - self.load) * seconds if self.rules.limits.kind == EFFORT else newest - self.velocity
         self.velocity = self.velocity + change
         self.position = self.position + self.velocity * seconds
 

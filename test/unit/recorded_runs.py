@@ -1,17 +1,24 @@
 """Recorded runs to test with, short ones of the toy, and what is the same in two recordings."""
 
+from collections import deque
+from collections.abc import Collection
 from dataclasses import fields, replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rosbags.rosbag2 import StoragePlugin, Writer
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.execution import Execution, Record, forget
+from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.recordings.recording import RecordedBatch, Recording
+from rkhs_ros.recordings.batches import RecordedBatch
+from rkhs_ros.recordings.definitions import PACKAGE, Types, encoded, store
+from rkhs_ros.recordings.recording import Recording
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.run import run_training
@@ -20,6 +27,7 @@ from rkhs_ros.runs.simulation import Simulation
 TRAINING = Training(name="short", iterations=4, episodes_per_iteration=3, evaluation_episodes=2, horizon=5)
 CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
 ARRAYS = [f.name for f in fields(Episodes)]
+SECONDS = count(10**18, 10**9)  # at which the attempts at episodes begin, in nanoseconds
 
 
 def longer(iterations: int, **changes: Any) -> Config:
@@ -27,36 +35,62 @@ def longer(iterations: int, **changes: Any) -> Config:
 
 
 class Robot:
-    """Runs one episode at a time, tells how it went, has every third one void at first, and counts; may be stopped."""
+    """Runs one episode at a time, reports how it went, has every third one void at first, and counts; may be stopped.
 
-    def __init__(self, episodes: float = float("inf"), void_every: int = 3) -> None:
-        self._runner = InlineRunner(Simulation("rkhs/Toy-v0", None, 1))
-        self.spaces = self._runner.spaces
+    Args:
+        episodes: after which it is stopped.
+        void_every: how many episodes there are for a void one.
+        vetoed: whether an episode explores, and its number, of those that are vetoed once they are finished, and run
+            again after the others of their batch.
+        period: of a step, in nanoseconds.
+    """
+
+    def __init__(
+        self,
+        episodes: float = float("inf"),
+        void_every: int = 3,
+        vetoed: Collection[tuple[bool, int]] = (),
+        period: int = 50_000_000,
+    ) -> None:
+        self.runner = InlineRunner(Simulation("rkhs/Toy-v0", None, 1))
+        self.spaces = self.runner.spaces
         self.record: Record = forget
         self.moved: list[tuple[bool, int]] = []
         self._left = episodes
         self._void_every = void_every
+        self._to_veto = set(vetoed)
+        self._period = period
 
     def room(self, rows: int) -> int:
         return 1
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
-        found = Episodes.none(batch.horizon, self.spaces.observation_dim, self.spaces.action_dim)
-        for part in batch.parts(1):
+        parts, done = deque(batch.parts(1)), {}
+        while parts:
+            part = parts.popleft()
             if self._left <= 0:
                 raise KeyboardInterrupt
             self._left -= 1
-            episodes = self._runner.collect(policy, part)
+            episodes = self.runner.collect(policy, part)
+            spoilt = replace(episodes, rewards=episodes.rewards - 7.0)
             if part.first_episode % self._void_every == 1:
-                self.record(part, replace(episodes, rewards=episodes.rewards - 7.0), [execution(part, "stopped")])
-            self.moved.append((part.explore, part.first_episode))
-            self.record(part, episodes, [execution(part)])
-            found = found + episodes
-        return found
+                self.record(part, spoilt, [execution(part, self._period, "stopped")])
+            number = part.explore, part.first_episode
+            self.moved.append(number)
+            if number in self._to_veto:
+                self._to_veto.remove(number)
+                finished = execution(part, self._period)
+                self.record(part, spoilt, [finished])
+                self.record(part, spoilt, [replace(finished, void_reason="vetoed by a person")])
+                parts.append(part)
+            else:
+                self.record(part, episodes, [execution(part, self._period)])
+                done[part] = episodes
+        return Episodes.concatenate(done[part] for part in batch.parts(1))
 
 
-def execution(batch: Batch, reason: str = "") -> Execution:
-    stamps = 10**18 + 10**9 * batch.first_episode + np.arange(batch.horizon + 1) * 50_000_000
+def execution(batch: Batch, period: int, reason: str = "") -> Execution:
+    stamps = next(SECONDS) + np.arange(batch.horizon + 1) * period
     return Execution(
         stamps=stamps,
         executed=np.full((batch.horizon, 2), 0.5),
@@ -75,6 +109,25 @@ def same_batch(one: RecordedBatch, other: RecordedBatch) -> bool:
     return one.batch == other.batch and all(
         np.array_equal(getattr(one.episodes, name), getattr(other.episodes, name)) for name in ARRAYS
     )
+
+
+def bag(folder: Path, *recordings: Recording, plugin: StoragePlugin = StoragePlugin.MCAP, namespace: str = "") -> Path:
+    """Record the topics of runs as `ros2 bag record` does: no head, no policies, some messages heard twice."""
+    numbers: dict[Any, int] = {}
+    with Writer(folder, version=9, storage_plugin=plugin) as writer:
+        topics = {
+            name: writer.add_connection(f"{namespace}/{name}", f"{PACKAGE}{kind}", typestore=store())
+            for name, kind in {"observation": "Observation", "episodes": "Episodes"}.items()
+        }
+        for run, recording in enumerate(recordings):
+            for each in recording.batches:  # in an order that nobody keeps
+                identity = numbers.setdefault((run, each.attempt), 1000 + len(numbers))
+                shown = Types().Observation(batch=identity, **vars(each.batch))
+                message = episodes_message(Types(), identity, each.version, each.episodes, each.executions)
+                for _ in range(2):
+                    writer.write(topics["episodes"], each.time, encoded(message))
+                    writer.write(topics["observation"], each.time, encoded(shown))
+    return folder
 
 
 def content(recording: Recording) -> list[Any]:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
-from rkhs_ros.policies.streams import Batch
+from rkhs_ros.policies.streams import Batch, stream, stream_seed
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.simulation import Simulation
 from test.unit.test_rollout import ARRAYS, MakePolicy
@@ -65,6 +65,35 @@ def test_rows_of_a_second_kind_that_cannot_be_are_refused(changes: dict[str, int
         Batch(**({"seed": 0, "first_episode": 0, "rows": 4, "horizon": 5, "explore": True} | changes))  # type: ignore[arg-type]
 
 
+def test_the_streams_of_an_episode_are_named_by_what_they_are_of() -> None:
+    # Recordings are replayed by these names: another one would draw other actions.
+    exploring, noise_free = Batch(5, 10, 2, 3, explore=True), Batch(5, 7, 2, 3, explore=False)
+    draws = [stream(5, "training/exploration", number).standard_normal((3, 2)) for number in (10, 11)]
+    assert np.array_equal(exploring.exploration(2), draws)
+    for batch, kind in ((exploring, "training"), (noise_free, "evaluation")):
+        seeds = [stream_seed(5, f"{kind}/environment", number) for number in batch.episodes]
+        assert batch.environment_seeds() == seeds
+
+
+@pytest.mark.parametrize(
+    ("name", "least", "most"),
+    [("seed", 0, 2**64 - 1), ("first_episode", 0, 2**63 - 1), ("rows", 1, 10_000), ("horizon", 1, 1_000_000)],
+)
+def test_each_number_of_a_batch_has_borders(name: str, least: int, most: int) -> None:
+    batch = {"seed": 0, "first_episode": 0, "rows": 1, "horizon": 1, "explore": True}
+    for value in (least, most):
+        assert getattr(Batch(**{**batch, name: value}), name) == value
+    for value in (least - 1, most + 1):
+        with pytest.raises(ValueError, match=rf"^{name}: expected .*, got {value}$"):
+            Batch(**{**batch, name: value})
+
+
+def test_a_batch_has_ten_million_samples_at_most() -> None:
+    assert Batch(0, 0, 10_000, 1000, explore=True).horizon == 1000
+    with pytest.raises(ValueError, match="rows and horizon: expected at most 10000000 samples in all, got 10010000"):
+        Batch(0, 0, 10_000, 1001, explore=True)
+
+
 @pytest.mark.parametrize("learnt", [False, True], ids=["constant variance", "learnt variance"])
 @pytest.mark.parametrize("rows_at_once", [0, 1, 4])
 def test_episodes_of_both_kinds_side_by_side_have_the_bits_of_each_alone(
@@ -82,6 +111,15 @@ def test_episodes_of_both_kinds_side_by_side_have_the_bits_of_each_alone(
     for name in ARRAYS:
         apart = np.concatenate([getattr(first, name), getattr(last, name)])
         assert apart.tobytes() == getattr(both, name).tobytes()
+
+
+def test_the_noise_free_episodes_of_a_batch_are_recorded_before_those_that_ran_ahead(random_policy: MakePolicy) -> None:
+    runner = InlineRunner(Simulation("rkhs/Pendulum-v0"))
+    recorded: list[Batch] = []
+    runner.record = lambda batch, episodes, _: recorded.append(batch)
+    exploring, noise_free = Batch(0, 10, 3, 2, explore=True), Batch(0, 7, 4, 2, explore=False)
+    runner.collect(random_policy(n=1), exploring.beside(noise_free))
+    assert recorded == [noise_free, exploring]
 
 
 def test_who_does_not_explore_acts_by_the_mean_in_all_rows(random_policy: MakePolicy) -> None:

@@ -193,9 +193,12 @@ def test_a_checkpoint_with_too_few_lines_in_the_curve_is_passed_over(
     assert [newest(folder, lines=lines) for lines in (3, 2)] == [2, 2]
     assert capsys.readouterr().err == ""
     assert newest(folder, lines=1) == 1
-    assert capsys.readouterr().err == f"warning: {two}: passed over (curve.csv has 1 good lines, not 2)\n"
-    assert newest(folder, lines=0) is None
-    assert str(one) in capsys.readouterr().err
+    assert (
+        capsys.readouterr().err == f"warning: {two}: passed over (curve.csv has the lines of 1 iterations, not of 2)\n"
+    )
+    with pytest.raises(ValueError, match=r"curve\.csv: lines are missing; expected those of 2 iterations"):
+        newest(folder, lines=0)
+    assert one.exists()
 
 
 def test_the_last_iteration_is_made_again(folder: Path, states: list[State]) -> None:
@@ -256,9 +259,9 @@ def test_what_no_result_depends_on_may_differ(folder: Path, states: list[State])
 def test_a_checkpoint_of_another_schema_is_refused(folder: Path, states: list[State]) -> None:
     path, *_ = write(folder, states[0])
     arrays = unpacked(path.read_bytes())
-    about = arrays["about"].item().replace(b'"schema": 3', b'"schema": 4').replace(__version__.encode(), b"9.8.7")
+    about = arrays["about"].item().replace(b'"schema": 4', b'"schema": 5').replace(__version__.encode(), b"9.8.7")
     path.write_bytes(packed({"about": np.array(about)}))
-    with pytest.raises(ValueError, match=r"a checkpoint of schema 3, got schema 4; go on with rkhs_ros 9\.8\.7"):
+    with pytest.raises(ValueError, match=r"a checkpoint of schema 4, got schema 5; go on with rkhs_ros 9\.8\.7"):
         newest(folder)
 
 
@@ -290,8 +293,23 @@ def test_a_checkpoint_of_other_code_or_threads_is_refused(
 ) -> None:
     write(folder, *states[:2])
     monkeypatch.setattr(surroundings, name, value)
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ValueError, match=message) as refusal:
         newest(folder)
+    assert "--allow-provenance-change goes on regardless" in str(refusal.value)
+    checkpoints = Checkpoints(folder, CONFIG, provenance_may_change=True)
+    state = checkpoints.newest(99)
+    assert state is not None
+    assert state.iterations == 2
+    checkpoints.write(state)
+    assert newest(folder) == 2  # from now on it is a run of this code
+
+
+def test_settings_may_not_change_with_the_provenance(folder: Path, states: list[State]) -> None:
+    write(folder, *states[:2])
+    with pytest.raises(
+        ValueError, match=r"seed: expected 0, with which the run began, got 1; begin another run for that$"
+    ):
+        Checkpoints(folder, changed(seed=1), provenance_may_change=True).newest(99)
 
 
 def test_the_code_is_told_by_its_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -299,13 +317,19 @@ def test_the_code_is_told_by_its_source(tmp_path: Path, monkeypatch: pytest.Monk
     package.mkdir()
     (package / "__init__.py").write_text("x = 1\n")
     monkeypatch.syspath_prepend(tmp_path)
-    told = []
-    for text in ("x = 1\n", "x = 2\n", "x = 1\n"):
+
+    def told(text: str) -> str:
         (package / "module.py").write_text(text)
         surroundings.code_digest.cache_clear()
-        told.append(surroundings.surroundings("a_package")["rkhs_ros"])
-    assert told[0] == told[2] != told[1]
-    assert surroundings.surroundings()["rkhs_ros"] not in told
+        return surroundings.surroundings("a_package")["rkhs_ros"]
+
+    code = 'class A:\n    def f(self):\n        return """one"""\n'
+    documented = '"""About."""\n\nclass A:\n    """One."""\n\n    def f(self):\n        # why\n        """Two."""\n'
+    documented += '        return """one"""\n'
+    assert told(code) == told(documented) == told(documented.replace("Two", "Too"))
+    others = [code.replace("one", "two"), code.replace("f(", "g("), code.replace("return ", ""), f"{code}x = 1\n"]
+    assert len({told(text) for text in (code, *others)}) == 5
+    assert surroundings.surroundings()["rkhs_ros"] not in map(told, (code, *others))
 
 
 def test_the_version_written_is_that_of_the_package() -> None:
@@ -339,7 +363,7 @@ def synced(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 def test_the_disk_is_waited_for_once_a_second(folder: Path, states: list[State], synced: list[str]) -> None:
     clock = Clock()
-    checkpoints = Checkpoints(folder, CONFIG, clock)
+    checkpoints = Checkpoints(folder, CONFIG, clock=clock)
     due = []
     for k, clock.now in enumerate((0.2, 0.99, 1.0, 1.5, 1.99, 2.0, 2.5, 7.0, 7.5), 1):
         checkpoints.write(replace(states[0], iterations=k))
@@ -352,7 +376,7 @@ def test_the_disk_is_waited_for_once_a_second(folder: Path, states: list[State],
 
 def test_the_last_two_and_the_newest_on_the_disk_are_kept(folder: Path, states: list[State]) -> None:
     clock = Clock()
-    checkpoints = Checkpoints(folder, CONFIG, clock)
+    checkpoints = Checkpoints(folder, CONFIG, clock=clock)
     kept = []
     for k, clock.now in enumerate((0.0, 0.1, 0.2, 1.0, 1.1, 1.2, 1.3, 2.1, 3.2, 3.3), 1):
         checkpoints.write(replace(states[0], iterations=k))
@@ -362,12 +386,15 @@ def test_the_last_two_and_the_newest_on_the_disk_are_kept(folder: Path, states: 
 
 def test_what_is_gone_on_from_is_on_the_disk_and_kept(folder: Path, states: list[State], synced: list[str]) -> None:
     write(folder, *states[:2])
-    checkpoints = Checkpoints(folder, CONFIG, Clock())
-    assert checkpoints.newest(2) is not None
-    assert synced == ["0000002.npz", "checkpoints"]
-    for k in (3, 4, 5, 6):
+    checkpoints = Checkpoints(folder, CONFIG, clock=Clock())
+    state = checkpoints.newest(1)
+    assert state is not None
+    checkpoints.go_on_from(state)
+    assert synced == ["0000001.npz", "checkpoints"]
+    assert files(folder) == ["0000001.npz"]  # later ones know of lines with other seconds
+    for k in (2, 3, 4, 5):
         checkpoints.write(replace(states[0], iterations=k))
-    assert files(folder) == ["0000002.npz", "0000005.npz", "0000006.npz"]
+    assert files(folder) == ["0000001.npz", "0000004.npz", "0000005.npz"]
 
 
 def test_what_a_write_cut_short_left_is_ignored_and_removed(folder: Path, states: list[State]) -> None:
@@ -378,6 +405,7 @@ def test_what_a_write_cut_short_left_is_ignored_and_removed(folder: Path, states
     state = checkpoints.newest(9)
     assert state is not None
     assert state.iterations == 1
+    checkpoints.go_on_from(state)
     checkpoints.write(states[1])
     assert files(folder) == ["0000001.npz", "0000002.npz"]
 

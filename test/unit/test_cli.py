@@ -12,6 +12,7 @@ import pytest
 from rkhs_ros import __version__
 from rkhs_ros.app import train
 from rkhs_ros.app.cli import COMMANDS
+from rkhs_ros.base import ros
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import Task, load_policy, save_policy
 from rkhs_ros.policies.streams import Batch
@@ -311,7 +312,7 @@ def test_an_interrupt_while_a_command_is_imported_ends_with_one_line(tmp_path: P
 @pytest.fixture
 def unbuilt(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is known of the interfaces but their source folder."""
-    monkeypatch.setattr(train, "find_spec", lambda name: ModuleSpec(name, None))
+    monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None))
 
 
 @pytest.mark.usefixtures("unbuilt")
@@ -326,14 +327,36 @@ def test_without_interfaces_a_run_is_made_in_process_and_that_is_said(rkhs: Run,
 
 @pytest.mark.usefixtures("unbuilt")
 def test_topics_without_interfaces_are_refused_with_the_remedy(rkhs: Run, tmp_path: Path) -> None:
-    expected = "rkhs_interfaces: expected the built interfaces (run 'make build', then 'source setup.bash'), got none"
+    expected = (
+        "--runner ros: expected ROS 2 Jazzy and the built interfaces, got none: rkhs_interfaces is not built (run"
+    )
     assert_refused(rkhs("train", CONFIG, "--runner", "ros"), expected)
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.usefixtures("unbuilt")
+@pytest.mark.parametrize(
+    "arguments",
+    [("status",), ("robot", "arm"), ("simulate", CONFIG), ("serve", "mine:act"), ("train", CONFIG, "--runner", "ros")],
+)
+def test_users_of_the_library_are_not_told_to_build_what_they_do_not_have(
+    rkhs: Run, monkeypatch: pytest.MonkeyPatch, arguments: tuple[object, ...]
+) -> None:
+    monkeypatch.setattr(ros, "REPOSITORY", Path("/home/me/.venv/lib/python3.11/site-packages"))
+    result = rkhs(*arguments)
+    assert_refused(result, "pip installs the library only; for topics and robots build the repository, see its docs")
+    assert "make build" not in result.err
+
+
+def test_interfaces_for_another_python_are_not_used(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin=f"/ws/lib/python3.4/{name}.py"))
+    expected = r"rkhs_interfaces is built for Python 3.4, not 3."
+    assert_refused(rkhs("train", CONFIG, "--runner", "ros"), expected)
+
+
 def test_with_interfaces_a_run_goes_over_topics(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     launched: dict[str, dict[str, object]] = {}
-    monkeypatch.setattr(train, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
+    monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
     monkeypatch.setattr(train, "launch", lambda parameters, more, **nodes: launched.update(more, nodes=nodes) or 1)
     assert rkhs("train", CONFIG, "--quiet", "--out", "run") == (1, "", "")
     assert launched["learner"]["quiet"] is True
@@ -352,7 +375,7 @@ def test_with_interfaces_a_run_goes_over_topics(rkhs: Run, monkeypatch: pytest.M
 def test_one_simulator_alone_shares_a_process_with_the_policy_node(
     rkhs: Run, monkeypatch: pytest.MonkeyPatch, config: Path, simulators: int, message: str
 ) -> None:
-    monkeypatch.setattr(train, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
+    monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
     assert_refused(rkhs("train", config, "--runner", "composed", "--simulators", simulators, "--out", "run"), message)
 
 
@@ -405,7 +428,7 @@ def test_a_path_that_is_not_utf_8_ends_with_one_line(rkhs: Run, tmp_path: Path, 
 def test_an_option_that_cannot_go_over_topics_is_refused_before_a_folder_is_made(
     rkhs: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(train, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
+    monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
     arguments = ("train", "--env", "Pendulum-v1", "--quiet", "--set", "environment.options={render_mode: null}")
     assert_refused(rkhs(*arguments), "environment.options.render_mode: expected true or false, a 64-bit")
     assert list(tmp_path.iterdir()) == []

@@ -126,3 +126,17 @@ def test_what_is_seen_lies_row_by_row_in_memory(inputs: Inputs) -> None:
     seen = random_episodes(0, 6).seen_through(inputs)
     assert seen.observations.flags.c_contiguous
     assert seen.take(np.array([4, 1])).observations.flags.c_contiguous
+
+
+def test_episodes_are_joined_in_order() -> None:
+    parts = [episodes_of(np.full((n, 4), float(n)), np.full(n, 2)) for n in (1, 3, 2)]
+    joined = Episodes.concatenate(iter(parts))
+    assert joined.rewards[:, 0].tolist() == [1.0, 3.0, 3.0, 3.0, 2.0, 2.0]
+    for name in ("observations", "actions", "rewards", "mask", "final_observations", "terminated"):
+        expected = getattr(parts[0] + parts[1] + parts[2], name)
+        assert getattr(joined, name).tobytes() == expected.tobytes()
+    assert Episodes.concatenate(parts[:1]) is parts[0]
+    with pytest.raises(ValueError, match="expected at least one part to join, got none"):
+        Episodes.concatenate([])
+    with pytest.raises(ValueError, match="dimension"):
+        Episodes.concatenate([parts[0], episodes_of(np.ones((1, 5)), np.array([5]))])

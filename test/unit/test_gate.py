@@ -1,11 +1,12 @@
 """What a gate does, state by state."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from rkhs_ros.robot.gate import is_at_rest
+from rkhs_ros.robot.gate import is_at_rest, leave
 from rkhs_ros.robot.gate_state import Flags, Mode
 from rkhs_ros.robot.limits import EFFORT, KINDS, POSITION, VELOCITY
 from rkhs_ros.robot.motion import braking
@@ -34,7 +35,7 @@ def test_a_command_moves_an_armed_gate_until_it_is_to_hold(kind: str) -> None:
     assert world.command(None).executed.size == 0
     assert world.state.mode == Mode.HOLDING
     world.wait(3.0)
-    assert is_at_rest(world.state, world.rules)
+    assert is_at_rest(world.state, world.rules, world.now)
     assert not world.moves() or kind == EFFORT
     assert (world.state.mode, world.state.counts.stops) == (Mode.HOLDING, 0)  # silence is no fault any more
     assert world.state.counts.commands == 21
@@ -122,8 +123,8 @@ def test_a_limit_of_what_is_sensed_stops_and_it_cannot_be_armed_beyond(
 def test_a_stop_that_is_still_asked_for_keeps_it_from_being_armed(kind: str) -> None:
     world = armed_world(kind)
     world.ask_stop(True)
-    assert (world.state.mode, world.state.reason) == (Mode.STOPPED, "the topic")
-    assert world.arm() == "expected nobody to ask for a stop, got one who does"
+    assert (world.state.mode, world.state.reason) == (Mode.STOPPED, "a stop is requested")
+    assert world.arm() == "cannot arm while a stop is requested"
     world.ask_stop(False)
     assert world.state.mode == Mode.STOPPED
     assert world.arm() == ""
@@ -171,6 +172,23 @@ def test_a_sender_may_follow_another_that_holds_but_none_that_is_younger() -> No
     assert not world.command([0.1, 0.1], instance=2).reason
     world.command(None, instance=2)
     assert "a process not before 2" in world.command([0.1, 0.1], instance=1).reason
+
+
+@over_kinds
+@pytest.mark.parametrize("moves", [True, False])
+def test_arming_lets_a_robot_in_whatever_numbers_were_heard_before(kind: str, moves: bool) -> None:
+    world = armed_world(kind)
+    for name in ("instance", "number"):
+        assert "at most 9223372036854775807" in world.command([0.1, 0.1], **{name: 2**63}).reason
+    assert not world.command([0.1, 0.1], instance=2**63 - 1, number=2**63 - 1).reason
+    if moves:
+        assert "until it holds" in world.command([0.1, 0.1], number=1).reason
+        world.stop()
+    else:
+        world.state = replace(world.state, goal=None, mode=Mode.HOLDING)  # no greater number is left for a hold
+    assert "not before" in world.command([0.1, 0.1], number=1).reason
+    assert world.arm() == ""
+    assert not world.command([0.1, 0.1], number=1).reason
 
 
 @pytest.mark.parametrize(
@@ -251,8 +269,105 @@ def test_a_joint_at_speed_comes_to_rest_before_its_range_ends_however_it_is_stop
     world.stop()
     world.wait(2.0)
     assert not world.protection.trips
-    assert is_at_rest(world.state, world.rules)
+    assert is_at_rest(world.state, world.rules, world.now)
     assert 1.3 < world.position[0] <= 2.0
+
+
+@over_kinds
+@pytest.mark.parametrize("moment", ["at rest", "in motion", "at a turning point"])
+def test_a_gate_leaves_a_robot_at_rest_that_keeps_the_last_command(kind: str, moment: str) -> None:
+    world = armed_world(kind)
+    while moment != "at rest" and world.position[0] < 0.3:
+        world.command([1.0, -1.0])
+        world.tick()
+    while moment == "at a turning point" and world.velocity[0] > 0:
+        world.command([-1.0, 1.0])
+        world.tick()
+    world.leave()
+    world.protection.take(world.outputs[-1])
+    assert not world.protection.trips
+    assert np.abs(world.velocity).max() <= 0.02
+    if kind != POSITION:
+        assert not world.outputs[-1].any()
+    place = world.position
+    world.coast(1.0)
+    assert np.abs(world.velocity).max() <= 0.02
+    np.testing.assert_allclose(world.position, place, atol=0.02)
+
+
+@pytest.mark.parametrize("fault", ["senses nothing", "timeout"])
+def test_efforts_end_in_none_even_where_rest_cannot_be_seen(fault: str) -> None:
+    world = armed_world(EFFORT)
+    while world.position[0] < 0.5:
+        world.command([3.0, 3.0])
+        world.tick()
+    world.senses = fault != "senses nothing"
+    assert world.leave(timeout=0.3) >= 0.3 - 1e-9
+    assert not world.outputs[-1].any()
+
+
+def test_efforts_that_bear_a_load_go_to_none_within_their_limits() -> None:
+    world = armed_world(EFFORT, velocity=20.0)
+    world.load = 1.0
+    world.wait(4.0)
+    assert world.outputs[-1].min() > 0.9
+    begun = len(world.outputs)
+    world.leave()
+    assert len(world.outputs) > begun + 3
+    assert not world.outputs[-1].any()
+    assert not world.protection.trips
+    world.protection.take(world.outputs[-1])
+    assert not world.protection.trips
+
+
+def test_a_robot_is_at_rest_when_no_reading_for_the_time_of_rest_was_of_a_motion() -> None:
+    world = armed_world(EFFORT)
+    world.command([1.0, 1.0])
+    world.tick()
+    world.stop()
+    world.senses = False
+    for speed, ticks, rests in (
+        (1.0, 5, False),
+        (0.01, 15, False),
+        (-1.0, 1, False),
+        (0.01, 15, False),
+        (0.01, 9, True),
+    ):
+        for _ in range(ticks):
+            for each in (speed, 0.01):  # two readings a period
+                world.sense(velocity=np.array([0.0, each]))
+            world.tick()
+        assert is_at_rest(world.state, world.rules, world.now) == rests
+        assert leave(world.state, world.rules, world.now)[0].lets_go == rests
+
+
+@over_kinds
+def test_a_gate_that_ends_is_not_armed_again(kind: str) -> None:
+    world = armed_world(kind)
+    world.command([0.5, 0.5])
+    world.tick()
+    world.state, is_left = leave(world.state, world.rules, world.now)
+    assert (world.state.mode, is_left) == (Mode.STOPPED, False)
+    assert "one that ends" in world.arm()
+    unarmed = World(rules_of(kind))
+    assert unarmed.leave() == 0.0
+    assert not unarmed.outputs
+
+
+def test_joints_that_brake_by_effort_are_held_where_they_first_turn() -> None:
+    world = armed_world(EFFORT)
+    while world.velocity[0] < 3.0:
+        world.command([3.0, -3.0])
+        world.tick()
+    world.stop()
+    place, speeds = world.position, []
+    for _ in range(300):
+        world.tick()
+        speeds.append(world.velocity[0])
+    assert min(speeds) > -0.2  # the spring, wound up by more than a radian, does not pull back
+    assert abs(world.position[0] - place[0]) > 1.0
+    assert np.abs(world.outputs[-1]).max() < 0.01
+    assert not world.protection.trips
 
 
 def test_positions_begin_where_the_joints_are_and_not_far_outside_of_the_range() -> None:
@@ -278,9 +393,8 @@ def test_nothing_is_armed_or_taken_before_the_joints_are_sensed() -> None:
 
 def test_efforts_hold_against_a_load_and_bear_it_on_when_nothing_is_sensed() -> None:
     world = armed_world(EFFORT)
-    for _ in range(300):  # a load of 1 N m, by which the joints sag until the springs bear it
-        world.tick()
-        world.velocity = world.velocity - 1.0 * PERIOD
+    world.load = 1.0  # N m, by which the joints sag until the springs bear it
+    world.wait(3.0)
     np.testing.assert_allclose(world.outputs[-1], 1.0, atol=0.05)
     np.testing.assert_allclose(world.position, -1.0 / 20.0, atol=0.01)
     world.senses = False

@@ -6,6 +6,7 @@ import pytest
 from scipy import stats
 
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy, mean_kl
+from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
@@ -97,6 +98,18 @@ def test_acting_twice_at_a_step_gives_the_same_action(random_policy: Make, rng: 
 def test_without_exploration_the_mean_acts(random_policy: Make, rng: np.random.Generator) -> None:
     policy, x = random_policy(), rng.normal(size=(3, 2))
     assert np.array_equal(Acting(policy, Batch(0, 0, 3, 5, explore=False), explore=False)(1, x), policy.mean(x))
+
+
+def test_a_batch_of_too_many_numbers_is_refused_before_memory_is_taken(random_policy: Make) -> None:
+    most = Batch(0, 0, 10_000, 1000, explore=True)  # as many samples as a batch may have
+    Acting(random_policy(n=10), most, explore=True)
+    with pytest.raises(ValueError, match="batch: expected at most 100000000 numbers at a time, got 110000000"):
+        Acting(random_policy(n=11), most, explore=True)
+    window = GaussianPolicy(
+        Function.zero(RBF((1.0,)), 2 * (11 + 1), 1), ConstantVariance(np.ones(1)), Inputs(history=2)
+    )
+    with pytest.raises(ValueError, match="batch: expected at most 100000000 numbers at a time, got 110000000"):
+        Acting(window, most, explore=True)(0, np.zeros((10_000, 11)))
 
 
 def test_mean_and_variance_of_different_dimensions_are_refused(random_policy: Make) -> None:

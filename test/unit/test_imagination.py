@@ -156,6 +156,25 @@ def test_episodes_end_where_the_task_ends_them(rng: np.random.Generator) -> None
     np.testing.assert_allclose(beside, 0.0, atol=0.5)
 
 
+def test_rare_ends_are_neither_missed_nor_expected_too_early() -> None:
+    """Weigh ends by the root of what would balance them: balanced, 8 % of the steps before the limit would be ends."""
+    limit, rows, line = 2.5, 2000, np.linspace(-3.0, 3.0, 301)
+    beyond, errors = np.abs(line) > limit, []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        start, final = rng.normal(size=(2, rows, 2))
+        over = np.abs(final[:, 0]) > limit
+        once = np.ones((rows, 1), dtype=bool)
+        real = Episodes(start[:, None], np.zeros((rows, 1, 1)), np.zeros((rows, 1)), once, final, over)
+        model = WorldModel.fit(real, Inputs(), SPACES, 40)
+        assert model.ends is not None
+        ended = model.ends.mean(np.stack([line, 0.5 * rng.normal(size=len(line))], axis=1))[:, 0] > 0
+        errors.append((ended[~beyond].mean(), (~ended)[beyond].mean()))
+    too_early, missed = np.mean(errors, axis=0)
+    assert too_early < 0.055
+    assert missed < 0.025  # 5 % if every step counted alike
+
+
 def test_what_is_imagined_follows_the_conventions_of_recorded_episodes(rng: np.random.Generator) -> None:
     model = WorldModel.fit(lived(rng, rows=100, ending=True), Inputs(), SPACES, 40)
     imagined = ImaginedRunner(model).collect(policy_of(rng), batch_of(50))

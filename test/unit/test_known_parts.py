@@ -47,7 +47,7 @@ def functions(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
         fails=lambda *rows: 1 / 0,
         exits=lambda *rows: sys.exit(0),
         giant=lambda *rows: np.full(len(rows[0]), 1e200),
-        likely=lambda rows: np.full(len(rows), 0.5),
+        likely=lambda rows: np.linspace(0.0, 1.0, len(rows)),
         not_finite=lambda *rows: np.full(len(rows[0]), np.nan),
         narrow=lambda *rows: [1.0],
         column=lambda *rows: np.ones((len(rows[0]), 1)),

@@ -19,6 +19,10 @@ from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.run import run_training
 from rkhs_ros.runs.simulation import Simulation
 
+SWAPPED = (
+    r"^environment: expected an id, an environment, or a function that makes one, got the algorithm PoWER\. "
+    r"Pass the environment first: train\(environment, PoWER\(\)\)$"
+)
 SHORT: dict[str, Any] = {
     "iterations": 2,
     "episodes_per_iteration": 3,
@@ -160,6 +164,10 @@ def test_a_kernel_is_given_by_its_form_its_choice_or_itself(kernel: Any) -> None
         (("Pendulum-v1",), {"exploration_sd": np.array(3.0)}, r"^exploration_sd: expected a list of numbers"),
         (("Pendulum-v1",), {"optoins": {}}, r"^unknown setting 'optoins', did you mean 'options'\?$"),
         (("CartPole-v1",), {}, r"^CartPole-v1 actions: expected a continuous space"),
+        (("Pendulum-v1",), {"centers": 9}, r"^unknown setting 'centers', did you mean RKHSNAC\(centres=\.\.\.\)\?$"),
+        ((rkhs_ros.PoWER(), "Pendulum-v1"), {}, SWAPPED),
+        ((rkhs_ros.PoWER, "Pendulum-v1"), {}, SWAPPED),
+        (("power", "Pendulum-v1"), {}, SWAPPED),
         ((3,), {}, r"^environment: expected an id, an environment, or a function that makes one, got 3$"),
         ((lambda: 3,), {}, r"expected a function that makes an environment, got 3$"),
     ],
@@ -168,6 +176,19 @@ def test_bad_input_is_refused_in_one_line(arguments: Any, settings: dict[str, An
     with pytest.raises(ValueError, match=message) as refusal:
         rkhs_ros.train(*arguments, progress=False, **settings)
     assert "\n" not in str(refusal.value)
+
+
+def test_episodes_of_an_environment_without_a_time_limit_are_noted_once_unless_the_horizon_is_set(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    unlimited = gymnasium.make("Pendulum-v1", max_episode_steps=-1)
+    short = {name: value for name, value in SHORT.items() if name != "horizon"}
+    rkhs_ros.train(unlimited, progress=False, **short)
+    note = "note: horizon: Pendulum-v1 has no time limit; episodes end after 100 steps. Set horizon=N to change that\n"
+    assert capsys.readouterr().err == note
+    rkhs_ros.train(unlimited, progress=False, **SHORT)
+    rkhs_ros.train("rkhs/Toy-v0", progress=False, **short)
+    assert capsys.readouterr().err == ""
 
 
 def test_numbers_of_numpy_are_numbers() -> None:

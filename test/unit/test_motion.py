@@ -43,7 +43,7 @@ def test_units_do_not_matter(rng: np.random.Generator, size: float) -> None:
 def test_what_only_looks_like_a_circle_is_none(rng: np.random.Generator) -> None:
     flags = np.eye(2)[rng.integers(2, size=50)]
     assert Motion.of(flags).circles == ()
-    near = on_circle(rng.uniform(-3, 3, 50)) * rng.uniform(0.99, 1.01, (50, 1))
+    near = on_circle(rng.uniform(-3, 3, 200)) * rng.uniform(0.999, 1.001, (200, 1))
     assert Motion.of(near).circles == ()
     assert Motion.of(np.ones((50, 2))).circles == ()
 

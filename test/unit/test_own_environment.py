@@ -42,6 +42,7 @@ class Slide(gymnasium.Env):
         return self.x, float(np.exp(-4 * self.x[0] ** 2)), False, False, {}
 
 gymnasium.register("Slide-v0", Slide, max_episode_steps=30)
+gymnasium.register("Endless-v0", Slide)
 """
 
 
@@ -64,6 +65,20 @@ def test_an_id_is_enough_to_learn_and_the_horizon_is_its_own(rkhs: Rkhs) -> None
     assert told["undiscounted"]["mean"] > told["mean"]
     policy = load("run/policy.npz")
     assert policy(np.zeros(2)).shape == (1,)
+
+
+@pytest.mark.parametrize("source", ["--env", "file"])
+def test_without_a_time_limit_the_default_horizon_is_noted_once(rkhs: Rkhs, source: str) -> None:
+    Path("endless.yaml").write_text(
+        '/**/simulator: {ros__parameters: {environment: {id: "my_slide:Endless-v0"}}}\n'
+        "/**/learner: {ros__parameters: {practice: {form: model}}}\n"
+    )
+    what = ("endless.yaml",) if source == "file" else ("--env", "my_slide:Endless-v0")
+    arguments = ("train", *what, "--runner", "inline", "--iterations", 1)
+    note = "note: horizon: my_slide:Endless-v0 has no time limit; episodes end after 100 steps. Set horizon=N to change"
+    assert rkhs(*arguments, "--out", "run", "--set", *SHORT).err.count(note) == 1
+    assert "note:" not in rkhs(*arguments, "--out", "set", "--set", *SHORT, "horizon=7").err
+    assert "note:" not in rkhs("train", "--resume", "run", "--runner", "inline", "--iterations", 2).err
 
 
 def test_an_algorithm_is_named_and_a_horizon_set(rkhs: Rkhs) -> None:

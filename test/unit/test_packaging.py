@@ -1,5 +1,6 @@
 """What pip installs, in an environment without ROS."""
 
+import ast
 import os
 import re
 import subprocess
@@ -10,6 +11,18 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
+KEYS = {  # of rosdep, by the names of the packages and those that they are imported by; of the others: python3-NAME
+    "PIL": "python3-pil",
+    "PyYAML": "python3-yaml",
+    "gymnasium": "python3-gymnasium-pip",
+    "mcap": "mcap-ros2-support",
+    "pillow": "python3-pil",
+    "pybullet": "python3-pybullet-pip",
+    "pybullet_data": "python3-pybullet-pip",
+    "pybullet_utils": "python3-pybullet-pip",
+    "rosbags": "python3-rosbags-pip",
+    "threadpoolctl": "python3-sklearn",
+}
 SCRIPT = """
 import gymnasium, rkhs_ros
 class Still(gymnasium.Env):
@@ -83,11 +96,11 @@ def test_pip_installs_the_library_and_the_command_without_ros(tmp_path: Path) ->
 
 
 def test_the_packages_asked_for_are_those_pinned_and_named_to_rosdep() -> None:
-    setup = (ROOT / "setup.py").read_text()
-    needed = set(re.findall(r'^        "([\w-]+)>=', setup, flags=re.MULTILINE))
+    needed = set(re.findall(r'^        "([\w-]+)>=', (ROOT / "setup.py").read_text(), flags=re.MULTILINE))
     pinned = set(re.findall(r"^([\w-]+)==", (ROOT / "requirements" / "core.txt").read_text(), flags=re.MULTILINE))
     assert len(needed) > 5
     assert needed == pinned - {"pybullet"}
+    assert {KEYS.get(name, f"python3-{name}") for name in pinned} <= named("exec_depend")
 
 
 @pytest.mark.parametrize("package", [ROOT, ROOT / "rkhs_interfaces"], ids=["rkhs_ros", "rkhs_interfaces"])
@@ -98,10 +111,47 @@ def test_each_package_has_its_licence_and_a_changelog_of_its_name(package: Path)
     assert title == f"Changelog for package {name}"
 
 
-def test_every_ros_package_that_is_imported_is_named_in_the_manifest() -> None:
-    named = {depend.text for depend in ET.parse(ROOT / "package.xml").iter("exec_depend")}
-    sources = [*(ROOT / "rkhs_ros").rglob("*.py"), *(ROOT / "sim_nodes").rglob("*.py"), *(ROOT / "launch").glob("*.py")]
-    pattern = re.compile(r"^\s*(?:from|import) ((?:rclpy|launch|launch_ros|\w+_msgs|\w+_interfaces))\b", re.MULTILINE)
-    imported = {name for source in sources for name in pattern.findall(source.read_text())}
-    assert len(imported) > 5
-    assert imported <= named
+def named(*kinds: str) -> set[str]:
+    """Return the keys of rosdep in the manifest."""
+    manifest = ET.parse(ROOT / "package.xml")
+    return {depend.text or "" for kind in kinds for depend in manifest.iter(kind)}
+
+
+def extras() -> set[str]:
+    """Return the packages of the extras in setup.py, by the names that they are imported by."""
+    text = (ROOT / "setup.py").read_text().partition("extras_require")[2].partition("}")[0]
+    return {name.replace("-", "_") for name in re.findall(r'"([\w-]+)[\[>]', text)}
+
+
+def imported(path: Path) -> set[str]:
+    """Return the packages that a module imports, within functions too."""
+    nodes = list(ast.walk(ast.parse(path.read_text())))
+    names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+    names += [node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)]
+    return {name.partition(".")[0] for name in names}
+
+
+def test_all_that_is_imported_is_named_in_the_manifest_or_an_extra() -> None:
+    manifest, ours = named("exec_depend"), {*sys.stdlib_module_names, "rkhs_ros", "sim_nodes"}
+    sources = [path for folder in ("rkhs_ros", "sim_nodes", "launch") for path in (ROOT / folder).rglob("*.py")]
+    found = set().union(*map(imported, sources)) - ours
+    assert {"mcap", "rosbags", "rclpy", "launch_ros", "threadpoolctl", "optuna"} <= found
+    undeclared = {name for name in found if not {name, KEYS.get(name, f"python3-{name}")} & manifest}
+    assert undeclared <= {*extras(), "trimesh", "lz4", "zstandard"}  # which come with viser, and with mcap
+
+
+def test_commands_are_imported_without_the_extras() -> None:
+    script = """
+import sys
+sys.modules |= dict.fromkeys(sys.argv[1].split())
+from importlib import import_module
+from pathlib import Path
+import rkhs_ros.app
+for path in Path(rkhs_ros.app.__file__).parent.glob("*.py"):
+    if path.stem != "trials":  # of Optuna, imported by the command tune when it runs
+        import_module(f"rkhs_ros.app.{path.stem}")
+"""
+    absent = extras() - {"gymnasium", "pybullet"}
+    assert "optuna" in absent
+    ran = subprocess.run([sys.executable, "-c", script, " ".join(absent)], capture_output=True, text=True, cwd=ROOT)
+    assert (ran.returncode, ran.stderr) == (0, "")

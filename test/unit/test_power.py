@@ -105,7 +105,8 @@ def test_power_on_a_grid_is_the_regression_of_kober_and_peters(
     policy = replace(policy, variance=random_policy(learnt=state).variance)
     episodes = random_episodes(policy, 6, 8, masked=True)
     algorithm = PoWER(weighting=weighting, ridge=0.7, value_ridge=0.2, grid_counts=(3.0,), reuse=0)
-    moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
+    moved, metrics, _ = learn(algorithm, policy, episodes, DISCOUNT)
+    assert metrics.sparsification_error == 0.0
     x = episodes.flat(episodes.observations)
     centres = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
     phi = np.array([[np.exp(-0.5 * np.sum((s - c) ** 2)) for c in np.array(centres)] for s in x])
@@ -330,6 +331,7 @@ def test_without_reuse_nothing_is_remembered(
 def test_crossed_bounds_of_the_deviation_are_refused(power: type[WeightedExploration]) -> None:
     with pytest.raises(ValueError, match=r"algorithm\.sd_minimum: expected at most 1\.0, got 2\.0"):
         power(sd_minimum=2.0, sd_maximum=1.0)
+    assert power(sd_minimum=1.0, sd_maximum=1.0).sd_minimum == 1.0
 
 
 def test_a_grid_has_as_many_numbers_as_the_policy_has_inputs(
@@ -342,3 +344,5 @@ def test_a_grid_has_as_many_numbers_as_the_policy_has_inputs(
             learn(algorithm, policy, random_episodes(policy))
     with pytest.raises(ValueError, match=r"algorithm\.grid_counts: expected at most 100000 centres in all, got 125000"):
         learn(PoWER(grid_counts=(50.0,)), policy, random_episodes(policy))
+    with pytest.raises(ValueError, match=r"algorithm\.grid_counts: expected whole numbers, got \[2\.5, 2\.5, 2\.5\]"):
+        learn(PoWER(grid_counts=(2.5,)), policy, random_episodes(policy))

@@ -1,8 +1,9 @@
 """Practice in a learnt model: with every algorithm, on tasks that tell little, interrupted, and where it is refused."""
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,16 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box
 
+from rkhs_ros.learning.algorithm import Experience, Update
 from rkhs_ros.learning.registry import ALGORITHMS
+from rkhs_ros.learning.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.rkhs_npg import RKHSNPG
 from rkhs_ros.learning.spaces import GridSettings
 from rkhs_ros.learning.state import first_variance
-from rkhs_ros.learning.training import Iteration, train
+from rkhs_ros.learning.training import Iteration, surpassed, train
 from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.learning.world_model import WorldModel, prediction_test
+from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.runs.checkpoint import Checkpoints
@@ -300,3 +305,69 @@ def test_real_episodes_explore_wide_and_narrow_by_turns_and_far_where_all_places
         assert iteration.policy.noise == ("pink" if constant else "white")
         wide = 1.0 if constant or k % 2 else narrow
         np.testing.assert_allclose(iteration.policy.variance(np.zeros((1, 2))), wide**2)
+
+
+@pytest.mark.parametrize(
+    ("returns", "newest", "earlier"),
+    [([1, 2, 3], 1, 2), ([1, 1, 2, 2, 3, 3], 2, 2), ([3, 1, 2], 1, 1), ([2, 2], 1, 0), ([1, 5], 2, 0)],
+)
+def test_the_newest_iteration_is_compared_with_earlier_ones(returns: list[float], newest: int, earlier: int) -> None:
+    assert surpassed(np.array(returns, dtype=float), newest) == earlier
+
+
+@pytest.mark.parametrize(("discount", "steps"), [(0.92, 38), (0.93, 43), (0.999, 100), (1.0, 100)])
+def test_imagined_episodes_last_until_a_twentieth_of_the_return_is_left(discount: float, steps: int) -> None:
+    lasted = []
+
+    @dataclass(frozen=True)
+    class Watched(RKHSNAC):
+        def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
+            lasted.append(experience.episodes.horizon)
+            return super().update(policy, experience)
+
+    training = settings(iterations=1, horizon=100, discount=discount)
+    learn(replace(training, algorithm=Watched(centres=12)))
+    assert set(lasted) == {steps}
+    assert discount**steps < 0.05 or steps == 100
+
+
+def test_a_policy_whose_kernel_still_fits_goes_on_from_its_mean() -> None:
+    means = []  # that the first update of each iteration begins with
+
+    @dataclass(frozen=True)
+    class Watched(RKHSNAC):
+        def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
+            if experience.iteration == 0:
+                means.append(policy.mean)
+            return super().update(policy, experience)
+
+    training = settings(kernel={"bandwidth": [1.0]})
+    iterations = learn(replace(training, algorithm=Watched(centres=12)), Odd)
+    for before, after in zip([iteration.policy.mean for iteration in iterations], means[1:], strict=False):
+        assert np.array_equal(after.centres, before.centres)
+        assert np.array_equal(after.weights, before.weights)
+
+
+@pytest.mark.parametrize("algorithm", [RKHSNAC, RKHSNPG])
+def test_exploration_in_the_model_narrows_from_update_to_update_down_to_its_minimum(
+    algorithm: type[RKHSNAC | RKHSNPG],
+) -> None:
+    deviations: list[list[float]] = []  # of each iteration, before each of its updates
+
+    @dataclass(frozen=True)
+    class Watched(algorithm):
+        def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
+            if experience.iteration == 0:
+                deviations.append([])
+            deviations[-1].append(float(np.sqrt(policy.variance(np.zeros((1, 2))))[0, 0]))
+            return super().update(policy, experience)
+
+    schedule = {"iterations": 5, "exploration_decay": 0.5, "exploration_minimum": 0.1, "restart_decay": 0.4}
+    training = settings(exploration_sd=[2.0], episodes_per_iteration=1, practice={**PRACTICE, **schedule})
+    iterations = learn(replace(training, algorithm=Watched(centres=12)), Odd)
+    np.testing.assert_allclose(deviations[0], [2.0, 1.0, 0.5, 0.25, 0.2])
+    earned = [iteration.train_return for iteration in iterations]
+    for k, (first, *rest) in enumerate(deviations):
+        assert first == pytest.approx(2.0 * max(0.4 ** sum(before < earned[k] for before in earned[:k]), 0.1))
+        for before, after in pairwise([first, *rest]):
+            assert after == pytest.approx(max(0.5 * before, 0.2))

@@ -9,10 +9,12 @@ import subprocess
 import sys
 import termios
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from rkhs_ros.app.inline import iterations
 from rkhs_ros.learning.training import train
@@ -24,7 +26,7 @@ from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.simulation import Simulation
 
 CONFIG = Path(__file__).parents[2] / "config" / "toy_nac.yaml"
-COLUMNS = 100
+COLUMNS = 80
 
 
 def lines_on_terminal(text: str) -> list[str]:
@@ -49,10 +51,29 @@ def test_a_bar_leaves_room_for_the_echo_of_ctrl_c_and_shows_the_time_left(tmp_pa
     process.send_signal(signal.SIGINT)
     process.wait()
     bars = [part for part in seen.split("\x1b[2K") if "noise-free" in part]
-    widths = [len(lines_on_terminal(bar)[0]) for bar in bars if lines_on_terminal(bar)]
+    widths = [len(line) for bar in bars for line in lines_on_terminal(bar)]
     assert max(widths) <= COLUMNS - len(ECHO)
     assert bars[-1].count(":") == 4  # the time that it took, and the time left
     os.close(master)
+
+
+def test_name_bar_iteration_times_and_returns_of_a_run_with_a_model_fit_80_columns(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    out = StringIO()
+    console = Console(file=out, force_terminal=True, color_system=None, width=COLUMNS - len(ECHO) - 1)
+    monkeypatch.setattr(progress, "bar_console", lambda *, quiet: console)
+    training = Training(name="n" * 40, iterations=300, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
+    (iteration,) = train(replace(training, iterations=1), InlineRunner(Simulation("rkhs/Toy-v0")))
+    with progress_bar(training, done=298) as show:
+        show(replace(iteration, imagined_return=-1234.5, model_error=0.0123))
+    bar, returns = lines_on_terminal(out.getvalue().rpartition("\x1b[2K")[2])[:2]
+    assert "…" in bar  # only the name is cut
+    assert "━━━━━━━━━" in bar
+    assert "299/300" in bar
+    assert bar.count(":") == 4  # the time that it took, and the time left
+    assert returns.startswith("return ")
+    assert returns.endswith(", imagined -1234 (model error 0.012)")
 
 
 def test_a_return_of_any_size_fits_the_bar(capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,15 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import StoragePlugin
 
-from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.policies.storage import load_policy
-from rkhs_ros.recordings.definitions import PACKAGE, Types, encoded, store
-from rkhs_ros.recordings.recording import Recording, read_recording
+from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.runs.config import Config, load_config
 from test.unit.conftest import Result, assert_refused
-from test.unit.recorded_runs import ARRAYS, CONFIG, Robot, longer, recorded_run, same_batch
+from test.unit.recorded_runs import ARRAYS, CONFIG, Robot, bag, longer, recorded_run, same_batch
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 ROOT = Path(__file__).parents[2]
@@ -105,27 +103,10 @@ def test_a_recording_is_imitated(whole: Path, rkhs: Callable[..., Result]) -> No
     assert "Imitated 100 steps of 20 episodes by 5 centres" in done.out
 
 
-def bag(folder: Path, recording: Recording, plugin: StoragePlugin, namespace: str = "") -> Path:
-    """Record the topics of a run as `ros2 bag record` does: no head, no policies, some messages heard twice."""
-    with Writer(folder, version=9, storage_plugin=plugin) as writer:
-        topics = {
-            name: writer.add_connection(f"{namespace}/{name}", f"{PACKAGE}{kind}", typestore=store())
-            for name, kind in {"observation": "Observation", "episodes": "Episodes"}.items()
-        }
-        for number, each in enumerate(recording.batches):  # in an order that nobody keeps
-            batch, time = each.batch, each.time
-            shown = Types().Observation(batch=1000 + number, **vars(batch))
-            for _ in range(2):
-                message = episodes_message(Types(), 1000 + number, each.version, each.episodes, each.executions)
-                writer.write(topics["episodes"], time, encoded(message))
-                writer.write(topics["observation"], time, encoded(shown))
-    return folder
-
-
 @pytest.mark.parametrize("plugin", list(StoragePlugin))
 def test_a_bag_of_the_topics_is_read(of_a_robot: Path, tmp_path: Path, plugin: StoragePlugin) -> None:
     recording = read_recording(of_a_robot)
-    read = read_recording(bag(tmp_path / "bag", recording, plugin, "/simulator_1"))
+    read = read_recording(bag(tmp_path / "bag", recording, plugin=plugin, namespace="/simulator_1"))
     assert len(read.batches) == len(recording.batches)
     assert read.head is None
     for one, other in zip(read.batches, recording.batches, strict=True):
@@ -142,7 +123,7 @@ def test_a_bag_is_seen_by_its_episodes(of_a_robot: Path, tmp_path: Path, plugin:
     from rkhs_ros.view.serving import source_of
     from rkhs_ros.view.source import FINISHED, state_of
 
-    folder = bag(tmp_path / "bag", read_recording(of_a_robot), plugin, "/simulator_1")
+    folder = bag(tmp_path / "bag", read_recording(of_a_robot), plugin=plugin, namespace="/simulator_1")
     run = Recorded(of_a_robot)
     sources = [source_of(folder), *map(source_of, folder.glob("*.mcap"))]
     assert len(sources) == 1 + (plugin == StoragePlugin.MCAP)
@@ -159,7 +140,7 @@ def test_a_bag_is_seen_by_its_episodes(of_a_robot: Path, tmp_path: Path, plugin:
 
 
 def test_a_bag_is_learnt_from_with_a_configuration(whole: Path, rkhs: Callable[..., Result]) -> None:
-    bag(Path("bag"), read_recording(whole), StoragePlugin.MCAP)
+    bag(Path("bag"), read_recording(whole))
     assert_refused(rkhs("learn", "bag", *SHORT), "bag: expected a configuration beside a bag")
     config = Path("same.yaml")
     config.write_text((whole.parent / "config.yaml").read_text())
@@ -172,7 +153,9 @@ def test_a_bag_is_learnt_from_with_a_configuration(whole: Path, rkhs: Callable[.
 class TestLeRobot:
     def test_the_numbers_come_back(self, of_a_robot: Path, rkhs: Callable[..., Result]) -> None:
         parquet = pytest.importorskip("pyarrow.parquet")
-        assert rkhs("export", of_a_robot, "--lerobot", "out").out == "Exported 20 episodes: out\n"
+        assert (
+            rkhs("export", of_a_robot, "--lerobot", "out").out == "Exported 20 episodes at 20 steps per second: out\n"
+        )
         frames = parquet.read_table("out/data/chunk-000/file-000.parquet").to_pydict()
         finished = read_recording(of_a_robot).finished
         seen = np.concatenate([each.episodes.observations[0] for each in finished]).astype(np.float32)
@@ -213,10 +196,38 @@ class TestLeRobot:
         )
 
     def test_a_simulation_wants_to_be_told_of_its_time(self, whole: Path, rkhs: Callable[..., Result]) -> None:
-        assert_refused(rkhs("export", whole, "--lerobot", "out"), "--fps: expected the steps in a second")
+        assert_refused(rkhs("export", whole, "--lerobot", "out"), "--fps: expected the steps per second")
         assert rkhs("export", whole, "--lerobot", "out", "--fps", 10).code == 0
         assert json.loads(Path("out/meta/info.json").read_text())["fps"] == 10
         assert_refused(rkhs("export", whole, "--lerobot", "out", "--fps", 10), "out: expected a new folder")
+
+    @pytest.mark.parametrize("rate", [2.5, 0.4, 33.3])
+    def test_a_rate_that_is_no_whole_number_is_refused(
+        self, tmp_path: Path, rate: float, rkhs: Callable[..., Result]
+    ) -> None:
+        parquet = pytest.importorskip("pyarrow.parquet")
+        recording = recorded_run(tmp_path / "run", longer(1), Robot(period=round(1e9 / rate)))
+        refused = rkhs("export", recording, "--lerobot", "out")
+        assert_refused(refused, "recording: expected a whole number of steps per second")
+        assert f"got {rate} by the time stamps. Choose a rate with --fps N" in refused.err
+        assert not Path("out").exists()
+        told = rkhs("export", recording, "--lerobot", "out", "--fps", 4).out
+        assert told == "Exported 5 episodes at 4 steps per second: out\n"
+        frames = parquet.read_table("out/data/chunk-000/file-000.parquet").to_pydict()
+        assert frames["timestamp"] == [0.0, 0.25, 0.5, 0.75, 1.0] * 5
+        assert json.loads(Path("out/meta/info.json").read_text())["fps"] == 4
+
+    def test_a_robots_clock_may_be_a_little_slow(self, tmp_path: Path, rkhs: Callable[..., Result]) -> None:
+        parquet = pytest.importorskip("pyarrow.parquet")
+        recording = recorded_run(tmp_path / "run", longer(1), Robot(period=50_200_000))  # of 50 ms
+        assert "at 20 steps per second" in rkhs("export", recording, "--lerobot", "out").out
+        frames = parquet.read_table("out/data/chunk-000/file-000.parquet").to_pydict()
+        assert np.allclose(frames["timestamp"], np.tile(0.0502 * np.arange(5), 5))
+
+    @pytest.mark.parametrize("fps", ["2.5", "0.4", "0", "-3", "nan", "inf"])
+    def test_what_lerobot_cannot_store_is_refused(self, whole: Path, fps: str, rkhs: Callable[..., Result]) -> None:
+        refused = rkhs("export", whole, "--lerobot", "out", f"--fps={fps}")
+        assert_refused(refused, f"--fps: expected a whole number of 1 or more, as LeRobot stores it, got {fps}")
 
     def test_what_is_missing_is_named(
         self, whole: Path, rkhs: Callable[..., Result], monkeypatch: pytest.MonkeyPatch

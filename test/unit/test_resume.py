@@ -6,21 +6,27 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from importlib.machinery import ModuleSpec
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from rkhs_ros import __version__
 from rkhs_ros.app import train
+from rkhs_ros.base import ros
 from rkhs_ros.base.lock import locked
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.storage import read_policy, unpacked
+from rkhs_ros.recordings.recording import read_recording
+from rkhs_ros.runs import report, surroundings
 from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.run import run_training
 from rkhs_ros.runs.simulation import Simulation
+from rkhs_ros.view.recorded import Recorded
 from test.unit.conftest import Result, assert_refused
 
 pytestmark = pytest.mark.slow
@@ -175,10 +181,13 @@ def test_damaged_checkpoints_cost_time_only(
     assert number == 2
 
 
-def test_seconds_and_the_bar_go_on_where_they_were(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = stopped(tmp_path / "run", 5)
+def test_seconds_and_the_bar_go_on_where_they_were(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(report.time, "monotonic", chain([0.0], repeat(1000.0)).__next__)
+        folder = stopped(tmp_path / "run", 5)
     curve = Curve(folder / "curve.csv")
-    curve.begin([row._replace(seconds=1000.0) for row in curve.rows()])
     capsys.readouterr()
     run_training(CONFIG, Stopping(), folder, resume=True)
     assert "short: iteration 4 of 4, " in capsys.readouterr().err
@@ -251,24 +260,72 @@ def test_a_curve_torn_at_any_byte_has_its_whole_lines(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "left"),
+    ("old", "new", "line"),
     [
-        (b"\r\n2,", b"\r\n3,", 1),
-        (b"\r\n2,6,", b"\r\n2,x,", 1),
-        (b"\r\n2,6,", b"\r\n2,6,0.0,", 1),
-        (b"\r\n2,6,", b"\r\n2,+6,", 1),
-        (b"\r\n3,", b"\r\n\xff,", 2),
-        (b"\r\n3,9,", b"\r\n3,\0,", 2),
-        (b"iteration,", b"iterations,", 0),
+        (b"\r\n2,", b"\r\n3,", 3),
+        (b"\r\n2,6,", b"\r\n2,x,", 3),
+        (b"\r\n2,6,", b"\r\n2,6,0.0,", 3),
+        (b"\r\n2,6,", b"\r\n2,+6,", 3),
+        (b"\r\n3,", b"\r\n\xff,", 4),
+        (b"\r\n3,9,", b"\r\n3,\0,", 4),
+        (b"iteration,", b"iterations,", 1),
+        (b"0.75\r\n", b"0.75\rx", 4),
     ],
 )
-def test_a_curve_ends_before_the_first_line_that_is_none(tmp_path: Path, old: bytes, new: bytes, left: int) -> None:
+def test_a_damaged_line_of_a_curve_is_refused_by_its_number(tmp_path: Path, old: bytes, new: bytes, line: int) -> None:
     curve = Curve(tmp_path / "curve.csv")
     curve.begin(ROWS)
     content = curve.path.read_bytes()
     assert content.count(old) == 1
     curve.path.write_bytes(content.replace(old, new))
-    assert len(curve.rows()) == left
+    with pytest.raises(ValueError, match=rf"curve\.csv: line {line} is damaged or was edited; expected "):
+        curve.rows()
+
+
+def test_a_run_whose_curve_has_a_changed_byte_is_not_gone_on_with(rkhs: Cli, tmp_path: Path) -> None:
+    folder = stopped(tmp_path / "run", 6)
+    whole = (folder / "curve.csv").read_bytes()
+    before = contents(folder)
+
+    def refused(content: bytes) -> None:
+        (folder / "curve.csv").write_bytes(content)
+        with pytest.raises(ValueError, match=r"run/curve\.csv: "):
+            resumed(folder)
+        assert contents(folder) == before | {folder / "curve.csv": content}
+
+    for place, byte in enumerate(whole):
+        refused(whole[:place] + bytes([byte ^ 1]) + whole[place + 1 :])
+    for end in (b"\n", b"\r", b"\r\n\r\n"):
+        refused(whole.replace(b"\r\n", end))
+    refused(b"")
+    result = rkhs("train", "--resume", "run", *INLINE)
+    assert_refused(
+        result, "curve.csv: lines are missing; expected those of 3 iterations, which 0000003.npz was written"
+    )
+
+
+def test_a_run_of_other_code_goes_on_where_that_is_allowed_and_it_is_noted(
+    rkhs: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runner = InlineRunner(Simulation("rkhs/Toy-v0"))
+    folder = run_training(longer(2), runner, tmp_path / "run", quiet=True, record=True)
+    longer_by_two = ("train", "--resume", "run", *INLINE, "--iterations", 4)
+    monkeypatch.setattr(surroundings, "code_digest", lambda packages: "other")
+    before = contents(folder)
+    assert_refused(rkhs(*longer_by_two), "rkhs_ros: expected ")
+    assert contents(folder) == before
+    assert rkhs(*longer_by_two, "--allow-provenance-change").code == 0
+    began, went_on, *_ = (folder / "config.yaml").read_text().splitlines()
+    assert began.startswith("# Python 3.")
+    assert went_on.startswith("# from iteration 3: Python 3.")
+    assert "+other, " in went_on
+    first, second = read_recording(folder).heads
+    assert first.versions != second.versions
+    assert f"rkhs_ros {__version__}+other" in second.versions
+    assert rkhs("train", "--resume", "run", *INLINE, "--iterations", 5).code == 0  # it is noted, and asked for once
+    assert (folder / "config.yaml").read_text().splitlines()[:2] == [began, went_on]
+    assert rkhs("replay", "run", "--quiet").out == "all 5 updates equal to the bit\n"
+    assert [row.iteration for row in Recorded(folder).rows] == [1, 2, 3, 4, 5]
 
 
 def test_a_torn_curve_costs_time_only(
@@ -276,13 +333,13 @@ def test_a_torn_curve_costs_time_only(
 ) -> None:
     folder = stopped(tmp_path / "run", 6)
     content = (folder / "curve.csv").read_bytes()
-    for lines, named in ((3, 0), (2, 1), (1, 2)):
+    for lines, named in ((3, 0), (2, 1)):
         end = len(b"\r\n".join(content.split(b"\r\n")[: lines + 1]) + b"\r\n")
         copy = tmp_path / str(lines)
         subprocess.run(["cp", "-r", folder, copy], check=True)
         (copy / "curve.csv").write_bytes(content[: end + 5])
         assert results(resumed(copy)) == whole
-        assert capsys.readouterr().err.count(f"passed over (curve.csv has {lines} good lines") == named
+        assert capsys.readouterr().err.count(f"passed over (curve.csv has the lines of {lines}") == named
 
 
 def test_a_second_error_does_not_hide_the_first(tmp_path: Path) -> None:
@@ -453,12 +510,13 @@ def test_over_topics_the_learner_is_told_to_go_on(rkhs: Cli, tmp_path: Path, mon
         return 0
 
     monkeypatch.setattr(train, "launch", launched)
-    monkeypatch.setattr(train, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))  # as if it were built
+    monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))  # as if it were built
     assert rkhs("train", "--resume", "run", "--runner", "ros", "--quiet", "--simulators", 2)[0] == 0
     parameters, more, keywords = told
     (tmp_path / "given.yaml").write_text(parameters)
     assert load_config(tmp_path / "given.yaml") == longer(4, simulators=2)
-    assert more == {"learner": {"output": str(folder), "quiet": True, "resume": True, "record": False}}
+    learner = {"output": str(folder), "quiet": True, "resume": True, "provenance_may_change": False, "record": False}
+    assert more == {"learner": learner}
     assert keywords == {"simulators": 2, "composed": False}
 
 

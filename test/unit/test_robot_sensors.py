@@ -73,7 +73,7 @@ def test_numbers_are_called_by_joint_or_field_with_their_unit(sensor: Sensor, na
 
 def test_a_joint_or_field_that_is_missing_is_named() -> None:
     message = Message(name=["a"], position=[1.0], velocity=[], effort=[])
-    with pytest.raises(SensingError, match="expected joint 'b', got joints a"):
+    with pytest.raises(SensingError, match="missing joints 'b', got a"):
         Sensor("j", joints=("b",)).numbers(message)
     with pytest.raises(SensingError, match="expected the velocity of joint 'a', got 0 values"):
         Sensor("j", joints=("a",)).numbers(message)

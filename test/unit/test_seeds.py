@@ -185,7 +185,7 @@ def test_an_interrupted_training_can_be_gone_on_with(rkhs: Run, tmp_path: Path) 
     long = (*SHORT, "iterations=60", "--seeds", "0-2", "--quiet")
     process = started(many, CONFIG, *long, "--out", many)
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=30)
+    out, err = process.communicate(timeout=120)
     assert (process.returncode, out) == (130, "")
     assert err == f"interrupted; go on with: rkhs train --resume {many}\n"
     assert rkhs("train", "--resume", many, "--quiet", "--jobs", 1).code == 0
@@ -200,7 +200,7 @@ def test_a_worker_that_is_killed_ends_with_lines_not_a_traceback(tmp_path: Path)
     process = started(many, CONFIG, *SHORT, "iterations=3000", "--seeds", "0-1", "--quiet", "--out", many)
     for pid in workers(process)[:1]:
         os.kill(pid, signal.SIGKILL)
-    _, err = process.communicate(timeout=30)
+    _, err = process.communicate(timeout=120)
     assert process.returncode == 1
     assert err.splitlines() == [f"error: seed_{k}: its process was killed, or one beside it" for k in (0, 1)]
 
@@ -212,8 +212,8 @@ def test_workers_end_with_a_training_that_is_killed(tmp_path: Path) -> None:
     process = started(many, CONFIG, *SHORT, "iterations=3000", "--seeds", "0-1", "--quiet", "--out", many)
     at_work = workers(process)
     process.kill()
-    process.communicate(timeout=30)
-    deadline = time.monotonic() + 30
+    process.communicate(timeout=120)
+    deadline = time.monotonic() + 120
     while any(is_running(pid) for pid in at_work):
         assert time.monotonic() < deadline
         time.sleep(0.05)

@@ -116,7 +116,7 @@ class AnyOrder(RuleBasedStateMachine):
             return  # is not looked at
         field = "observations" if name == "columns" else name
         before = self.session.last
-        reply = self.session.answer(replace(observation, **{field: other[name]}), self.served)
+        reply = self.session.answer(observation._replace(**{field: other[name]}), self.served)
         assert isinstance(reply, Ignored | Refused)
         assert self.session.last is before
 
@@ -189,7 +189,7 @@ def test_a_policy_that_does_not_fit_what_is_seen_leaves_the_batch_before_under_w
         misfits = (policy(1, history=2), SERVED.policy.with_mean(loud))
         seen = np.repeat(SERVED.policy.mean.centres[:1], 2, axis=0)
         for identity, misfit in enumerate(misfits, start=2):
-            observation = replace(shown(identity, 2, 0, BATCH), observations=seen[:, : 1 if identity == 2 else None])
+            observation = shown(identity, 2, 0, BATCH)._replace(observations=seen[:, : 1 if identity == 2 else None])
             assert isinstance(
                 session.answer(observation, ServedPolicy(misfit, 2)), Refused if identity == 2 else Failed
             )

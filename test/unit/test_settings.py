@@ -3,13 +3,15 @@ from typing import Any
 
 import pytest
 
-from rkhs_ros.base.settings import build, entries, setting
+import rkhs_ros
+from rkhs_ros.base.settings import Settings, build, entries, setting
 from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.rkhs_power import RKHSPoWER
 from rkhs_ros.learning.steps import FixedStep
 from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.rkhs.kernels import Kernel, Linear, Product, Sum
 
 
 @dataclass(frozen=True)
@@ -168,3 +170,22 @@ def test_what_entries_list_makes_the_same_settings_again() -> None:
 def test_settings_made_in_python_are_checked_as_those_of_a_file(make: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def public_settings() -> list[type]:
+    classes = [each for name in rkhs_ros.__all__ if isinstance(each := getattr(rkhs_ros, name), type)]
+    return [each for each in classes if issubclass(each, Settings | Kernel) and fields(each)]
+
+
+@pytest.mark.parametrize("cls", [*public_settings(), Training, Sum, Product])
+def test_an_unknown_setting_in_python_is_refused_with_the_nearest_one(cls: type) -> None:
+    for f in fields(cls):
+        with pytest.raises(TypeError, match=rf"^{cls.__name__}: unknown setting '{f.name}x', did you mean '{f.name}'"):
+            cls(**{f.name + "x": 1})
+
+
+def test_american_spelling_is_answered_with_the_setting() -> None:
+    with pytest.raises(TypeError, match=r"^RKHSNAC: unknown setting 'centers', did you mean 'centres'\?$"):
+        RKHSNAC(centers=80)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match=r"^Linear: unknown setting 'center', did you mean 'centre'\?$"):
+        Linear(center=0.0)  # type: ignore[call-arg]

@@ -1,14 +1,17 @@
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, Dict, Discrete, Tuple
+from gymnasium.vector import SyncVectorEnv
 
+import rkhs_ros
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.runs.rows import GOES_ON, KEPT
+from rkhs_ros.runs.rollout import InlineRunner
+from rkhs_ros.runs.rows import GOES_ON, KEPT, MOST_VECTORS
 from rkhs_ros.runs.simulation import Simulation
 
 
@@ -153,6 +156,85 @@ class Camera(Walk):
 def test_images_are_said_not_to_be_supported() -> None:
     with pytest.raises(ValueError, match=r"Camera observations: expected a continuous .* got images, which"):
         Simulation(Camera)
+
+
+class CameraInside(Walk):
+    observation_space = Dict(arm=Box(-1.0, 1.0, (2,)), head=Tuple([Dict(camera=Camera.observation_space)]))  # type: ignore[assignment]
+
+
+def test_images_within_a_dictionary_are_named_and_not_supported() -> None:
+    where = r"^CameraInside observations: 'head': 0: 'camera': expected a continuous space .* got images, which are not"
+    with pytest.raises(ValueError, match=where):
+        Simulation(CameraInside)
+
+
+class Robot(Walk):
+    """Of which there is one only at a time, as of a robot."""
+
+    is_in_use = False
+    metadata: ClassVar[dict[str, Any]] = {"rows_at_once": 1, "render_modes": []}
+
+    def __init__(self, actions: int = 1) -> None:
+        if Robot.is_in_use:
+            raise RuntimeError("in use")
+        Robot.is_in_use = True
+        if actions != 1:
+            self.action_space = Discrete(actions)  # type: ignore[assignment]
+
+    def close(self) -> None:
+        Robot.is_in_use = False
+
+
+@pytest.fixture
+def robot() -> Iterator[str]:
+    gymnasium.register("test/Robot-v0", Robot, max_episode_steps=3)
+    yield "test/Robot-v0"
+    del gymnasium.registry["test/Robot-v0"]
+    Robot.is_in_use = False
+
+
+SHORT: dict[str, Any] = {"iterations": 2, "episodes_per_iteration": 2, "evaluation_episodes": 1, "horizon": 3}
+SHORT |= {"practice": "none", "progress": False}
+
+
+@pytest.mark.parametrize("source", [None, Robot, lambda: SyncVectorEnv([Robot])], ids=["id", "class", "function"])
+def test_what_training_makes_it_closes(robot: str, source: Any) -> None:
+    rkhs_ros.train(source or robot, **SHORT)
+    gymnasium.make(robot).close()
+    with pytest.raises(ValueError, match=r"^iterations: "):
+        rkhs_ros.train(source or robot, **SHORT | {"iterations": -1})
+    for _ in rkhs_ros.learn(source or robot, **{k: v for k, v in SHORT.items() if k != "progress"}):
+        break
+    gymnasium.make(robot)
+
+
+def test_what_cannot_be_learnt_in_is_closed_again(robot: str) -> None:
+    with pytest.raises(ValueError, match="actions: expected a continuous space"):
+        Simulation(robot, {"actions": 2})
+    assert not Robot.is_in_use
+
+
+@pytest.mark.parametrize("batches", [2, MOST_VECTORS + 2])
+@pytest.mark.parametrize("is_vector", [False, True])
+def test_an_environment_that_is_passed_stays_open(robot: str, is_vector: bool, batches: int) -> None:
+    passed: Any = SyncVectorEnv([Robot]) if is_vector else gymnasium.make(robot)
+    with InlineRunner(Simulation(passed)) as runner:
+        for horizon in range(1, batches + 1):
+            runner.simulation.start(batch(1, horizon))
+    assert Robot.is_in_use
+    rkhs_ros.train(passed, **SHORT)
+    assert Robot.is_in_use
+
+
+def test_an_environment_that_fails_to_close_is_reported_and_keeps_the_result(
+    robot: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def close(robot: Robot) -> None:
+        raise OSError("it hangs on")
+
+    monkeypatch.setattr(Robot, "close", close)
+    assert len(rkhs_ros.train(robot, **SHORT).rows) == 2
+    assert capsys.readouterr().err == "warning: test/Robot-v0: close: OSError: it hangs on\n"
 
 
 def test_rows_go_on_beside_others_that_begin_anew(walk: Simulation) -> None:

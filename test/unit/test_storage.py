@@ -15,7 +15,7 @@ import pytest
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
-from rkhs_ros.policies.storage import Task, load_policy, save_policy
+from rkhs_ros.policies.storage import Task, load_policy, save_policy, whole_numbers
 from rkhs_ros.policies.variance import FunctionVariance
 from rkhs_ros.recordings.container import MessageFile
 from rkhs_ros.rkhs.function import Function
@@ -309,3 +309,10 @@ def test_a_file_takes_the_place_of_files_alone(tmp_path: Path) -> None:
         MessageFile(tmp_path / "device")
     assert (tmp_path / "device").is_fifo()
     assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_whole_numbers_are_told_from_others() -> None:
+    assert whole_numbers(np.array([0, 3], dtype=np.uint8), "columns") == [0, 3]
+    for others in ([1, -1], [1.0], [True], [[1]], 1):
+        with pytest.raises(ValueError, match="columns: expected whole numbers >= 0 in a row"):
+            whole_numbers(np.array(others), "columns")

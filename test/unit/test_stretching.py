@@ -78,6 +78,15 @@ def test_the_evidence_is_never_less_than_without(rng: np.random.Generator, monke
     assert with_axes >= Posterior.fit(x, y, 50).evidence
 
 
+@pytest.mark.parametrize("seed", [2, 4, 6])
+def test_axes_that_lower_the_evidence_are_left(seed: int) -> None:
+    x = np.random.default_rng(seed).normal(size=(60, 3))
+    y, roots, plain = np.sin(2.0 * x).sum(axis=1, keepdims=True), np.ones((60, 1)), Coordinates(Units.of(x))
+    coordinates, fit = best_stretched(plain, x, y, roots, 40)
+    assert coordinates == plain
+    assert fit.evidence == best_fit(plain.of(x), y, roots, 40).evidence
+
+
 def test_constant_values_stretch_nothing(rng: np.random.Generator) -> None:
     x = rng.normal(size=(20, 3))
     plain = Coordinates(Units.of(x))

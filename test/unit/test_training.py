@@ -94,6 +94,7 @@ def test_each_iteration_uses_new_episodes_and_reports_them() -> None:
         assert np.array_equal(i.evaluation.rewards, evaluated.rewards)
         assert np.array_equal(i.train_returns, trained.returns(0.99))
         assert np.array_equal(i.mean_policy_returns, evaluated.returns(0.99))
+        assert (i.train_return, i.mean_policy_return) == (i.train_returns.mean(), i.mean_policy_returns.mean())
 
 
 @pytest.mark.parametrize("algorithm", [RKHSNAC(), RKHSNAC(step=LineSearch(choices=2, episodes=1))])

@@ -143,7 +143,7 @@ def packed(message: dict[str, Any]) -> bytes:
 
 
 def eventually(condition: Callable[[], bool]) -> bool:
-    deadline = time.monotonic() + 10.0
+    deadline = time.monotonic() + 60.0
     while not condition() and time.monotonic() < deadline:
         time.sleep(0.02)
     return bool(condition())

@@ -53,6 +53,54 @@ def test_bodies_are_where_the_joints_take_them(two_links: UrdfBodies) -> None:
     assert two_links.joints == {"swing", "push"}
 
 
+def mimicking(tmp_path: Path, *mimics: str) -> UrdfBodies:
+    """Three balls, each one metre above the link before it and pushed along x; the joints mimic others."""
+    links = "".join(
+        f"<link name='l{i}'><visual><geometry><sphere radius='0.1'/></geometry></visual></link>" for i in range(4)
+    )
+    joints = "".join(
+        f"<joint name='j{i}' type='prismatic'><parent link='l{i}'/><child link='l{i + 1}'/><origin xyz='0 0 1'/>"
+        f"<axis xyz='1 0 0'/><limit lower='0' upper='0.6'/>{mimic}</joint>"
+        for i, mimic in enumerate(mimics)
+    )
+    file = tmp_path / "mimics.urdf"
+    file.write_text(f"<robot name='mimics'>{links}{joints}</robot>")
+    return UrdfBodies(file)
+
+
+def test_a_joint_that_mimics_another_follows_it_unless_it_is_sensed(tmp_path: Path) -> None:
+    second, third = "<mimic joint='j2' multiplier='-2' offset='0.1'/>", "<mimic joint='j0'/>"
+    bodies = mimicking(tmp_path, "", second, third)
+
+    def pushed(**positions: float) -> list[float]:
+        frames = bodies.frames({name: np.array([at]) for name, at in positions.items()}, 1)
+        return np.diff([frame[0, 0, 3] for frame in frames]).round(9).tolist()  # type: ignore[no-any-return]
+
+    assert pushed(j0=0.2) == [0.2, -0.3, 0.2]
+    assert pushed() == [0.3, -0.5, 0.3]  # as in the middle of the leader's range
+    assert pushed(j0=0.2, j2=0.0) == [0.2, 0.1, 0.0]
+
+
+@pytest.mark.parametrize("mimics", [("j0", "j0"), ("j1", "j0"), ("j1", "j2", "j1")])
+def test_joints_that_mimic_each_other_in_a_circle_are_refused(tmp_path: Path, mimics: tuple[str, ...]) -> None:
+    with pytest.raises(ValueError, match=r"mimics\.urdf: joint 'j0': expected it to mimic another joint, got a circle"):
+        mimicking(tmp_path, *(f"<mimic joint='{leader}'/>" for leader in mimics))
+
+
+def test_both_fingers_of_the_panda_open_as_the_first_one_does() -> None:
+    data = pytest.importorskip("pybullet_data")
+    panda = UrdfBodies(Path(data.getDataPath()) / "franka_panda" / "panda.urdf")
+    named = {visual.link: number for number, visual in enumerate(panda.visuals)}
+    closed, opened = (
+        np.stack(panda.frames({"panda_finger_joint1": np.array([width])}, 1))[:, 0, :3, 3] for width in (0.0, 0.04)
+    )
+    moved = np.linalg.norm(opened - closed, axis=1)
+    fingers = [named["panda_leftfinger"], named["panda_rightfinger"]]
+    assert np.allclose(moved[fingers], 0.04)
+    assert np.allclose(np.delete(moved, fingers), 0.0)
+    assert np.allclose((opened - closed)[fingers].sum(axis=0), 0.0, atol=1e-6)  # away from each other
+
+
 @pytest.mark.parametrize("text", ["no XML", "<robot/>"])
 def test_what_shows_nothing_is_refused(text: str, tmp_path: Path) -> None:
     file = tmp_path / "bad.urdf"

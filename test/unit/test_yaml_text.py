@@ -1,4 +1,5 @@
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -79,9 +80,11 @@ def test_what_is_as_deep_as_allowed_is_read() -> None:
 
 def test_a_file_is_refused_by_its_name(tmp_path: Path) -> None:
     file = tmp_path / "bad.yaml"
-    for content in (b"\xff\xfe", b"a: [", b"x" * 10**7):
+    unreadable = "expected a YAML file, got one that cannot be parsed ("
+    too_large = "expected a file of at most 100000 bytes, got 10000000"
+    for content, message in ((b"\xff\xfe", unreadable), (b"a: [", unreadable), (b"x" * 10**7, too_large)):
         file.write_bytes(content)
-        with pytest.raises(ValueError, match=r"bad\.yaml: expected a YAML file, got one that cannot be parsed \("):
+        with pytest.raises(ValueError, match=re.escape(f"bad.yaml: {message}")):
             read_yaml(file)
 
 

@@ -1,0 +1,71 @@
+"""CMA-ES on the weights of a policy with fixed centres, on the tasks of two configurations.
+
+It scores each candidate by one noise-free episode, which counts. After each generation the mean of its distribution is
+evaluated like a policy of RKHS-NAC, which does not count. Three first standard deviations of the weights are tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from cmaes import CMA
+
+from rkhs_ros.app.inline import runner_of
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.fixed import grid
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF, Array
+from rkhs_ros.runs.config import Config
+
+NOISE_FREE = ConstantVariance(np.array([1e-18]))  # all but
+
+
+class Features(NamedTuple):
+    """What the policy is made of, and the first standard deviations of its weights that are tried."""
+
+    centres: Array
+    kernel: RBF
+    sds: Sequence[float]
+
+
+FEATURES = {
+    "pendulum_few_nac": Features(
+        grid(np.array([-3.2, -4.0]), np.array([3.2, 4.0]), (8, 5)), RBF((0.8, 1.6)), (1.0, 2.0, 4.0)
+    ),
+    "toy_few_nac": Features(grid(np.array([-4.0]), np.array([4.0]), (20,)), RBF((0.7,)), (0.25, 0.5, 1.0)),
+}
+
+
+def search(config: Config, features: Features, sd: float) -> Iterator[tuple[int, float]]:
+    """Yield the episodes used and the evaluation return after each generation.
+
+    Args:
+        config: of the task, the episodes that may be used, and the evaluation.
+        features: of the policy.
+        sd: first standard deviation of the weights, whose first mean is 0.
+    """
+    training = config.training
+    score, rows = scorer(config, features), training.evaluation_episodes
+    cma = CMA(np.zeros(len(features.centres)), sd, seed=training.seed)
+    budget = training.iterations * training.episodes_per_iteration
+    for generation, used in enumerate(range(0, budget, cma.population_size)):
+        candidates = [cma.ask() for _ in range(cma.population_size)]
+        # Of a batch that explores, so that the evaluation's episodes are others.
+        cma.tell([(x, -score(x, used + i, 1, explore=True)) for i, x in enumerate(candidates)])
+        yield used + len(candidates), score(cma.mean, generation * rows, rows, explore=False)
+
+
+def scorer(config: Config, features: Features) -> Callable[..., float]:
+    """Return what gives weights their mean return in a number of episodes from a first one on."""
+    training, runner = config.training, runner_of(config.environment)
+
+    def score(weights: Array, first: int, rows: int, *, explore: bool) -> float:
+        policy = GaussianPolicy(Function(features.kernel, features.centres, weights[:, None]), NOISE_FREE)
+        episodes = runner.collect(policy, Batch(training.seed, first, rows, training.horizon, explore=explore))
+        return float(episodes.returns(training.discount).mean())
+
+    return score

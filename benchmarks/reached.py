@@ -1,0 +1,179 @@
+"""What a configuration reaches from a seed, the file that keeps it, and the tables of it."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Iterator, Sequence
+from io import StringIO
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+import fixed_centres
+from rkhs_ros.app.inline import iterations
+from rkhs_ros.base.threads import use_one_thread
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.runs.aggregates import Estimate, median_over_runs
+from rkhs_ros.runs.config import Config, load_config
+from tasks_table import median_until
+
+CONFIGS = Path(__file__).parents[1] / "config"
+EVALUATION_EPISODES = 10
+THRESHOLDS = {  # of the discounted evaluation return, near the best possible one and nearer
+    "rkhs/Pendulum-v0": (45.0, 50.0),
+    "rkhs/PendulumPOMDP-v0": (45.0, 50.0),
+    "rkhs/Toy-v0": (14.0, 14.2),
+}
+CMA_ES = {  # by name: configuration whose task and episodes it is given, and first standard deviation
+    f"{name} by CMA-ES, sd {sd:g}": (name, sd) for name, given in fixed_centres.FEATURES.items() for sd in given.sds
+}
+Curve = Iterable[tuple[int, float]]  # episodes used, and evaluation return, after each update
+
+
+class Result(NamedTuple):
+    """What one run came to.
+
+    Attributes:
+        name: of the configuration, or of a search by CMA-ES.
+        seed: of the run.
+        episodes: exploration episodes used in all.
+        evaluation_return: at the end, discounted.
+        until_first: exploration episodes until the evaluation return first passed the task's first threshold; infinite
+            if it never did.
+        until_second: the same of the second threshold.
+    """
+
+    name: str
+    seed: int
+    episodes: int
+    evaluation_return: float
+    until_first: float
+    until_second: float
+
+
+def names() -> list[str]:
+    """Return the configurations whose task has thresholds, and the searches by CMA-ES."""
+    tasks = {path.stem: load_config(path).environment.id for path in sorted(CONFIGS.glob("*.yaml"))}
+    return [*(name for name, task in tasks.items() if task in THRESHOLDS), *CMA_ES]
+
+
+def measure(name: str, seed: int, changes: Sequence[str] = ()) -> Result:
+    """Learn from a seed."""
+    use_one_thread()
+    own, sd = CMA_ES.get(name, (name, None))
+    evaluation = f"evaluation_episodes={EVALUATION_EPISODES}"
+    config = load_config(CONFIGS / f"{own}.yaml", [f"seed={seed}", evaluation, *changes])
+    curve = learnt(config) if sd is None else fixed_centres.search(config, fixed_centres.FEATURES[own], sd)
+    return result_of(name, seed, THRESHOLDS[config.environment.id], curve)
+
+
+def learnt(config: Config) -> Iterator[tuple[int, float]]:
+    """Yield the learning curve of a configuration."""
+    for iteration in iterations(config):
+        yield iteration.episodes_used, float(iteration.mean_policy_returns.mean())
+
+
+def result_of(name: str, seed: int, thresholds: Sequence[float], curve: Curve) -> Result:
+    """Return what a learning curve comes to."""
+    episodes, returns = np.array(list(curve), dtype=float).T
+    first, second = (float(min(episodes[returns > each], default=np.inf)) for each in thresholds)
+    return Result(name, seed, int(episodes[-1]), float(returns[-1]), first, second)
+
+
+def as_csv(results: Iterable[Result]) -> str:
+    """Return a line for each run, in the order of their names and seeds."""
+    text = StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(Result._fields)
+    for result in sorted(results):
+        writer.writerow(result._replace(evaluation_return=f"{result.evaluation_return:.3f}"))
+    return text.getvalue()
+
+
+def read_results(path: Path) -> list[Result]:
+    """Return the results in a file of `as_csv`."""
+    with path.open(newline="") as file:
+        _, *lines = csv.reader(file)
+    return [Result(name, int(seed), int(used), *map(float, rest)) for name, seed, used, *rest in lines]
+
+
+class Summary(NamedTuple):
+    """What the runs of a configuration come to: medians with 95 % intervals by bootstrap over the seeds, and the worst.
+
+    Attributes:
+        seeds: of the runs, such as "100 to 119".
+        episodes: exploration episodes used in all.
+        until: episodes until the first and the second threshold; infinite if not reached.
+        worst_until: the most of these, or how many seeds never reach the threshold.
+        end: evaluation return at the end.
+        least: the least of these.
+    """
+
+    seeds: str
+    episodes: int
+    until: tuple[Estimate, Estimate]
+    worst_until: tuple[str, str]
+    end: Estimate
+    least: float
+
+
+def summaries(results: Iterable[Result]) -> dict[str, Summary]:
+    """Return what the runs of each name come to."""
+    runs: dict[str, list[Result]] = {}
+    for result in results:
+        runs.setdefault(result.name, []).append(result)
+    return {name: _summary(each) for name, each in runs.items()}
+
+
+def _summary(runs: Sequence[Result]) -> Summary:
+    seeds = sorted(run.seed for run in runs)
+    whole = seeds == list(range(seeds[0], seeds[-1] + 1))
+    until = np.array([[run.until_first, run.until_second] for run in runs]).T
+    ends = np.array([run.evaluation_return for run in runs])
+    return Summary(
+        seeds=f"{seeds[0]} to {seeds[-1]}" if whole else ", ".join(map(str, seeds)),
+        episodes=runs[0].episodes,
+        until=(median_until(until[0]), median_until(until[1])),
+        worst_until=(_worst(until[0]), _worst(until[1])),
+        end=median_over_runs(ends),
+        least=ends.min(),
+    )
+
+
+def _worst(until: Array) -> str:
+    never = int(np.isinf(until).sum())
+    return f"{never} never" if never else f"{until.max():g}"
+
+
+HEADS = ("Configuration", "Seeds", "Until {:g}", "Worst", "Until {:g}", "Worst", "Return at the end", "Least", "After")
+
+
+def as_markdown(results: Iterable[Result]) -> str:
+    """Return a table for each pair of thresholds."""
+    found = summaries(results)
+    return "\n".join(
+        _table(thresholds, {name: each for name, each in found.items() if is_of(name, thresholds)})
+        for thresholds in dict.fromkeys(THRESHOLDS.values())
+    )
+
+
+def is_of(name: str, thresholds: tuple[float, ...]) -> bool:
+    """Return whether the thresholds are those of a configuration's task."""
+    own, _ = CMA_ES.get(name, (name, None))
+    return THRESHOLDS[load_config(CONFIGS / f"{own}.yaml").environment.id] == thresholds
+
+
+def _table(thresholds: tuple[float, ...], found: dict[str, Summary]) -> str:
+    head = " | ".join(HEADS).format(*thresholds)
+    lines = [f"| {head} |", "|---" * len(HEADS) + "|"]
+    for name, each in found.items():
+        title = name.replace(name.split()[0], f"`{name.split()[0]}`")
+        until = " | ".join(f"{e} | {w}" for e, w in zip(each.until, each.worst_until, strict=True))
+        lines.append(f"| {title} | {each.seeds} | {until} | {end_of(each)} | {each.least:.2f} | {each.episodes} |")
+    return "\n".join([*lines, ""])
+
+
+def end_of(summary: Summary) -> str:
+    """Return the median return at the end and its interval, to two digits after the point."""
+    return str(Estimate(*np.round(summary.end, 2)))

@@ -1,0 +1,24 @@
+"""The executable ``learner`` of ``ros2 run`` and the launch files: the learner node, which draws its run at the end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def draw(folder: Path) -> None:
+    """Draw the pictures of a run, as ``rkhs train`` does."""
+    import rkhs_ros.app.inline  # noqa: F401  # here, since a run needs neither tasks, whose known returns are drawn,
+    from rkhs_ros.pictures.run_pictures import draw_run  # nor pictures before its end
+
+    draw_run(folder)
+
+
+def main() -> None:
+    """Run the learner node."""
+    from rkhs_ros.nodes.learner_node import main as run_node  # here, since without ROS it cannot be imported
+
+    run_node(draw)
+
+
+if __name__ == "__main__":
+    main()

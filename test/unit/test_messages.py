@@ -1,0 +1,67 @@
+"""Messages between learner, policy and simulators: what is read is what was sent, and what cannot be is refused."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.messages import episodes_message, episodes_of
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.messages import policy_message, policy_of
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.recordings.definitions import Types
+
+ROWS, HORIZON = 3, 4
+BATCH = Batch(0, 0, ROWS, HORIZON, explore=True)
+
+
+@pytest.fixture
+def episodes(random_policy: Callable[..., GaussianPolicy], random_episodes: Callable[..., Episodes]) -> Episodes:
+    return random_episodes(random_policy(), ROWS, HORIZON, masked=True)
+
+
+def test_episodes_come_back_with_the_same_bits(
+    episodes: Episodes, arrays_of: Callable[[Any], dict[str, np.ndarray]]
+) -> None:
+    back = episodes_of(episodes_message(Types(), 1, 1, episodes), BATCH, Spaces.unbounded(2, 2))
+    before, after = arrays_of(episodes), arrays_of(back)
+    assert {name: array.tobytes() for name, array in before.items()} == {n: a.tobytes() for n, a in after.items()}
+
+
+@pytest.mark.parametrize("row", range(ROWS))
+@pytest.mark.parametrize("length", [0, HORIZON + 1])
+def test_a_single_episode_of_an_impossible_length_is_refused(episodes: Episodes, row: int, length: int) -> None:
+    message = episodes_message(Types(), 1, 1, episodes)
+    message.lengths[row] = length
+    with pytest.raises(ValueError, match="episodes' lengths: expected 1 to 4 steps"):
+        episodes_of(message, BATCH, Spaces.unbounded(2, 2))
+
+
+@pytest.mark.parametrize("name", ["observations", "actions", "rewards", "final_observations"])
+def test_episodes_that_are_not_finite_are_refused(episodes: Episodes, name: str) -> None:
+    message = episodes_message(Types(), 1, 1, episodes)
+    getattr(message, name)[-1] = np.inf
+    with pytest.raises(ValueError, match=f"episodes' {name.replace('_', ' ')}: expected finite numbers"):
+        episodes_of(message, BATCH, Spaces.unbounded(2, 2))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "error"),
+    [
+        (lambda p: setattr(p, "centres", p.centres[:-1]), "centres: expected rows of 2 numbers, got 9 numbers"),
+        (lambda p: p.weights.__setitem__(-1, np.nan), "weights: expected finite numbers"),
+        (lambda p: setattr(p.variance, "name", "constnt"), "variance: expected one of constant, kernel, function"),
+        (lambda p: setattr(p.variance, "mass", [1.0]), "variance mass: expected none"),
+        (lambda p: setattr(p.inputs, "angles", [0, 1, 2]), "inputs.angles: expected at most 2 columns"),
+    ],
+)
+def test_a_policy_that_cannot_be_is_refused(
+    random_policy: Callable[..., GaussianPolicy], spoil: Callable[[Any], object], error: str
+) -> None:
+    message = policy_message(Types(), random_policy(), 1)
+    spoil(message)
+    with pytest.raises(ValueError, match=error):
+        policy_of(message)
