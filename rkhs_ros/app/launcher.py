@@ -326,8 +326,10 @@ def _signals_passed_to(learner: NodeProcess) -> Iterator[None]:
             raise KeyboardInterrupt
         learner.interrupt()
 
-    previous = {number: signal.signal(number, pass_on) for number in ENDING}
+    previous = {number: signal.getsignal(number) for number in ENDING}  # before a signal can ask for them
     try:
+        for number in ENDING:
+            signal.signal(number, pass_on)
         yield
     finally:
         for number, handler in previous.items():

@@ -46,8 +46,10 @@ def signals_held() -> Iterator[None]:
         yield
         return
     held: list[int] = []
-    handlers = {number: signal.signal(number, lambda number, frame: held.append(number)) for number in ENDING}
+    handlers = {number: signal.getsignal(number) for number in ENDING}  # all of them, also if a signal comes meanwhile
     try:
+        for number in ENDING:
+            signal.signal(number, lambda number, frame: held.append(number))
         yield
     finally:
         for number, handler in handlers.items():

@@ -1,9 +1,16 @@
 import os
 import signal
+import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from itertools import count
+from types import CodeType, FrameType, SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
-from rkhs_ros.app.launcher import for_all, signals_held
+from rkhs_ros.app.launcher import NodeProcess, _signals_passed_to, for_all
+from rkhs_ros.base.endings import signals_held
 from rkhs_ros.base.yaml_text import loaded
 
 PARAMETERS = "/**/simulator: {ros__parameters: {environment: {id: x}}}\n/**/learner: {ros__parameters: {seed: 1}}\n"
@@ -48,3 +55,52 @@ def test_an_interrupt_while_a_process_is_forked_is_not_lost() -> None:
         interrupted()
     assert done
     assert signal.getsignal(signal.SIGINT) is handler
+
+
+def signalled_at(code: CodeType, instruction: int, enter: Callable[[], AbstractContextManager[Any]]) -> bool:
+    """Raise SIGTERM at an instruction of a context manager that is entered; return whether there is such a one."""
+    seen = 0
+
+    def trace(frame: FrameType, event: str, arg: object) -> object:
+        nonlocal seen
+        if frame.f_code is code:
+            frame.f_trace_opcodes = True
+            seen += event == "opcode"
+            if event == "opcode" and seen == instruction:
+                signal.raise_signal(signal.SIGTERM)
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        with enter():
+            sys.settrace(before)
+    finally:
+        sys.settrace(before)
+    return seen >= instruction
+
+
+@pytest.mark.parametrize("manager", ["held", "passed on"])
+def test_a_signal_at_any_instruction_ends_as_an_interrupt_and_leaves_the_handlers(manager: str) -> None:
+    interrupts = []
+    process = SimpleNamespace(poll=lambda: None)
+    learner = cast(NodeProcess, SimpleNamespace(process=process, interrupt=lambda: interrupts.append(1)))
+    enter = signals_held if manager == "held" else lambda: _signals_passed_to(learner)
+    wrapped: Any = signals_held if manager == "held" else _signals_passed_to
+    handlers = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    raised = 0
+    try:
+        for instruction in count(1):
+            try:
+                if not signalled_at(wrapped.__wrapped__.__code__, instruction, enter):
+                    break
+            except KeyboardInterrupt:
+                raised += 1
+            assert signal.getsignal(signal.SIGTERM) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGTERM, handlers[1])
+    assert signal.getsignal(signal.SIGINT) is handlers[0]
+    assert raised + len(interrupts) == instruction - 1
+    assert raised > 0
+    assert manager == "held" or interrupts
