@@ -37,7 +37,7 @@ def page() -> str:
         section("## Inputs", "What the policy is given of observations and actions.", apart(training, "inputs.")),
         section("## Kernel", "The space in which the policy's mean is looked for.", apart(training, "kernel.")),
         f"## Algorithms\n\nOne of them is `algorithm.name`: {names(ALGORITHMS)}. Their mathematics and "
-        "their code: [algorithms](algorithms.md).\n",
+        "their code: [algorithms](algorithms/index.md).\n",
         *of_classes(ALGORITHMS, "algorithm."),
         f"## Step rules\n\nOne of them is `algorithm.step.rule`: {names(STEP_RULES)}.\n",
         *of_classes(STEP_RULES, "algorithm.step."),
