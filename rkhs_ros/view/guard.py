@@ -3,35 +3,39 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Container
 from ipaddress import ip_address
 from typing import Any
 from urllib.parse import urlsplit
 
 from viser import ViserServer
-from viser import _messages as messages  # it has no public names for what browsers send
 
 FOREIGN = 1008  # code of a closed web socket: against the rules
+UPDATE = "GuiUpdateMessage"  # what a control sends
 SILENT = ("websockets.server", "asyncio")  # loggers that would tell of each piece of garbage
 
 
 def guard(server: ViserServer, *, local: bool) -> None:
-    """Have a server of viser ignore all that no control of the page sends.
+    """Make a viser server ignore every message that no control of the page can send.
 
-    Files cannot be sent to it, nor can it be asked for a public address. Pages of other origins, which a browser on
-    this machine may have open, are turned away.
+    Browsers cannot send files to it or ask for a public address. Pages of other origins, which a browser on this
+    machine may have open, are disconnected. viser has no public hook for messages or for the headers of a connection.
 
     Args:
         server: the server.
-        local: it is for this machine only, so a browser that took it for another host was misled.
+        local: whether it serves this machine only; a browser that uses another host name was misled.
     """
     for name in SILENT:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     sockets: Any = server._websock_server
-    update = sockets._incoming_handlers[messages.GuiUpdateMessage]
-    strangers: set[Any] = set()  # what they sent before they were cut off may still be handled
-    sockets._incoming_handlers.clear()
-    sockets._incoming_handlers[messages.GuiUpdateMessage] = [_checked(each, server, strangers) for each in update]
+    controls, handle = server.gui._gui_input_handle_from_uuid, sockets._handle_incoming_message
+    strangers: set[int] = set()  # what they sent before they were disconnected may still arrive
+
+    async def checked(client_id: int, message: Any) -> None:
+        control = controls.get(message.uuid) if type(message).__name__ == UPDATE else None
+        if client_id not in strangers and control is not None and is_fitting(control, message.updates):
+            await handle(client_id, message)
+
+    sockets._handle_incoming_message = checked
 
     @sockets.on_client_connect  # type: ignore[untyped-decorator]
     async def _(client: Any) -> None:
@@ -55,17 +59,6 @@ def is_local(host: str | None) -> bool:
         return host == "localhost" or ip_address(host or "").is_loopback
     except ValueError:
         return False
-
-
-def _checked(handle: Callable[..., Any], server: ViserServer, strangers: Container[Any]) -> Callable[..., Any]:
-    """Return a handler of updates that passes on only values, of the type that the control has, in its range."""
-
-    async def handler(client_id: Any, message: Any) -> None:
-        control = server.gui._gui_input_handle_from_uuid.get(message.uuid)
-        if client_id not in strangers and control is not None and is_fitting(control, message.updates):
-            await handle(client_id, message)
-
-    return handler
 
 
 def is_fitting(control: Any, updates: Any) -> bool:
