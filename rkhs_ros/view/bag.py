@@ -7,15 +7,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.recordings.batches import RecordedBatch
 from rkhs_ros.recordings.recording import read_recording
-from rkhs_ros.runs.curve import Row
+from rkhs_ros.runs.curve import BEGINNING, NAN, Row
 from rkhs_ros.view.recorded import together
 from rkhs_ros.view.source import Seen
 
@@ -67,34 +65,30 @@ class Bag:
 
 def _iterations(batches: Sequence[RecordedBatch]) -> Iterator[list[RecordedBatch]]:
     """Yield the batches of each iteration: one begins where another policy explores."""
-    begins = [0] + [
-        k
-        for k, (one, other) in enumerate(pairwise(batches), start=1)
-        if other.batch.explore and (not one.batch.explore or one.version != other.version)
-    ]
-    for begin, end in pairwise([*begins, len(batches)]):
-        yield list(batches[begin:end])
+    part = [batches[0]]
+    for last, batch in pairwise(batches):
+        if batch.batch.explore and (not last.batch.explore or last.version != batch.version):
+            yield part
+            part = []
+        part.append(batch)
+    yield part
 
 
 def _rows(parts: Sequence[list[RecordedBatch]]) -> Iterator[Row]:
-    """Yield a line of the learning curve for each iteration, as far as it is known from the episodes."""
-    zeros, began, explored, evaluated = dict.fromkeys(Row._fields, 0.0), parts[0][0].time, 0, 0
-    for number, part in enumerate(parts, start=1):
+    """Yield the row of each iteration; what its episodes do not tell is not a number."""
+    row, began = BEGINNING, parts[0][0].time
+    for part in parts:
         exploration, evaluation = (together(part, explore=explore) for explore in (True, False))
-        explored, evaluated = explored + len(exploration or ()), evaluated + len(evaluation or ())
-        known: dict[str, Any] = {
-            "iteration": number,
-            "episodes": explored,
-            "evaluation_episodes": evaluated,
-            "train_return": _earned(exploration),
-            "mean_policy_return": _earned(evaluation),
-            "centres": 0,
-            "imagined_return": np.nan,
-            "model_error": np.nan,
-            "seconds": (part[-1].time - began) / 1e9,
-        }
-        yield Row(**{**zeros, **known})
+        row = row._replace(
+            iteration=row.iteration + 1,
+            episodes=row.episodes + len(exploration or ()),
+            evaluation_episodes=row.evaluation_episodes + len(evaluation or ()),
+            train_return=_earned(exploration),
+            mean_policy_return=_earned(evaluation),
+            seconds=(part[-1].time - began) / 1e9,
+        )
+        yield row
 
 
 def _earned(episodes: Episodes | None) -> float:
-    return float("nan") if episodes is None else float(episodes.returns(UNDISCOUNTED).mean())
+    return NAN if episodes is None else float(episodes.returns(UNDISCOUNTED).mean())
