@@ -10,12 +10,12 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rkhs_ros.base.validation import require, shown
 from rkhs_ros.pictures.headless import choose_renderer, remedy
+from rkhs_ros.pictures.style import pixels
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.policies.streams import Batch
@@ -106,12 +106,10 @@ def _moments(
 def _drawn(simulation: Simulation, action: Array) -> Pictures:
     task: Any = simulation.shown
     figure = Figure(figsize=SIZE, dpi=DPI)
-    canvas: Any = FigureCanvasAgg(figure)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set_axis_off()
     task.draw(axes, task.states[0], action)
-    canvas.draw()
-    return np.array(canvas.buffer_rgba())[:, :, :3]
+    return pixels(figure)
 
 
 def _with_pictures(task: Task, simulation: Simulation) -> closing[Simulation]:

@@ -11,12 +11,14 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.textpath import text_to_path
 from matplotlib.ticker import Formatter, MaxNLocator
+from numpy.typing import NDArray
 
 from rkhs_ros.base.files import write_whole
 
@@ -56,6 +58,13 @@ def sheet(width: float, height: float, title: str = "") -> Figure:
         lines = [folded(line, width, TITLE_SIZE) for line in title.splitlines()]
         figure.suptitle("\n".join(lines), fontsize=TITLE_SIZE)
     return figure
+
+
+def pixels(figure: Figure) -> NDArray[np.uint8]:
+    """Draw a figure and return its pixels, RGB of shape (height, width, 3)."""
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.array(canvas.buffer_rgba())[:, :, :3]
 
 
 def label(axes: Axes, x: str, y: str, title: str = "") -> None:

@@ -47,6 +47,21 @@ def located(name: str) -> Path:
     return folders[0] / file
 
 
+def read_urdf(file: Path) -> ElementTree.Element:
+    """Read a URDF and return its root element.
+
+    Raises:
+        ValueError: the file is no URDF.
+        OSError: it cannot be read.
+    """
+    try:
+        root = ElementTree.fromstring(read_whole(file))
+    except (ElementTree.ParseError, ValueError) as error:
+        raise ValueError(f"{file}: expected a URDF, got no XML: {error}") from error
+    require(root.tag == "robot", f"{file}", "a URDF, with a robot", root.tag)
+    return root
+
+
 def read_limits(file: Path, joints: Iterable[str]) -> list[JointLimit]:
     """Return the limits of joints that a URDF has.
 
@@ -60,11 +75,7 @@ def read_limits(file: Path, joints: Iterable[str]) -> list[JointLimit]:
         ValueError: the file is no URDF, or a joint is missing or has no limits.
         OSError: it cannot be read.
     """
-    try:
-        root = ElementTree.fromstring(read_whole(file))
-    except (ElementTree.ParseError, ValueError) as error:
-        raise ValueError(f"{file}: expected a URDF, got no XML: {error}") from error
-    require(root.tag == "robot", f"{file}", "a URDF, with a robot", root.tag)
+    root = read_urdf(file)
     elements = {element.get("name", ""): element for element in root.findall("joint")}
     return [_limit(pick(name, elements, f"joint of {file}"), f"{file}: joint '{name}'") for name in joints]
 

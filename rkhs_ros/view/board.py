@@ -8,13 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED, colour_bar, label, legend_above, sheet
+from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED, colour_bar, label, legend_above, pixels, sheet
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
@@ -74,9 +73,7 @@ class Subject(NamedTuple):
 def draw(subject: Subject, choice: Choice) -> Board:
     """Draw a policy: over one or two coordinates, or, of a task of one step, among the actions that were tried."""
     figure, points = board_figure(subject, choice)
-    canvas: Any = FigureCanvasAgg(figure)
-    canvas.draw()
-    image, axes = np.array(canvas.buffer_rgba())[:, :, :3], figure.axes[0]
+    image, axes = pixels(figure), figure.axes[0]
     ends = np.sort([axes.get_xlim(), axes.get_ylim()])
     places = axes.transData.transform(np.clip(points, *ends.T)) / [image.shape[1], image.shape[0]]
     return Board(image, np.asarray(places))

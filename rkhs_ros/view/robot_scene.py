@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from viser.transforms import SO3
@@ -13,7 +13,8 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.sensors import JOINT_STATE
 from rkhs_ros.robot.task import RobotTask
 from rkhs_ros.robot.urdf import located
-from rkhs_ros.view.urdf_bodies import Primitive, Surface, UrdfBodies, three
+from rkhs_ros.view.bodies import NO_TURN, Poses, Primitive, Surface, three
+from rkhs_ros.view.urdf_bodies import UrdfBodies
 
 Point = tuple[float, float, float]
 AXES = "xyz"
@@ -22,14 +23,6 @@ MARGIN_M = 0.02  # around all that is seen
 EYE = (0.9, -1.6, 0.5)
 BLUE, RED, GREEN, PINK, *_ = COLOURS
 SHADES = (RED, GREEN, PINK, BLUE)  # of the points
-
-
-class RobotMotion(NamedTuple):
-    """Where the bodies are at each step."""
-
-    times: Array
-    places: Array
-    turns: Array
 
 
 class RobotScene:
@@ -67,15 +60,15 @@ class RobotScene:
         balls = [Primitive("ball", (BALL_M,) * 3, shade) for shade, _ in zip(SHADES, self._points, strict=False)]
         return [*(visual.body for visual in self._bodies.visuals), *balls]
 
-    def motion(self, observations: Array, actions: Array) -> RobotMotion:
+    def motion(self, observations: Array, actions: Array) -> Poses:
         """Return how the bodies move in an episode."""
         count = len(observations)
         frames = np.stack(self._bodies.frames(self._positions(observations, actions), count), axis=1)
         points = self._placed(observations)[:, : len(SHADES)]
-        still = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*points.shape[:2], 4))
+        still = np.broadcast_to(NO_TURN, (*points.shape[:2], 4))
         places = np.concatenate([frames[..., :3, 3], points], axis=1)
         turns = np.concatenate([SO3.from_matrix(frames[..., :3, :3]).wxyz, still], axis=1)
-        return RobotMotion(self._task.period * np.arange(count, dtype=np.float64), places, turns)
+        return Poses(self._task.period * np.arange(count, dtype=np.float64), places, turns)
 
     def _positions(self, observations: Array, actions: Array) -> dict[str, Array]:
         """Return the position of each joint at each step, as far as it is known."""
@@ -107,7 +100,7 @@ class RobotScene:
             points[..., axis][np.isnan(points[..., axis])] = known.mean() if len(known) else 0.0
         return points
 
-    def _around(self, motion: RobotMotion) -> tuple[Point, Point]:
+    def _around(self, motion: Poses) -> tuple[Point, Point]:
         ends = [_ends(body) for body in self.bodies()]
         turned = SO3(motion.turns).as_matrix()
         corners = [turned[:, i] @ end.T + motion.places[:, i, :, None] for i, end in enumerate(ends)]

@@ -13,7 +13,7 @@ from viser.transforms import SO3
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.shown import Body, Motion, ShowsMotion
 from rkhs_ros.view.board import SIZE, Board
-from rkhs_ros.view.urdf_bodies import Surface
+from rkhs_ros.view.bodies import Surface
 
 VERTICAL_ANGLE = 0.7  # rad, of the camera
 UP = (0.0, 0.0, 1.0)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rkhs_ros.pictures.style import COLOURS, folded
+from rkhs_ros.pictures.style import COLOURS, folded, pixels
 from rkhs_ros.policies.input_names import Names
 from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.view.bodies import NO_TURN, Poses, Primitive
 
 MOST_OBSERVED, MOST_DONE = 8, 4  # numbers that are shown
 MOST_BARS = 120  # of a number
@@ -22,23 +22,7 @@ LEFT, RIGHT, BOTTOM, TOP = 0.34, 0.97, 0.05, 0.97  # of the bars, in parts of th
 NAME_IN, NAME_SIZE = 1.45, 9  # width of a name, inches, and points
 EDGE = 1.1  # of the picture, to each side of its middle
 BLUE, ORANGE, *_ = COLOURS
-CURSOR = "#00B85C"
-
-
-class Cursor(NamedTuple):
-    """The upright line at the step that is shown."""
-
-    shape: str
-    size: tuple[float, float, float]
-    colour: str
-
-
-class Moved(NamedTuple):
-    """Where the line is at each step."""
-
-    times: Array
-    places: Array
-    turns: Array
+CURSOR = Primitive("box", (0.012, 0.004, 2 * EDGE * (TOP - BOTTOM)), "#00B85C")  # at the step that is shown
 
 
 class Timeline:
@@ -59,25 +43,22 @@ class Timeline:
         """Return the corners of the picture."""
         return (-EDGE, 0.0, -EDGE), (EDGE, 0.0, EDGE)
 
-    def bodies(self) -> Sequence[Cursor]:
+    def bodies(self) -> Sequence[Primitive]:
         """Return the line."""
-        return [Cursor("box", (0.012, 0.004, 2 * EDGE * (TOP - BOTTOM)), CURSOR)]
+        return [CURSOR]
 
-    def motion(self, observations: Array, actions: Array) -> Moved:
+    def motion(self, observations: Array, actions: Array) -> Poses:
         """Return how the line moves in an episode, before the picture."""
         count = len(observations)
         part = LEFT + (RIGHT - LEFT) * (np.arange(count) + 0.5) / count
         across, middle = EDGE * (2 * part - 1), EDGE * (BOTTOM + TOP - 1)
         places = np.stack([across, np.full(count, -0.02), np.full(count, middle)], axis=1)[:, None]
-        turns = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (count, 1, 4))
-        return Moved(STEP_S * np.arange(count, dtype=np.float64), places, turns)
+        turns = np.broadcast_to(NO_TURN, (count, 1, 4))
+        return Poses(STEP_S * np.arange(count, dtype=np.float64), places, turns)
 
     def backdrop(self, observations: Array, actions: Array) -> NDArray[np.uint8]:
         """Return the picture of an episode, RGB of shape (height, width, 3)."""
-        figure = self.figure(observations, actions)
-        canvas: Any = FigureCanvasAgg(figure)
-        canvas.draw()
-        return np.array(canvas.buffer_rgba())[:, :, :3]
+        return pixels(self.figure(observations, actions))
 
     def figure(self, observations: Array, actions: Array) -> Figure:
         """Return the figure of an episode: a row of bars for each number, those that are done below."""

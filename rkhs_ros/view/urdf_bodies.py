@@ -6,46 +6,18 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
-from viser.transforms import SO3
+from viser.transforms import SE3, SO3
 
-from rkhs_ros.base.files import open_regular, read_whole
+from rkhs_ros.base.files import open_regular
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.robot.urdf import PACKAGE, located
+from rkhs_ros.robot.urdf import PACKAGE, located, read_urdf
+from rkhs_ros.view.bodies import Primitive, Surface, three
 
 GREY = "#B4B6BA"  # of what has no colour
-MIMIC = {"multiplier": 1.0, "offset": 0.0}  # of a joint that mimics another, if the URDF does not say
 SHADE = 0.87  # of what is white, which would not be seen before a white page
-
-
-class Surface(NamedTuple):
-    """A rigid body of triangles.
-
-    Attributes:
-        shape: "mesh".
-        size: of the box around it, in metres.
-        colour: as "#0072B2".
-        vertices: in metres, shape (k, 3).
-        faces: numbers of the vertices of each triangle, shape (m, 3).
-    """
-
-    shape: str
-    size: tuple[float, float, float]
-    colour: str
-    vertices: Array
-    faces: NDArray[np.int64]
-
-
-class Primitive(NamedTuple):
-    """A box, a ball or a cylinder."""
-
-    shape: str
-    size: tuple[float, float, float]
-    colour: str
 
 
 class Joint(NamedTuple):
@@ -69,9 +41,9 @@ class Joint(NamedTuple):
     frame: Array
     axis: Array
     middle: float
-    leader: str = ""
-    multiplier: float = 1.0
-    offset: float = 0.0
+    leader: str
+    multiplier: float
+    offset: float
 
 
 class Visual(NamedTuple):
@@ -94,23 +66,17 @@ class UrdfBodies:
     """
 
     def __init__(self, file: Path) -> None:
-        try:
-            root = ElementTree.fromstring(read_whole(file))
-        except ElementTree.ParseError as error:
-            raise ValueError(f"{file}: expected a URDF, got no XML: {error}") from error
-        self._joints = {_attribute(joint, "child", "link"): _joint(joint) for joint in root.findall("joint")}
+        root = read_urdf(file)
+        self._joints = {_value(joint, "child", "link"): _joint(joint) for joint in root.findall("joint")}
         self._named = {joint.name: joint for joint in self._joints.values() if joint.name}
         for name in self._named:
             self._check_leaders(file, name)
-        paints = {paint.get("name", ""): paint for paint in root.iter("material") if paint.find("color") is not None}
+        paints = {
+            paint.get("name", ""): rgba for paint in root.iter("material") if (rgba := _value(paint, "color", "rgba"))
+        }
         self.visuals = [visual for link in root.findall("link") for visual in _visuals(link, paints, file.parent)]
         if not self.visuals:
             raise ValueError(f"{file}: expected bodies that are seen, got none")
-
-    @property
-    def joints(self) -> frozenset[str]:
-        """Names of the joints that can move."""
-        return frozenset(joint.name for joint in self._joints.values() if joint.kind != "fixed")
 
     def frames(self, positions: Mapping[str, Array], count: int) -> list[Array]:
         """Return the frame of each body, shape (count, 4, 4), by the positions of joints.
@@ -149,53 +115,50 @@ class UrdfBodies:
 
 def _moved(joint: Joint, position: Array) -> Array:
     """Return what a joint does to the frame of its link, shape (k, 4, 4)."""
-    moved = np.tile(np.eye(4), (len(position), 1, 1))
-    if joint.kind in ("revolute", "continuous"):
-        moved[:, :3, :3] = SO3.exp(position[:, None] * joint.axis).as_matrix()
-    elif joint.kind == "prismatic":
-        moved[:, :3, 3] = position[:, None] * joint.axis
-    return moved
+    along = position[:, None] * joint.axis
+    turn, shift = along * (joint.kind in ("revolute", "continuous")), along * (joint.kind == "prismatic")
+    return np.asarray(SE3.from_rotation_and_translation(SO3.exp(turn), shift).as_matrix(), dtype=np.float64)
 
 
 def _joint(element: Element) -> Joint:
-    axis = element.find("axis")
-    way = np.array([1.0, 0.0, 0.0]) if axis is None else _numbers(axis.get("xyz", "1 0 0"))
-    way = way / max(float(np.linalg.norm(way)), 1e-12)
-    frame, kind = _frame(element.find("origin")), element.get("type", "fixed")
-    middle = sum(float(_attribute(element, "limit", end) or 0.0) for end in ("lower", "upper")) / 2
-    parent = _attribute(element, "parent", "link")
-    leader = _attribute(element, "mimic", "joint")
-    multiplier, offset = (float(_attribute(element, "mimic", end) or usual) for end, usual in MIMIC.items())
-    middle = 0.0 if kind == "continuous" else middle
-    return Joint(element.get("name", ""), kind, parent, frame, way, middle, leader, multiplier, offset)
+    axis = _numbers(_value(element, "axis", "xyz", "1 0 0"))
+    kind = element.get("type", "fixed")
+    middle = sum(float(_value(element, "limit", end, "0")) for end in ("lower", "upper")) / 2
+    return Joint(
+        name=element.get("name", ""),
+        kind=kind,
+        parent=_value(element, "parent", "link"),
+        frame=_frame(element),
+        axis=axis / max(float(np.linalg.norm(axis)), 1e-12),
+        middle=0.0 if kind == "continuous" else middle,
+        leader=_value(element, "mimic", "joint"),
+        multiplier=float(_value(element, "mimic", "multiplier", "1")),
+        offset=float(_value(element, "mimic", "offset", "0")),
+    )
 
 
-def _visuals(link: Element, paints: Mapping[str, Element], folder: Path) -> Iterator[Visual]:
+def _visuals(link: Element, paints: Mapping[str, str], folder: Path) -> Iterator[Visual]:
     for element in link.findall("visual"):
-        with suppress(Exception):  # a mesh of a format that nobody here reads, or not there: the rest is still seen
-            body = _body(element, _colour(element.find("material"), paints), folder)
-            yield Visual(link.get("name", ""), _frame(element.find("origin")), body)
+        with suppress(Exception):  # a mesh that is missing or of an unknown format: the rest is still seen
+            yield Visual(link.get("name", ""), _frame(element), _body(element, _colour(element, paints), folder))
 
 
 def _body(visual: Element, colour: str, folder: Path) -> Surface | Primitive:
     """Return what a visual shows.
 
     Raises:
-        ValueError: no shape that is known.
-        Exception: a mesh cannot be read.
+        Exception: it has no known shape, or its mesh cannot be read.
     """
-    shape: Any = next(iter(visual.find("geometry") or ()), None)
-    match None if shape is None else shape.tag:
+    shape = visual.findall("geometry/*")[0]
+    match shape.tag:
         case "box":
-            return Primitive("box", three(_numbers(shape.get("size"))), colour)
+            return Primitive("box", three(_numbers(shape.attrib["size"])), colour)
         case "sphere":
-            return Primitive("ball", three(np.full(3, 2 * float(shape.get("radius")))), colour)
+            return Primitive("ball", (2 * float(shape.attrib["radius"]),) * 3, colour)
         case "cylinder":
-            width = 2 * float(shape.get("radius"))
-            return Primitive("cylinder", (width, width, float(shape.get("length"))), colour)
-        case "mesh":
-            return _surface(_mesh_file(shape.get("filename"), folder), _numbers(shape.get("scale", "1 1 1")), colour)
-    raise ValueError("visual: expected a box, a sphere, a cylinder or a mesh, got none")
+            width = 2 * float(shape.attrib["radius"])
+            return Primitive("cylinder", (width, width, float(shape.attrib["length"])), colour)
+    return _surface(_mesh_file(shape.attrib["filename"], folder), _numbers(shape.get("scale", "1 1 1")), colour)
 
 
 def _surface(file: Path, scale: Array, colour: str) -> Surface:
@@ -213,35 +176,26 @@ def _mesh_file(name: str, folder: Path) -> Path:
     return beside if beside.is_file() else located(name)
 
 
-def _colour(material: Element | None, paints: Mapping[str, Element]) -> str:
-    painted = (
-        material if material is None or material.find("color") is not None else paints.get(material.get("name", ""))
-    )
-    colour = None if painted is None else painted.find("color")
-    if colour is None:
+def _colour(visual: Element, paints: Mapping[str, str]) -> str:
+    rgba = _value(visual, "material/color", "rgba") or paints.get(_value(visual, "material", "name"))
+    if rgba is None:
         return GREY
-    red, green, blue = np.round(255 * SHADE * np.clip(_numbers(colour.get("rgba", "1 1 1 1"))[:3], 0, 1)).astype(int)
+    red, green, blue = np.round(255 * SHADE * np.clip(_numbers(rgba)[:3], 0, 1)).astype(int)
     return f"#{red:02X}{green:02X}{blue:02X}"
 
 
-def _frame(origin: Element | None) -> Array:
-    frame = np.eye(4)
-    if origin is not None:
-        frame[:3, :3] = SO3.from_rpy_radians(*_numbers(origin.get("rpy", "0 0 0"))).as_matrix()
-        frame[:3, 3] = _numbers(origin.get("xyz", "0 0 0"))
-    return frame
+def _frame(element: Element) -> Array:
+    """Return the frame at the origin of a joint or a visual, shape (4, 4)."""
+    place, angles = (_numbers(_value(element, "origin", name, "0 0 0")) for name in ("xyz", "rpy"))
+    frame = SE3.from_rotation_and_translation(SO3.from_rpy_radians(*angles), place)
+    return np.asarray(frame.as_matrix(), dtype=np.float64)
 
 
-def _attribute(element: Element, tag: str, name: str) -> str:
-    found = element.find(tag)
-    return "" if found is None else found.get(name, "")
+def _value(element: Element, path: str, name: str, default: str = "") -> str:
+    """Return an attribute of an element within another; the default if either is missing or empty."""
+    found = element.find(path)
+    return (None if found is None else found.get(name)) or default
 
 
 def _numbers(text: str) -> Array:
     return np.array([float(word) for word in text.split()])
-
-
-def three(values: Array) -> tuple[float, float, float]:
-    """Return three numbers as a tuple."""
-    x, y, z = (float(value) for value in values)
-    return x, y, z

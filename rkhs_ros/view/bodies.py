@@ -1,0 +1,52 @@
+"""The bodies that a page shows, and how they move."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rkhs_ros.rkhs.kernels import Array
+
+NO_TURN = (1.0, 0.0, 0.0, 0.0)  # unit quaternion w, x, y, z
+
+
+class Primitive(NamedTuple):
+    """A box, a ball or a cylinder, as `rkhs_ros.runs.shown.Body` describes it."""
+
+    shape: str
+    size: tuple[float, float, float]
+    colour: str
+
+
+class Surface(NamedTuple):
+    """A rigid body of triangles.
+
+    Attributes:
+        shape: "mesh".
+        size: of the box around it, in metres.
+        colour: as "#0072B2".
+        vertices: in metres, shape (k, 3).
+        faces: numbers of the vertices of each triangle, shape (m, 3).
+    """
+
+    shape: str
+    size: tuple[float, float, float]
+    colour: str
+    vertices: Array
+    faces: NDArray[np.int64]
+
+
+class Poses(NamedTuple):
+    """The pose of each body at each step, as `rkhs_ros.runs.shown.Motion` describes it."""
+
+    times: Array
+    places: Array
+    turns: Array
+
+
+def three(values: Array) -> tuple[float, float, float]:
+    """Return three numbers as a tuple."""
+    x, y, z = (float(value) for value in values)
+    return x, y, z
