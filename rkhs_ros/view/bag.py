@@ -14,7 +14,7 @@ from rkhs_ros.policies.storage import Task
 from rkhs_ros.recordings.batches import RecordedBatch
 from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.runs.curve import BEGINNING, NAN, Row
-from rkhs_ros.view.recorded import together
+from rkhs_ros.view.recorded import both_kinds
 from rkhs_ros.view.source import Seen
 
 UNDISCOUNTED = 1.0  # nobody tells the discount
@@ -57,10 +57,8 @@ class Bag:
     def seen(self, iteration: int) -> Seen | None:
         """Return the episodes of an iteration, and the policy after it where that was recorded."""
         part = self._parts[iteration - 1]
-        noise_free = [each for each in part if not each.batch.explore]
-        version = noise_free[0].version if noise_free else part[0].version
-        explored, evaluated = (together(part, explore=explore) for explore in (True, False))
-        return Seen(self._policies.get(version), explored, evaluated)
+        version = next((each.version for each in part if not each.batch.explore), part[0].version)
+        return Seen(self._policies.get(version), *both_kinds(part))
 
 
 def _iterations(batches: Sequence[RecordedBatch]) -> Iterator[list[RecordedBatch]]:
@@ -78,7 +76,7 @@ def _rows(parts: Sequence[list[RecordedBatch]]) -> Iterator[Row]:
     """Yield the row of each iteration; what its episodes do not tell is not a number."""
     row, began = BEGINNING, parts[0][0].time
     for part in parts:
-        exploration, evaluation = (together(part, explore=explore) for explore in (True, False))
+        exploration, evaluation = both_kinds(part)
         row = row._replace(
             iteration=row.iteration + 1,
             episodes=row.episodes + len(exploration or ()),

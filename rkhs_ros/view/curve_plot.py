@@ -47,15 +47,13 @@ class CurvePlot:
             return
         self._drawn = len(rows)
         data = plotted(rows, self._known)
-        series = [{"label": "episodes"}, *map(_look, list(data)[1:], self._shades(list(data)[1:]))]
+        greys = cycle(GREYS)
+        series = [{"label": "episodes"}]
+        series += [_look(name, COLOURS.get(name) or next(greys)) for name in list(data)[1:]]
         if self._plot is None or len(self._plot.series) != len(series):
             self._renew(tuple(data.values()), tuple(series))
         else:
             self._plot.data = tuple(data.values())
-
-    def _shades(self, names: Sequence[str]) -> list[str]:
-        greys = cycle(GREYS)
-        return [COLOURS.get(name) or next(greys) for name in names]
 
     def _renew(self, data: tuple[Array, ...], series: tuple[Any, ...]) -> None:
         if self._plot is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -81,13 +81,12 @@ class Recorded:
         except (ValueError, OSError):  # the run goes on with another file, of which more is known in a moment
             return None
         imagine = imagining(self._practice, policy, lambda: self._explored(iteration), self.spaces)
-        explored, evaluated = (together(batches, explore=explore) for explore in (True, False))
-        return Seen(policy, explored, evaluated, imagine)
+        return Seen(policy, *both_kinds(batches), imagine)
 
     def _explored(self, iteration: int) -> Episodes:
         """Return the exploring episodes of the iterations up to one."""
         places = [place for number, left in self._left.items() if number <= iteration for place in left.episodes]
-        episodes = together([self._batch(place) for place in places], explore=True)
+        episodes, _ = both_kinds(map(self._batch, places))
         if episodes is None:
             raise ValueError("recording: expected exploring episodes, got none")
         return episodes
@@ -131,7 +130,9 @@ class Recorded:
         return recording_of([(place.kind, place.time, self._following.message(place))]).batches[0]
 
 
-def together(batches: Sequence[RecordedBatch], *, explore: bool) -> Episodes | None:
-    """Return the episodes of some batches that count, exploring or noise-free; None where there are none."""
-    some = [each.episodes for each in counted(batches).values() if each.batch.explore == explore]
-    return Episodes.concatenate(some) if some else None
+def both_kinds(batches: Iterable[RecordedBatch]) -> tuple[Episodes | None, Episodes | None]:
+    """Return the exploring and the noise-free episodes that count; None if there are none of a kind."""
+    finished = counted(batches).values()
+    kinds = ([each.episodes for each in finished if each.batch.explore == explore] for explore in (True, False))
+    explored, evaluated = (Episodes.concatenate(kind) if kind else None for kind in kinds)
+    return explored, evaluated

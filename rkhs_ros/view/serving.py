@@ -55,7 +55,7 @@ def wait_for_recording(file: Path) -> Source:
     deadline = time.monotonic() + BEGIN_TIMEOUT_S
     while time.monotonic() < deadline:
         with suppress(ValueError, OSError):
-            Recorded(file).refresh()
+            Recorded(file)  # else it has no head yet
             return source_of(file)
         time.sleep(TICK_S)
     raise ValueError(f"{file}: expected a run to begin its recording within {BEGIN_TIMEOUT_S:g} s, got none")

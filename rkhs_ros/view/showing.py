@@ -78,8 +78,7 @@ class Showing:
             episodes = _of_kind(newest, kind)
         if episodes is not None:
             self.episode = episodes.take(slice(row, row + 1))
-            self._prepare(newest, self.episode)
-            self._set_motion(self.episode)
+            self._set_motion(newest, self.episode)
             self._hang(seen, iteration, kind)
         self._shown = self._chosen(iteration)
 
@@ -117,16 +116,6 @@ class Showing:
             self._trouble = f"Nothing can be imagined ({told(error)}): an exploring episode in its place. "
             return None
 
-    def _prepare(self, seen: Seen, episode: Episodes) -> None:
-        """Set up the stage and what the policy can be drawn over, once it is known what there is."""
-        if self._stage is not None:
-            return
-        task, going = self._source.task, episode.mask[0]
-        numbers = episode.observations[0][going], self._clipped(episode.actions[0][going])
-        self._names, self._scene = look_of(task, self._source.spaces, self._source.nodes, *numbers)
-        self._stage = Stage(self._server, self._scene)
-        self._offer_choices(Coordinates(seen.policy, self._names), episode)
-
     def _offer_choices(self, coordinates: Coordinates, episode: Episodes) -> None:
         """Add what the policy can be drawn over, in a folder that is closed: what tells most is chosen already."""
         labels, (across, up) = coordinates.labels, coordinates.telling(episode)
@@ -141,23 +130,26 @@ class Showing:
                 for name, options, first, fewest in lists
             )
 
-    def _set_motion(self, episode: Episodes) -> None:
+    def _set_motion(self, seen: Seen, episode: Episodes) -> None:
+        """Set how an episode moves; the first one sets up the stage and what the policy can be drawn over."""
         going = episode.mask[0]
         numbers = episode.observations[0][going], self._clipped(episode.actions[0][going])
-        self._motion = self._moving(*numbers)
-        if isinstance(self._scene, Timeline) and self._stage is not None:
+        task, spaces, nodes = self._source.task, self._source.spaces, self._source.nodes
+        if self._stage is None:
+            self._names, self._scene = look_of(task, spaces, nodes, *numbers)
+            self._stage = Stage(self._server, self._scene)
+            self._offer_choices(Coordinates(seen.policy, self._names), episode)
+        self._motion = None
+        try:
+            self._motion = self._scene.motion(*numbers)
+        except Exception as error:  # somebody's code
+            print(f"warning: {task.environment}: not shown ({told(error)})", file=sys.stderr)
+        if isinstance(self._scene, Timeline):
             self._stage.set_backdrop(self._scene.backdrop(*numbers))
         self._frames = int(going.sum()) if self._motion is None else len(self._motion.times)
         self._frame.max, self._frame.disabled = max(self._frames - 1, 1), self._frames < 2
         self._frame.value = self._set_to = min(self._set_to, self._frames - 1)  # at the moment as before
         self._at, self._played_at = -1, time.monotonic()
-
-    def _moving(self, observations: Array, actions: Array) -> Motion | None:
-        try:
-            return self._scene.motion(observations, actions)
-        except Exception as error:  # somebody's code
-            print(f"warning: {self._source.task.environment}: not shown ({told(error)})", file=sys.stderr)
-            return None
 
     def _hang(self, seen: Mapping[int, Seen], iteration: int, kind: str) -> None:
         """Draw the policy with the episodes that led to it, that looked at last."""

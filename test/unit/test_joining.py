@@ -33,9 +33,9 @@ def test_joining_is_linear(file: Path, user: str, monkeypatch: pytest.MonkeyPatc
 
     def view() -> Episodes | None:
         pytest.importorskip("viser")
-        from rkhs_ros.view.recorded import together
+        from rkhs_ros.view.recorded import both_kinds
 
-        return together(recording.batches, explore=True)
+        return both_kinds(recording.batches)[0]
 
     users = {
         "recording": recording.episodes,
