@@ -69,7 +69,8 @@ def _settings(recordings: dict[str, Recording], file: Path | None, changes: list
     name, recording = next(iter(recordings.items()))
     if recording.head is None:
         if file is None:
-            raise ValueError(f"{name}: expected a configuration beside a bag, which does not tell its task, got none")
+            what = "a recording whose head is damaged" if recording.lost else "a bag"
+            raise ValueError(f"{name}: expected a configuration beside {what}, which does not tell its task, got none")
         config = _configured(file, changes)
         return config, spaces_of(config.environment)
     task = recording.head.task

@@ -31,7 +31,8 @@ def run(options: argparse.Namespace) -> int:
     recording = read_recording(options.recording)
     head, total = recording.head, len(recording.updates)
     if head is None:
-        raise ValueError(f"{options.recording}: expected the recording of a run, got a bag, which holds no policies")
+        got = "a damaged one, whose head cannot be read" if recording.lost else "a bag, which holds no policies"
+        raise ValueError(f"{options.recording}: expected the recording of a run, got {got}")
     use_one_thread()
     done = 0
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -60,12 +61,14 @@ class Recording:
         policies: by version.
         batches: in the order in which they ended, void ones included.
         updates: the messages of the iterations done.
+        lost: bytes of the file that are ignored because they are damaged or cut.
     """
 
     heads: list[Head] = field(default_factory=list)
     policies: dict[int, GaussianPolicy] = field(default_factory=dict)
     batches: list[RecordedBatch] = field(default_factory=list)
     updates: list[Any] = field(default_factory=list)
+    lost: int = 0
 
     @property
     def head(self) -> Head | None:
@@ -92,7 +95,9 @@ class Recording:
         """
         finished = self.finished
         horizons = {each.batch.horizon for each in finished}
-        require(len(horizons) == 1, "recording", "episodes of one horizon", f"horizons {sorted(horizons) or 'of none'}")
+        got = "none, as the file is damaged" if self.lost else "none"
+        require(bool(finished), "recording", "at least one finished episode", got)
+        require(len(horizons) == 1, "recording", "episodes of one horizon", f"horizons {sorted(horizons)}")
         return Episodes.concatenate(each.episodes for each in finished)
 
     def by_numbers(self) -> dict[Batch, RecordedBatch]:
@@ -152,8 +157,10 @@ def read_recording(path: Path) -> Recording:
         OSError: it cannot be read.
     """
     path = recording_file(path)
+    found = None if path.is_dir() else _whole(path)
     with faults_named(path):
-        recording = recording_of(_bag_messages(path) if path.is_dir() else _ours(_whole(path).messages))
+        recording = recording_of(_ours(found.messages) if found else _bag_messages(path))
+    recording.lost = found.lost if found else 0
     require(bool(recording.head or recording.batches), f"{path}", "a recording of a run", "none of our messages")
     if count := recording.replaced:
         print(
@@ -173,7 +180,7 @@ def read_held(path: Path) -> tuple[Recording, list[Stored]]:
         ValueError: it is no recording.
         OSError: it cannot be read, or not kept.
     """
-    if not path.is_file():
+    if not os.path.lexists(path):
         return Recording(), []
     found = _whole(path)
     with faults_named(path):

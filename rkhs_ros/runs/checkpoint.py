@@ -31,6 +31,7 @@ FREE = ("iterations", "simulators", "timeout")  # settings that no iteration's r
 COUNTS = ("iterations", "explored", "evaluated")  # of a state
 _digest = partial(blake2b, digest_size=16)
 REMEDY = "Put the file back as it was, or train in another folder."
+WHOLE = "expected a whole checkpoint to resume from"
 MEMORY = [f.name for f in fields(Episodes)]
 
 
@@ -49,6 +50,9 @@ class Checkpoints:
         config: the run.
         provenance_may_change: whether to go on with a run of other code, libraries or threads.
         clock: tells the seconds since some moment.
+
+    Attributes:
+        recorded: whether the run is recorded, which each checkpoint notes; `newest` reads it.
     """
 
     def __init__(
@@ -66,6 +70,7 @@ class Checkpoints:
         self._synced_at = clock()
         self._synced: Path | None = None
         self._last: list[Path] = []
+        self.recorded = False
         self._surroundings = surroundings()
         self._heeded = config.settings if provenance_may_change else config.settings | self._surroundings
         self._lines = _digest()
@@ -104,15 +109,18 @@ class Checkpoints:
 
         Raises:
             ValueError: a checkpoint of another schema, with other settings or surroundings, or of another curve; or
-                the curve lacks the lines that all sound ones were written after.
+                the curve lacks the lines that all sound ones were written after; or no sound one is left to resume
+                from, but a damaged one.
             OSError: the disk failed.
         """
-        beyond: list[tuple[Path, int]] = []
+        beyond, damaged = list[tuple[Path, int]](), list[Path]()
         for path in sorted(self._folder.glob("*.npz"), reverse=True):
             state, digest = self._read(path) or (None, "")
-            if state and state.iterations > lines:
+            if not state:
+                damaged.append(path)
+            elif state.iterations > lines:
                 beyond.append((path, state.iterations))
-            elif state:
+            else:
                 self._check_curve(path, state.iterations, digest)
                 if state.iterations < self._config.training.iterations:
                     for other, iterations in beyond:
@@ -124,6 +132,8 @@ class Checkpoints:
                 f"{self._curve}: lines are missing; expected those of {iterations} iterations, which {newest.name} was "
                 f"written after, got those of {lines}. {REMEDY}"
             )
+        if damaged:
+            raise OtherRunError(f"{damaged[0]}: {WHOLE}, got damaged ones only. {REMEDY}")
         return None
 
     def go_on_from(self, state: State) -> None:
@@ -147,7 +157,7 @@ class Checkpoints:
 
     def _content(self, state: State) -> bytes:
         run = {"settings": self._config.settings, "surroundings": self._surroundings, "curve": self._digest_of_curve()}
-        about = {"schema": SCHEMA, "version": __version__, **run}
+        about = {"schema": SCHEMA, "version": __version__, "recorded": self.recorded, **run}
         counts = {name: getattr(state, name) for name in COUNTS}
         memory = {f"memory_{name}": getattr(state.memory, name) for name in MEMORY}
         return packed({"about": np.array(json.dumps(about | counts).encode()), **policy_arrays(state.policy), **memory})
@@ -162,6 +172,7 @@ class Checkpoints:
             counts = {name: about[name] for name in COUNTS}
             good = all(type(count) is int and count >= 0 for count in counts.values())
             require(good, "counts", "whole numbers >= 0", counts)
+            self.recorded |= about.get("recorded") is True
             return State(policy=policy_of(arrays), memory=memory, **counts), about["curve"]
         except OtherRunError:
             raise

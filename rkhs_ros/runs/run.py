@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -17,7 +18,7 @@ from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.recordings.recording import FILE
-from rkhs_ros.runs.checkpoint import Checkpoints
+from rkhs_ros.runs.checkpoint import REMEDY, WHOLE, Checkpoints
 from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.control import Control, Rest
 from rkhs_ros.runs.curve import Curve, Row
@@ -27,6 +28,7 @@ from rkhs_ros.runs.report import FIRST_POLICY, Report, begin, is_begun, new_fold
 if TYPE_CHECKING:
     from rkhs_ros.runs.recorded import RecordableRunner, RecordingRunner
 
+RECORDED = "the recording that this run began with (put it back, or start another one with --record)"
 LookOn = Callable[[Iteration, Sequence[Row]], None]  # is told of each iteration, with the last lines of the curve
 
 
@@ -80,12 +82,16 @@ def run_training(
         state = checkpoints.newest(lines) if resume else None
         if resume and state is None:
             _check_environment(folder, config.environment)
+            if lines > 1:  # a kill may come between the first line and the first checkpoint
+                raise ValueError(f"{folder / 'checkpoints'}: {WHOLE}, got none. {REMEDY}")
             if curve.path.exists():
                 print(f"note: {folder}: no checkpoint to go on from: the run begins again", file=sys.stderr)
         done = state.iterations if state else 0
         first = state or first_state(config.training, runner.spaces, _given(folder))
         control = Control(folder, rest)
-        record |= (folder / FILE).is_file()
+        record |= os.path.lexists(folder / FILE)  # also a pipe or a broken link, which is then refused
+        require(record or not checkpoints.recorded, f"{folder / FILE}", RECORDED, "none")
+        checkpoints.recorded = record
         if not is_begun(folder):
             begin(folder, config)
         how = {"sync": sync, "provenance_may_change": provenance_may_change}

@@ -178,11 +178,14 @@ def test_what_is_no_checkpoint_is_passed_over(
     assert f"warning: {path}: passed over (damaged, " in capsys.readouterr().err
 
 
-def test_all_damaged_leaves_none(folder: Path, states: list[State], capsys: pytest.CaptureFixture[str]) -> None:
+def test_none_at_all_is_no_state_but_damaged_ones_only_are_refused(
+    folder: Path, states: list[State], capsys: pytest.CaptureFixture[str]
+) -> None:
     assert newest(folder) is None
     for path in write(folder, *states[:2]):
         path.write_bytes(b"")
-    assert newest(folder) is None
+    with pytest.raises(ValueError, match=r"2\.npz: expected a whole checkpoint to resume from, got damaged ones only"):
+        newest(folder)
     assert capsys.readouterr().err.count("passed over") == 2
 
 

@@ -1,3 +1,4 @@
+import os
 import resource
 import signal
 from collections.abc import Callable
@@ -309,6 +310,50 @@ def test_a_run_that_goes_on_keeps_what_it_cannot_read_of_its_recording(tmp_path:
     file.write_bytes(content)
     recorded_run(tmp_path / "run", CONFIG, resume=True)
     assert (file.parent / "recording_damaged_1.mcap").read_bytes() == content
+
+
+def test_a_recorded_run_without_its_recording_goes_on_only_with_another_one(
+    tmp_path: Path, rkhs: Callable[..., Result]
+) -> None:
+    file = recorded_run(tmp_path / "run", longer(2))
+    file.unlink()
+    more = ("train", "--resume", "run", "--runner", "inline", "--quiet", "--iterations", 3)
+    before = {path: path.read_bytes() for path in file.parent.rglob("*") if path.is_file()}
+    assert_refused(rkhs(*more), "run/recording.mcap: expected the recording that this run began with")
+    assert {path: path.read_bytes() for path in file.parent.rglob("*") if path.is_file()} == before
+    assert rkhs(*more, "--record").code == 0
+    assert [update.iteration for update in read_recording(file).updates] == [3]
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")], ids=["pipe", "device"])
+def test_a_pipe_or_a_device_in_place_of_a_recording_is_refused(
+    tmp_path: Path, rkhs: Callable[..., Result], make: Callable[[Path], None]
+) -> None:
+    file = recorded_run(tmp_path / "run", longer(2))
+    file.unlink()
+    make(file)
+    for record in ((), ("--record",)):
+        command = ("train", "--resume", "run", "--runner", "inline", "--quiet", "--iterations", 3, *record)
+        assert_refused(rkhs(*command), "run/recording.mcap: expected a regular file, got a pipe, a device or a socket")
+
+
+def test_a_recording_with_a_damaged_head_or_episode_is_refused_as_damaged(
+    tmp_path: Path, rkhs: Callable[..., Result]
+) -> None:
+    file = recorded_run(tmp_path / "run", longer(1, episodes_per_iteration=1, evaluate_every=0))
+    whole = file.read_bytes()
+    for command, damaged, message in (
+        ("replay", 0, "expected the recording of a run, got a damaged one, whose head cannot be read"),
+        ("learn", 0, "expected a configuration beside a recording whose head is damaged"),
+        ("learn", 2, "expected at least one finished episode, got none, as the file is damaged"),
+    ):
+        content = bytearray(whole)
+        content[chunks(whole)[damaged] + 100] ^= 1
+        file.write_bytes(content)
+        code, out, err = rkhs(command, "run")
+        assert (code, out) == (2, "")
+        assert message in err.splitlines()[-1]
 
 
 def test_of_a_run_that_was_killed_nothing_is_kept_aside(tmp_path: Path) -> None:

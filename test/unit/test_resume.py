@@ -172,13 +172,34 @@ def test_damaged_checkpoints_cost_time_only(
 ) -> None:
     folder = stopped(tmp_path / "run", 6)
     for number, path in enumerate(sorted((folder / "checkpoints").glob("*.npz"), reverse=True), 1):
-        path.write_bytes(path.read_bytes()[:-1])
         copy = tmp_path / f"copy{number}"
         subprocess.run(["cp", "-r", folder, copy], check=True)
         capsys.readouterr()
         assert results(resumed(copy)) == whole
-        assert capsys.readouterr().err.count(": passed over (damaged, ") == number
+        assert capsys.readouterr().err.count(": passed over (damaged, ") == number - 1
+        path.write_bytes(path.read_bytes()[:-1])
     assert number == 2
+
+
+def test_a_run_without_a_whole_checkpoint_is_refused_and_nothing_is_replaced(rkhs: Cli, tmp_path: Path) -> None:
+    folder = stopped(tmp_path / "run", 6)
+    for path in (folder / "checkpoints").glob("*.npz"):
+        path.write_bytes(path.read_bytes()[:-1])
+    before = contents(folder)
+    code, out, err = rkhs("train", "--resume", "run", *INLINE)
+    *warnings, refusal = err.splitlines()
+    assert (code, out, len(warnings)) == (2, "", 2)
+    assert "run/checkpoints/0000003.npz: expected a whole checkpoint to resume from, got damaged ones only" in refusal
+    assert contents(folder) == before
+
+
+def test_a_run_whose_checkpoints_are_gone_is_refused_and_nothing_is_replaced(rkhs: Cli, tmp_path: Path) -> None:
+    folder = stopped(tmp_path / "run", 6)
+    for path in (folder / "checkpoints").glob("*.npz"):
+        path.unlink()
+    before = contents(folder)
+    assert_refused(rkhs("train", "--resume", "run", *INLINE), "run/checkpoints: expected a whole checkpoint")
+    assert contents(folder) == before
 
 
 def test_seconds_and_the_bar_go_on_where_they_were(
