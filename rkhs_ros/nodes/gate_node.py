@@ -35,7 +35,7 @@ from rkhs_ros.nodes.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.stop_topic import StopTopic
 from rkhs_ros.nodes.uniqueness import Uniqueness
 from rkhs_ros.robot.gate import armed, begin, commanded, last_output, leave, sensed, stop_asked, stopped, ticked
-from rkhs_ros.robot.gate_settings import GateSettings, rules
+from rkhs_ros.robot.gate_settings import GateSettings, require_own_topic, rules
 from rkhs_ros.robot.gate_state import STOP_ASKED, Counts, Gate, Mode
 from rkhs_ros.robot.motion import Setpoint
 from rkhs_ros.robot.sensors import JOINT_STATE
@@ -129,6 +129,7 @@ class GateNode(ReportingNode):
 
     def _open_topics(self) -> None:
         command, sensor = self._settings.command, self._settings.sensor
+        require_own_topic(self._settings, self.resolve_topic_name)
         self._hardware = self.create_publisher(TYPES[command.type], command.topic, HARDWARE_QOS)
         self._reports = self.create_publisher(GateReport, "gate/report", LOCKSTEP_QOS)
         self._states = self.create_publisher(GateState, "gate/state", LATCHED_QOS)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import rclpy
 from rcl_interfaces.msg import Log
+from rclpy._rclpy_pybind11 import RCLError  # type: ignore[import-not-found]  # rclpy does not export it
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.exceptions import NameValidationException
@@ -228,9 +229,11 @@ def open_node(node: ReportingNode) -> None:
     """Open a node's topics and services.
 
     Raises:
-        ValueError: a parameter is unknown or does not fit, or a name is none.
+        ValueError: a parameter is unknown or does not fit, a name is invalid, or the middleware refuses one.
     """
     try:
         node.open()
     except NameValidationException as error:  # a setting that names a topic or a service
         raise ValueError(in_one_line(error)) from error
+    except RCLError as error:  # for example two topics of one name with different types
+        raise ValueError(f"{node.get_name()}: cannot open its topics and services: {shown(error)}") from error

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStampe
 KINDS_OF = {FLOATS: KINDS, TRAJECTORY: (POSITION,), TWIST: (VELOCITY,), TWIST_STAMPED: (VELOCITY,)}
 AXES = tuple(f"{part}.{axis}" for part in ("linear", "angular") for axis in "xyz")  # what a Twist has for joints
 Numbers = tuple[float, ...]
+OWN_TOPICS = ("command", "stop", "robot/obstacle", "gate/report", "gate/state")  # of every gate
 LONGEST_END_S = 8.0  # for a robot to come to rest before its gate ends; a launcher waits for as long
 
 
@@ -139,6 +140,7 @@ def rules(settings: GateSettings) -> Rules:
     """
     require(bool(settings.joints), "joints", "the names of the joints", "none")
     require(bool(settings.command.topic), "command.topic", "the topic that takes the commands", "none")
+    require_own_topic(settings, str)
     limits = read_limits(located(settings.limits.urdf), settings.joints) if settings.limits.urdf else []
     return Rules(
         _limits(settings, limits),
@@ -151,6 +153,22 @@ def rules(settings: GateSettings) -> Rules:
         settings.rest.speed,
         settings.rest.time,
     )
+
+
+def require_own_topic(settings: GateSettings, resolved: Callable[[str], str]) -> None:
+    """Check that the hardware has a topic of its own: a gate must not hear its own commands.
+
+    Args:
+        settings: of the gate.
+        resolved: returns the full name of a topic.
+
+    Raises:
+        ValueError: the gate uses the topic for something else.
+    """
+    topic, others = settings.command.topic, [*OWN_TOPICS, settings.sensor.topic]
+    taken = {resolved(name) for name in others if name}
+    expected = "a topic that the gate does not use otherwise"
+    require(resolved(topic) not in taken, "command.topic", expected, topic)
 
 
 def _limits(settings: GateSettings, urdf: Sequence[JointLimit]) -> Limits:

@@ -212,6 +212,8 @@ def test_a_robot_that_another_publisher_commands_is_not_armed(begin: Begin) -> N
     [
         ({}, "joints: expected the names of the joints, got none"),
         ({**POSITION, "limits": {"minimum": [-1.0]}}, "limits.maximum: expected a limit"),
+        ({**POSITION, "command": POSITION["command"] | {"topic": "/joint_states"}}, "command.topic: expected a topic"),
+        ({**POSITION, "command": POSITION["command"] | {"topic": "/rosout"}}, "cannot open its topics and services"),
         ({**POSITION, "limit": 1}, "unknown key 'limit', did you mean 'limits'?"),
     ],
 )
