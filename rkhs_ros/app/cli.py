@@ -7,7 +7,8 @@ import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from typing import NoReturn
+from pathlib import Path
+from typing import Any, NoReturn
 
 from rkhs_ros import __version__
 from rkhs_ros.base.endings import INTERRUPTED, RunError, say
@@ -40,9 +41,24 @@ COMMANDS = {
 class Parser(argparse.ArgumentParser):
     """Parses arguments, and refuses them in one line."""
 
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.register("type", Path, _path)
+
     def error(self, message: str) -> NoReturn:
         """Raise ValueError."""
         raise ValueError(f"{message} (see '{self.prog} --help')")
+
+
+def _path(word: str) -> Path:
+    """Return an argument as a path; an empty one, for example of an unset variable, would mean the current folder.
+
+    Raises:
+        ArgumentTypeError: it is empty.
+    """
+    if not word:
+        raise argparse.ArgumentTypeError("expected a path, got an empty text")
+    return Path(word)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -57,6 +73,7 @@ def _exit_code(arguments: Sequence[str]) -> int:
         with readers_may_leave():
             _check_encoding(arguments)
             options = _parser(_called(arguments)).parse_args(arguments)
+            _check_settings(getattr(options, "set", None) or [])
             return int(options.run(options))
     except (ValueError, OSError, RunError) as error:
         return say(error)
@@ -70,6 +87,15 @@ def _check_encoding(arguments: Sequence[str]) -> None:
     for word in arguments:
         if not word.isascii() and word.encode(errors="replace") != word.encode(errors="surrogatepass"):
             raise ValueError(f"argument: expected text in UTF-8, got {word!a}")
+
+
+def _check_settings(changes: Sequence[str]) -> None:
+    """Raise ValueError if --set gives a setting twice, with different values."""
+    given: dict[str, str] = {}
+    for change in changes:
+        name, _, value = (part.strip() for part in change.partition("="))
+        if given.setdefault(name, value) != value:
+            raise ValueError(f"--set: {name}: expected one value, got {given[name]!a} and {value!a}")
 
 
 def _called(arguments: Sequence[str]) -> str | None:

@@ -282,6 +282,11 @@ def test_every_command_explains_itself(rkhs: Run, command: str) -> None:
         (("train", "--runner", "on\nfoot"), "argument --runner: invalid choice"),
         (("evaluate",), "the following arguments are required: DIR|FILE (see 'rkhs evaluate --help')"),
         (("train", "x.yaml", "--algorithm", "RKHSNAC"), "unknown algorithm 'RKHSNAC', did you mean 'rkhs_nac'?"),
+        (("evaluate", ""), "argument DIR|FILE: expected a path, got an empty text (see 'rkhs evaluate --help')"),
+        (("train", "a.yaml", "--out", ""), "argument --out: expected a path, got an empty text"),
+        (("train", "--resume="), "argument --resume: expected a path, got an empty text"),
+        (("train", "x.yaml", "--set", "seed=1", "--set", "seed=2"), "--set: seed: expected one value, got '1' and '2'"),
+        (("learn", "x.mcap", "--set", "a.b=1", "a.b=2"), "--set: a.b: expected one value, got '1' and '2'"),
         (("plot", "none"), "none: expected the folder of a run, got none with a config.yaml"),
     ],
 )
