@@ -1,0 +1,99 @@
+"""The glossary lists terms that are in use, and retired words are gone."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from test.docs.pages import PAGES, ROOT
+
+GLOSSARY = ROOT / "docs" / "glossary.md"
+SOURCES = [path for package in ("rkhs_ros", "sim_nodes") for path in sorted((ROOT / package).rglob("*.py"))]
+CONFIGURATIONS = sorted((ROOT / "config").rglob("*.yaml"))
+TEXTS = [*SOURCES, *(page for page in PAGES if page != GLOSSARY)]
+REWRITTEN = [GLOSSARY, *(ROOT / "docs" / f"{name}.md" for name in ("does_not_learn", "compared_with"))]
+
+# Whole words, in each of which a letter is in brackets, so that who searches for a word does not find it here.
+RETIRED_NAMES = [
+    r"Model[P]ractice",
+    r"No[P]ractice",
+    r"practi[c]e\.(form|iterations|episodes|centres|narrow|noise|reward|end|change|\w+_decay|exploration_minimum)",
+    r"World[M]odel",
+    r"world_[m]odel",
+    r"Known[P]arts",
+    r"known_[p]arts",
+    r"Imagined[R]unner",
+    r"imagined_[r]eturn",
+    r"are_places_[a]like",
+    r"_made_[r]eady",
+    r"best_[s]tretched",
+    r"rows_at_[o]nce",
+    r"look_[a]way",
+    r"any_[t]ask",
+    r"train_[r]eturn",
+    r"mean_policy_[r]eturn",
+]
+RETIRED_WORDS = [
+    r"(?<!in )(?<!best )practi[cs]e",
+    r"practi[cs](es|ed|ing)",
+    r"imagine[ds]?",
+    r"surpasse[ds]",
+    r"surrounding[s]",
+    r"void episode[s]?",
+    r"noise-free return[s]?",
+    r"(same bits|to the (last )?bit)",
+]
+
+
+def terms() -> dict[str, str]:
+    """Return the terms of the glossary with their lines."""
+    block = re.search(r"```\{glossary\}\n(.*?)```", GLOSSARY.read_text(), re.DOTALL)
+    assert block
+    return dict(re.findall(r"^(\S.*)\n  (\S.*)$", block[1], re.MULTILINE))
+
+
+def words(text: str) -> str:
+    """Return a text in lower case with single spaces, the parts of names as words."""
+    return " ".join(text.replace("_", " ").lower().split())
+
+
+def prose(page: Path) -> str:
+    """Return a page without its code and the targets of its links."""
+    text = re.sub(r"```\w+\n.*?```", "", page.read_text(), flags=re.DOTALL)
+    return re.sub(r"`[^`]*`|\]\([^)]*\)", "", text)
+
+
+def found(patterns: list[str], text: str) -> Iterator[str]:
+    for pattern in patterns:
+        yield from (match[0] for match in re.finditer(rf"(?<!\w)(?:{pattern})(?!\w)", text, re.IGNORECASE))
+
+
+def test_the_terms_are_sorted_and_have_one_line_each() -> None:
+    names = list(terms())
+    assert len(names) > 40
+    assert names == sorted(names, key=str.lower)
+    assert len(names) == len(re.findall(r"^(?!```)\S.*\n  \S", GLOSSARY.read_text(), re.MULTILINE))
+    assert not re.search(r"^  .*\n  ", GLOSSARY.read_text(), re.MULTILINE)
+
+
+def test_every_term_is_used() -> None:
+    used = words(" ".join(path.read_text() for path in TEXTS))
+    assert [term for term in terms() if not re.search(rf"(?<!\w){re.escape(term.lower())}s?(?!\w)", used)] == []
+
+
+def test_retired_words_are_not_in_the_pages_that_were_rewritten() -> None:
+    assert {page.name: list(found(RETIRED_WORDS, prose(page))) for page in REWRITTEN} == {
+        page.name: [] for page in REWRITTEN
+    }
+
+
+@pytest.mark.skip(reason="until the rename")
+def test_retired_names_are_nowhere() -> None:
+    uses = {path: list(found(RETIRED_NAMES, path.read_text())) for path in [*TEXTS, *CONFIGURATIONS]}
+    assert {str(path.relative_to(ROOT)): names for path, names in uses.items() if names} == {}
+
+
+def test_a_retired_word_is_found_whole_only() -> None:
+    assert list(found([r"old_[n]ame"], "an old_name, old_names")) == ["old_name"]
+    assert list(found([r"(?<!in )practi[cs]e"], "in practice, practise")) == ["practise"]
