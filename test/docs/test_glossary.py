@@ -14,7 +14,7 @@ CONFIGURATIONS = sorted((ROOT / "config").rglob("*.yaml"))
 TEXTS = [*SOURCES, *(page for page in PAGES if page != GLOSSARY)]
 REWRITTEN = [GLOSSARY, *(ROOT / "docs" / f"{name}.md" for name in ("does_not_learn", "compared_with"))]
 
-# Whole words, in each of which a letter is in brackets, so that who searches for a word does not find it here.
+# Patterns of whole words. A letter in brackets keeps a search for the word, or its replacement, from matching this list.
 RETIRED_NAMES = [
     r"Model[P]ractice",
     r"No[P]ractice",
@@ -47,10 +47,9 @@ RETIRED_WORDS = [
 
 
 def terms() -> dict[str, str]:
-    """Return the terms of the glossary with their lines."""
-    block = re.search(r"```\{glossary\}\n(.*?)```", GLOSSARY.read_text(), re.DOTALL)
-    assert block
-    return dict(re.findall(r"^(\S.*)\n  (\S.*)$", block[1], re.MULTILINE))
+    """Return the terms of the glossary with their meanings."""
+    _, _, *rows = re.findall(r"^\| *(.+?) *\| *(.+?) *\|$", GLOSSARY.read_text(), re.MULTILINE)
+    return dict(rows)
 
 
 def words(text: str) -> str:
@@ -73,8 +72,7 @@ def test_the_terms_are_sorted_and_have_one_line_each() -> None:
     names = list(terms())
     assert len(names) > 40
     assert names == sorted(names, key=str.lower)
-    assert len(names) == len(re.findall(r"^(?!```)\S.*\n  \S", GLOSSARY.read_text(), re.MULTILINE))
-    assert not re.search(r"^  .*\n  ", GLOSSARY.read_text(), re.MULTILINE)
+    assert len(names) == GLOSSARY.read_text().count("\n| ") - 1
 
 
 def test_every_term_is_used() -> None:
