@@ -14,7 +14,7 @@ CONFIGURATIONS = sorted((ROOT / "config").rglob("*.yaml"))
 TEXTS = [*SOURCES, *(page for page in PAGES if page != GLOSSARY)]
 REWRITTEN = [GLOSSARY, *(ROOT / "docs" / f"{name}.md" for name in ("does_not_learn", "compared_with"))]
 
-# Patterns of whole words. A letter in brackets keeps a search for the word, or its replacement, from matching this list.
+# Patterns of whole words. A letter in brackets keeps a search for a word from matching this list.
 RETIRED_NAMES = [
     r"Model[P]ractice",
     r"No[P]ractice",
