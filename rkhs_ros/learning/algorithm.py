@@ -14,7 +14,7 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.learning.spaces import Space
 from rkhs_ros.learning.steps import StepRule
-from rkhs_ros.policies.gaussian import GaussianPolicy, mean_kl_from
+from rkhs_ros.policies.gaussian import GaussianPolicy, mean_kl
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.kernels import Array, Kernel
 
@@ -170,5 +170,5 @@ def _moved(policy: GaussianPolicy, step: Array, experience: Experience) -> Const
 
 def measure(samples: Samples, new: GaussianPolicy, step_size: float, sparsification_error: float) -> Metrics:
     """Return the metrics of an update over the points visited."""
-    kl = mean_kl_from(samples.mean, samples.variance, new, samples.observations)
+    kl = mean_kl(samples.mean, samples.variance, new, samples.observations)
     return Metrics(step_size, kl, len(new.mean.centres), sparsification_error)

@@ -64,24 +64,20 @@ class GaussianPolicy:
         r"""Return the coefficients :math:`u = \Sigma^{-1}(a - h(s))`, shape (batch, n), of Eq 8."""
         return (actions - self.mean(observations)) / self.variance(observations)
 
-    def log_prob(self, observations: Array, actions: Array) -> Array:
-        """Return the log density of actions, shape (batch, n), in their states: shape (batch,)."""
-        variance = self.variance(observations)
-        squares = (actions - self.mean(observations)) ** 2 / variance
-        return np.asarray(-0.5 * np.sum(squares + np.log(2 * np.pi * variance), axis=1))
-
     def with_mean(self, mean: Function) -> GaussianPolicy:
         """Return the policy with another mean."""
         return replace(self, mean=mean)
 
 
-def mean_kl(old: GaussianPolicy, new: GaussianPolicy, observations: Array) -> float:
-    r"""Return the mean over states of :math:`KL(\pi_{old} \| \pi_{new})`, in nats."""
-    return mean_kl_from(old.mean(observations), old.variance(observations), new, observations)
+def mean_kl(mean: Array, before: Array, new: GaussianPolicy, observations: Array) -> float:
+    r"""Return the mean over states of :math:`KL(\pi_{old} \| \pi_{new})`, in nats.
 
-
-def mean_kl_from(mean: Array, before: Array, new: GaussianPolicy, observations: Array) -> float:
-    """Return the same from the old policy's mean and variance there, shapes (batch, n)."""
+    Args:
+        mean: of the old policy in these states, shape (batch, n).
+        before: its variance there, shape (batch, n).
+        new: the new policy.
+        observations: the states, shape (batch, d).
+    """
     after, squares = new.variance(observations), (mean - new.mean(observations)) ** 2
     terms = np.log(after / before) + (before + squares) / after - 1.0
     return float(0.5 * terms.sum(axis=1).mean())

@@ -13,13 +13,17 @@ from hypothesis import settings
 from rkhs_ros.app.cli import main
 from rkhs_ros.learning.algorithm import Algorithm, Experience, Update
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.gaussian import GaussianPolicy, mean_kl
 from rkhs_ros.policies.variance import ConstantVariance, KernelVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Kernel
 
 settings.register_profile("repeatable", max_examples=25, deadline=None, derandomize=True, database=None)
 settings.load_profile("repeatable")
+
+
+def kl_between(old: GaussianPolicy, new: GaussianPolicy, x: np.ndarray) -> float:
+    return mean_kl(old.mean(x), old.variance(x), new, x)
 
 
 @pytest.fixture

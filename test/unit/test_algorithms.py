@@ -24,10 +24,11 @@ from rkhs_ros.learning.samples import Samples
 from rkhs_ros.learning.spaces import GridSettings
 from rkhs_ros.learning.steps import FixedStep, KLStep
 from rkhs_ros.learning.weighted_exploration import WeightedExploration
-from rkhs_ros.policies.gaussian import GaussianPolicy, mean_kl
+from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF
+from test.unit.conftest import kl_between
 
 MakePolicy = Callable[..., GaussianPolicy]
 MakeEpisodes = Callable[..., Episodes]
@@ -108,7 +109,7 @@ def test_the_metrics_are_what_happened(
     small = {"grid_counts": (7.0, 1.0)} if isinstance(algorithm, GridSettings) else {"centres": 7}
     new, metrics, _ = learn(replace(algorithm, **small), policy, episodes)
     assert metrics.centres == len(new.mean.centres) <= 7
-    assert metrics.kl == pytest.approx(mean_kl(policy, new, episodes.flat(episodes.observations)))
+    assert metrics.kl == pytest.approx(kl_between(policy, new, episodes.flat(episodes.observations)))
 
 
 @pytest.mark.parametrize("critic", EQUATIONS)

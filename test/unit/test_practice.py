@@ -30,6 +30,7 @@ from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.run import run_training
 from rkhs_ros.runs.simulation import Simulation
+from test.unit import stopping
 from test.unit.conftest import Result, assert_refused
 
 ITERATIONS, EPISODES, HORIZON = 3, 2, 10
@@ -233,23 +234,8 @@ def test_wrong_settings_of_practice_are_refused_in_one_line(
 CONFIG = Config(Environment(PENDULUM, {"angle": "wrap"}), settings(inputs={"angles": [0]}))
 
 
-class Stopping:
-    """Runs a number of batches, two for each iteration where none run ahead, and then is interrupted."""
-
-    def __init__(self, batches: float = float("inf"), rows_at_once: int = 1) -> None:
-        self._runner = InlineRunner(Simulation(CONFIG.environment.id, CONFIG.environment.options))
-        self.spaces = self._runner.spaces
-        self._batches = batches
-        self._rows_at_once = rows_at_once
-
-    def room(self, rows: int) -> int:
-        return min(rows, self._rows_at_once)
-
-    def collect(self, *arguments: Any) -> Any:
-        self._batches -= 1
-        if self._batches < 0:
-            raise KeyboardInterrupt
-        return self._runner.collect(*arguments)
+class Stopping(stopping.Stopping):
+    environment = CONFIG.environment
 
 
 def results(folder: Path) -> dict[str, object]:

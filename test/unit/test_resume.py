@@ -28,6 +28,7 @@ from rkhs_ros.runs.run import run_training
 from rkhs_ros.runs.simulation import Simulation
 from rkhs_ros.view.recorded import Recorded
 from test.unit.conftest import Result, assert_refused
+from test.unit.stopping import Stopping
 
 pytestmark = pytest.mark.slow
 
@@ -41,28 +42,6 @@ INLINE = ("--runner", "inline", "--quiet")
 COMMAND = (sys.executable, "-m", "rkhs_ros.app.cli", "train")
 
 Cli = Callable[..., Result]
-
-
-class Stopping:
-    """Runs a number of batches, two for each iteration where none run ahead, and then raises."""
-
-    def __init__(
-        self, batches: float = float("inf"), error: BaseException | None = None, rows_at_once: int = 1
-    ) -> None:
-        self._runner = InlineRunner(Simulation("rkhs/Toy-v0"))
-        self.spaces = self._runner.spaces
-        self._batches = batches
-        self._error = error or KeyboardInterrupt()
-        self._rows_at_once = rows_at_once
-
-    def room(self, rows: int) -> int:
-        return min(rows, self._rows_at_once)
-
-    def collect(self, *arguments: Any) -> Any:
-        self._batches -= 1
-        if self._batches < 0:
-            raise self._error
-        return self._runner.collect(*arguments)
 
 
 def longer(iterations: int, **changes: Any) -> Config:
