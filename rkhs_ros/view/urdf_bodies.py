@@ -104,13 +104,13 @@ class UrdfBodies:
         return np.full(count, joint.middle)
 
     def _check_leaders(self, file: Path, name: str) -> None:
-        """Raise ValueError if a joint mimics itself, be it by way of others."""
-        leaders, leader = {name}, self._named[name].leader
-        while leader in self._named:
-            if leader in leaders:
-                raise ValueError(f"{file}: joint '{name}': expected it to mimic another joint, got a circle")
-            leaders.add(leader)
+        """Raise ValueError if a joint mimics itself, directly or through others."""
+        leader = name
+        for _ in self._named:  # without a circle the leaders end before that
             leader = self._named[leader].leader
+            if leader not in self._named:
+                return
+        raise ValueError(f"{file}: joint '{name}': expected it to mimic another joint, got a circle")
 
 
 def _moved(joint: Joint, position: Array) -> Array:
