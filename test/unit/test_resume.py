@@ -157,17 +157,18 @@ def test_damaged_checkpoints_cost_time_only(
         assert results(resumed(copy)) == whole
         assert capsys.readouterr().err.count(": passed over (damaged, ") == number - 1
         path.write_bytes(path.read_bytes()[:-1])
-    assert number == 2
+    assert number >= 2  # one more if the disk was waited for before these
 
 
 def test_a_run_without_a_whole_checkpoint_is_refused_and_nothing_is_replaced(rkhs: Cli, tmp_path: Path) -> None:
     folder = stopped(tmp_path / "run", 6)
-    for path in (folder / "checkpoints").glob("*.npz"):
+    checkpoints = list((folder / "checkpoints").glob("*.npz"))
+    for path in checkpoints:
         path.write_bytes(path.read_bytes()[:-1])
     before = contents(folder)
     code, out, err = rkhs("train", "--resume", "run", *INLINE)
     *warnings, refusal = err.splitlines()
-    assert (code, out, len(warnings)) == (2, "", 2)
+    assert (code, out, len(warnings)) == (2, "", len(checkpoints))
     assert "run/checkpoints/0000003.npz: expected a whole checkpoint to resume from, got damaged ones only" in refusal
     assert contents(folder) == before
 
