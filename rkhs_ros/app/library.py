@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from rkhs_ros.app.inline import note_horizon
+from rkhs_ros.base.settings import Settings
 from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import hint, nearest, pick, require
 from rkhs_ros.learning.algorithm import Algorithm
@@ -105,8 +106,8 @@ def train(
         environment: a Gymnasium id (``module:Id-v0`` imports the module that registers it), an environment, a vector
             environment, or a function or class that makes one. Observations and actions must be continuous. What is
             made here is closed at the end; an environment that is passed stays open.
-        algorithm: such as ``RKHSNAC(centres=80)``, or the name of one with settings for a task that nobody tuned;
-            RKHS-NAC where None.
+        algorithm: such as ``RKHSNAC(centres=80)``, or the name of one; RKHS-NAC where None. Settings that are not
+            given have the defaults of `rkhs_ros.runs.any_task`, however the algorithm is named.
         progress: show a progress bar on standard error.
         **settings: those of `learn`.
 
@@ -175,7 +176,7 @@ def _training(simulation: Simulation, algorithm: Algorithm | str | None, setting
         pick(algorithm, ALGORITHMS, "algorithm")
     if isinstance(given.get("practice"), str):
         given["practice"] = pick(given["practice"], PRACTICES, "practice")()
-    name = algorithm if isinstance(algorithm, str) else "rkhs_nac"
+    name = algorithm if isinstance(algorithm, str) else _name_of(algorithm)
     untuned = training_from(settings_for(name, "none" if isinstance(given.get("practice"), NoPractice) else "model"))
     kernel = given.get("kernel", untuned.kernel)
     if isinstance(kernel, str):
@@ -184,7 +185,13 @@ def _training(simulation: Simulation, algorithm: Algorithm | str | None, setting
     require(not isinstance(algorithm, type), "algorithm", "one with its settings, as RKHSNAC()", algorithm)
     if not isinstance(algorithm, str | None):
         given["algorithm"] = algorithm
-    return replace(untuned, **given)
+    over = {name: value.over(getattr(untuned, name)) for name, value in given.items() if isinstance(value, Settings)}
+    return replace(untuned, **given | over)
+
+
+def _name_of(algorithm: object) -> str:
+    """Return the name of an algorithm's class; that of the default for what is none."""
+    return next((name for name, each in ALGORITHMS.items() if type(algorithm) is each), "rkhs_nac")
 
 
 def _check_order(environment: object) -> None:

@@ -7,10 +7,10 @@ Python they are checked as well.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import Field, field, fields, is_dataclass
+from dataclasses import MISSING, Field, field, fields, is_dataclass
 from functools import cache
 from numbers import Integral, Real
-from typing import Any, NamedTuple, TypeVar, get_type_hints
+from typing import Any, NamedTuple, Self, TypeVar, get_type_hints
 
 import numpy as np
 
@@ -37,6 +37,19 @@ class Settings(NamedFields):
     def unused(self) -> set[str]:
         """Return the names of its settings, dotted where nested, that change nothing beside the words chosen."""
         return set()
+
+    def over(self, defaults: object) -> Self:
+        """Return these settings over others: each field that was not given has the value of the others.
+
+        Args:
+            defaults: settings of the same class; of any other class nothing is taken.
+        """
+        if type(defaults) is not type(self):
+            return self
+        values = {f.name: getattr(defaults, f.name) for f in fields(self)}  # type: ignore[arg-type]  # as above
+        own = {name: getattr(self, name) for name in self.given_fields}
+        nested = {name: each.over(values[name]) for name, each in own.items() if isinstance(each, Settings)}
+        return type(self)(**values | own | nested)
 
 
 class Entry(NamedTuple):
@@ -90,7 +103,15 @@ def build(cls: type[T], values: Tree, path: str = "") -> T:
         if key not in known:
             raise UnknownKeyError(f"unknown key '{path}{key}', {_meant(str(key), cls, known, path)}")
     types = _types(cls)  # type: ignore[arg-type]  # a class can be hashed
-    return cls(**{k: _convert(f, types[k], values[k], path + k) for k, f in known.items() if k in values})
+    complete = {k: _as_given(f.default) for k, f in known.items() if f.default is not MISSING}
+    return cls(**complete | {k: _convert(f, types[k], values[k], path + k) for k, f in known.items() if k in values})
+
+
+def _as_given(value: Any) -> Any:
+    """Return settings as if each field had been given, and other values as they are."""
+    if not isinstance(value, Settings):
+        return value
+    return type(value)(**{f.name: _as_given(getattr(value, f.name)) for f in fields(value)})  # type: ignore[arg-type]
 
 
 def _meant(key: str, cls: type, known: Mapping[str, Any], path: str) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from difflib import get_close_matches
 from math import isfinite, prod
-from typing import Any, Self, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -65,7 +65,13 @@ def nearest(name: str, known: Iterable[str]) -> list[str]:
 
 
 class NamedFields:
-    """Base of a dataclass that suggests the nearest field if it is made with an unknown one."""
+    """Base of a dataclass that suggests the nearest field for an unknown one, and remembers which fields were given.
+
+    Attributes:
+        given_fields: names of the fields that were passed, in place of their defaults.
+    """
+
+    given_fields: ClassVar[frozenset[str]] = frozenset()
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
         """Raise TypeError for a keyword that is not a field."""
@@ -73,7 +79,9 @@ class NamedFields:
         for name in kwargs:
             if name not in known:
                 raise TypeError(f"{cls.__name__}: unknown setting '{shown(name)}', {hint(name, known)}")
-        return super().__new__(cls)
+        made = super().__new__(cls)
+        object.__setattr__(made, "given_fields", frozenset([*list(known)[: len(args)], *kwargs]))
+        return made
 
 
 def _like(name: str, known: Iterable[str]) -> list[str]:

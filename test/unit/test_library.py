@@ -1,5 +1,6 @@
 """Learning in one call, without files and without ROS."""
 
+import pickle
 import subprocess
 import sys
 from collections.abc import Callable
@@ -12,9 +13,11 @@ import pytest
 from gymnasium.vector import SyncVectorEnv
 
 import rkhs_ros
+from rkhs_ros.app.cli import main
+from rkhs_ros.base.settings import build
 from rkhs_ros.learning.registry import ALGORITHMS
 from rkhs_ros.runs.config import load_config
-from rkhs_ros.runs.curve import Curve
+from rkhs_ros.runs.curve import Curve, columns
 from rkhs_ros.runs.rollout import InlineRunner
 from rkhs_ros.runs.run import run_training
 from rkhs_ros.runs.simulation import Simulation
@@ -116,6 +119,32 @@ def test_evaluations_may_be_rarer_and_change_nothing_else() -> None:
     assert rare.curve["train_return"].tolist() == every.curve["train_return"].tolist()
     assert np.isfinite(rare.curve["mean_policy_return"]).tolist() == [False, True, False, True, False]
     assert rare.curve["evaluation_episodes"].tolist() == [0, 2, 2, 4, 4]
+
+
+@pytest.mark.parametrize("form", ["model", "none"])
+def test_defaults_do_not_depend_on_how_the_algorithm_is_chosen(form: str, tmp_path: Path) -> None:
+    settings = {**SHORT, "practice": form} if form == "none" else SHORT
+    chosen = (None, "rkhs_nac", rkhs_ros.RKHSNAC(), rkhs_ros.RKHSNAC(step=rkhs_ros.KLStep()))
+    curves = [rkhs_ros.train("rkhs/Toy-v0", each, progress=False, **settings).curve for each in chosen]
+    changes = [f"{name}={value}" for name, value in SHORT.items() if name != "practice"]
+    changes += ["practice.form=none"] if form == "none" else ["practice.iterations=2", "practice.episodes=5"]
+    main_code = ["train", "--env", "rkhs/Toy-v0", "--runner", "inline", "--quiet", "--out", str(tmp_path / "run")]
+    with pytest.raises(SystemExit, match="0"):
+        main([*main_code, "--set", *changes])
+    of_command = columns(Curve(tmp_path / "run" / "curve.csv").rows())
+    for curve in (*curves[1:], of_command):
+        for name in set(curve) - {"seconds"}:
+            assert np.array_equal(curve[name], curves[0][name], equal_nan=True), name
+
+
+def test_an_object_overrides_only_the_settings_that_it_is_given() -> None:
+    given = rkhs_ros.RKHSNAC(centres=7, step=rkhs_ros.KLStep(divergence=0.5))
+    defaults = rkhs_ros.RKHSNAC(centres=80, trace=0.5, step=rkhs_ros.KLStep(divergence=0.05, annealing=0.25))
+    expected = rkhs_ros.RKHSNAC(centres=7, trace=0.5, step=rkhs_ros.KLStep(divergence=0.5, annealing=0.25))
+    assert given.over(defaults) == expected
+    assert given.over(rkhs_ros.PoWER()) is given
+    assert pickle.loads(pickle.dumps(given)).over(defaults) == expected
+    assert build(rkhs_ros.RKHSNAC, {"centres": 7}).over(defaults) == rkhs_ros.RKHSNAC(centres=7)
 
 
 def test_a_policy_is_a_start_whose_kernel_stays(tmp_path: Path) -> None:
