@@ -29,6 +29,7 @@ from rkhs_ros.base.validation import require
 
 LIBRARY = "rkhs_ros"  # that wrote a file
 HEADER_BYTES = 9  # of a record: what it is, and its length
+END_BYTES = 4  # of the record that ends the data, a checksum
 ONE_MESSAGE = 1  # bytes after which a chunk ends: each message has its own, with a checksum
 
 
@@ -196,7 +197,7 @@ def read_messages(path: Path) -> Found:
                 what = " ".join(f"{type(error).__name__}: {error}".split())
                 found.lost += len(content)
                 found.faults.append(f"{len(content)} bytes at {at} passed over: damaged ({what})")
-            ended, at = code == Opcode.DATA_END, file.tell()
+            ended, at = is_end(code, content), file.tell()
             require_expansion(unpacked, size, f"{path}")
     if scan.missing:
         found.faults.append(f"{scan.missing} messages are missing")
@@ -225,9 +226,14 @@ def records(file: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
             file.seek(begin)
             return
         require(length <= MOST_BYTES, f"{file.name}", f"records of at most {MOST_BYTES} bytes", length)
-        yield header[0], file.read(length)
-        if header[0] == Opcode.DATA_END:
+        yield header[0], (content := file.read(length))
+        if is_end(header[0], content):
             return
+
+
+def is_end(code: int, content: bytes) -> bool:
+    """Return whether a record ends the data; one of another size is an index whose opcode is damaged."""
+    return code == Opcode.DATA_END and len(content) == END_BYTES
 
 
 def _unpacked(chunk: Chunk) -> Chunk:

@@ -7,11 +7,10 @@ from io import SEEK_SET
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
 from rkhs_ros.base.files import open_regular
-from rkhs_ros.recordings.container import Scan, Stored, records
+from rkhs_ros.recordings.container import Scan, Stored, is_end, records
 from rkhs_ros.recordings.definitions import PACKAGE, decoded
 
 
@@ -79,7 +78,7 @@ class Following:
             for code, content in records(file, size):
                 for stored, message in self._scanned(code, content):
                     yield Place(self._offset, stored.kind.removeprefix(PACKAGE), stored.time), message
-                if code == Opcode.DATA_END:  # what comes after it is for others, and nothing guards it
+                if is_end(code, content):  # what comes after it is for others, and nothing guards it
                     return
                 self._offset = file.tell()
 

@@ -152,6 +152,19 @@ def test_what_follows_a_damaged_message_is_still_read(tmp_path: Path) -> None:
     assert "1 messages are missing" in read_messages(tmp_path / "b.mcap").faults
 
 
+def test_a_damaged_opcode_of_an_index_loses_no_message(tmp_path: Path) -> None:
+    file = MessageFile(tmp_path / "a.mcap", noted(["first", "second", "third"]))
+    file.close()
+    content = bytearray((tmp_path / "a.mcap").read_bytes())
+    for begin in chunks(content):
+        index = begin + 9 + int.from_bytes(content[begin + 1 : begin + 9], "little")
+        assert content[index] == Opcode.MESSAGE_INDEX
+        content[index] ^= 8  # the opcode of the record that ends the data
+        (tmp_path / "b.mcap").write_bytes(content)
+        assert texts(tmp_path / "b.mcap") == ["first", "second", "third"]
+        content[index] ^= 8
+
+
 def test_each_message_is_there_for_others_as_soon_as_it_is_written(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     file = MessageFile(path)
@@ -293,7 +306,7 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
         read_recording(tmp_path / "b.mcap")
 
 
-def chunks(content: bytes) -> list[int]:
+def chunks(content: bytes | bytearray) -> list[int]:
     """Where the records begin that hold a message each."""
     found, at = [], len(b"magic...")
     while content[at] != Opcode.DATA_END:
