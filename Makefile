@@ -58,7 +58,7 @@ pr2: build ## install what the PR2 needs; but for Python 3.11 that is built, in 
 	.venv/bin/python -m pip install -qq --disable-pip-version-check --no-build-isolation \
 	  "$$(grep -om1 'pybullet==[0-9.]*' requirements/core.txt)"; } # with the numpy of .venv, else its pictures are slow
 
-demo: build ## learn to swing up a pendulum from one episode, and practice in a model of it: seconds
+demo: build ## learn to swing up a pendulum from one episode, and model-based training of it: seconds
 	@$(ENTER) python docs/demo.py
 
 demo-long: build ## the same task without a model: 300 episodes
@@ -87,7 +87,7 @@ test-faults: build ## kill nodes, lose messages, send malformed ones, run for lo
 test-fast: build ## the tests that start no nodes and draw nothing, in under a minute
 	@$(ENTER) $(PYTEST) -n auto -m "not ros and not slow and not faults and not clock and not browser and not pages"
 
-EXTRAS ?= test/faults/test_clusters.py test/unit/test_workers.py test/faults/test_other_learners.py
+EXTRAS ?= test/faults/test_clusters.py test/unit/studies/test_workers.py test/faults/test_other_learners.py
 test-extras: build .venv-extras/.installed ## what needs heavy extras, which are put beside .venv
 	@$(ENTER) PYTHONPATH=$(CURDIR)/.venv-extras:$$PYTHONPATH python -m pytest -rsP $(EXTRAS)
 

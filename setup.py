@@ -40,7 +40,7 @@ setup(
     maintainer="The rkhs_ros authors",
     maintainer_email="rkhs-ros@example.org",
     packages=find_packages(include=[NAME, f"{NAME}.*", "sim_nodes", "sim_nodes.*"]),
-    package_data={"rkhs_ros.nodes": ["*.xml"], "rkhs_ros.recordings": ["msg/*.msg"], "sim_nodes.pr2": ["*.npz"]},
+    package_data={"rkhs_ros.nodes.core": ["*.xml"], "rkhs_ros.recordings": ["msg/*.msg"], "sim_nodes.pr2": ["*.npz"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -79,12 +79,12 @@ setup(
     entry_points={
         "console_scripts": [
             "simulator = sim_nodes.simulator_node:main",
-            "robot = rkhs_ros.nodes.robot_node:main",
-            "practice_robot = sim_nodes.robots.practice_robot_node:main",
-            "gate = rkhs_ros.nodes.gate_node:main",
-            "policy = rkhs_ros.nodes.policy_node:main",
+            "robot = rkhs_ros.nodes.robot.robot_node:main",
+            "simulated_robot = sim_nodes.robots.simulated_robot_node:main",
+            "gate = rkhs_ros.nodes.robot.gate_node:main",
+            "policy = rkhs_ros.nodes.lockstep.policy_node:main",
             "learner = rkhs_ros.app.learner:main",
-            "recorder = rkhs_ros.nodes.recorder_node:main",
+            "recorder = rkhs_ros.nodes.watch.recorder_node:main",
             "rkhs = rkhs_ros.app.cli:main",
         ],
     },

@@ -1,7 +1,7 @@
 """What the configurations in ``config/`` reach and how many episodes that takes, beside CMA-ES, on held-out seeds.
 
 No setting was chosen on the seeds 100 and above, so the figures in the documentation are from these. Episodes are
-counted until the evaluation return, the mean of 10 noise-free episodes after an update, first passes a threshold.
+counted until the evaluation return, the mean of 10 evaluation episodes after an update, first passes a threshold.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from reached import Result, as_csv, as_markdown, measure, names, read_results
 from rkhs_ros.app.seeds import parse_seeds
 from rkhs_ros.app.study import add_worker_arguments, workers_of
 from rkhs_ros.base.files import write_whole
-from rkhs_ros.runs.side_by_side import side_by_side
+from rkhs_ros.studies.parallel import run_parallel
 
 FEW, MANY = "100-109", "100-119"
 WITH_MANY = {f"{task}_{kind}_nac" for task in ("pendulum", "pendulum_wrap", "toy") for kind in ("few", "model")}
@@ -38,7 +38,7 @@ def learnt(options: Namespace) -> list[Result]:
         for name in options.names or names()
         for seed in parse_seeds(options.seeds or seeds_of(name))
     ]
-    return list(side_by_side(measure, work, workers=workers_of(options), title="runs", quiet=options.quick))
+    return list(run_parallel(measure, work, workers=workers_of(options), title="runs", quiet=options.quick))
 
 
 def main(options: Namespace) -> None:

@@ -88,7 +88,7 @@ def learn(name: str, trial: Trial) -> list[Point]:
 
 
 def _rewards(model: Any, env: SeenThrough, seed: int, batch: Batch) -> Array:
-    """Return the rewards of a noise-free episode, shape (horizon,), 0 after its end."""
+    """Return the rewards of a evaluation episode, shape (horizon,), 0 after its end."""
     rewards, step, over = np.zeros(batch.horizon), 0, False
     observation, _ = env.reset(seed=seed)
     while not over:

@@ -1,6 +1,6 @@
 """CMA-ES on the weights of a policy with fixed centres, on the tasks of two configurations.
 
-It scores each candidate by one noise-free episode, which counts. After each generation the mean of its distribution is
+It scores each candidate by one evaluation episode, which counts. After each generation the mean of its distribution is
 evaluated like a policy of RKHS-NAC, which does not count. Three first standard deviations of the weights are tried.
 """
 

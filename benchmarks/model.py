@@ -15,8 +15,8 @@ import numpy as np
 
 from command import parser
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.imagination import ImaginedRunner
-from rkhs_ros.learning.world_model import WorldModel
+from rkhs_ros.learning.model.dynamics_model import DynamicsModel
+from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
@@ -70,7 +70,7 @@ def fits(name: str, sizes: Sequence[int], repeats: int) -> None:
     for steps in sizes:
         episodes = episodes_of(d, n, steps)
         seconds[steps] = seconds_of(
-            partial(WorldModel.fit, episodes, Inputs(), spaces_of(d, n), MODEL_CENTRES), repeats
+            partial(DynamicsModel.fit, episodes, Inputs(), spaces_of(d, n), MODEL_CENTRES), repeats
         )
         aim = "   (aim 2 s)" if steps == 5_000 else ""
         print(f"fit, {name:<9} {d:>2} + {n} numbers, {steps:>6} steps   {seconds[steps]:6.2f} s{aim}", flush=True)
@@ -80,8 +80,8 @@ def fits(name: str, sizes: Sequence[int], repeats: int) -> None:
 def imagined(name: str, steps: int, repeats: int) -> None:
     """Print how many steps are imagined in a second, by a model of a number of steps."""
     d, n = TASKS[name]
-    model = WorldModel.fit(episodes_of(d, n, steps), Inputs(), spaces_of(d, n), MODEL_CENTRES)
-    runner, policy = ImaginedRunner(model), policy_of(d, n)
+    model = DynamicsModel.fit(episodes_of(d, n, steps), Inputs(), spaces_of(d, n), MODEL_CENTRES)
+    runner, policy = ModelRunner(model), policy_of(d, n)
     for rows in ROWS:
         batch = Batch(2, 0, rows, HORIZON, explore=True)
         rate = rows * HORIZON / seconds_of(partial(runner.collect, policy, batch), repeats)

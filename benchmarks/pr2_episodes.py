@@ -16,9 +16,9 @@ from command import needing, parser
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.app.launcher import for_all, started
 from rkhs_ros.learning.state import first_policy
-from rkhs_ros.nodes.learner_node import LearnerNode
-from rkhs_ros.nodes.names import node_names
-from rkhs_ros.nodes.transport import by_udp
+from rkhs_ros.nodes.core.names import node_names
+from rkhs_ros.nodes.core.transport import by_udp
+from rkhs_ros.nodes.lockstep.learner_node import LearnerNode
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.report import resolved

@@ -24,7 +24,7 @@ with needing("pybullet", "make pr2"):
 
 CONFIG = Path(__file__).parents[1] / "config" / "pr2_door_contextual.yaml"
 SEEDS = range(50, 70)
-QUICK = ("iterations=1", "practice.iterations=1", "practice.episodes=5")
+QUICK = ("iterations=1", "model.updates=1", "model.rollouts=5")
 UNSEEN, QUICK_UNSEEN = (Batch(777, 0, poses, 1, explore=False) for poses in (100, 2))  # their seed is that of no run
 
 
@@ -42,7 +42,7 @@ def main(seeds: Sequence[int], unseen: Batch, changes: Sequence[str]) -> None:
     counts = []
     for seed in seeds:
         counts.append(opened(seed, unseen, changes))
-        print(f"seed {seed}: {counts[-1]} of {unseen.rows}", flush=True)
+        print(f"seed {seed}: {counts[-1]} of {unseen.num_envs}", flush=True)
     print(f"median {np.median(counts):g} (aim 90), least {min(counts)} (aim 80)")
 
 

@@ -14,8 +14,8 @@ import fixed_centres
 from rkhs_ros.app.inline import iterations
 from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.runs.aggregates import Estimate, median_over_runs
 from rkhs_ros.runs.config import Config, load_config
+from rkhs_ros.studies.aggregates import Estimate, median_over_runs
 from tasks_table import median_until
 
 CONFIGS = Path(__file__).parents[1] / "config"
@@ -71,7 +71,7 @@ def measure(name: str, seed: int, changes: Sequence[str] = ()) -> Result:
 def learnt(config: Config) -> Iterator[tuple[int, float]]:
     """Yield the learning curve of a configuration."""
     for iteration in iterations(config):
-        yield iteration.episodes_used, float(iteration.mean_policy_returns.mean())
+        yield iteration.episodes_used, float(iteration.evaluation_returns.mean())
 
 
 def result_of(name: str, seed: int, thresholds: Sequence[float], curve: Curve) -> Result:

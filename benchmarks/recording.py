@@ -62,7 +62,7 @@ def main(runs: Sequence[str], iterations: int, repeats: int) -> None:
                 whole.append(time.process_time() - begin)
                 writing.append(watch.seconds)
                 size = (Path(folder) / "recording.mcap").stat().st_size
-                episodes = sum(each.batch.rows for each in read_recording(Path(folder)).batches)
+                episodes = sum(each.batch.num_envs for each in read_recording(Path(folder)).batches)
         part = median(100 * one / other for one, other in zip(writing, whole, strict=True))
         print(
             f"{name}: {median(whole):.2f} s, of which recording {1e3 * median(writing):.1f} ms ({part:.2f} %); "

@@ -1,6 +1,6 @@
 """The loop of a robot at 50 Hz: how even its period is, how many actions come late, and how old what they follow from.
 
-Practice robot, gate, robot node, policy node and learner in processes of their own, as in `rkhs train`. Machines are
+Simulated robot, gate, robot node, policy node and learner in processes of their own, as in `rkhs train`. Machines are
 noisy, and a busy one is no place for a robot: look at the load that is printed first.
 """
 
@@ -23,10 +23,10 @@ from rkhs_ros.app.robots import check_robot
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.execution import Execution
 from rkhs_ros.learning.state import first_policy
-from rkhs_ros.nodes.learner_node import LearnerNode
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS
-from rkhs_ros.nodes.names import node_names
-from rkhs_ros.nodes.transport import by_udp
+from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS
+from rkhs_ros.nodes.core.names import node_names
+from rkhs_ros.nodes.core.transport import by_udp
+from rkhs_ros.nodes.lockstep.learner_node import LearnerNode
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.function import Function

@@ -38,7 +38,7 @@ def main(iterations: int, horizon: int | None) -> None:
         batches = (result.iteration.exploration, result.iteration.evaluation)
         needed += sum(int(batch.mask.sum()) for batch in batches)
         episodes += sum(map(len, batches))
-        returns = result.iteration.train_return, result.iteration.mean_policy_return
+        returns = result.iteration.exploration_return, result.iteration.evaluation_return
         print(f"iteration {result.iteration.number}: return {returns[0]!r}, noise-free {returns[1]!r}")
     seconds = time.perf_counter() - begin
     print(f"{episodes} episodes of {needed} steps in all: rows stepped {Counting.steps} times in {seconds:.2f} s,")

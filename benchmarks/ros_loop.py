@@ -30,15 +30,15 @@ from command import parser
 from rkhs_interfaces.msg import Observation
 from rkhs_ros.app.launcher import COMPOSED, for_all, started
 from rkhs_ros.learning.training import train
-from rkhs_ros.nodes.learner_node import LearnerNode
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS, observation_message
-from rkhs_ros.nodes.transport import by_udp
+from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, observation_message
+from rkhs_ros.nodes.core.transport import by_udp
+from rkhs_ros.nodes.lockstep.learner_node import LearnerNode
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.report import resolved
-from rkhs_ros.runs.rollout import InlineRunner
-from rkhs_ros.runs.simulation import Simulation
 
 CONFIG = Path(__file__).parents[1] / "config" / "pendulum_nac.yaml"
 ROUNDS, TRIPS, QUICK_TRIPS = 5, 1000, 10
@@ -142,10 +142,10 @@ def main(trips: int, changes: Sequence[str]) -> None:
     inline_run = time.perf_counter() - begin
     inline_step = seconds_per_call(lambda: inline.collect(last.policy, batch), 5) / batch.horizon
     rclpy.init()
-    raw = ping_pong(observation_message(1, 1, batch, 1, simulation.step(np.zeros((batch.rows, 1)))), trips)
+    raw = ping_pong(observation_message(1, 1, batch, 1, simulation.step(np.zeros((batch.num_envs, 1)))), trips)
     rclpy.shutdown()
     print(f"raw ping-pong of the same message, two processes  {1e6 * raw:8.0f} us")
-    print(f"in process: a step of {batch.rows} rows                    {1e6 * inline_step:8.0f} us")
+    print(f"in process: a step of {batch.num_envs} rows                    {1e6 * inline_step:8.0f} us")
     print(f"            a pendulum run                        {inline_run:8.2f} s")
     kinds = (("simulator", "policy"), (COMPOSED,))
     with get_context("spawn").Pool(1, maxtasksperchild=1) as pool:  # a learner that finds another one there ends
@@ -153,7 +153,7 @@ def main(trips: int, changes: Sequence[str]) -> None:
     for names, (step, run) in zip(kinds, measured, strict=True):
         print(f"over topics, {len(names) + 1} processes:")
         print(f"            a step {1e6 * step:31.0f} us   {step / raw:.2f} times the ping-pong (aim 1.5)")
-        print(f"            environment steps per second {batch.rows / step:9.0f}")
+        print(f"            environment steps per second {batch.num_envs / step:9.0f}")
         print(f"            a pendulum run {run:23.2f} s    {run / inline_run:.2f} times in process (aim 2.5)")
 
 

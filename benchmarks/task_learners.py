@@ -14,7 +14,7 @@ import deep_peers
 import linear_search
 from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.learning.training import train
-from rkhs_ros.runs.surroundings import CODE, LIBRARIES, code_digest
+from rkhs_ros.runs.provenance import CODE, LIBRARIES, code_digest
 from trial import Meter, MeteredRunner, Point, Trial, write_curve
 
 HERE = Path(__file__).parent
@@ -84,7 +84,7 @@ def _deep(name: str, *packages: str) -> Learner:
 
 LEARNERS = {
     "ours": Learner(policy_search, settings=("",)),
-    "no-practice": Learner(policy_search, ("practice.form=none",), settings=("",)),
+    "no-practice": Learner(policy_search, ("model.form=none",), settings=("",)),
     "linear-cma-es": _linear(linear_search.CMAES),
     "linear-ars": _linear(linear_search.ARS),
     "sac": _deep("SAC", "stable-baselines3"),

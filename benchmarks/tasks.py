@@ -20,12 +20,12 @@ os.environ["OMP_NUM_THREADS"] = "1"
 from command import parsed, parser
 from rkhs_ros.app.seeds import parse_seeds
 from rkhs_ros.app.study import add_worker_arguments, workers_of
-from rkhs_ros.base.endings import FAILED, INTERRUPTED, RunError, say
+from rkhs_ros.base.endings import FAILED, INTERRUPTED, RunError, print_error
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.validation import pick, require
+from rkhs_ros.rollouts.environments import own_horizon
 from rkhs_ros.runs.config import config_for
-from rkhs_ros.runs.environments import own_horizon
-from rkhs_ros.runs.side_by_side import side_by_side
+from rkhs_ros.studies.parallel import run_parallel
 from task_learners import LEARNERS, learn_into, missing
 from tasks_table import Cell, as_csv, as_markdown
 from trial import Trial, read_curve
@@ -37,7 +37,7 @@ class Task:
 
     Attributes:
         environment: Gymnasium id.
-        thresholds: of the noise-free return.
+        thresholds: of the evaluation return.
         episodes: budget of each learner.
         changes: settings that the task needs beside its own horizon.
         discounted: whether the thresholds are of the discounted return.
@@ -125,7 +125,7 @@ def run(options: Namespace) -> int:
     work = [(place.path, place.learner, place.trial) for place in asked if not place.path.exists()]
     failed = False
     try:
-        for path, why in side_by_side(learn_into, work, workers=options.workers, title="tasks", quiet=options.quiet):
+        for path, why in run_parallel(learn_into, work, workers=options.workers, title="tasks", quiet=options.quiet):
             if why is not None:
                 failed = True
                 print(f"failed: {path.stem}: {why}", file=sys.stderr)
@@ -166,7 +166,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return run(options_of(arguments))
     except (ValueError, OSError, RunError) as error:
-        return say(error)
+        return print_error(error)
     except KeyboardInterrupt:
         print("interrupted; the same command goes on", file=sys.stderr)
         return INTERRUPTED

@@ -11,13 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.runs.aggregates import Estimate, mean_over_runs, median_over_runs
+from rkhs_ros.studies.aggregates import Estimate, mean_over_runs, median_over_runs
 from trial import Point
 
 AFTER = (10, 30, 100)  # episodes
 NEVER = 1e15  # episodes or steps, in place of infinity: between two infinities there is no number
 CAPTION = (
-    "Real episodes and steps until the noise-free return, the mean of 10 episodes after an update, first reaches a\n"
+    "Real episodes and steps until the evaluation return, the mean of 10 episodes after an update, first reaches a\n"
     "threshold: median over the seeds, infinite where it is not reached. Mean return after so many episodes. Median\n"
     "CPU seconds of a run, without evaluations. In brackets 95 % intervals over the seeds by bootstrap."
 )

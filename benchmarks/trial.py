@@ -49,7 +49,7 @@ class Point(NamedTuple):
         episodes: real episodes that the learner explored in so far.
         steps: of these.
         cpu_seconds: spent so far on learning and exploring, all threads together, evaluations left out.
-        undiscounted_return: mean over the noise-free episodes.
+        undiscounted_return: mean over the evaluation episodes.
         discounted_return: the same with the task's discount.
     """
 
@@ -102,8 +102,8 @@ class MeteredRunner:
         self._meter = meter
         self.spaces = self._runner.spaces
 
-    def room(self, rows: int) -> int:
-        """Return 1: none run ahead, so that exploring and noise-free episodes are metered apart."""
+    def capacity(self, num_envs: int) -> int:
+        """Return 1: none run ahead, so that exploring and evaluation episodes are metered apart."""
         return 1
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:

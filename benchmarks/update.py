@@ -18,7 +18,7 @@ from sklearn.linear_model import OrthogonalMatchingPursuit
 
 from command import parser
 from rkhs_ros.app.inline import runner_of
-from rkhs_ros.learning.algorithm import Experience
+from rkhs_ros.learning.algorithms.algorithm import Experience
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.training import train
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -166,7 +166,7 @@ def main(sizes: Sizes) -> None:
     for name in ("ac", "npg", "nac", "power"):
         once(CONFIGS / f"pendulum_pomdp_{name}.yaml", sizes, "(aim 100 ms)")
     once(CONFIGS / "pendulum_pomdp_enac.yaml", sizes, "")
-    printed = ["algorithm.weighting=printed"]
+    printed = ["algorithm.weighting=as_published"]
     once(CONFIGS / "pendulum_power.yaml", sizes, "as printed: cubic in the samples", printed)
     for name in ("ac", "npg", "nac", "power", "grid_ac", "enac", "grid_power"):
         at_many(CONFIGS / f"pendulum_{name}.yaml", sizes)

@@ -35,7 +35,7 @@ from websockets.sync.client import connect  # noqa: E402
 from command import parsed, parser, skip  # noqa: E402
 from rkhs_ros.app.inline import runner_of  # noqa: E402
 from rkhs_ros.learning.training import train  # noqa: E402
-from rkhs_ros.nodes.learning_topics import LearningTopics  # noqa: E402
+from rkhs_ros.nodes.lockstep.learning_topics import LearningTopics  # noqa: E402
 from rkhs_ros.runs.config import load_config  # noqa: E402
 from rkhs_ros.runs.curve import BEGINNING, Curve, Row  # noqa: E402
 

@@ -1,4 +1,4 @@
-"""What `make demo` does: one real episode over topics, practice in a model learnt from it, and what came of that."""
+"""What `make demo` does: one real episode over topics, model-based training learnt from it, and what came of that."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def told(folder: Path) -> str:
     (row,) = Curve(folder / "curve.csv").rows()
     best = max(references(task).values())
     return (
-        f"\nOne exploring episode ({task.horizon} steps) earned {row.train_return:.1f}.\n"
-        f"After practice in a model learnt from it the noise-free return is {row.mean_policy_return:.1f} "
+        f"\nOne exploring episode ({task.horizon} steps) earned {row.exploration_return:.1f}.\n"
+        f"After model-based training learnt from it the evaluation return is {row.evaluation_return:.1f} "
         f"(optimum {best:g}).\n"
         f"Without a model the same task takes {WITHOUT} (medians, {SOURCE}): make demo-long"
     )

@@ -51,7 +51,7 @@ def _episode(tab: browser.Tab, end: str, row: Row) -> Iterator[np.ndarray[Any, A
     for moment in range(most + 1):
         click_on_time(tab, moment / most)  # arrow keys would move the eye
         time.sleep(DRAWN_S)
-        yield _titled(tab.picture(), f"episode {row.episodes}: return {row.train_return:.1f}")
+        yield _titled(tab.picture(), f"episode {row.episodes}: return {row.exploration_return:.1f}")
 
 
 def _titled(picture: np.ndarray[Any, Any], title: str) -> np.ndarray[Any, Any]:

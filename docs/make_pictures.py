@@ -31,14 +31,14 @@ def main() -> None:
 
 
 def _scenes(config: Config) -> list[Scene]:
-    """Return the real episode that is learnt from, and the one nearest the mean after practice in a model of it."""
+    """Return the real episode that is learnt from, and the one nearest the mean after model-based training of it."""
     first = next(iterations(config))
-    nearest = int(np.argmin(np.abs(first.mean_policy_returns - first.mean_policy_return)))
+    nearest = int(np.argmin(np.abs(first.evaluation_returns - first.evaluation_return)))
     return [
         scene_of(config, title, colour, e, row, e.rewards.mean(axis=0))
         for title, colour, e, row in (
             ("the first episode: exploring", COLOURS[1], first.exploration, 0),
-            ("after practice in a model of it", COLOURS[0], first.evaluation, nearest),
+            ("after model-based training of it", COLOURS[0], first.evaluation, nearest),
         )
     ]
 

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from rkhs_ros.base.settings import Entry, entries
-from rkhs_ros.learning.practice import PRACTICES
-from rkhs_ros.learning.registry import ALGORITHMS
-from rkhs_ros.learning.steps import STEP_RULES
+from rkhs_ros.learning.algorithms.registry import ALGORITHMS
+from rkhs_ros.learning.algorithms.step_rules import STEP_RULES
+from rkhs_ros.learning.model.model_based import MODELS
 from rkhs_ros.learning.training_settings import Training
 
 PAGE = Path(__file__).with_name("settings.md")
-CHOICES = ("algorithm.name", "practice.form")
+CHOICES = ("algorithm.name", "model.form")
 FAR = 1e9  # a bound as far away only keeps out what is no number
 HEAD = """\
 # Settings
@@ -24,7 +24,7 @@ HEAD = """\
 All settings of the learner by their dotted names, as they stand in the `config.yaml` of a run and in the files of
 `config/`, and are given to `--set` on the command line. They are the learner's ROS parameters, too. Where a list of
 numbers is expected, a single number will do. What is unknown, of another type or out of its range is refused in one
-line. The task is set by `environment.id` and `environment.options`, see [tasks](own_task.md).
+line. The task is set by `environment.id` and `environment.options`, see [tasks](custom_task.md).
 """
 TABLE = "| Setting | Default | What it is | Values |\n|---|---|---|---|"
 
@@ -41,9 +41,9 @@ def page() -> str:
         *of_classes(ALGORITHMS, "algorithm."),
         f"## Step rules\n\nOne of them is `algorithm.step.rule`: {names(STEP_RULES)}.\n",
         *of_classes(STEP_RULES, "algorithm.step."),
-        f"## Practice\n\nOne of them is `practice.form`: {names(PRACTICES)}. What it is good for: "
-        "[practice in a learnt model](practice.md).\n",
-        *of_classes(PRACTICES, "practice."),
+        f"## Practice\n\nOne of them is `model.form`: {names(MODELS)}. What it is good for: "
+        "[model-based training](model_based.md).\n",
+        *of_classes(MODELS, "practice."),
     ]
     return "\n".join([HEAD, *sections])
 

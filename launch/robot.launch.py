@@ -1,7 +1,7 @@
 """The nodes that learn on a robot: ``ros2 launch rkhs_ros robot.launch.py config:=FILE output:=DIR``.
 
-The robot's own nodes are not started here, nor is its gate armed: that is for a person to do. With ``practice:=true``
-the configuration's practice robot is started, too, and its gate is armed by the robot node.
+The robot's own nodes are not started here, nor is its gate armed: that is for a person to do. With ``simulated:=true``
+the configuration's simulated robot is started, too, and its gate is armed by the robot node.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from launch_ros.actions import Node
 from rkhs_ros.app.launcher import robot_parameters
 from rkhs_ros.app.robots import check_robot
 from rkhs_ros.base.validation import require
-from rkhs_ros.nodes.names import require_known_arguments
+from rkhs_ros.nodes.core.names import require_known_arguments
 from rkhs_ros.runs.config import load_config
 
 ABOUT = {
     "config": "parameter file with the sections /**/robot, /**/gate and /**/learner",
     "output": "folder for the results and for the episodes that the robot made",
     "resume": "true: go on with the run in the output folder, if one began there",
-    "practice": "true: start the practice robot of the section /**/practice_robot as well",
+    "simulated": "true: start the simulated robot of the section /**/simulated_robot as well",
     "namespace": "of all nodes",
 }
-DEFAULTS = {"resume": "false", "practice": "false", "namespace": ""}
+DEFAULTS = {"resume": "false", "simulated": "false", "namespace": ""}
 AGAIN = {"respawn": True, "respawn_delay": 1.0}
 
 
@@ -56,14 +56,14 @@ def nodes(context: LaunchContext) -> list[Action]:
     """
     require_known_arguments(sys.argv, Path(__file__).name, ABOUT)
     given = {name: LaunchConfiguration(name).perform(context) for name in ABOUT}
-    for name in ("resume", "practice"):
+    for name in ("resume", "simulated"):
         require(given[name] in ("true", "false"), name, "true or false", given[name])
     config, folder = load_config(Path(given["config"])), Path(given["output"]).expanduser().resolve()
     require(bool(config.environment.nodes), given["config"], "a section /**/robot", "none")
-    practises = given["practice"] == "true"
-    require(not practises or "practice_robot" in config.environment.nodes, "practice", "its section", "none")
+    simulated = given["simulated"] == "true"
+    require(not simulated or "simulated_robot" in config.environment.nodes, "simulated", "its section", "none")
     check_robot(config)
-    file = robot_parameters(config, folder, resume=given["resume"] == "true", practises=practises)
+    file = robot_parameters(config, folder, resume=given["resume"] == "true", simulated=simulated)
     more = {"gate": {"on_exit": gate_ended}, "learner": {"on_exit": learner_ended}}
     return [
         Node(
@@ -74,7 +74,7 @@ def nodes(context: LaunchContext) -> list[Action]:
             parameters=[str(file)],
             **more.get(name, AGAIN),
         )
-        for name in (*(["practice_robot"] if practises else []), "gate", "robot", "policy", "learner")
+        for name in (*(["simulated_robot"] if simulated else []), "gate", "robot", "policy", "learner")
     ]
 
 

@@ -15,7 +15,7 @@ from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
 from rkhs_ros.base.validation import require
-from rkhs_ros.nodes.names import namespaces, require_known_arguments
+from rkhs_ros.nodes.core.names import namespaces, require_known_arguments
 from rkhs_ros.runs.config import load_config
 
 ABOUT = {

@@ -1,7 +1,7 @@
 """Policy search in reproducing kernel Hilbert spaces, as a library and as a ROS 2 learning system.
 
 The public names are imported when they are first used: `train` and `learn` on any Gymnasium environment, `load` of a
-learnt `Policy`, the algorithms, their step rules, practice in a model, the kernels, and what a policy sees (`Inputs`).
+learnt `Policy`, the algorithms, their step rules, model-based training, the kernels, and what a policy sees (`Inputs`).
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ if TYPE_CHECKING:
     from rkhs_ros.app.library import Result as Result
     from rkhs_ros.app.library import learn as learn
     from rkhs_ros.app.library import train as train
-    from rkhs_ros.learning.ac import AC as AC
-    from rkhs_ros.learning.enac import ENAC as ENAC
+    from rkhs_ros.learning.algorithms.ac import AC as AC
+    from rkhs_ros.learning.algorithms.enac import ENAC as ENAC
+    from rkhs_ros.learning.algorithms.power import PoWER as PoWER
+    from rkhs_ros.learning.algorithms.rkhs_ac import RKHSAC as RKHSAC
+    from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC as RKHSNAC
+    from rkhs_ros.learning.algorithms.rkhs_npg import RKHSNPG as RKHSNPG
+    from rkhs_ros.learning.algorithms.rkhs_power import RKHSPoWER as RKHSPoWER
+    from rkhs_ros.learning.algorithms.step_rules import FixedStep as FixedStep
+    from rkhs_ros.learning.algorithms.step_rules import KLStep as KLStep
+    from rkhs_ros.learning.algorithms.step_rules import LineSearch as LineSearch
     from rkhs_ros.learning.kernel_choice import KernelChoice as KernelChoice
-    from rkhs_ros.learning.power import PoWER as PoWER
-    from rkhs_ros.learning.practice import ModelPractice as ModelPractice
-    from rkhs_ros.learning.practice import NoPractice as NoPractice
-    from rkhs_ros.learning.rkhs_ac import RKHSAC as RKHSAC
-    from rkhs_ros.learning.rkhs_nac import RKHSNAC as RKHSNAC
-    from rkhs_ros.learning.rkhs_npg import RKHSNPG as RKHSNPG
-    from rkhs_ros.learning.rkhs_power import RKHSPoWER as RKHSPoWER
-    from rkhs_ros.learning.steps import FixedStep as FixedStep
-    from rkhs_ros.learning.steps import KLStep as KLStep
-    from rkhs_ros.learning.steps import LineSearch as LineSearch
+    from rkhs_ros.learning.model.model_based import ModelBased as ModelBased
+    from rkhs_ros.learning.model.model_based import NoModel as NoModel
     from rkhs_ros.policies.inputs import Inputs as Inputs
     from rkhs_ros.policies.policy import Policy as Policy
     from rkhs_ros.policies.policy import load as load
@@ -43,16 +43,16 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "app.library": ("Result", "learn", "train"),
-    "learning.ac": ("AC",),
-    "learning.enac": ("ENAC",),
+    "learning.algorithms.ac": ("AC",),
+    "learning.algorithms.enac": ("ENAC",),
     "learning.kernel_choice": ("KernelChoice",),
-    "learning.power": ("PoWER",),
-    "learning.practice": ("ModelPractice", "NoPractice"),
-    "learning.rkhs_ac": ("RKHSAC",),
-    "learning.rkhs_nac": ("RKHSNAC",),
-    "learning.rkhs_npg": ("RKHSNPG",),
-    "learning.rkhs_power": ("RKHSPoWER",),
-    "learning.steps": ("FixedStep", "KLStep", "LineSearch"),
+    "learning.algorithms.power": ("PoWER",),
+    "learning.model.model_based": ("ModelBased", "NoModel"),
+    "learning.algorithms.rkhs_ac": ("RKHSAC",),
+    "learning.algorithms.rkhs_nac": ("RKHSNAC",),
+    "learning.algorithms.rkhs_npg": ("RKHSNPG",),
+    "learning.algorithms.rkhs_power": ("RKHSPoWER",),
+    "learning.algorithms.step_rules": ("FixedStep", "KLStep", "LineSearch"),
     "policies.inputs": ("Inputs",),
     "policies.policy": ("Policy", "load"),
     "rkhs.kernels": ("RBF", "Linear", "Polynomial"),

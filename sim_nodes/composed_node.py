@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from rkhs_ros.base.endings import Stop
-from rkhs_ros.nodes.policy_node import PolicyNode
-from rkhs_ros.nodes.spin import open_node, run, serve_together
+from rkhs_ros.nodes.core.spin import open_node, run, serve_together
+from rkhs_ros.nodes.lockstep.policy_node import PolicyNode
 from sim_nodes.simulator_node import SimulatorNode
 
 

@@ -19,9 +19,9 @@ from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.messages import episodes_message
-from rkhs_ros.nodes.arguments import require_section
-from rkhs_ros.nodes.diagnostics import Diagnostics
-from rkhs_ros.nodes.messages import (
+from rkhs_ros.nodes.core.arguments import require_section
+from rkhs_ros.nodes.core.diagnostics import Diagnostics
+from rkhs_ros.nodes.core.messages import (
     CLOCK_ENDS,
     LOCKSTEP_QOS,
     batch_of,
@@ -30,18 +30,18 @@ from rkhs_ros.nodes.messages import (
     observation_message,
     show,
 )
-from rkhs_ros.nodes.parameters import declare, declared, given, process, require_known, restarts
-from rkhs_ros.nodes.spin import ReportingNode, run, serve
-from rkhs_ros.nodes.uniqueness import Uniqueness
+from rkhs_ros.nodes.core.parameters import declare, declared, given, process, require_known, restarts
+from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
+from rkhs_ros.nodes.core.uniqueness import Uniqueness
 from rkhs_ros.policies.messages import matrix
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rollouts.episode_recorder import EpisodeRecorder
+from rkhs_ros.rollouts.simulation import Frame, Simulation
 from rkhs_ros.runs.config import environment_from
-from rkhs_ros.runs.recording import EpisodeRecorder
-from rkhs_ros.runs.simulation import Frame, Simulation
 
 if TYPE_CHECKING:
-    from rkhs_ros.nodes.robot_state import RobotState
+    from rkhs_ros.nodes.robot.robot_state import RobotState
 
 MOST_STEPS = 2**40  # that a clock may have counted
 Value = TypeVar("Value")
@@ -121,11 +121,11 @@ class SimulatorNode(ReportingNode):
         require_known(tree, "environment")
         environment = environment_from(tree.get("environment", {}))
         declare(self, environment.entries())
-        return Simulation(environment.id, environment.options, environment.rows_at_once)
+        return Simulation(environment.id, environment.options, environment.num_envs)
 
     def _make_robot_state(self) -> RobotState:
         try:
-            from rkhs_ros.nodes.robot_state import RobotState
+            from rkhs_ros.nodes.robot.robot_state import RobotState
         except ImportError as error:
             raise ValueError(f"robot_state: expected sensor_msgs and std_msgs to be installed, got: {error}") from error
         return RobotState(self, self._simulation)
@@ -136,7 +136,7 @@ class SimulatorNode(ReportingNode):
     def _describe(self, request: DescribeTask.Request, response: DescribeTask.Response) -> DescribeTask.Response:
         heard = self._observations.get_subscription_count() > 0 and self._episodes.get_subscription_count() > 0
         place = (self._identity, self._step, self._clock_steps)
-        return describe(self._simulation, request.rows, *place, failure=self._failure, connected=heard)
+        return describe(self._simulation, request.num_envs, *place, failure=self._failure, connected=heard)
 
     def _start(self, request: StartEpisodes.Request, response: StartEpisodes.Response) -> StartEpisodes.Response:
         with self.diagnostics.accepting(response, "to start episodes"):
@@ -193,10 +193,10 @@ class SimulatorNode(ReportingNode):
         if batch is None or said is None or not self._awaits(message):
             expected = f"batch {self._identity}, step {self._step}, policy version {self._version}"
             got = f"batch {message.batch}, step {message.step}, policy version {message.policy_version}"
-            self.diagnostics.pass_over(f"an action: expected {expected}, got {got}")
+            self.diagnostics.skip(f"an action: expected {expected}, got {got}")
             return
         try:
-            actions = matrix(message.actions, batch.rows, self._simulation.spaces.action_dim, "actions")
+            actions = matrix(message.actions, batch.num_envs, self._simulation.spaces.action_dim, "actions")
         except ValueError as error:
             self.diagnostics.refuse(f"an action: {error}")
             return

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from rkhs_ros import __version__
-from rkhs_ros.base.endings import INTERRUPTED, RunError, say
+from rkhs_ros.base.endings import INTERRUPTED, RunError, print_error
 from rkhs_ros.base.streams import messages_may_be_lost, readers_may_leave
 
 # Each module has add_arguments(parser), and run(options), which returns the exit code.
@@ -76,7 +76,7 @@ def _exit_code(arguments: Sequence[str]) -> int:
             _check_settings(getattr(options, "set", None) or [])
             return int(options.run(options))
     except (ValueError, OSError, RunError) as error:
-        return say(error)
+        return print_error(error)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
@@ -106,9 +106,9 @@ def _called(arguments: Sequence[str]) -> str | None:
     """
     called = next((word for word in arguments if not word.startswith("-")), None)
     if called is not None and called not in COMMANDS:
-        from rkhs_ros.base.validation import hint, shown  # imports numpy, which --help shall not wait for
+        from rkhs_ros.base.validation import hint, truncated  # imports numpy, which --help shall not wait for
 
-        raise ValueError(f"unknown command '{shown(called)}', {hint(called, COMMANDS)}")
+        raise ValueError(f"unknown command '{truncated(called)}', {hint(called, COMMANDS)}")
     return called
 
 
@@ -120,7 +120,7 @@ def _parser(called: str | None) -> Parser:
     for name, about in COMMANDS.items():
         command = commands.add_parser(name, help=about, description=f"{about[0].upper()}{about[1:]}.")
         if name == called:
-            module = import_module(f"rkhs_ros.app.{name}")
+            module = import_module(f"rkhs_ros.app.commands.{name}")
             module.add_arguments(command)
             command.set_defaults(run=module.run)
     return parser

@@ -14,10 +14,10 @@ from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task, load_policy
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.report import last_policy
-from rkhs_ros.runs.rollout import InlineRunner
-from rkhs_ros.runs.simulation import Simulation
 
 
 def runner_of(environment: Environment) -> InlineRunner:
@@ -28,7 +28,7 @@ def runner_of(environment: Environment) -> InlineRunner:
     """
     where = "an environment of this process, not a robot, which is there over topics alone"
     require(not environment.nodes, environment.id, where, "a robot")
-    return InlineRunner(Simulation(environment.id, environment.options, environment.rows_at_once))
+    return InlineRunner(Simulation(environment.id, environment.options, environment.num_envs))
 
 
 def spaces_of(environment: Environment) -> Spaces:
@@ -41,7 +41,7 @@ def spaces_of(environment: Environment) -> Spaces:
         return runner.spaces
 
 
-def note_horizon(simulation: Simulation, horizon: int, *, given: bool) -> None:
+def warn_of_horizon(simulation: Simulation, horizon: int, *, given: bool) -> None:
     """Print a note if episodes end at another step than users may expect.
 
     Args:

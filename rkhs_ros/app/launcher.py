@@ -17,15 +17,15 @@ from typing import Any, NamedTuple
 
 from rkhs_ros.base.endings import BAD_INPUT, ENDING, FAILED, INTERRUPTED, signals_held
 from rkhs_ros.base.files import write_whole
-from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS, POLICY, PRACTICE_ROBOT, ROBOT, SIMULATOR
+from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS, POLICY, ROBOT, SIMULATED_ROBOT, SIMULATOR
 from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.base.yaml_text import dumped, loaded, require_ros_value
-from rkhs_ros.nodes.names import node_names
+from rkhs_ros.nodes.core.names import node_names
 from rkhs_ros.runs.config import Config, environment_of_robot, robot_nodes
 
 TERMINATION_TIMEOUT_S = 2.0  # for a node to end after SIGTERM, before it is killed
 # The same for nodes that first bring a robot to rest: those that brake it, and what is braked.
-BRAKING_TIMEOUT_S = {"gate": 10.0, "practice_robot": 6.0}
+BRAKING_TIMEOUT_S = {"gate": 10.0, "simulated_robot": 6.0}
 POLL_INTERVAL_S = 0.05
 MOST_DEATHS, DEATHS_WINDOW_S = 10, 300.0  # of a node in that time; with one more the run is given up
 SHORTEST_BACKOFF_S, LONGEST_BACKOFF_S = 0.05, 5.0  # before a node is started again; doubled with each death
@@ -36,15 +36,15 @@ COMPOSED = "simulator+policy"  # nodes that share a process are named together
 MODULES = {
     "simulator": "sim_nodes.simulator_node",
     COMPOSED: "sim_nodes.composed_node",
-    "gate": "rkhs_ros.nodes.gate_node",
-    "robot": "rkhs_ros.nodes.robot_node",
-    "practice_robot": "sim_nodes.robots.practice_robot_node",
-    "policy": "rkhs_ros.nodes.policy_node",
-    "learner": "rkhs_ros.nodes.learner_node",
-    "recorder": "rkhs_ros.nodes.recorder_node",
-    "status": "rkhs_ros.nodes.status_node",
-    "monitor": "rkhs_ros.nodes.monitor_node",
-    "operator": "rkhs_ros.nodes.operator_node",
+    "gate": "rkhs_ros.nodes.robot.gate_node",
+    "robot": "rkhs_ros.nodes.robot.robot_node",
+    "simulated_robot": "sim_nodes.robots.simulated_robot_node",
+    "policy": "rkhs_ros.nodes.lockstep.policy_node",
+    "learner": "rkhs_ros.nodes.lockstep.learner_node",
+    "recorder": "rkhs_ros.nodes.watch.recorder_node",
+    "status": "rkhs_ros.nodes.watch.status_node",
+    "monitor": "rkhs_ros.nodes.watch.monitor_node",
+    "operator": "rkhs_ros.nodes.watch.operator_node",
 }
 
 
@@ -201,7 +201,7 @@ def for_all(parameters: str, simulators: int, further: Further | None = None) ->
         POLICY: {"simulators": simulators},
     }
     if ROBOT in document:
-        own[ROBOT] = {"practice": PRACTICE_ROBOT in document}
+        own[ROBOT] = {"simulated": SIMULATED_ROBOT in document}
     for name, given in (further or {}).items():
         require_ros_value(given, name)
         own[f"/**/{name}"] = {**own.get(f"/**/{name}", {}), **given}
@@ -210,22 +210,22 @@ def for_all(parameters: str, simulators: int, further: Further | None = None) ->
     return dumped(document)
 
 
-def robot_parameters(config: Config, folder: Path, *, resume: bool, practises: bool) -> Path:
+def robot_parameters(config: Config, folder: Path, *, resume: bool, simulated: bool) -> Path:
     """Write the parameter file of all nodes that learn on a robot into the folder of the run; return it.
 
     Args:
         config: of the run.
         folder: of its results; made where it is missing.
         resume: whether the learner goes on with what is in the folder.
-        practises: whether the robot is the configuration's practice robot, and its gate armed without a person.
+        simulated: whether the robot is the configuration's simulated robot, and its gate armed without a person.
 
     Raises:
         ValueError: a setting can be no ROS parameter.
         OSError: the file cannot be written.
     """
     document = config.parameters()
-    if not practises:
-        document.pop(PRACTICE_ROBOT, None)
+    if not simulated:
+        document.pop(SIMULATED_ROBOT, None)
     further: Further = {
         "learner": {"output": str(folder), "resume": resume},
         "robot": {"journal": journal_in(folder)},

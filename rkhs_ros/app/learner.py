@@ -15,7 +15,7 @@ def draw(folder: Path) -> None:
 
 def main() -> None:
     """Run the learner node."""
-    from rkhs_ros.nodes.learner_node import main as run_node  # here, since without ROS it cannot be imported
+    from rkhs_ros.nodes.lockstep.learner_node import main as run_node  # here, since without ROS it cannot be imported
 
     run_node(draw)
 

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from rkhs_ros.app.inline import note_horizon
+from rkhs_ros.app.inline import warn_of_horizon
 from rkhs_ros.base.settings import Settings
 from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import hint, nearest, pick, require
-from rkhs_ros.learning.algorithm import Algorithm
+from rkhs_ros.learning.algorithms.algorithm import Algorithm
+from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.learning.practice import PRACTICES, NoPractice
-from rkhs_ros.learning.registry import ALGORITHMS
+from rkhs_ros.learning.model.model_based import MODELS, NoModel
 from rkhs_ros.learning.state import first_state
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.learning.training import train as iterations_of
@@ -26,19 +26,19 @@ from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.policy import Policy, load
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.rkhs.kernels import Array, Kernel
-from rkhs_ros.runs.any_task import settings_for
+from rkhs_ros.rollouts.environments import Source
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import name_of_run
 from rkhs_ros.runs.curve import Row, columns
-from rkhs_ros.runs.environments import Source
+from rkhs_ros.runs.defaults import settings_for
 from rkhs_ros.runs.progress import progress_bar
-from rkhs_ros.runs.rollout import InlineRunner
-from rkhs_ros.runs.simulation import Simulation
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-OTHERS = ("policy", "options", "rows_at_once")  # that may be given beside the settings
+OTHERS = ("policy", "options", "num_envs")  # that may be given beside the settings
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Result:
 
     Attributes:
         policy: the policy after it.
-        best_policy: the policy of the greatest noise-free return so far; None before the first evaluation.
+        best_policy: the policy of the greatest evaluation return so far; None before the first evaluation.
         iteration: episodes, returns and metrics of this iteration.
         rows: the lines of curve.csv so far.
     """
@@ -60,7 +60,7 @@ class Result:
     def __repr__(self) -> str:
         """Return what was learnt in one line."""
         row, last = self.rows[-1], self.iteration
-        returns = f"return {last.train_return:.4g}, noise-free {last.mean_policy_return:.4g}"
+        returns = f"return {last.exploration_return:.4g}, noise-free {last.evaluation_return:.4g}"
         name = self.policy.task.environment
         return f"<Result of {name}: {row.iteration} iterations, {row.episodes} episodes, {returns}>"
 
@@ -107,7 +107,7 @@ def train(
             environment, or a function or class that makes one. Observations and actions must be continuous. What is
             made here is closed at the end; an environment that is passed stays open.
         algorithm: such as ``RKHSNAC(centres=80)``, or the name of one; RKHS-NAC where None. Settings that are not
-            given have the defaults of `rkhs_ros.runs.any_task`, however the algorithm is named.
+            given have the defaults of `rkhs_ros.runs.defaults`, however the algorithm is named.
         progress: show a progress bar on standard error.
         **settings: those of `learn`.
 
@@ -133,9 +133,9 @@ def learn(environment: Source, algorithm: Algorithm | str | None = None, **setti
         **settings: fields of `Training`: ``iterations``, ``seed``, ``episodes_per_iteration``, ``horizon`` (the
             environment's own where it has one, otherwise 100), ``discount``, ``exploration_sd``, ``evaluate_every``,
             ``evaluation_episodes``, ``inputs`` (an `Inputs`), ``kernel`` (a `KernelChoice`, its form as text, or a
-            kernel), ``practice`` (a `ModelPractice`, "model" or "none"); ``policy``: a `Policy`, or the file of one, to
-            begin from; ``options`` of an id, a mapping; and ``rows_at_once``, the number of copies of an environment
-            side by side at most. Those not given are those for a task that nobody tuned, `any_task`.
+            kernel), ``model`` (a `ModelBased`, "gaussian_process" or "none"); ``policy``: the initial `Policy`, or its
+            file; ``options`` of an id, a mapping; and ``num_envs``, the largest number of copies of an environment
+            side by side. Settings that are not given have the defaults of `rkhs_ros.runs.defaults`.
 
     Raises:
         ValueError: a setting is unknown or does not fit, or the environment cannot be used.
@@ -151,7 +151,7 @@ def _prepared(
     _check_order(environment)
     given = dict(settings)
     start = given.pop("policy", None)
-    simulation = Simulation(environment, given.pop("options", None), given.pop("rows_at_once", 0))
+    simulation = Simulation(environment, given.pop("options", None), given.pop("num_envs", 0))
     with ExitStack() as undo:
         undo.callback(simulation.close)
         warm_start = load(start) if isinstance(start, str | Path) else start
@@ -160,12 +160,12 @@ def _prepared(
         training = _training(simulation, algorithm, given)
         undo.pop_all()
     if "horizon" not in given:
-        note_horizon(simulation, training.horizon, given=False)
+        warn_of_horizon(simulation, training.horizon, given=False)
     return training, InlineRunner(simulation), warm_start
 
 
 def _training(simulation: Simulation, algorithm: Algorithm | str | None, settings: Mapping[str, Any]) -> Training:
-    """Return the settings of a run in a simulation, checked; those not given are those of `any_task`."""
+    """Return the settings of a run in a simulation, checked; those not given are those of `defaults`."""
     known = {f.name: f for f in fields(Training)}
     for name in settings:
         if name not in known:
@@ -174,10 +174,12 @@ def _training(simulation: Simulation, algorithm: Algorithm | str | None, setting
     given = {"name": name_of_run(simulation.environment), "horizon": horizon, **settings}
     if isinstance(algorithm, str):
         pick(algorithm, ALGORITHMS, "algorithm")
-    if isinstance(given.get("practice"), str):
-        given["practice"] = pick(given["practice"], PRACTICES, "practice")()
+    if isinstance(given.get("model"), str):
+        given["model"] = pick(given["model"], MODELS, "model")()
     name = algorithm if isinstance(algorithm, str) else _name_of(algorithm)
-    untuned = training_from(settings_for(name, "none" if isinstance(given.get("practice"), NoPractice) else "model"))
+    untuned = training_from(
+        settings_for(name, "none" if isinstance(given.get("model"), NoModel) else "gaussian_process")
+    )
     kernel = given.get("kernel", untuned.kernel)
     if isinstance(kernel, str):
         kernel = replace(untuned.kernel, form=kernel)
@@ -224,6 +226,6 @@ def _results(training: Training, runner: InlineRunner, warm_start: Policy | None
         for iteration in iterations_of(training, runner, first):
             rows = (*rows, Row.of(iteration, time.monotonic() - begin))
             policy = Policy(iteration.policy, task, runner.spaces)
-            if iteration.mean_policy_return > highest:
-                highest, best = iteration.mean_policy_return, policy
+            if iteration.evaluation_return > highest:
+                highest, best = iteration.evaluation_return, policy
             yield Result(policy, best, iteration, rows)

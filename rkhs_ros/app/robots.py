@@ -34,17 +34,17 @@ def check_robot(config: Config) -> Spaces:
     with _named("gate"):
         gate = build(GateSettings, nodes["gate"])
         limits = rules(gate)
-    if "practice_robot" in nodes:
-        with _named("practice_robot"):
-            section = dict(nodes["practice_robot"])
+    if "simulated_robot" in nodes:
+        with _named("simulated_robot"):
+            section = dict(nodes["simulated_robot"])
             settings_of(str(section.pop("robot", DEFAULT)), section)
     require(config.training.simulators == 1, "simulators", "1, as there is one robot", config.training.simulators)
     _check_together(task, gate)
     if not missing_ros():
-        from rkhs_ros.nodes.robot_topics import check_topics  # here, since others than robots do without ROS
+        from rkhs_ros.nodes.robot.robot_topics import check_topics  # here, since others than robots do without ROS
 
         check_topics(task, gate)
-    for line in doubts(task, limits.limits):
+    for line in ineffective_actions(task, limits.limits):
         print(f"warning: {line}", file=sys.stderr)
     return task.spaces
 
@@ -52,7 +52,7 @@ def check_robot(config: Config) -> Spaces:
 def default_domain(config: Config) -> str | None:
     """Return the ROS domain in which the nodes of a real robot are, unless the environment says otherwise."""
     nodes = config.environment.nodes
-    return "0" if nodes and "practice_robot" not in nodes else None
+    return "0" if nodes and "simulated_robot" not in nodes else None
 
 
 def robot_of(path: Path) -> Config | None:
@@ -70,7 +70,7 @@ def robot_of(path: Path) -> Config | None:
     return config if config is not None and config.environment.nodes else None
 
 
-def doubts(task: RobotTask, limits: Limits) -> Iterator[str]:
+def ineffective_actions(task: RobotTask, limits: Limits) -> Iterator[str]:
     """Say in a line each which actions can have no effect, as the gate lets none of their commands differ."""
     ends = [task.action.command(np.array(bound)) for bound in (task.action.minimum, task.action.maximum)]
     low, high = limits.bounds()

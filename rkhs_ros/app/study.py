@@ -14,8 +14,8 @@ from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import begin, is_begun
 from rkhs_ros.runs.run import run_training
-from rkhs_ros.runs.side_by_side import side_by_side
-from rkhs_ros.runs.workers import ALL_CORES, WorkerLostError, Workers
+from rkhs_ros.studies.parallel import run_parallel
+from rkhs_ros.studies.workers import ALL_CORES, WorkerLostError, Workers
 
 LAST_FILE, LAST_PICTURE = "episodes.npz", "policy.png"  # that a run leaves
 KILLED = "its process was killed, or one beside it"
@@ -53,7 +53,7 @@ def study_folder(given: Path | None, *default: str) -> Path:
     return folder
 
 
-def require_all_heeded(changes: Sequence[str], others: Mapping[str, Iterable[str]]) -> None:
+def require_all_used(changes: Sequence[str], others: Mapping[str, Iterable[str]]) -> None:
     """Raise ValueError where another option replaces what --set says.
 
     Args:
@@ -92,13 +92,13 @@ def make_missing(
     missing = [(path, each, *how) for path, each in runs.items() if not _is_done(path, each, drawn)]
     ends: dict[Path, str | None] = {}
     try:
-        ends.update(side_by_side(_make, missing, workers=workers, title=title, quiet=quiet))
+        ends.update(run_parallel(_make, missing, workers=workers, title=title, quiet=quiet))
     except WorkerLostError:
         ends |= {path: KILLED for path, *_ in missing if path not in ends}
     return {path: why for path, why in ends.items() if why is not None}
 
 
-def tell_failures(failures: Mapping[Path, str]) -> None:
+def report_failures(failures: Mapping[Path, str]) -> None:
     """Name the runs that failed on stderr."""
     for path, why in failures.items():
         print(f"error: {path.name}: {why}", file=sys.stderr)

@@ -19,10 +19,10 @@ from optuna.trial import FrozenTrial, TrialState
 from rkhs_ros.app.study import advance
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.curve import Curve
-from rkhs_ros.runs.filing import filed
-from rkhs_ros.runs.grid import Outcome
-from rkhs_ros.runs.search_space import Dimension
-from rkhs_ros.runs.surroundings import TASKS, surroundings
+from rkhs_ros.runs.provenance import TASKS, provenance
+from rkhs_ros.studies.grid import Outcome
+from rkhs_ros.studies.run_index import indexed_folder
+from rkhs_ros.studies.search_space import Dimension
 
 RUNGS = 4  # of a run, at which it may be given up
 WHY = "why"  # attribute of a trial that failed
@@ -73,7 +73,7 @@ class Search:
     @property
     def name(self) -> str:
         """The name of the study in its storage; another one for all that its trials follow from."""
-        content = [self.first.settings, self.seeds, [str(each) for each in self.space], surroundings(*TASKS)]
+        content = [self.first.settings, self.seeds, [str(each) for each in self.space], provenance(*TASKS)]
         digest = blake2b(json.dumps(content, default=str).encode(), digest_size=6).hexdigest()
         return f"{self.first.training.name}-{digest}"
 
@@ -123,7 +123,7 @@ class Measured(NamedTuple):
     Attributes:
         trial: its number in the study.
         iterations: after which it was measured.
-        value: the median over the seeds of the last noise-free return.
+        value: the median over the seeds of the last evaluation return.
         why: it cannot be learnt with these settings; empty where it can.
     """
 
@@ -194,10 +194,10 @@ class Asking:
 def measure(search: Search, trial: int, parameters: Parameters, iterations: int) -> Measured:
     """Go on with the runs of a trial until they have made so many iterations; of settings that fail say why."""
     try:
-        runs = {filed(search.folder, each, *TASKS): each for each in _configs(search, parameters)}
+        runs = {indexed_folder(search.folder, each, *TASKS): each for each in _configs(search, parameters)}
         value = median(_return_after(folder, config, iterations) for folder, config in runs.items())
         if not isfinite(value):
-            raise ValueError(f"noise-free return: expected a number, got {value} after {iterations} iterations")
+            raise ValueError(f"evaluation return: expected a number, got {value} after {iterations} iterations")
     except Exception as error:  # of these settings, which shall not end the search
         return Measured(trial, iterations, nan, " ".join(f"{type(error).__name__}: {error}".split()))
     return Measured(trial, iterations, value)
@@ -227,7 +227,7 @@ def rungs(iterations: int) -> Sequence[int]:
 
 
 def _return_after(folder: Path, config: Config, iterations: int) -> float:
-    """Return the last noise-free return of a run after so many iterations, which is gone on with until then."""
+    """Return the last evaluation return of a run after so many iterations, which is gone on with until then."""
     curve = Curve(folder / "curve.csv")
     if len(curve.rows()) < iterations:
         advance(folder, replace(config, training=replace(config.training, iterations=iterations)))

@@ -64,13 +64,13 @@ def exit_code(error: Exception) -> int:
     return FAILED if failed else BAD_INPUT
 
 
-def say(error: Exception) -> int:
+def print_error(error: Exception) -> int:
     """Say in one line on stderr what went wrong; return the exit code."""
-    print("error:", told(error), file=sys.stderr, flush=True)
+    print("error:", error_message(error), file=sys.stderr, flush=True)
     return exit_code(error)
 
 
-def told(error: Exception) -> str:
+def error_message(error: Exception) -> str:
     """Return in one line what an error says."""
     text = str(error)
     if isinstance(error, FileNotFoundError) and error.filename is not None:

@@ -13,7 +13,7 @@ from rkhs_ros.base.yaml_text import read_yaml
 PARAMETERS = "ros__parameters"  # the key below the name of a node
 # Sections of these nodes in any namespace.
 SIMULATOR, POLICY, LEARNER = "/**/simulator", "/**/policy", "/**/learner"
-ROBOT, GATE, PRACTICE_ROBOT = "/**/robot", "/**/gate", "/**/practice_robot"
+ROBOT, GATE, SIMULATED_ROBOT = "/**/robot", "/**/gate", "/**/simulated_robot"
 WILDCARDS = {"*": "/[^/]+", "**": "(/[^/]+)*"}  # for one part of a node's full name, and for any number of parts
 
 

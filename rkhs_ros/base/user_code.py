@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.base.validation import hint, require, shown
+from rkhs_ros.base.validation import hint, require, truncated
 
 TRUSTED = "RKHS_TRUSTED_MODULES"  # of this process and those that it starts: names with ":" between; all if unset
 
@@ -32,7 +32,7 @@ class HangError(BaseException):
 
 
 @contextmanager
-def surroundings_kept() -> Iterator[None]:
+def isolated_from_user_code() -> Iterator[None]:
     """Put back, after somebody's code, the folder that we are in, and of what numpy raises errors."""
     with chdir("."), np.errstate():
         yield
@@ -80,17 +80,17 @@ def user_module(module: str) -> ModuleType:
     trusted = is_trusted(module)
     if trusted and os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
-    expected = f"expected a module '{shown(module)}' to import, installed"
+    expected = f"expected a module '{truncated(module)}' to import, installed"
     if not trusted and module.partition(".")[0] not in sys.modules and not is_installed(module):
         raise ValueError(f"{expected}, got none; a data file names it: from elsewhere it is imported with --trust")
     try:
-        with surroundings_kept(), nullcontext() if trusted else _installed_only():
+        with isolated_from_user_code(), nullcontext() if trusted else _installed_only():
             return import_module(module)
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # the module is somebody's code
         where = " or in this folder" * trusted
-        raise ValueError(f"{expected}{where}, got {type(error).__name__}: {shown(error)}") from error
+        raise ValueError(f"{expected}{where}, got {type(error).__name__}: {truncated(error)}") from error
 
 
 @contextmanager
@@ -124,11 +124,11 @@ def user_function(name: str, what: str) -> Callable[..., Any]:
         raise ValueError(f"{what}: {error}") from error
     if not callable(getattr(found, function, None)):
         callables = {each: None for each, value in vars(found).items() if callable(value)}
-        raise ValueError(f"{what}: no function '{shown(function)}' in {module}, {hint(function, callables)}")
+        raise ValueError(f"{what}: no function '{truncated(function)}' in {module}, {hint(function, callables)}")
     return getattr(found, function)  # type: ignore[no-any-return]
 
 
-def user_answer(function: Callable[..., Any], *arrays: NDArray[np.float64], seconds: float = 0.0) -> Any:
+def call_user_function(function: Callable[..., Any], *arrays: NDArray[np.float64], seconds: float = 0.0) -> Any:
     """Return what a user's function makes of arrays, of which it is given copies.
 
     Args:
@@ -147,7 +147,7 @@ def user_answer(function: Callable[..., Any], *arrays: NDArray[np.float64], seco
             raise  # elsewhere no Ctrl-C raises it
         if isinstance(error, HangError):
             raise RunError(f"did not return within {seconds:g} s") from error
-        raise RunError(f"{type(error).__name__}: {shown(error)}") from error
+        raise RunError(f"{type(error).__name__}: {truncated(error)}") from error
 
 
 @contextmanager

@@ -18,7 +18,7 @@ MOST_LISTED, MOST_MEANT = 30, 3  # names in a refusal
 MOST_SHOWN = 200  # characters of what was got
 
 
-def shown(value: object) -> str:
+def truncated(value: object) -> str:
     """Return a value as one line, cut where it is long: it may come from anybody."""
     text = str(value)
     line = " ".join(text[: 2 * MOST_SHOWN].split())
@@ -28,7 +28,7 @@ def shown(value: object) -> str:
 def require(condition: bool, what: str, expected: str, got: object) -> None:
     """Raise ValueError "what: expected ..., got ..." unless the condition holds."""
     if not condition:
-        raise ValueError(f"{what}: expected {expected}, got {shown(got)}")
+        raise ValueError(f"{what}: expected {expected}, got {truncated(got)}")
 
 
 def pick(name: str, table: Mapping[str, T], kind: str) -> T:
@@ -38,7 +38,7 @@ def pick(name: str, table: Mapping[str, T], kind: str) -> T:
         ValueError: the name is unknown; the message offers the nearest one.
     """
     if name not in table:
-        raise ValueError(f"unknown {kind} '{shown(name)}', {hint(name, table)}")
+        raise ValueError(f"unknown {kind} '{truncated(name)}', {hint(name, table)}")
     return table[name]
 
 
@@ -61,7 +61,7 @@ def hint(name: str, known: Mapping[str, Any], path: str = "") -> str:
 def nearest(name: str, known: Iterable[str]) -> list[str]:
     """Return the known names that begin with a name, or else those most like it."""
     begun = sorted(each for each in known if name and each.startswith(name))
-    return begun[:MOST_MEANT] or _like(shown(name), known)
+    return begun[:MOST_MEANT] or _like(truncated(name), known)
 
 
 class NamedFields:
@@ -78,7 +78,7 @@ class NamedFields:
         known = {f.name: f for f in fields(cls) if f.init}  # type: ignore[arg-type]  # a subclass is a dataclass
         for name in kwargs:
             if name not in known:
-                raise TypeError(f"{cls.__name__}: unknown setting '{shown(name)}', {hint(name, known)}")
+                raise TypeError(f"{cls.__name__}: unknown setting '{truncated(name)}', {hint(name, known)}")
         made = super().__new__(cls)
         object.__setattr__(made, "given_fields", frozenset([*list(known)[: len(args)], *kwargs]))
         return made

@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from rkhs_ros.base.files import read_whole
-from rkhs_ros.base.validation import require, shown
+from rkhs_ros.base.validation import require, truncated
 
 MOST_BYTES = 100_000  # of a text; PyYAML reads as much in a second
 MOST_DEPTH = 20  # sections within sections
@@ -88,7 +88,7 @@ def loaded(text: str) -> Any:
     try:
         return yaml.load(text, _Reader)  # it makes plain values only
     except (yaml.YAMLError, ValueError, OverflowError) as error:  # ValueError: a number of very many digits
-        raise ValueError(shown(error)) from error
+        raise ValueError(truncated(error)) from error
 
 
 def read_yaml(path: Path) -> Any:

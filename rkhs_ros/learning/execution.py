@@ -22,13 +22,13 @@ class Execution:
         stamps: when each observation was taken, in nanoseconds since 1970, shape (k + 1,).
         executed: what was commanded after all limits, in the units of the robot's commands, shape (k, m).
         flags: what the gate changed and what was late at each step, sums of powers of two, shape (k,).
-        void_reason: why the episode is not to be learnt from; empty where it counts.
+        discard_reason: why the episode is not to be learnt from; empty where it counts.
     """
 
     stamps: NDArray[np.int64]
     executed: Array
     flags: NDArray[np.uint32]
-    void_reason: str = ""
+    discard_reason: str = ""
 
     def __post_init__(self) -> None:
         """Raise ValueError where the shapes do not fit."""
@@ -43,12 +43,12 @@ Record = Callable[[Batch, Episodes, list[Execution]], None]
 
 
 def record_kinds(record: Record, batch: Batch, episodes: Episodes, executions: list[Execution]) -> None:
-    """Record a batch, noise-free episodes first: exploring ones beside them ran ahead, and are of use after them."""
+    """Record a batch, evaluation episodes first: exploring ones beside them ran ahead, and are of use after them."""
     for kind, rows in reversed(batch.kinds):
         record(kind, episodes.take(rows), executions[rows])
 
 
-def forget(batch: Batch, episodes: Episodes, executions: list[Execution]) -> None:
+def discard(batch: Batch, episodes: Episodes, executions: list[Execution]) -> None:
     """Record nothing: what runners do with ended episodes unless told otherwise.
 
     Args:

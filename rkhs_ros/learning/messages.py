@@ -33,7 +33,7 @@ def episodes_message(
     return types.Episodes(
         batch=identity,
         policy_version=version,
-        rows=rows,
+        num_envs=rows,
         horizon=horizon,
         lengths=_packed("I", episodes.mask.sum(axis=1), np.uint32),
         terminated=episodes.terminated.tolist(),
@@ -50,7 +50,7 @@ def _execution_message(types: Any, execution: Execution) -> Any:
         stamps=_packed("q", execution.stamps, np.int64),
         executed=doubles(execution.executed),
         flags=_packed("I", execution.flags, np.uint32),
-        void_reason=execution.void_reason,
+        discard_reason=execution.discard_reason,
     )
 
 
@@ -64,13 +64,15 @@ def episodes_of(message: Any, batch: Batch, spaces: Spaces) -> Episodes:
     Raises:
         ValueError: they are not of that batch's size, or not finite.
     """
-    shape = (batch.rows, batch.horizon)
-    require((message.rows, message.horizon) == shape, "episodes", f"{shape}", f"{(message.rows, message.horizon)}")
+    shape = (batch.num_envs, batch.horizon)
+    require(
+        (message.num_envs, message.horizon) == shape, "episodes", f"{shape}", f"{(message.num_envs, message.horizon)}"
+    )
     for name in ("lengths", "terminated"):
         size = len(getattr(message, name))
-        require(size == batch.rows, f"episodes' {name}", f"{batch.rows} entries", size)
+        require(size == batch.num_envs, f"episodes' {name}", f"{batch.num_envs} entries", size)
     lengths = np.array(message.lengths, dtype=np.int64)
-    least = 0 if any(execution.void_reason for execution in message.executions) else 1
+    least = 0 if any(execution.discard_reason for execution in message.executions) else 1
     good = bool(((lengths >= least) & (lengths <= batch.horizon)).all())
     require(good, "episodes' lengths", f"{least} to {batch.horizon} steps", lengths)
     return Episodes(
@@ -79,7 +81,7 @@ def episodes_of(message: Any, batch: Batch, spaces: Spaces) -> Episodes:
         rewards=shaped(message.rewards, shape, "episodes' rewards"),
         mask=np.arange(batch.horizon) < lengths[:, None],
         final_observations=shaped(
-            message.final_observations, (batch.rows, spaces.observation_dim), "episodes' final observations"
+            message.final_observations, (batch.num_envs, spaces.observation_dim), "episodes' final observations"
         ),
         terminated=np.array(message.terminated, dtype=bool),
     )
@@ -101,5 +103,5 @@ def _execution_of(message: Any) -> Execution:
         stamps=np.array(message.stamps, dtype=np.int64),
         executed=matrix(message.executed, steps, columns, "executed commands"),
         flags=np.array(message.flags, dtype=np.uint32),
-        void_reason=message.void_reason,
+        discard_reason=message.discard_reason,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rkhs_ros.base.validation import shown
+from rkhs_ros.base.validation import truncated
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
@@ -43,4 +43,4 @@ def check_actions(episodes: Episodes, policy: GaussianPolicy, batch: Batch) -> N
 
 
 def _shown(action: Array) -> str:
-    return shown(action.tolist())
+    return truncated(action.tolist())

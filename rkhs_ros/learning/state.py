@@ -8,7 +8,7 @@ import numpy as np
 
 from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.practice import ModelPractice
+from rkhs_ros.learning.model.model_based import ModelBased
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
@@ -27,9 +27,9 @@ class State:
     Attributes:
         iterations: number of iterations done.
         policy: the policy after them.
-        memory: episodes that the algorithm asked to keep, or all of them for practice in a model; none at first.
+        memory: episodes that the algorithm asked to keep, or all of them for model-based training; none at first.
         explored: number of exploring episodes so far, which is the number of the next one.
-        evaluated: number of noise-free episodes so far.
+        evaluated: number of evaluation episodes so far.
     """
 
     iterations: int
@@ -51,10 +51,10 @@ def first_policy(training: Training, spaces: Spaces) -> GaussianPolicy:
     _check_kernel(training, input_dim)
     mean = Function.zero(RBF((1.0,)), input_dim, action_dim)
     policy = GaussianPolicy(mean, ConstantVariance(variance), training.inputs)
-    if not isinstance(training.practice, ModelPractice):
+    if not isinstance(training.model, ModelBased):
         return policy
-    training.practice.known_parts(spaces.observation_dim)
-    return training.practice.exploring(policy, variance, 0, places_alike=False)
+    training.model.priors(spaces.observation_dim)
+    return training.model.exploration_policy(policy, variance, 0, reward_depends_on_action_only=False)
 
 
 def first_variance(training: Training, spaces: Spaces) -> Array:
@@ -89,8 +89,8 @@ def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy |
     if warm_start is not None:
         policy = policy.with_mean(_fitting_mean(warm_start, policy))
     memory = Episodes.none(training.horizon, spaces.observation_dim, spaces.action_dim)
-    practises = isinstance(training.practice, ModelPractice)
-    return State(0, policy, memory if practises else memory.seen_through(policy.inputs), 0, 0)
+    is_model_based = isinstance(training.model, ModelBased)
+    return State(0, policy, memory if is_model_based else memory.seen_through(policy.inputs), 0, 0)
 
 
 def _fitting_mean(given: GaussianPolicy, first: GaussianPolicy) -> Function:

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from rkhs_ros.learning.algorithm import Experience, Metrics
+from rkhs_ros.learning.algorithms.algorithm import Experience, Metrics
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.practice import ModelPractice, Practised, RealExperience, practise
+from rkhs_ros.learning.model.model_based import ModelBased, ModelUpdate, RealExperience, train_in_model
 from rkhs_ros.learning.state import State, first_state, first_variance
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -26,8 +26,8 @@ class Runner(Protocol):
     def spaces(self) -> Spaces:
         """Shape of an observation, and bounds of the actions."""
 
-    def room(self, rows: int) -> int:
-        """Return how many of so many rows can run side by side."""
+    def capacity(self, num_envs: int) -> int:
+        """Return how many of the environments can run side by side."""
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Return the episodes of a batch under the policy."""
@@ -40,22 +40,22 @@ class Iteration:
     Attributes:
         state: where the run is after it.
         exploration: this iteration's exploring episodes, before the update.
-        train_returns: their returns, shape (N,).
-        evaluation: noise-free episodes after the update; none, of number 0, in an iteration without evaluation.
-        mean_policy_returns: their returns.
+        exploration_returns: their returns, shape (N,).
+        evaluation: evaluation episodes after the update; none, of number 0, in an iteration without evaluation.
+        evaluation_returns: their returns.
         metrics: what the update did, the last one of practice.
-        imagined_return: mean return of the last exploring episodes in the model; nan without practice.
+        model_return: mean return of the last exploring episodes in the model; nan without a model.
         model_error: of the model that came before, at this iteration's episodes; nan where there was none.
         tried: the exploring episodes in which the update tried steps out, as they were collected.
     """
 
     state: State
     exploration: Episodes
-    train_returns: Array
+    exploration_returns: Array
     evaluation: Episodes
-    mean_policy_returns: Array
+    evaluation_returns: Array
     metrics: Metrics
-    imagined_return: float = float("nan")
+    model_return: float = float("nan")
     model_error: float = float("nan")
     tried: tuple[Episodes, ...] = ()
 
@@ -75,23 +75,23 @@ class Iteration:
         return self.state.policy
 
     @property
-    def train_return(self) -> float:
+    def exploration_return(self) -> float:
         """Mean return of the exploring episodes."""
-        return float(self.train_returns.mean())
+        return float(self.exploration_returns.mean())
 
     @property
-    def mean_policy_return(self) -> float:
-        """Mean return of the noise-free episodes; nan in an iteration without evaluation."""
-        return float(self.mean_policy_returns.mean()) if len(self.evaluation) else float("nan")
+    def evaluation_return(self) -> float:
+        """Mean return of the evaluation episodes; nan in an iteration without evaluation."""
+        return float(self.evaluation_returns.mean()) if len(self.evaluation) else float("nan")
 
 
 class Collector:
     """Lets policies act in ever new episodes, and counts them.
 
-    After an update the noise-free episodes and the next exploring ones are under the same policy. Where there is room
+    After an update the evaluation episodes and the next exploring ones are under the same policy. Where there is room
     for both side by side, the exploring ones run ahead, beside the noise-free ones: the steps are half as many.
 
-    Owns the numbers of the next exploring and the next noise-free episode, and the exploring ones that ran ahead.
+    Owns the numbers of the next exploring and the next evaluation episode, and the exploring ones that ran ahead.
 
     Args:
         training: the learner's settings.
@@ -111,7 +111,7 @@ class Collector:
         """Return the exploring episodes of an iteration; nobody acted since the policy was evaluated, if it was."""
         ahead, self._ahead = self._ahead, None
         batch = self._exploring(self._training.episodes_per_iteration)
-        self.explored += batch.rows
+        self.explored += batch.num_envs
         return self._runner.collect(policy, batch) if ahead is None else ahead
 
     def try_out(self, policy: GaussianPolicy, episodes: int) -> Episodes:
@@ -127,7 +127,7 @@ class Collector:
         return tried
 
     def evaluate(self, policy: GaussianPolicy, *, explores_next: bool) -> Episodes:
-        """Return noise-free episodes.
+        """Return evaluation episodes.
 
         Args:
             policy: who acts.
@@ -135,20 +135,20 @@ class Collector:
         """
         training = self._training
         batch = Batch(training.seed, self.evaluated, training.evaluation_episodes, training.horizon, explore=False)
-        self.evaluated += batch.rows
-        if not (explores_next and self._has_room_for_both()):
+        self.evaluated += batch.num_envs
+        if not (explores_next and self._has_capacity_for_both()):
             return self._runner.collect(policy, batch)
         ahead = self._exploring(training.episodes_per_iteration)
         both = self._runner.collect(policy, ahead.beside(batch))
-        self._ahead = both.take(slice(ahead.rows))
-        return both.take(slice(ahead.rows, None))
+        self._ahead = both.take(slice(ahead.num_envs))
+        return both.take(slice(ahead.num_envs, None))
 
     def _exploring(self, episodes: int) -> Batch:
         return Batch(self._training.seed, self.explored, episodes, self._training.horizon, explore=True)
 
-    def _has_room_for_both(self) -> bool:
-        rows = self._training.rows
-        return rows * self._training.horizon <= MOST_SAMPLES_AHEAD and self._runner.room(rows) >= rows
+    def _has_capacity_for_both(self) -> bool:
+        rows = self._training.num_envs
+        return rows * self._training.horizon <= MOST_SAMPLES_AHEAD and self._runner.capacity(rows) >= rows
 
 
 def train(training: Training, runner: Runner, state: State | None = None) -> Iterator[Iteration]:
@@ -173,11 +173,11 @@ def train(training: Training, runner: Runner, state: State | None = None) -> Ite
 def _iteration_after(state: State, training: Training, collector: Collector, spaces: Spaces) -> Iteration:
     exploration = collector.explore(state.policy)
     policy = state.policy
-    if isinstance(training.practice, ModelPractice):
+    if isinstance(training.model, ModelBased):
         memory = state.memory + exploration
-        practised = _practised(training.practice, training, policy, memory, spaces, state.iterations)
-        policy, metrics = practised.policy, practised.metrics
-        imagined_return, model_error = practised.imagined_return, practised.model_error
+        model_update = _train_in_model(training.model, training, policy, memory, spaces, state.iterations)
+        policy, metrics = model_update.policy, model_update.metrics
+        model_return, model_error = model_update.model_return, model_update.model_error
     else:
         episodes = exploration.seen_through(policy.inputs)
         if state.iterations == 0 and len(policy.mean.centres) == 0:  # a policy given has its kernel
@@ -188,7 +188,7 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
             episodes, training.discount, state.memory, collector.try_out, variance, state.iterations
         )
         policy, metrics, memory = training.algorithm.update(policy, experience)
-        imagined_return = model_error = float("nan")
+        model_return = model_error = float("nan")
     done = state.iterations + 1
     due = training.evaluate_every > 0 and done % training.evaluate_every == 0
     explores_next = done < training.iterations
@@ -196,25 +196,25 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
     return Iteration(
         state=State(done, policy, memory, collector.explored, collector.evaluated),
         exploration=exploration,
-        train_returns=exploration.returns(training.discount),
+        exploration_returns=exploration.returns(training.discount),
         evaluation=evaluation,
-        mean_policy_returns=evaluation.returns(training.discount),
+        evaluation_returns=evaluation.returns(training.discount),
         metrics=metrics,
-        imagined_return=imagined_return,
+        model_return=model_return,
         model_error=model_error,
         tried=collector.take_tried(),
     )
 
 
-def _practised(
-    practice: ModelPractice,
+def _train_in_model(
+    settings: ModelBased,
     training: Training,
     policy: GaussianPolicy,
     episodes: Episodes,
     spaces: Spaces,
     iteration: int,
-) -> Practised:
-    """Return what becomes of the policy by practice in a model of all real episodes so far."""
+) -> ModelUpdate:
+    """Return what becomes of the policy with a model learnt from all real episodes so far."""
     experience = RealExperience(
         episodes=episodes,
         newest=training.episodes_per_iteration,
@@ -224,12 +224,14 @@ def _practised(
         first_variance=first_variance(training, spaces),
         seed=training.seed,
         iteration=iteration,
-        surpassed=surpassed(episodes.returns(training.discount), training.episodes_per_iteration),
+        outperformed_iterations=outperformed_iterations(
+            episodes.returns(training.discount), training.episodes_per_iteration
+        ),
     )
-    return practise(practice, training.algorithm, policy, experience)
+    return train_in_model(settings, training.algorithm, policy, experience)
 
 
-def surpassed(returns: Array, newest: int) -> float:
+def outperformed_iterations(returns: Array, newest: int) -> float:
     """Return how many earlier iterations, of so many episodes each, earned less than the newest one in the mean."""
     earlier, now = returns[:-newest], returns[-newest:].mean()
     return float((earlier < now).sum() / newest)

@@ -9,12 +9,12 @@ from typing import Any
 
 from rkhs_ros.base.settings import Settings, build, setting, variant
 from rkhs_ros.base.validation import require
-from rkhs_ros.learning.algorithm import Algorithm
+from rkhs_ros.learning.algorithms.algorithm import Algorithm
+from rkhs_ros.learning.algorithms.registry import ALGORITHMS
+from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.algorithms.step_rules import LineSearch
 from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.learning.practice import PRACTICES, ModelPractice, NoPractice, Practice
-from rkhs_ros.learning.registry import ALGORITHMS
-from rkhs_ros.learning.rkhs_nac import RKHSNAC
-from rkhs_ros.learning.steps import LineSearch
+from rkhs_ros.learning.model.model_based import MODELS, ModelBased, ModelSettings, NoModel
 from rkhs_ros.policies.inputs import Inputs
 
 
@@ -26,9 +26,9 @@ class Training(Settings):
     seed: int = setting(0, "seed of all randomness", minimum=0, maximum=2**63 - 1)
     iterations: int = setting(40, "number of policy updates", minimum=1, maximum=10**6)
     episodes_per_iteration: int = setting(10, "exploring episodes before each update", minimum=1, maximum=10_000)
-    evaluation_episodes: int = setting(10, "noise-free episodes of an evaluation", minimum=1, maximum=10_000)
+    evaluation_episodes: int = setting(10, "evaluation episodes of an evaluation", minimum=1, maximum=10_000)
     evaluate_every: int = setting(
-        1, "iterations from one evaluation by noise-free episodes to the next; 0: none", minimum=0, maximum=10**6
+        1, "iterations from one evaluation by evaluation episodes to the next; 0: none", minimum=0, maximum=10**6
     )
     horizon: int = setting(100, "steps of an episode", minimum=1, maximum=10**6)
     discount: float = setting(0.99, "discount factor of the return, per step", minimum=0.0, maximum=1.0)
@@ -47,24 +47,24 @@ class Training(Settings):
     inputs: Inputs = Inputs()
     kernel: KernelChoice = KernelChoice()
     algorithm: Algorithm = variant(RKHSNAC(), ALGORITHMS, "name")
-    practice: Practice = variant(NoPractice(), PRACTICES, "form")
+    model: ModelSettings = variant(NoModel(), MODELS, "form")
 
     def __post_init__(self) -> None:
         """Raise ValueError where a value does not fit, or the algorithm wants real episodes that practice has not."""
         super().__post_init__()
         searches = isinstance(getattr(self.algorithm, "step", None), LineSearch)
-        good = not (searches and isinstance(self.practice, ModelPractice))
-        require(good, "algorithm.step.rule", "fixed or kl for practice.form=model", "line_search")
+        good = not (searches and isinstance(self.model, ModelBased))
+        require(good, "algorithm.step.rule", "fixed or kl for model.form=gaussian_process", "line_search")
         plain = self.name.isprintable() and self.name not in ("", "..") and Path(self.name).name == self.name
         require(plain, "name", "a plain name, for a folder is called so", repr(self.name))
 
     def unused(self) -> set[str]:
         """Return the names of the settings of exploration that practice has its own in place of."""
-        practises = isinstance(self.practice, ModelPractice)
-        return {"algorithm.exploration_decay", "algorithm.exploration_minimum"} if practises else set()
+        is_model_based = isinstance(self.model, ModelBased)
+        return {"algorithm.exploration_decay", "algorithm.exploration_minimum"} if is_model_based else set()
 
     @property
-    def rows(self) -> int:
+    def num_envs(self) -> int:
         """Most episodes that can run side by side: those of an evaluation and the exploring ones after it."""
         return self.episodes_per_iteration + self.evaluation_episodes
 

@@ -40,13 +40,13 @@ class Claim:
 
 def _difference(table: Table, panel: str, method: str, settings: tuple[str, ...]) -> float:
     """Return the largest difference between the mean curves of a method, over the iterations."""
-    means = np.array([table[panel, f"{method} {setting}"].mean_policy.mean(axis=0) for setting in settings])
+    means = np.array([table[panel, f"{method} {setting}"].evaluation.mean(axis=0) for setting in settings])
     return float(np.ptp(means, axis=0).max())
 
 
 def _spread(table: Table, panel: str, method: str, settings: tuple[str, ...]) -> float:
     """Return the mean over the iterations of the difference between the mean curves of a method."""
-    means = np.array([table[panel, f"{method} {setting}"].mean_policy.mean(axis=0) for setting in settings])
+    means = np.array([table[panel, f"{method} {setting}"].evaluation.mean(axis=0) for setting in settings])
     return float(np.ptp(means, axis=0).mean())
 
 
@@ -100,16 +100,16 @@ def _toy_comparable(table: Table) -> Verdict:
     return Verdict(min(ends) >= 14.2 and float(np.mean(ends)) > float(np.mean(rivals)), seen)
 
 
-def _toy_printed(table: Table) -> Verdict:
+def _toy_published(table: Table) -> Verdict:
     ends = [table[RKHS, name].end() for name in ("RKHS-PoWER", "RKHS-PoWER, as printed")]
     return Verdict(ends[1] > 0.95 * ends[0], f"as printed {ends[1]:.1f}, with weights not negative {ends[0]:.1f}")
 
 
 def _power_stable(table: Table) -> Verdict:
     power, natural = table[GRID, "PoWER, Eq 6"], table[RKHS, "RKHS-NAC"]
-    drop = _drop(power.mean_policy.mean(axis=0))
+    drop = _drop(power.evaluation.mean(axis=0))
     seen = (
-        f"noise-free return after 10 / 40 iterations {power.at(10):.2f} / {power.at(40):.2f} (Eq 6), RKHS-NAC "
+        f"evaluation return after 10 / 40 iterations {power.at(10):.2f} / {power.at(40):.2f} (Eq 6), RKHS-NAC "
         f"{natural.at(10):.2f} / {natural.at(40):.2f}; the mean curve of Eq 6 never falls by more than {drop:.2f}"
     )
     return Verdict(power.at(10) < natural.at(10) and drop < 0.5, seen)
@@ -117,7 +117,7 @@ def _power_stable(table: Table) -> Verdict:
 
 def _pendulum_fast(table: Table) -> Verdict:
     keys = [(RKHS, "RKHS-NAC"), (RKHS, "RKHS-PoWER"), (GRID, "eNAC")]
-    after = {curve: float(table[panel, curve].train[:, 19].mean()) for panel, curve in keys}
+    after = {curve: float(table[panel, curve].exploration[:, 19].mean()) for panel, curve in keys}
     seen = ", ".join(f"{curve} {value:.1f}" for curve, value in after.items())
     return Verdict(min(after.values()) > 25, f"with exploration, iteration 20: {seen} (an untrained policy: about 11)")
 
@@ -135,7 +135,7 @@ def _pendulum_optimal(table: Table) -> Verdict:
     return Verdict(min(ends) > 51.0, seen)
 
 
-def _printed_stalls(table: Table) -> Verdict:
+def _published_stalls(table: Table) -> Verdict:
     mended, printed = (table[RKHS, name].end() for name in ("RKHS-NPG", "RKHS-NPG, as printed"))
     return Verdict(printed > 0.95 * mended, f"as printed {printed:.1f}, with the intercept {mended:.1f}")
 
@@ -155,7 +155,7 @@ def _pomdp_parametric(table: Table) -> Verdict:
 
 
 def _pr2_improves(table: Table) -> Verdict:
-    begin = {method: float(table[PR2, method].train[:, 0].mean()) for method in PR2_METHODS}
+    begin = {method: float(table[PR2, method].exploration[:, 0].mean()) for method in PR2_METHODS}
     end = {method: table[PR2, method].end() for method in PR2_METHODS}
     seen = ", ".join(f"{method} {begin[method]:.2f} / {end[method]:.2f}" for method in PR2_METHODS)
     improved = all(end[method] > begin[method] + 0.2 for method in PR2_METHODS)
@@ -163,7 +163,7 @@ def _pr2_improves(table: Table) -> Verdict:
 
 
 def _pr2_power_stable(table: Table) -> Verdict:
-    drops = {method: _drop(table[PR2, method].mean_policy.mean(axis=0)) for method in PR2_METHODS}
+    drops = {method: _drop(table[PR2, method].evaluation.mean(axis=0)) for method in PR2_METHODS}
     seen = ", ".join(f"{method} {drop:.2f}" for method, drop in drops.items())
     return Verdict(drops["RKHS-PoWER"] == min(drops.values()), f"largest fall of the mean curve: {seen}")
 
@@ -179,11 +179,11 @@ CLAIMS = (
     Claim("fig2", "The same at fixed step sizes, where no search makes up for a bad length.", _rbf_fixed),
     Claim("fig3-toy", "All RKHS methods do comparably well, and slightly better than AC and eNAC.", _toy_comparable),
     Claim("fig3-toy", "PoWER improves slowly but very stably.", _power_stable),
-    Claim("fig3-toy", "RKHS-PoWER works as printed, with signed advantages and Eq 24.", _toy_printed),
+    Claim("fig3-toy", "RKHS-PoWER works as printed, with signed advantages and Eq 24.", _toy_published),
     Claim("fig3-pendulum", "RKHS-NAC, RKHS-PoWER and eNAC reach a return over 25 after 20 iterations.", _pendulum_fast),
     Claim("fig3-pendulum", "RKHS-AC, AC and PoWER still struggle after 200 iterations.", _pendulum_struggle),
     Claim("fig3-pendulum", "RKHS-NAC and eNAC come very close to the optimum.", _pendulum_optimal),
-    Claim("fig3-pendulum", "RKHS-NPG works as printed, without a baseline (Eq 18 to 20).", _printed_stalls),
+    Claim("fig3-pendulum", "RKHS-NPG works as printed, without a baseline (Eq 18 to 20).", _published_stalls),
     Claim("fig5-pomdp", "RKHS-NAC performs best under partial observation.", _pomdp_best),
     Claim("fig5-pomdp", "The RKHS methods far exceed the parametric contender, eNAC.", _pomdp_parametric),
     Claim("fig5-pr2", "All three methods improve the PR2's motion.", _pr2_improves),

@@ -23,7 +23,7 @@ PREFIX = re.compile(r"^(RKHS-|e(?=[A-Z]))")  # of a method's name: where its pol
 
 
 def draw_experiment(path: Path, experiment: Experiment, table: Table) -> None:
-    """Draw the noise-free returns: their mean over the runs and the experiment's band.
+    """Draw the evaluation returns: their mean over the runs and the experiment's band.
 
     Raises:
         OSError: the file cannot be written.
@@ -39,7 +39,7 @@ def experiment_figure(experiment: Experiment, table: Table) -> Figure:
     columns = len(experiment.panels)
     figure = sheet(WIDTH_IN * columns, HEIGHT_IN, f"{experiment.title}\n{told}")
     plots = figure.subplots(2, columns, sharey="col", squeeze=False)
-    shown = looks_of(experiment)
+    shown = styles_of(experiment)
     for (above, below), panel in zip(plots.T, experiment.panels, strict=True):
         _draw(above, panel, table, experiment.band, shown, against="iteration")
         _draw(below, panel, table, experiment.band, shown, against="exploring episodes used")
@@ -47,7 +47,7 @@ def experiment_figure(experiment: Experiment, table: Table) -> Figure:
     return figure
 
 
-def looks_of(experiment: Experiment) -> dict[str, tuple[str, str, str]]:
+def styles_of(experiment: Experiment) -> dict[str, tuple[str, str, str]]:
     """Return the look of each curve by its label: a method has the same in all panels, in the RKHS and on a grid."""
     methods = dict.fromkeys(_method(curve.label) for panel in experiment.panels for curve in panel.curves)
     by_method = dict(zip(methods, looks(len(methods)), strict=True))
@@ -68,14 +68,14 @@ def _draw(
         x = returns.episodes if against.startswith("exploring") else np.arange(1, len(returns.episodes) + 1)
         low, high = _band(returns, band)
         axes.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0)
-        axes.plot(x, returns.mean_policy.mean(axis=0), style, color=colour, label=curve.label, linewidth=1.5)
+        axes.plot(x, returns.evaluation.mean(axis=0), style, color=colour, label=curve.label, linewidth=1.5)
     draw_references(axes, references(panel.curves[0].run(0).task))
     label(axes, against, "discounted return")
 
 
 def _band(returns: Returns, band: str) -> tuple[Array, Array]:
     """Return the ends of the band around the mean, each among what the runs earned."""
-    earned = returns.mean_policy
+    earned = returns.evaluation
     if returns.runs == 1:
         return earned[0], earned[0]
     deviation = earned.std(axis=0, ddof=1)

@@ -12,10 +12,10 @@ from rkhs_ros.base.files import write_whole
 from rkhs_ros.paper.experiment import Experiment
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve, Row
-from rkhs_ros.runs.filing import filed
+from rkhs_ros.studies.run_index import indexed_folder
 
 Make = Callable[[Mapping[Path, Config]], Mapping[Path, str]]
-COLUMNS = ("panel", "curve", "run", "iteration", "episodes", "train_return", "mean_policy_return")
+COLUMNS = ("panel", "curve", "run", "iteration", "episodes", "exploration_return", "evaluation_return")
 
 
 def reproduce(experiment: Experiment, out: Path, make: Make, *, runs: int, packages: Sequence[str]) -> Path:
@@ -37,7 +37,7 @@ def reproduce(experiment: Experiment, out: Path, make: Make, *, runs: int, packa
         for curve in panel.curves
         for run in range(runs)
     }
-    folders = {key: filed(out, config, *packages) for key, config in places.items()}
+    folders = {key: indexed_folder(out, config, *packages) for key, config in places.items()}
     failures = make({folders[key]: config for key, config in places.items()})
     for folder, why in failures.items():
         raise RunError(f"{folder}: {why} ({len(failures)} of {len(folders)} runs failed; the same command goes on)")
@@ -51,4 +51,4 @@ def reproduce(experiment: Experiment, out: Path, make: Make, *, runs: int, packa
 
 
 def _line(row: Row) -> tuple[object, ...]:
-    return row.iteration, row.episodes, f"{row.train_return:.3f}", f"{row.mean_policy_return:.3f}"
+    return row.iteration, row.episodes, f"{row.exploration_return:.3f}", f"{row.evaluation_return:.3f}"

@@ -31,7 +31,7 @@ MENDED = (
     (
         "Eq 18 to 20: returns without a baseline",
         "their mean drowns their differences, learning stalls (above)",
-        "an intercept in the regression; `baseline: printed`",
+        "an intercept in the regression; `baseline: as_published`",
     ),
     (
         "Eq 16, 21: the expectation of the second derivative",
@@ -46,7 +46,7 @@ MENDED = (
     (
         "Eq 23: signed advantages as weights",
         "the system is indefinite, learning collapses (above)",
-        "weights not negative; `weighting: printed`",
+        "weights not negative; `weighting: as_published`",
     ),
     (
         "Eq 23: the inverse of the advantages",
@@ -56,7 +56,7 @@ MENDED = (
     (
         "Eq 24: squared exploration above and below",
         "it cancels: the value is no variance",
-        "a weighted mean of squared exploration, within bounds; `variance: printed`",
+        "a weighted mean of squared exploration, within bounds; `variance: as_published`",
     ),
     (
         "Section 3.1: the natural gradient is covariant",
@@ -99,7 +99,7 @@ def _section(experiment: Experiment, table: Table, place: Path) -> str:
     lines.append("| Plot | Curve | Runs | Iterations | Episodes | Return at the end | Worst run | sd of the runs |\n")
     lines.append("|---|---|---|---|---|---|---|---|\n")
     for (panel, curve), returns in table.items():
-        last = returns.mean_policy[:, -1]
+        last = returns.evaluation[:, -1]
         used = f"{returns.runs} | {len(returns.episodes)} | {returns.episodes[-1]:.0f}"
         lines.append(f"| {panel} | {curve} | {used} | {last.mean():.2f} | {last.min():.2f} | {last.std():.2f} |\n")
     return "".join(lines)

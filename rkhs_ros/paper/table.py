@@ -18,26 +18,26 @@ class Returns:
 
     Attributes:
         episodes: exploring episodes used up to each iteration, shape (iterations,).
-        train: mean discounted return of the exploring episodes, shape (runs, iterations).
-        mean_policy: that of noise-free episodes after the update, shape (runs, iterations).
+        exploration: mean discounted return of the exploring episodes, shape (runs, iterations).
+        evaluation: that of evaluation episodes after the update, shape (runs, iterations).
     """
 
     episodes: Array
-    train: Array
-    mean_policy: Array
+    exploration: Array
+    evaluation: Array
 
     @property
     def runs(self) -> int:
         """Number of runs."""
-        return len(self.train)
+        return len(self.exploration)
 
     def end(self) -> float:
-        """Return the mean over runs of the noise-free return after the last iteration."""
-        return float(self.mean_policy[:, -1].mean())
+        """Return the mean over runs of the evaluation return after the last iteration."""
+        return float(self.evaluation[:, -1].mean())
 
     def at(self, iteration: int) -> float:
-        """Return the mean over runs of the noise-free return after an iteration, counted from 1."""
-        return float(self.mean_policy[:, iteration - 1].mean())
+        """Return the mean over runs of the evaluation return after an iteration, counted from 1."""
+        return float(self.evaluation[:, iteration - 1].mean())
 
 
 Table = dict[tuple[str, str], Returns]
@@ -68,4 +68,4 @@ def _returns(runs: dict[int, list[dict[str, str]]]) -> Returns:
     def column(name: str) -> Array:
         return np.array([[float(line[name]) for line in lines] for lines in runs.values()])
 
-    return Returns(column("episodes")[0], column("train_return"), column("mean_policy_return"))
+    return Returns(column("episodes")[0], column("exploration_return"), column("evaluation_return"))

@@ -11,8 +11,8 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.pictures.known import references
 from rkhs_ros.pictures.style import label, looks, whole_ticks, write
 from rkhs_ros.policies.storage import Task
-from rkhs_ros.runs.aggregates import mean_over_runs
-from rkhs_ros.runs.comparison import Comparison, LearningCurve
+from rkhs_ros.studies.aggregates import mean_over_runs
+from rkhs_ros.studies.comparison import Comparison, LearningCurve
 
 FORMATS = (".png", ".pdf", ".svg")
 MARKER_SPACING = 0.15  # of the plot's diagonal
@@ -47,7 +47,7 @@ def comparison_figure(comparison: Comparison) -> Figure:
     for curve, look in zip(comparison.curves, looks(len(comparison.curves)), strict=True):
         _draw_curve(axes, curve, *look)
     _draw_optimum(axes, comparison.task)
-    kind = "noise-free" if any(curve.is_noise_free for curve in comparison.curves) else "exploring"
+    kind = "noise-free" if any(curve.is_evaluation for curve in comparison.curves) else "exploring"
     label(axes, "exploring episodes", f"{kind} discounted return", comparison.task.environment)
     whole_ticks(axes)
     axes.set_xlim(left=0)
@@ -61,7 +61,7 @@ def comparison_figure(comparison: Comparison) -> Figure:
 
 def _draw_curve(axes: Axes, curve: LearningCurve, style: str, colour: str, marker: str) -> None:
     mean, low, high = mean_over_runs(curve.returns)
-    name = curve.label if curve.is_noise_free else f"{curve.label} (exploring)"
+    name = curve.label if curve.is_evaluation else f"{curve.label} (exploring)"
     axes.fill_between(curve.episodes, low, high, color=colour, alpha=0.18, linewidth=0)
     (line,) = axes.plot(curve.episodes, mean, style, color=colour, linewidth=1.5, label=name)
     line.set(marker=marker, markevery=MARKER_SPACING, markersize=4.5)

@@ -13,16 +13,16 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rkhs_ros.base.validation import require, shown
+from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.pictures.headless import choose_renderer, remedy
 from rkhs_ros.pictures.style import pixels
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.runs.rollout import InlineRunner
-from rkhs_ros.runs.shown import DrawsItself
-from rkhs_ros.runs.simulation import Simulation
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.rollouts.visualization import DrawsItself
 
 Pictures = NDArray[np.uint8]  # RGB, shape (height, width, 3), or several of them
 FEWEST, MOST, USUAL = 2, 200, 60  # pictures of a film
@@ -62,9 +62,9 @@ def shoot(policy: GaussianPolicy, task: Task, runner: InlineRunner, *, seed: int
         return _watched(policy, batch, simulation, frames)
     own = isinstance(simulation.shown, DrawsItself)
     look, drawing = (_drawn, nullcontext(simulation)) if own else (_rendered, _with_pictures(task, simulation))
-    with drawing as shown:
+    with drawing as truncated:
         steps = spread(int(runner.collect(policy, batch).mask[0].sum()), frames)
-        pictures = np.array(list(_moments(policy, batch, shown, steps, look)))
+        pictures = np.array(list(_moments(policy, batch, truncated, steps, look)))
     return Film({"": pictures}, [f"step {step}" for step in steps])
 
 
@@ -139,8 +139,8 @@ def _told_what_to_install(environment: str) -> Iterator[None]:
     try:
         yield
     except (gymnasium.error.DependencyNotInstalled, ImportError) as error:
-        got = f"{shown(error)}{remedy()}"
+        got = f"{truncated(error)}{remedy()}"
         raise ValueError(f"{environment}: expected what draws it to be installed, got: {got}") from error
     except Exception as error:
-        got = f"{type(error).__name__}: {shown(error)}{remedy()}"
+        got = f"{type(error).__name__}: {truncated(error)}{remedy()}"
         raise ValueError(f"{environment}: expected a picture, got {got}") from error

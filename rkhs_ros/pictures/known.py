@@ -8,10 +8,10 @@ from typing import Any
 import gymnasium
 from gymnasium.envs.registration import load_env_creator
 
-from rkhs_ros.policies.input_names import Names, plain_names, told_names
+from rkhs_ros.policies.input_names import Names, plain_names, reported_names
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
-from rkhs_ros.runs.environments import spec_of
+from rkhs_ros.rollouts.environments import spec_of
 
 REFERENCE_DISCOUNT = 0.99
 
@@ -40,7 +40,7 @@ def success_reward(task: Task) -> float | None:
 
 
 def _names(task: Task, kind: str, count: int) -> tuple[str, ...]:
-    return told_names(_said(task, f"{kind}_names"), count) or plain_names(kind, count)
+    return reported_names(_said(task, f"{kind}_names"), count) or plain_names(kind, count)
 
 
 def _said(task: Task, attribute: str) -> Any:

@@ -17,9 +17,9 @@ from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED, colour_bar, label
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.input_names import Names
 from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.rkhs.informative_inputs import most_informative_inputs, on_slice
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rkhs.slices import best_slice, on_slice
-from rkhs_ros.runs.coordinates import Coordinates
+from rkhs_ros.sketches.policy_coordinates import PolicyCoordinates
 
 MOST_ACTIONS = 3  # that have a plot
 PANEL, LEAST_WIDTH, HEIGHT = 4.6, 6.6, 4.6  # inches
@@ -43,14 +43,14 @@ class View:
 
     policy: GaussianPolicy
     spaces: Spaces
-    coordinates: Coordinates
+    coordinates: PolicyCoordinates
     episode: Array
     visited: Array
 
     @classmethod
     def of(cls, policy: GaussianPolicy, spaces: Spaces, names: Names, episodes: Episodes) -> View:
         """Return the view of a policy and of the episodes as they were observed."""
-        coordinates = Coordinates(policy, names)
+        coordinates = PolicyCoordinates(policy, names)
         points = coordinates.of(episodes)
         return cls(policy, spaces, coordinates, points[0], np.concatenate(points))
 
@@ -145,7 +145,7 @@ def _plane(axes: Axes, view: View, column: int) -> None:
 
 def _slice(axes: Axes, view: View, column: int) -> None:
     action = view.action(column)
-    columns, explained = best_slice(action, view.visited)
+    columns, explained = most_informative_inputs(action, view.visited)
     spans = _spans(view.visited[:, columns], PLANE_POINTS)
     values = action(on_slice(view.visited, columns, _grid(spans))).reshape(PLANE_POINTS, PLANE_POINTS)
     norm = _norm(view, column, np.concatenate([values.ravel(), action(view.visited)]))

@@ -81,10 +81,10 @@ def curve_figure(curve: Mapping[str, NDArray[Any]], task: Task) -> Figure:
     """
     figure = sheet(6.6, 4.6, task.environment)
     axes = figure.subplots()
-    iterations, mean = curve["iteration"], curve["mean_policy_return"]
+    iterations, mean = curve["iteration"], curve["evaluation_return"]
     evaluated = np.isfinite(mean)
     marker = "." if len(iterations) <= FEW else ""
-    axes.plot(iterations, curve["train_return"], color=COLOURS[1], marker=marker, label="with exploration")
+    axes.plot(iterations, curve["exploration_return"], color=COLOURS[1], marker=marker, label="with exploration")
     if evaluated.any():
         look: dict[str, Any] = {"color": COLOURS[0], "linewidth": 2, "marker": marker, "label": "noise-free policy"}
         axes.plot(iterations[evaluated], mean[evaluated], **look)

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.base.validation import all_finite, pick, require, shown
+from rkhs_ros.base.validation import all_finite, pick, require, truncated
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.noise import FILTERS
 from rkhs_ros.policies.streams import Batch
@@ -103,7 +103,7 @@ class Acting:
         variance = policy.variance
         self._constant_sd = np.sqrt(variance.values) if isinstance(variance, ConstantVariance) else None
         self._columns = 0  # of the observations, not known yet
-        self._seen = self._done = np.zeros((batch.rows, batch.horizon, 0))
+        self._seen = self._done = np.zeros((batch.num_envs, batch.horizon, 0))
 
     def __call__(self, step: int, observations: Array) -> Array:
         """Return the actions of a step, shape (rows, n), for observations of shape (rows, d).
@@ -124,7 +124,7 @@ class Acting:
 
     def _make_ready(self, columns: int) -> None:
         """Check that the policy takes observations of so many numbers, and make room for those of a window."""
-        mean, rows, horizon = self.policy.mean, self.batch.rows, self.batch.horizon
+        mean, rows, horizon = self.policy.mean, self.batch.num_envs, self.batch.horizon
         size = self.policy.inputs.dimension(columns, mean.output_dim)
         require(size == mean.input_dim, "points", f"{mean.input_dim} columns", size)
         if self.policy.inputs.history > 1:
@@ -134,7 +134,7 @@ class Acting:
         self._columns = columns
 
     def _require_room(self, row: int) -> None:
-        numbers = self.batch.rows * row
+        numbers = self.batch.num_envs * row
         require(numbers <= MOST_NUMBERS, "batch", f"at most {MOST_NUMBERS} numbers at a time", numbers)
 
     @np.errstate(over="ignore", invalid="ignore")  # reported by row and step instead
@@ -149,7 +149,8 @@ class Acting:
         if not all_finite(actions):
             row = int(np.isfinite(actions).all(axis=1).argmin())
             raise RunError(
-                f"the policy's action in row {row}, step {step + 1}: expected finite numbers, got {shown(actions[row])}"
+                f"the policy's action in row {row}, step {step + 1}: "
+                f"expected finite numbers, got {truncated(actions[row])}"
             )
         return actions
 

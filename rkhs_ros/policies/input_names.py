@@ -30,7 +30,7 @@ def plain_names(kind: str, count: int) -> tuple[str, ...]:
     return tuple(f"{kind} {i}" if count > 1 else kind for i in range(count))
 
 
-def told_names(said: object, count: int) -> tuple[str, ...]:
+def reported_names(said: object, count: int) -> tuple[str, ...]:
     """Return what somebody's code calls some numbers, if that is as many names; else none."""
     good = isinstance(said, list | tuple) and len(said) == count and all(isinstance(name, str) for name in said)
     return tuple(said) if good else ()  # type: ignore[arg-type]

@@ -66,7 +66,7 @@ class Answer(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Ended:
+class BatchOver:
     """The batch is over: no action is asked for."""
 
 
@@ -91,7 +91,7 @@ class Failed:
     reason: str
 
 
-Reply = Answer | Ended | Ignored | Refused | Failed
+Reply = Answer | BatchOver | Ignored | Refused | Failed
 
 
 class Serving(NamedTuple):
@@ -169,7 +169,7 @@ class Session:
         if step > serving.awaited:
             raise ValueError(f"step: expected at most {serving.awaited}, the next one, got {step}")
         if observation.over:
-            return Ended()
+            return BatchOver()
         if step >= batch.horizon:
             raise ValueError(f"step: expected less than {batch.horizon}, unless all is over, got {step}")
         if step == serving.last.step:

@@ -64,7 +64,7 @@ class Spaces:
         low, high = self._bounds
         return np.minimum(np.maximum(actions, low), high)  # several times faster than numpy.clip on few values
 
-    def near(self, actions: Array, beyond: Array) -> Array:
+    def clip_with_margin(self, actions: Array, beyond: Array) -> Array:
         """Return actions, shape (rows, action_dim), at most so far, shape (action_dim,), beyond the bounds."""
         low, high = self._bounds
         return np.minimum(np.maximum(actions, low - beyond), high + beyond)

@@ -37,42 +37,42 @@ class Batch:
     Attributes:
         seed: seed of the run.
         first_episode: number of the episode in row 0; row i holds episode ``first_episode + i``.
-        rows: number of episodes.
+        num_envs: number of episodes.
         horizon: steps of an episode.
         explore: actions are drawn from the policy; otherwise they are its mean. Exploring and noise-free
             episodes of the same number have different streams.
-        noise_free: how many of the rows, the last ones, hold noise-free episodes beside exploring ones.
-        first_noise_free: number of the first of these; 0 where there are none.
+        num_evaluation: how many of the rows, the last ones, hold evaluation episodes beside exploring ones.
+        first_evaluation: number of the first of these; 0 where there are none.
     """
 
     seed: int
     first_episode: int
-    rows: int
+    num_envs: int
     horizon: int
     explore: bool
-    noise_free: int = 0
-    first_noise_free: int = 0
+    num_evaluation: int = 0
+    first_evaluation: int = 0
 
     def __post_init__(self) -> None:
         """Raise ValueError where a number is out of range."""
         require(0 <= self.seed < 2**64, "seed", "a number in [0, 2^64)", self.seed)
         require(0 <= self.first_episode < 2**63, "first_episode", "a number in [0, 2^63)", self.first_episode)
-        require(1 <= self.rows <= 10_000, "rows", "1 to 10000 episodes", self.rows)
+        require(1 <= self.num_envs <= 10_000, "rows", "1 to 10000 episodes", self.num_envs)
         require(1 <= self.horizon <= 1_000_000, "horizon", "1 to 1000000 steps", self.horizon)
-        samples = self.rows * self.horizon
+        samples = self.num_envs * self.horizon
         require(
             samples <= MAX_BATCH_SAMPLES, "rows and horizon", f"at most {MAX_BATCH_SAMPLES} samples in all", samples
         )
-        most = self.rows - 1 if self.explore else 0
-        require(0 <= self.noise_free <= most, "noise_free", f"at most {most} rows", self.noise_free)
-        last = 2**63 - 1 if self.noise_free else 0
-        require(0 <= self.first_noise_free <= last, "first_noise_free", f"0 to {last}", self.first_noise_free)
+        most = self.num_envs - 1 if self.explore else 0
+        require(0 <= self.num_evaluation <= most, "num_evaluation", f"at most {most} rows", self.num_evaluation)
+        last = 2**63 - 1 if self.num_evaluation else 0
+        require(0 <= self.first_evaluation <= last, "first_evaluation", f"0 to {last}", self.first_evaluation)
 
     @property
     def keys(self) -> list[tuple[bool, int]]:
         """Whether the episode of each row explores, and its number among those of its kind."""
-        numbers = range(self.first_episode, self.first_episode + self.rows - self.noise_free)
-        beside = range(self.first_noise_free, self.first_noise_free + self.noise_free)
+        numbers = range(self.first_episode, self.first_episode + self.num_envs - self.num_evaluation)
+        beside = range(self.first_evaluation, self.first_evaluation + self.num_evaluation)
         return [(self.explore, number) for number in numbers] + [(False, number) for number in beside]
 
     @property
@@ -83,36 +83,36 @@ class Batch:
     @property
     def kinds(self) -> list[tuple[Batch, slice]]:
         """The exploring episodes and the noise-free ones as a batch each, where there are any, and their rows."""
-        ends = [0, self.rows - self.noise_free, self.rows]
+        ends = [0, self.num_envs - self.num_evaluation, self.num_envs]
         return [(self.part(begin, end), slice(begin, end)) for begin, end in pairwise(ends) if end > begin]
 
-    def beside(self, noise_free: Batch) -> Batch:
+    def beside(self, num_evaluation: Batch) -> Batch:
         """Return these exploring episodes and, in rows after them, noise-free ones of the same run.
 
         Raises:
             ValueError: they are too many for a batch.
         """
-        rows, first = noise_free.rows, noise_free.first_episode
-        return replace(self, rows=self.rows + rows, noise_free=rows, first_noise_free=first)
+        rows, first = num_evaluation.num_envs, num_evaluation.first_episode
+        return replace(self, num_envs=self.num_envs + rows, num_evaluation=rows, first_evaluation=first)
 
     def part(self, begin: int, end: int) -> Batch:
         """Return the episodes of the rows from ``begin`` to before ``end``, at least one, as a batch."""
-        first_kind = self.rows - self.noise_free
+        first_kind = self.num_envs - self.num_evaluation
         if begin >= first_kind:
-            first = self.first_noise_free + begin - first_kind
+            first = self.first_evaluation + begin - first_kind
             return Batch(self.seed, first, end - begin, self.horizon, explore=False)
         beside = max(end - first_kind, 0)
         return replace(
             self,
             first_episode=self.first_episode + begin,
-            rows=end - begin,
-            noise_free=beside,
-            first_noise_free=self.first_noise_free if beside else 0,
+            num_envs=end - begin,
+            num_evaluation=beside,
+            first_evaluation=self.first_evaluation if beside else 0,
         )
 
     def split(self, parts: int) -> list[Batch]:
         """Return the same episodes as that many batches of near the same size, in order; fewer where rows are few."""
-        ends = [self.rows * part // parts for part in range(parts + 1)]
+        ends = [self.num_envs * part // parts for part in range(parts + 1)]
         return [self.part(begin, end) for begin, end in pairwise(ends) if end > begin]
 
     def shared(self, counts: Sequence[int]) -> list[Batch]:
@@ -121,7 +121,7 @@ class Batch:
 
     def parts(self, rows: int) -> list[Batch]:
         """Return the same episodes as batches of at most that many rows, in order."""
-        return self.split(-(-self.rows // rows))
+        return self.split(-(-self.num_envs // rows))
 
     def environment_seeds(self) -> list[int]:
         """Return a seed for the environment of each row."""

@@ -31,9 +31,9 @@ class RecordedBatch(NamedTuple):
     time: int
 
     @property
-    def is_void(self) -> bool:
+    def is_discarded(self) -> bool:
         """Whether it is not to be learnt from."""
-        return any(execution.void_reason for execution in self.executions)
+        return any(execution.discard_reason for execution in self.executions)
 
     @property
     def attempt(self) -> tuple[Batch, tuple[bytes, ...]]:
@@ -42,7 +42,7 @@ class RecordedBatch(NamedTuple):
 
     def single_episodes(self) -> list[RecordedBatch]:
         """Return each episode as a batch of its own."""
-        rows = [slice(row, row + 1) for row in range(self.batch.rows)]
+        rows = [slice(row, row + 1) for row in range(self.batch.num_envs)]
         return [
             self._replace(batch=batch, episodes=self.episodes.take(row), executions=self.executions[row])
             for batch, row in zip(self.batch.parts(1), rows, strict=True)
@@ -60,10 +60,10 @@ def finished_episodes(batches: Iterable[RecordedBatch]) -> list[RecordedBatch]:
     stamps, and does not count, in whichever order the two are read.
     """
     episodes = [episode for batch in batches for episode in batch.single_episodes()]
-    discarded = {episode.attempt for episode in episodes if episode.is_void}
+    discarded = {episode.attempt for episode in episodes if episode.is_discarded}
     return sorted((each for each in episodes if each.attempt not in discarded), key=lambda each: each.time)
 
 
-def counted(batches: Iterable[RecordedBatch]) -> dict[Batch, RecordedBatch]:
+def countable(batches: Iterable[RecordedBatch]) -> dict[Batch, RecordedBatch]:
     """Return the episodes that count by their numbers; of several finished attempts at one the last counts."""
     return {each.batch: each for each in finished_episodes(batches)}

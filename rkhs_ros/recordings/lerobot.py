@@ -110,7 +110,7 @@ def _rate(batches: Sequence[RecordedBatch]) -> int:
 
 def _episodes(batches: Sequence[RecordedBatch], fps: int | None) -> Iterator[Episode]:
     index = 0
-    rows = ((each, row) for each in batches for row in range(each.batch.rows))
+    rows = ((each, row) for each in batches for row in range(each.batch.num_envs))
     for number, (each, row) in enumerate(rows):
         columns = _columns(each, row, fps)
         steps = len(columns["timestamp"])

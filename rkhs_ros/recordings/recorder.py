@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rkhs_ros.learning.algorithm import Metrics
+from rkhs_ros.learning.algorithms.algorithm import Metrics
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.execution import Execution
 from rkhs_ros.learning.messages import episodes_message
@@ -101,14 +101,14 @@ def update_fields(iteration: Iteration) -> dict[str, Any]:
         "iteration": iteration.number,
         "episodes": iteration.episodes_used,
         "evaluation_episodes": iteration.state.evaluated,
-        "train_return": iteration.train_return,
-        "train_return_sd": float(iteration.train_returns.std()),
-        "mean_policy_return": iteration.mean_policy_return,
+        "exploration_return": iteration.exploration_return,
+        "exploration_return_sd": float(iteration.exploration_returns.std()),
+        "evaluation_return": iteration.evaluation_return,
         **{name: getattr(iteration.metrics, name) for name in METRICS},
-        "imagined_return": iteration.imagined_return,
+        "model_return": iteration.model_return,
         "model_error": iteration.model_error,
-        "train_returns": doubles(iteration.train_returns),
-        "mean_policy_returns": doubles(iteration.mean_policy_returns),
+        "exploration_returns": doubles(iteration.exploration_returns),
+        "evaluation_returns": doubles(iteration.evaluation_returns),
         "checksum": _checksum(iteration),
     }
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rkhs_ros.base.files import open_regular, read_whole, write_whole
-from rkhs_ros.base.validation import require, shown
+from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.messages import episodes_of, executions_of
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -20,7 +20,7 @@ from rkhs_ros.policies.messages import policy_of, spaces_fields, spaces_of
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.recordings.batches import RecordedBatch, counted, finished_episodes
+from rkhs_ros.recordings.batches import RecordedBatch, countable, finished_episodes
 from rkhs_ros.recordings.definitions import PACKAGE, decoded, store_of_all
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ class Recording:
 
     def by_numbers(self) -> dict[Batch, RecordedBatch]:
         """Return the episodes that count by their numbers, a batch of one row each."""
-        return counted(self.batches)
+        return countable(self.batches)
 
 
 def head_fields(head: Head) -> dict[str, Any]:
@@ -205,7 +205,9 @@ def faults_named(path: Path) -> Iterator[None]:
         why = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
         if why.startswith(f"{path}"):
             raise
-        raise ValueError(f"{path}: expected the messages of a run, got some that are none ({shown(why)})") from error
+        raise ValueError(
+            f"{path}: expected the messages of a run, got some that are none ({truncated(why)})"
+        ) from error
 
 
 def _keep_damaged(path: Path) -> None:
@@ -270,13 +272,15 @@ def recording_of(messages: Iterable[tuple[str, int, Any]]) -> Recording:
             case "Observation":
                 batches.setdefault(message.batch, _numbers(message, message))
             case "Episodes":
-                is_void = any(execution.void_reason for execution in message.executions)
-                sent.setdefault((message.batch, is_void), (message, time))  # a simulator may be asked for them again
-    first = max((batch.first_episode + batch.rows for batch in batches.values()), default=0)
+                is_discarded = any(execution.discard_reason for execution in message.executions)
+                sent.setdefault(
+                    (message.batch, is_discarded), (message, time)
+                )  # a simulator may be asked for them again
+    first = max((batch.first_episode + batch.num_envs for batch in batches.values()), default=0)
     for message, time in sent.values():  # now that all observations are seen, whose order with these nobody keeps
         if message.batch not in batches:
-            batches[message.batch] = Batch(0, first, message.rows, message.horizon, explore=True)
-            first += message.rows
+            batches[message.batch] = Batch(0, first, message.num_envs, message.horizon, explore=True)
+            first += message.num_envs
         whole = _batch(None, batches[message.batch], message, time)
         recording.batches += [
             whole._replace(batch=kind, episodes=whole.episodes.take(rows), executions=whole.executions[rows])
@@ -286,13 +290,15 @@ def recording_of(messages: Iterable[tuple[str, int, Any]]) -> Recording:
 
 
 def _numbers(message: Any, sizes: Any) -> Batch:
-    first, rows, horizon = (int(each) for each in (message.first_episode, sizes.rows, sizes.horizon))
-    noise_free = {name: int(getattr(message, name, 0)) for name in ("noise_free", "first_noise_free")}  # of topics
-    return Batch(int(message.seed), first, rows, horizon, explore=bool(message.explore), **noise_free)
+    first, rows, horizon = (int(each) for each in (message.first_episode, sizes.num_envs, sizes.horizon))
+    num_evaluation = {
+        name: int(getattr(message, name, 0)) for name in ("num_evaluation", "first_evaluation")
+    }  # of topics
+    return Batch(int(message.seed), first, rows, horizon, explore=bool(message.explore), **num_evaluation)
 
 
 def _batch(head: Head | None, batch: Batch, message: Any, time: int) -> RecordedBatch:
-    d, n = len(message.final_observations) // batch.rows, len(message.actions) // (batch.rows * batch.horizon)
+    d, n = len(message.final_observations) // batch.num_envs, len(message.actions) // (batch.num_envs * batch.horizon)
     spaces = head.spaces if head else Spaces.unbounded(d, n)
     return RecordedBatch(
         batch, message.policy_version, episodes_of(message, batch, spaces), executions_of(message), time

@@ -20,9 +20,9 @@ import numpy as np
 
 from rkhs_ros.rkhs.evidence import LINEAR_SD, Coefficients, features_of
 from rkhs_ros.rkhs.kernels import Array, spreads
+from rkhs_ros.rkhs.metric_learning import fit_metric
 from rkhs_ros.rkhs.newton import NewtonBasis
-from rkhs_ros.rkhs.stretching import best_stretched
-from rkhs_ros.rkhs.units import Coordinates, Units
+from rkhs_ros.rkhs.standardizer import Coordinates, Standardizer
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Posterior:
     """
 
     points: Coordinates
-    targets: Units
+    targets: Standardizer
     basis: NewtonBasis
     coefficients: Coefficients
     evidence: float
@@ -55,10 +55,10 @@ class Posterior:
             centres: of the kernel part at most.
             weights: how often each point counts, shape (n,); once where None.
         """
-        units, of_targets = Units.of(points, weights), Units.of(targets, weights)
+        units, of_targets = Standardizer.of(points, weights), Standardizer.of(targets, weights)
         y = np.where(spreads(targets, weights) > 0, of_targets.standardise(targets), 0.0)
         roots = np.ones((len(points), 1)) if weights is None else np.sqrt(weights)[:, None]
-        coordinates, best = best_stretched(Coordinates(units), points, y, roots, centres)
+        coordinates, best = fit_metric(Coordinates(units), points, y, roots, centres)
         return cls(coordinates, of_targets, best.basis, best.coefficients, best.evidence)
 
     def features(self, points: Array) -> Array:

@@ -33,7 +33,7 @@ class ElasticClock:
 
 
 @dataclass(frozen=True)
-class Pace:
+class StepTiming:
     """How long steps took.
 
     Attributes:
@@ -46,13 +46,13 @@ class Pace:
     seconds: float = 0.0
     worst: float = 0.0
 
-    def with_step(self, seconds: float) -> Pace:
+    def with_step(self, seconds: float) -> StepTiming:
         """Return the pace with one more step."""
-        return Pace(self.steps + 1, self.seconds + seconds, max(self.worst, seconds))
+        return StepTiming(self.steps + 1, self.seconds + seconds, max(self.worst, seconds))
 
-    def __add__(self, other: Pace) -> Pace:
+    def __add__(self, other: StepTiming) -> StepTiming:
         """Return the pace of the steps of both."""
-        return Pace(self.steps + other.steps, self.seconds + other.seconds, max(self.worst, other.worst))
+        return StepTiming(self.steps + other.steps, self.seconds + other.seconds, max(self.worst, other.worst))
 
     @property
     def mean(self) -> float:

@@ -13,7 +13,7 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.execution import Execution
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.robot.clock import ElasticClock, Pace
+from rkhs_ros.robot.clock import ElasticClock, StepTiming
 from rkhs_ros.robot.sensors import SensingError
 from rkhs_ros.robot.task import RobotTask
 
@@ -38,7 +38,7 @@ class Reading(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Ended:
+class FinishedEpisode:
     """An episode that is over, finished or void."""
 
     batch: Batch
@@ -66,9 +66,9 @@ class RobotEpisode:
         horizon, actions = batch.horizon, task.action.dimension
         self.batch = batch
         self.step = 0
-        self.void_reason = ""
+        self.discard_reason = ""
         self.misses = 0
-        self.pace = Pace()
+        self.pace = StepTiming()
         self._task = task
         self._observations: list[Array] = []
         self._stamps = [stamp]
@@ -86,7 +86,7 @@ class RobotEpisode:
     @property
     def over(self) -> bool:
         """Whether it is finished or void."""
-        return bool(self.void_reason) or (self.complete and self._missing is None)
+        return bool(self.discard_reason) or (self.complete and self._missing is None)
 
     @property
     def complete(self) -> bool:
@@ -161,7 +161,7 @@ class RobotEpisode:
     def void(self, reason: str) -> None:
         """Make the episode void, unless it is over."""
         if not self.over:
-            self.void_reason = reason
+            self.discard_reason = reason
 
     def proceed(self, now: float, sense: Callable[[], Reading]) -> bool:
         """Do what is due; return whether there is a new observation.
@@ -222,7 +222,7 @@ class RobotEpisode:
         self._stamps.append(sensed.stamp)
         self.step += 1
         if self._unreported > self._task.misses_allowed:
-            self.void_reason = f"the gate did not report what it made of {self._unreported} commands"
+            self.discard_reason = f"the gate did not report what it made of {self._unreported} commands"
 
     def _settle(self, step: int) -> None:
         """Note what was executed in a step that ends: what the gate reported, else what was sent or held."""
@@ -233,7 +233,7 @@ class RobotEpisode:
         executed = reported if reported is not None else sent
         self._executed[step] = self._executed[step - 1] if executed is None else executed
 
-    def ended(self) -> Ended:
+    def ended(self) -> FinishedEpisode:
         """Return the episode as it is, its steps up to now.
 
         A void one may lack actions that did not come; they are 0 there.
@@ -248,9 +248,9 @@ class RobotEpisode:
         rewards = np.zeros((1, horizon))
         rewards[0, :steps] = self._rewards
         final = self._observations[-1] if self._observations else np.zeros(self._task.sensors.dimension)
-        terminated = np.array([self._terminated and not self.void_reason])
+        terminated = np.array([self._terminated and not self.discard_reason])
         mask = np.arange(horizon)[None] < steps
         episodes = Episodes(observations, actions, rewards, mask, final[None], terminated)
         stamps = np.array(self._stamps, dtype=np.int64)
-        execution = Execution(stamps, self._executed[:steps], self._flags[:steps], self.void_reason)
-        return Ended(self.batch, episodes, execution)
+        execution = Execution(stamps, self._executed[:steps], self._flags[:steps], self.discard_reason)
+        return FinishedEpisode(self.batch, episodes, execution)

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from rkhs_ros.base.files import read_whole, write_whole
-from rkhs_ros.base.validation import shown
+from rkhs_ros.base.validation import truncated
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.execution import Execution
 from rkhs_ros.policies.storage import packed, unpacked
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.robot.episode import Ended
+from rkhs_ros.robot.episode import FinishedEpisode
 
 EPISODES = [f.name for f in fields(Episodes)]
 
@@ -39,7 +39,7 @@ class Journal:
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
 
-    def add(self, ended: Ended) -> None:
+    def add(self, ended: FinishedEpisode) -> None:
         """Write an episode that is over, and wait until the disk has it.
 
         Raises:
@@ -47,9 +47,9 @@ class Journal:
         """
         if self._folder is not None:
             path = self._path(ended.batch)
-            write_whole(self._next_void(path) if ended.execution.void_reason else path, _content(ended))
+            write_whole(self._next_void(path) if ended.execution.discard_reason else path, _content(ended))
 
-    def make_void(self, ended: Ended) -> None:
+    def discard_finished(self, ended: FinishedEpisode) -> None:
         """Keep a finished episode as void, with the reason that it has now.
 
         Raises:
@@ -63,7 +63,7 @@ class Journal:
         if self._folder is not None and (path := self._path(batch)).exists():
             path.replace(self._next_void(path, "unused"))
 
-    def find(self, batch: Batch) -> Ended | None:
+    def find(self, batch: Batch) -> FinishedEpisode | None:
         """Return the finished episode of a batch; None where there is none, or its file is damaged, which is said."""
         path = self._path(batch) if self._folder is not None else None
         if path is None or not path.exists():
@@ -71,9 +71,9 @@ class Journal:
         try:
             arrays = unpacked(read_whole(path))
             episodes = Episodes(*(arrays[name] for name in EPISODES))
-            return Ended(batch, episodes, Execution(arrays["stamps"], arrays["executed"], arrays["flags"]))
+            return FinishedEpisode(batch, episodes, Execution(arrays["stamps"], arrays["executed"], arrays["flags"]))
         except Exception as error:  # a damaged archive raises almost anything
-            print(f"warning: {path}: passed over, damaged ({shown(error)})", file=sys.stderr)
+            print(f"warning: {path}: passed over, damaged ({truncated(error)})", file=sys.stderr)
             return None
 
     def _path(self, batch: Batch) -> Path:
@@ -86,8 +86,8 @@ class Journal:
         return path.with_name(f"{path.stem}_{kind}_{count + 1}.npz")
 
 
-def _content(ended: Ended) -> bytes:
+def _content(ended: FinishedEpisode) -> bytes:
     execution = ended.execution
     arrays = {name: getattr(ended.episodes, name) for name in EPISODES}
     arrays |= {name: getattr(execution, name) for name in ("stamps", "executed", "flags")}
-    return packed(arrays | {"void_reason": np.array(execution.void_reason)})
+    return packed(arrays | {"discard_reason": np.array(execution.discard_reason)})

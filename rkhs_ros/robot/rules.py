@@ -8,8 +8,8 @@ from typing import Any, TypeVar
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.settings import Settings, setting
-from rkhs_ros.base.user_code import user_answer, user_function
-from rkhs_ros.base.validation import LARGEST, require, shown
+from rkhs_ros.base.user_code import call_user_function, user_function
+from rkhs_ros.base.validation import LARGEST, require, truncated
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.sensors import TYPE, parts_of
 
@@ -103,10 +103,10 @@ def _called(function: Rule, what: str, kind: Callable[[Any], T], expected: str, 
         RunError: it fails, or its answer is none.
     """
     try:
-        answer = user_answer(function, *arrays, seconds=ANSWER_TIMEOUT_S)
+        answer = call_user_function(function, *arrays, seconds=ANSWER_TIMEOUT_S)
     except RunError as error:
         raise RunError(f"{what} function: {error}") from error
     try:
         return kind(answer)
     except Exception as error:  # the answer is somebody's, too
-        raise RunError(f"{what} function: expected {expected}, got {shown(repr(answer))}") from error
+        raise RunError(f"{what} function: expected {expected}, got {truncated(repr(answer))}") from error

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rkhs_ros.base.settings import Settings, setting
-from rkhs_ros.base.validation import hint, numbers, require, shown
+from rkhs_ros.base.validation import hint, numbers, require, truncated
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.commands import KINDS, UNITS
 
@@ -116,7 +116,7 @@ class Sensor(Settings):
         else:
             values = [each for field in self.fields for each in field_values(message, field)]
         if not all(map(isfinite, values)):
-            raise SensingError(f"{self.topic}: expected finite numbers, got {shown(values)}")
+            raise SensingError(f"{self.topic}: expected finite numbers, got {truncated(values)}")
         return values
 
 
@@ -188,7 +188,7 @@ def field_values(message: Any, path: str) -> list[float]:
         chosen = [value] if last.entries is None else [value[entry] for entry in last.entries]
         return [float(each) for each in chosen]
     except (AttributeError, IndexError, TypeError, ValueError) as error:
-        raise SensingError(f"{path}: expected a number, got {type(error).__name__}: {shown(error)}") from error
+        raise SensingError(f"{path}: expected a number, got {type(error).__name__}: {truncated(error)}") from error
 
 
 def _followed(message: Any, part: Part) -> Any:
@@ -214,7 +214,7 @@ def joint_values(message: Any, field: str, joints: tuple[str, ...]) -> list[floa
 def missing_joints(joints: Iterable[str], names: Sequence[str]) -> str:
     """Return in words which joints are not among the names of a message; empty if all are."""
     missing = ", ".join(f"'{joint}'" for joint in joints if joint not in names)
-    return f"missing joints {missing}, got {shown(', '.join(names) or 'none')}" if missing else ""
+    return f"missing joints {missing}, got {truncated(', '.join(names) or 'none')}" if missing else ""
 
 
 @dataclass(frozen=True)

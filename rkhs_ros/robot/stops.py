@@ -9,7 +9,7 @@ from typing import NamedTuple
 from rkhs_ros.robot.gate_state import STOP_ASKED
 
 
-class Word(NamedTuple):
+class StopRequest(NamedTuple):
     """The newest message of a publisher.
 
     Attributes:
@@ -35,9 +35,9 @@ class Stops:
 
     topic: str
     timeout: float = 0.0
-    words: Mapping[bytes, Word] = field(default_factory=dict)
+    words: Mapping[bytes, StopRequest] = field(default_factory=dict)
 
-    def heard(self, publisher: bytes, word: Word) -> Stops:
+    def heard(self, publisher: bytes, word: StopRequest) -> Stops:
         """Take a message, unless it came before, as one that is heard through two subscriptions."""
         last = self.words.get(publisher)
         if last is not None and word.number <= last.number:

@@ -21,7 +21,7 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.state import State
 from rkhs_ros.policies.storage import packed, policy_arrays, policy_of, unpacked
 from rkhs_ros.runs.config import Config
-from rkhs_ros.runs.surroundings import surroundings
+from rkhs_ros.runs.provenance import provenance
 
 SCHEMA = 4
 ACCEPT = "--allow-provenance-change"  # the option of ``rkhs train``
@@ -71,8 +71,8 @@ class Checkpoints:
         self._synced: Path | None = None
         self._last: list[Path] = []
         self.recorded = False
-        self._surroundings = surroundings()
-        self._heeded = config.settings if provenance_may_change else config.settings | self._surroundings
+        self._provenance = provenance()
+        self._heeded = config.settings if provenance_may_change else config.settings | self._provenance
         self._lines = _digest()
         self._digested = 0  # bytes of curve.csv
 
@@ -108,7 +108,7 @@ class Checkpoints:
             None where there is no such checkpoint.
 
         Raises:
-            ValueError: a checkpoint of another schema, with other settings or surroundings, or of another curve; or
+            ValueError: a checkpoint of another schema, with other settings or provenance, or of another curve; or
                 the curve lacks the lines that all sound ones were written after; or no sound one is left to resume
                 from, but a damaged one.
             OSError: the disk failed.
@@ -124,7 +124,7 @@ class Checkpoints:
                 self._check_curve(path, state.iterations, digest)
                 if state.iterations < self._config.training.iterations:
                     for other, iterations in beyond:
-                        _pass_over(other, f"curve.csv has the lines of {lines} iterations, not of {iterations}")
+                        _skip(other, f"curve.csv has the lines of {lines} iterations, not of {iterations}")
                     return state
         if beyond:
             (newest, iterations), *_ = beyond
@@ -156,7 +156,7 @@ class Checkpoints:
         return self._folder / f"{iterations:07}.npz"
 
     def _content(self, state: State) -> bytes:
-        run = {"settings": self._config.settings, "surroundings": self._surroundings, "curve": self._digest_of_curve()}
+        run = {"settings": self._config.settings, "provenance": self._provenance, "curve": self._digest_of_curve()}
         about = {"schema": SCHEMA, "version": __version__, "recorded": self.recorded, **run}
         counts = {name: getattr(state, name) for name in COUNTS}
         memory = {f"memory_{name}": getattr(state.memory, name) for name in MEMORY}
@@ -177,7 +177,7 @@ class Checkpoints:
         except OtherRunError:
             raise
         except Exception as error:  # a damaged archive raises almost anything
-            _pass_over(path, f"damaged, {type(error).__name__}: {error}")
+            _skip(path, f"damaged, {type(error).__name__}: {error}")
             return None
 
     def _digest_of_curve(self) -> str:
@@ -203,17 +203,17 @@ def _check_same_run(path: Path, about: dict[str, Any], heeded: dict[str, Any]) -
         raise OtherRunError(
             f"{path}: expected a checkpoint of schema {SCHEMA}, got schema {schema}; go on with rkhs_ros {version}"
         )
-    began = about["settings"] | about["surroundings"]
+    began = about["settings"] | about["provenance"]
     given = json.loads(json.dumps(heeded))
     for name in [*given, *about["settings"]]:
         expected, got = (settings.get(name, "no such setting") for settings in (began, given))
         if expected != got and name not in FREE:
-            remedy = f"; {ACCEPT} goes on regardless, and notes it" * (name in about["surroundings"])
+            remedy = f"; {ACCEPT} goes on regardless, and notes it" * (name in about["provenance"])
             raise OtherRunError(
                 f"{path}: {name}: expected {expected}, with which the run began, got {got}; "
                 f"begin another run for that{remedy}"
             )
 
 
-def _pass_over(path: Path, reason: str) -> None:
+def _skip(path: Path, reason: str) -> None:
     print(f"warning: {path}: passed over ({' '.join(reason.split())})", file=sys.stderr)

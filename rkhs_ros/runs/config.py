@@ -11,11 +11,11 @@ from typing import Any
 
 from rkhs_ros.base.parameter_files import PARAMETERS, read_sections
 from rkhs_ros.base.settings import Entry, entries
-from rkhs_ros.base.validation import hint, require, shown
+from rkhs_ros.base.validation import hint, require, truncated
 from rkhs_ros.base.yaml_text import loaded, require_ros_value
 from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.storage import Task
-from rkhs_ros.runs.any_task import settings_for
+from rkhs_ros.runs.defaults import settings_for
 
 ENVIRONMENT = re.compile(r"-v\d+$")  # as ids of Gymnasium end
 MOST_ROWS = 10_000
@@ -23,9 +23,9 @@ MOST_ROWS = 10_000
 OF_ANY_NODE = {"use_sim_time", "start_type_description_service", "qos_overrides", "restarts", "instance"}
 NODE_PARAMETERS = {
     "simulator": OF_ANY_NODE | {"robot_state"},
-    "robot": OF_ANY_NODE | {"journal", "practice"},
+    "robot": OF_ANY_NODE | {"journal", "simulated"},
     "gate": OF_ANY_NODE,
-    "practice_robot": OF_ANY_NODE,
+    "simulated_robot": OF_ANY_NODE,
     "policy": OF_ANY_NODE | {"simulators", "policy_file"},
     "learner": OF_ANY_NODE | {"output", "quiet", "resume", "provenance_may_change", "record", "evaluate"},
 }
@@ -33,10 +33,10 @@ NODE_PARAMETERS = {
 
 OF_CODE = (
     "environment.id",
-    *(f"practice.{part}" for part in ("reward", "end", "change")),
+    *(f"model.{part}" for part in ("reward_fn", "termination_fn", "dynamics_fn")),
     *(f"robot.{rule}.function" for rule in ("reward", "end")),
 )  # settings that name it, after its module
-ROBOT_NODES = ("robot", "gate", "practice_robot")  # nodes that a robot has in place of a simulator
+ROBOT_NODES = ("robot", "gate", "simulated_robot")  # nodes that a robot has in place of a simulator
 
 
 @dataclass(frozen=True)
@@ -46,19 +46,19 @@ class Environment:
     Attributes:
         id: Gymnasium id of an environment with continuous actions, or the name of a robot's task.
         options: keyword options of the environment.
-        rows_at_once: rows side by side at most, as 1 of a robot; 0 for as many as the environment allows.
+        num_envs: rows side by side at most, as 1 of a robot; 0 for as many as the environment allows.
         nodes: of a robot the parameters of its nodes, by their names; none of a simulator.
     """
 
     id: str
     options: Mapping[str, Any]
-    rows_at_once: int = 0
+    num_envs: int = 0
     nodes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Raise ValueError where the options are not a section, or the rows no number."""
-        good = type(self.rows_at_once) is int and 0 <= self.rows_at_once <= MOST_ROWS
-        require(good, "environment.rows_at_once", f"a whole number in [0, {MOST_ROWS}]", repr(self.rows_at_once))
+        good = type(self.num_envs) is int and 0 <= self.num_envs <= MOST_ROWS
+        require(good, "environment.num_envs", f"a whole number in [0, {MOST_ROWS}]", repr(self.num_envs))
         require(isinstance(self.id, str), "environment.id", "text", repr(self.id))
         require(isinstance(self.options, Mapping), "environment.options", "a section of keys", repr(self.options))
         good = all(isinstance(parameters, Mapping) for parameters in self.nodes.values())
@@ -66,14 +66,14 @@ class Environment:
 
     def tree(self) -> dict[str, Any]:
         """Return the settings as a tree of values, less those that have their defaults."""
-        more = {name: getattr(self, name) for name in ("rows_at_once", "options", "nodes") if getattr(self, name)}
+        more = {name: getattr(self, name) for name in ("num_envs", "options", "nodes") if getattr(self, name)}
         return {"id": self.id, **more}
 
     def entries(self) -> Iterator[Entry]:
         """Walk through the settings by their dotted names."""
         yield Entry("environment.id", self.id, {"description": "Gymnasium id of the environment"})
         rows = {"description": "rows side by side at most; 0 for as many as the environment allows", "minimum": 0}
-        yield Entry("environment.rows_at_once", self.rows_at_once, rows | {"maximum": MOST_ROWS})
+        yield Entry("environment.num_envs", self.num_envs, rows | {"maximum": MOST_ROWS})
         for name, value in _leaves(self.options):
             about = {"description": f"option that {self.id} is made with"}
             yield Entry(f"environment.options.{name}", value, about)
@@ -176,7 +176,7 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
     Args:
         path: a ROS parameter file with the sections ``/**/simulator`` and ``/**/learner``; others that name these nodes
             do as well. The learner's may hold the environment, too, as that of a learner which was told what to expect.
-            In place of the simulator there may be ``/**/robot`` and ``/**/gate``, with ``/**/practice_robot`` or not.
+            In place of the simulator there may be ``/**/robot`` and ``/**/gate``, with ``/**/simulated_robot`` or not.
         changes: settings that replace the file's, as ``algorithm.ridge=0.1``.
 
     Raises:
@@ -238,9 +238,9 @@ def config_for(environment: str, horizon: int | None, changes: Iterable[str] = (
         ValueError: settings that are unknown or do not fit.
     """
     changes = list(changes)
-    chosen = tree_of(changes, {"algorithm": {"name": "rkhs_nac"}, "practice": {"form": "model"}})
-    algorithm, practice = _named(chosen, "algorithm", "name", "rkhs_nac"), _named(chosen, "practice", "form", "none")
-    tree = {"name": name_of_run(environment), "environment": {"id": environment}, **settings_for(algorithm, practice)}
+    chosen = tree_of(changes, {"algorithm": {"name": "rkhs_nac"}, "model": {"form": "gaussian_process"}})
+    algorithm, settings = _named(chosen, "algorithm", "name", "rkhs_nac"), _named(chosen, "model", "form", "none")
+    tree = {"name": name_of_run(environment), "environment": {"id": environment}, **settings_for(algorithm, settings)}
     return _changed(tree | ({"horizon": horizon} if horizon else {}), changes)
 
 
@@ -280,7 +280,7 @@ def tree_of(changes: Iterable[str], tree: Mapping[str, Any] | None = None) -> di
         try:
             value = loaded(text)
         except ValueError as error:
-            raise ValueError(f"--set: expected a value in YAML, got {shown(repr(change))}") from error
+            raise ValueError(f"--set: expected a value in YAML, got {truncated(repr(change))}") from error
         _insert(changed, name.strip(), value)
     return changed
 
@@ -294,7 +294,7 @@ def _sections(path: Path) -> dict[str, dict[str, Any]]:
     for name, parameters in read_sections(path).items():
         node = name.rpartition("/")[2]
         if node not in NODE_PARAMETERS:
-            raise ValueError(f"{path}: unknown section '{shown(name)}', {hint(node, NODE_PARAMETERS)}")
+            raise ValueError(f"{path}: unknown section '{truncated(name)}', {hint(node, NODE_PARAMETERS)}")
         settings = {key: value for key, value in parameters.items() if key not in NODE_PARAMETERS[node]}
         require(found.setdefault(node, settings) == settings, f"{path}: {node}", "one task for all", "several")
     return {"learner": {}} | found

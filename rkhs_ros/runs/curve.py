@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rkhs_ros.base.files import named, read_whole, write_whole
-from rkhs_ros.base.validation import shown
+from rkhs_ros.base.validation import truncated
 from rkhs_ros.learning.training import Iteration
 
 END = "\r\n"
@@ -26,14 +26,14 @@ class Row(NamedTuple):
     iteration: int
     episodes: int
     evaluation_episodes: int
-    train_return: float
-    train_return_sd: float
-    mean_policy_return: float
+    exploration_return: float
+    exploration_return_sd: float
+    evaluation_return: float
     centres: int
     step_size: float
     kl: float
     sparsification_error: float
-    imagined_return: float
+    model_return: float
     model_error: float
     seconds: float
 
@@ -45,14 +45,14 @@ class Row(NamedTuple):
             iteration=iteration.number,
             episodes=iteration.episodes_used,
             evaluation_episodes=iteration.state.evaluated,
-            train_return=iteration.train_return,
-            train_return_sd=float(iteration.train_returns.std()),
-            mean_policy_return=iteration.mean_policy_return,
+            exploration_return=iteration.exploration_return,
+            exploration_return_sd=float(iteration.exploration_returns.std()),
+            evaluation_return=iteration.evaluation_return,
             centres=metrics.centres,
             step_size=float(metrics.step_size),
             kl=float(metrics.kl),
             sparsification_error=float(metrics.sparsification_error),
-            imagined_return=iteration.imagined_return,
+            model_return=iteration.model_return,
             model_error=iteration.model_error,
             seconds=seconds,
         )
@@ -147,7 +147,7 @@ class Curve:
         expected = f"that of iteration {number}" if number else f"the header, {HEADER[:20]}..."
         return ValueError(
             f"{self.path}: line {number + 1} is damaged or was edited; expected {expected} as it was written, "
-            f"got {shown(repr(got))}. Put the file back as it was, or train in another folder."
+            f"got {truncated(repr(got))}. Put the file back as it was, or train in another folder."
         )
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rkhs_ros.base.files import read_whole, write_whole
-from rkhs_ros.base.validation import REAL_KINDS, finite_array, require, shown
+from rkhs_ros.base.validation import REAL_KINDS, finite_array, require, truncated
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.storage import Arrays, Task, packed, unpacked
 
@@ -58,7 +58,7 @@ def load_episodes(path: Path) -> SavedEpisodes:
     except FileNotFoundError:
         raise
     except Exception as error:  # a damaged archive raises almost anything
-        got = f"one that cannot be read ({shown(error)})"
+        got = f"one that cannot be read ({truncated(error)})"
         raise ValueError(f"{path}: expected a file of episodes (npz), got {got}") from error
 
 

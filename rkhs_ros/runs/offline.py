@@ -1,4 +1,4 @@
-"""Learning from recordings alone: the policy practises in a model of all recorded episodes, and none runs."""
+"""Learning from recordings alone: the policy trains in a model of all recorded episodes, and none runs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS
 from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import loaded
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.practice import ModelPractice, RealExperience, practise
+from rkhs_ros.learning.model.model_based import ModelBased, RealExperience, train_in_model
 from rkhs_ros.learning.state import State, first_state, first_variance
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.learning.training_settings import Training, training_from
@@ -19,7 +19,7 @@ from rkhs_ros.recordings.recording import Head, Recording
 from rkhs_ros.runs.config import tree_of
 from rkhs_ros.runs.recorded import training_of
 
-MODEL = "practice={form: model}"
+MODEL = "model={form: gaussian_process}"
 HELD_OUT = 0.2  # part of the episodes that the model of the others must predict first
 
 
@@ -30,16 +30,16 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
     practice is more careful, as between real episodes.
 
     Args:
-        training: the learner's settings, with practice in a model.
+        training: the learner's settings, with model-based training.
         spaces: of the task.
         episodes: at least one.
 
     Raises:
         ValueError: the settings do not fit, or there is no practice among them.
     """
-    practice, state = training.practice, first_state(training, spaces)
-    if not isinstance(practice, ModelPractice):
-        raise ValueError("practice.form: expected model, for no episode runs, got none")
+    settings, state = training.model, first_state(training, spaces)
+    if not isinstance(settings, ModelBased):
+        raise ValueError("model.form: expected model, for no episode runs, got none")
     returns = episodes.returns(training.discount)
     while state.iterations < training.iterations:
         experience = RealExperience(
@@ -51,19 +51,19 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
             first_variance=first_variance(training, spaces),
             seed=training.seed,
             iteration=state.iterations,
-            surpassed=state.iterations,
+            outperformed_iterations=state.iterations,
         )
-        practised = practise(practice, training.algorithm, state.policy, experience)
-        state = State(state.iterations + 1, practised.policy, episodes, len(episodes), 0)
+        model_update = train_in_model(settings, training.algorithm, state.policy, experience)
+        state = State(state.iterations + 1, model_update.policy, episodes, len(episodes), 0)
         yield Iteration(
             state=state,
             exploration=episodes,
-            train_returns=returns,
+            exploration_returns=returns,
             evaluation=episodes.take(slice(0)),
-            mean_policy_returns=returns[:0],
-            metrics=practised.metrics,
-            imagined_return=practised.imagined_return,
-            model_error=practised.model_error,
+            evaluation_returns=returns[:0],
+            metrics=model_update.metrics,
+            model_return=model_update.model_return,
+            model_error=model_update.model_error,
         )
 
 
@@ -90,7 +90,7 @@ def _task(recording: Recording, episodes: Episodes) -> tuple[Any, ...]:
 
 
 def offline_settings(head: Head, changes: Iterable[str]) -> Training:
-    """Return the settings that a recording was made with, some replaced, with practice in a model in any case.
+    """Return the settings that a recording was made with, some replaced, with model-based training in any case.
 
     Raises:
         ValueError: settings that are unknown or do not fit.
@@ -100,6 +100,6 @@ def offline_settings(head: Head, changes: Iterable[str]) -> Training:
 
 
 def offline_changes(training: Training, changes: Iterable[str]) -> list[str]:
-    """Return changes of settings after those that have them practise in a model and evaluate nothing."""
-    practises = isinstance(training.practice, ModelPractice)
-    return [*([] if practises else [MODEL]), "evaluate_every=0", *changes]
+    """Return changes of settings after those that have them train in a model and evaluate nothing."""
+    is_model_based = isinstance(training.model, ModelBased)
+    return [*([] if is_model_based else [MODEL]), "evaluate_every=0", *changes]

@@ -81,13 +81,13 @@ def progress_bar(
 def _bar(training: Training, done: int, console: Console, *, quiet: bool) -> Iterator[Show]:
     with _TwoLines(*bar_columns(), console=console, disable=quiet) as progress:
         bar = progress.add_task(training.name, total=training.iterations, completed=done, returns="return -")
-        mean = "-"  # noise-free return that was measured last
+        mean = "-"  # evaluation return that was measured last
 
         def show(iteration: Iteration) -> None:
             nonlocal mean
             if len(iteration.evaluation):
-                mean = f"{iteration.mean_policy_return:.4g}"
-            text = f"return {iteration.train_return:.4g}, noise-free {mean}{_imagined(iteration)}"
+                mean = f"{iteration.evaluation_return:.4g}"
+            text = f"return {iteration.exploration_return:.4g}, noise-free {mean}{_imagined(iteration)}"
             progress.update(bar, advance=1, returns=text)
 
         yield show
@@ -100,9 +100,9 @@ def _lines(training: Training, folder: Path | None) -> Show:
     def show(iteration: Iteration) -> None:
         nonlocal due
         if time.monotonic() >= due or iteration.number == training.iterations:
-            mean = f", noise-free {iteration.mean_policy_return:.4g}" if len(iteration.evaluation) else ""
+            mean = f", noise-free {iteration.evaluation_return:.4g}" if len(iteration.evaluation) else ""
             line = f"{training.name}: iteration {iteration.number} of {training.iterations}, "
-            text = f"{line}return {iteration.train_return:.4g}{mean}{_imagined(iteration)}{where}"
+            text = f"{line}return {iteration.exploration_return:.4g}{mean}{_imagined(iteration)}{where}"
             print(text, file=sys.stderr, flush=True)
             due = time.monotonic() + LINE_PERIOD_S
 
@@ -110,8 +110,8 @@ def _lines(training: Training, folder: Path | None) -> Show:
 
 
 def _imagined(iteration: Iteration) -> str:
-    """Return what the model promises, and how far off the one before it was; nothing without practice."""
-    if isnan(iteration.imagined_return):
+    """Return what the model promises, and how far off the one before it was; nothing without a model."""
+    if isnan(iteration.model_return):
         return ""
     error = "" if isnan(iteration.model_error) else f" (model error {iteration.model_error:.2g})"
-    return f", imagined {iteration.imagined_return:.4g}{error}"
+    return f", imagined {iteration.model_return:.4g}{error}"

@@ -25,8 +25,8 @@ from rkhs_ros.recordings.recorder import Recorder
 from rkhs_ros.recordings.recording import FILE, Head, Recording, read_held
 from rkhs_ros.runs.checkpoint import ACCEPT, FREE
 from rkhs_ros.runs.config import Config
+from rkhs_ros.runs.provenance import provenance_lines
 from rkhs_ros.runs.report import FIRST_POLICY, resolved
-from rkhs_ros.runs.surroundings import provenance
 
 
 class RecordableRunner(Runner, Protocol):
@@ -55,9 +55,9 @@ class RecordingRunner:
         """Shape of an observation, and bounds of the actions."""
         return self._runner.spaces
 
-    def room(self, rows: int) -> int:
-        """Return how many of so many rows can run side by side."""
-        return self._runner.room(rows)
+    def capacity(self, num_envs: int) -> int:
+        """Return how many of the environments can run side by side."""
+        return self._runner.capacity(num_envs)
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Return the episodes of a batch under the policy.
@@ -68,7 +68,7 @@ class RecordingRunner:
         self._recorder.serve(policy)
         parts: list[Episodes] = []
         episodes = batch.parts(1)
-        for is_held, group in groupby(range(batch.rows), lambda row: episodes[row] in self._held):
+        for is_held, group in groupby(range(batch.num_envs), lambda row: episodes[row] in self._held):
             rows = list(group)
             part = batch.part(rows[0], rows[-1] + 1)
             parts.append(self._recorded(policy, part) if is_held else self._runner.collect(policy, part))
@@ -121,7 +121,7 @@ def recorded(
 
 def head_of_run(config: Config, spaces: Spaces, *, warm_start: bool) -> Head:
     """Return the head of the recording of a run."""
-    return Head(config.task, spaces, config.training.seed, resolved(config), provenance(), warm_start)
+    return Head(config.task, spaces, config.training.seed, resolved(config), provenance_lines(), warm_start)
 
 
 def training_of(head: Head) -> Training:

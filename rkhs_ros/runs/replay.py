@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rkhs_ros.base.validation import require, shown
+from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.replay import check_actions
 from rkhs_ros.learning.state import State, first_state
@@ -44,8 +44,8 @@ class RecordedRunner:
         self._recording = recording
         self._episodes = recording.by_numbers()
 
-    def room(self, rows: int) -> int:
-        """Return how many of so many rows are looked up at a time: one, and none before it is needed."""
+    def capacity(self, num_envs: int) -> int:
+        """Return how many of the environments are looked up at a time: one, and none before it is needed."""
         return 1
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
@@ -133,4 +133,4 @@ def _check_same_numbers(where: str, recorded: np.ndarray, again: np.ndarray) -> 
     one, other = np.atleast_1d(recorded), np.atleast_1d(again)
     first = next(i for i in range(len(one)) if one[i].tobytes() != other[i].tobytes())
     place = f"[{first}]" if recorded.shape else ""
-    raise DifferenceError(f"{where}{place}: recorded {shown(one[first])}, made again {shown(other[first])}")
+    raise DifferenceError(f"{where}{place}: recorded {truncated(one[first])}, made again {truncated(other[first])}")

@@ -12,7 +12,7 @@ from math import inf, isnan
 from pathlib import Path
 from shlex import quote
 
-from rkhs_ros.base.endings import told
+from rkhs_ros.base.endings import error_message
 from rkhs_ros.base.files import read_whole, write_whole
 from rkhs_ros.base.user_code import is_installed
 from rkhs_ros.base.yaml_text import dumped
@@ -23,7 +23,7 @@ from rkhs_ros.runs.attempts import Attempts
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.episode_files import save_episodes
-from rkhs_ros.runs.surroundings import provenance
+from rkhs_ros.runs.provenance import provenance_lines
 
 CONFIGURATION = "config.yaml"
 BEST_POLICY = "best_policy.npz"
@@ -143,18 +143,21 @@ class Report:
         try:
             read_policy(self.folder / BEST_POLICY)
         except (ValueError, OSError) as error:
-            print(f"warning: {told(error)}; the best policy of the iterations to come replaces it", file=sys.stderr)
+            print(
+                f"warning: {error_message(error)}; the best policy of the iterations to come replaces it",
+                file=sys.stderr,
+            )
             return -inf
         return best
 
     def _keep_best(self, iteration: Iteration) -> None:
         """Write the policy beside the last one if it earned more than all before it."""
-        if iteration.mean_policy_return > self._best:
-            self._best = iteration.mean_policy_return
+        if iteration.evaluation_return > self._best:
+            self._best = iteration.evaluation_return
             save_policy(self.folder / BEST_POLICY, iteration.policy, self._config.task, self._spaces)
 
     def finish(self) -> None:
-        """Write the policy learnt so far, and its last noise-free episodes, or exploring ones where there are none.
+        """Write the policy learnt so far, and its last evaluation episodes, or exploring ones where there are none.
 
         Raises:
             OSError: one cannot be written.
@@ -177,7 +180,7 @@ def begin(folder: Path, config: Config) -> None:
 
 def resolved(config: Config) -> str:
     """Return the whole configuration as a ROS parameter file, under the versions it runs with."""
-    return f"# {', '.join(provenance())}\n{dumped(config.parameters())}"
+    return f"# {', '.join(provenance_lines())}\n{dumped(config.parameters())}"
 
 
 def _noted(file: Path, content: str, done: int) -> str:
@@ -197,8 +200,8 @@ def _noted(file: Path, content: str, done: int) -> str:
 
 
 def best_return(rows: Iterable[Row]) -> float:
-    """Return the greatest noise-free return; minus infinity where there was no evaluation."""
-    return max((row.mean_policy_return for row in rows if not isnan(row.mean_policy_return)), default=-inf)
+    """Return the greatest evaluation return; minus infinity where there was no evaluation."""
+    return max((row.evaluation_return for row in rows if not isnan(row.evaluation_return)), default=-inf)
 
 
 def summary(folder: Path, config: Config) -> str:
@@ -208,7 +211,7 @@ def summary(folder: Path, config: Config) -> str:
     evaluations = f", and {last.evaluation_episodes} noise-free ones to measure it" if last.evaluation_episodes else ""
     lines = [
         f"Learnt {config.environment.id} in {_episodes(last.episodes)}{evaluations}, {last.seconds:.1f} s.",
-        f"Discounted return: {first.train_return:.4g} of the first exploring episodes, {_end(rows)}; "
+        f"Discounted return: {first.exploration_return:.4g} of the first exploring episodes, {_end(rows)}; "
         f"{last.centres} centres.",
         f"Pictures: {folder / 'curve.png'} and {folder / 'policy.png'}",
         what_next(folder, config),
@@ -246,12 +249,12 @@ def _trust(config: Config) -> str:
 def _end(rows: list[Row]) -> str:
     best = best_return(rows)
     if best == -inf:
-        return f"{rows[-1].train_return:.4g} of the last"
-    at = next(row for row in rows if row.mean_policy_return == best)
-    last = next(row for row in reversed(rows) if not isnan(row.mean_policy_return))
+        return f"{rows[-1].exploration_return:.4g} of the last"
+    at = next(row for row in rows if row.evaluation_return == best)
+    last = next(row for row in reversed(rows) if not isnan(row.evaluation_return))
     end = "at the end" if last is rows[-1] else f"after {_episodes(last.episodes)}"
     kept = "" if at is last else f", {BEST_POLICY}"
-    return f"{last.mean_policy_return:.4g} noise-free {end}, {best:.4g} at best (after {_episodes(at.episodes)}{kept})"
+    return f"{last.evaluation_return:.4g} noise-free {end}, {best:.4g} at best (after {_episodes(at.episodes)}{kept})"
 
 
 def _episodes(count: int) -> str:

@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from rkhs_ros.runs.recorded import RecordableRunner, RecordingRunner
 
 RECORDED = "the recording that this run began with (put it back, or start another one with --record)"
-LookOn = Callable[[Iteration, Sequence[Row]], None]  # is told of each iteration, with the last lines of the curve
+OnIteration = Callable[[Iteration, Sequence[Row]], None]  # is told of each iteration, with the last lines of the curve
 
 
-def look_away(iteration: Iteration, rows: Sequence[Row]) -> None:
+def ignore_iteration(iteration: Iteration, rows: Sequence[Row]) -> None:
     """Look at nothing: what those do who do not look on."""
 
 
@@ -47,7 +47,7 @@ def run_training(
     sync: bool = False,
     provenance_may_change: bool = False,
     rest: Rest = time.sleep,
-    look_on: LookOn = look_away,
+    on_iteration: OnIteration = ignore_iteration,
 ) -> Path:
     """Train and write the results.
 
@@ -61,7 +61,7 @@ def run_training(
         sync: wait until the disk has each record, as for a robot, whose episodes cost.
         provenance_may_change: go on with a run of other code, libraries or threads, which is noted in config.yaml.
         rest: waits for some seconds, while the run pauses.
-        look_on: is told of each iteration once it is written.
+        on_iteration: is told of each iteration once it is written.
 
     Returns:
         The folder of the results.
@@ -106,7 +106,7 @@ def run_training(
                     report.add(iteration)  # before the checkpoint, which is of no use without its line
                     checkpoints.write(iteration.state)
                     show(iteration)
-                    look_on(iteration, report.recent)
+                    on_iteration(iteration, report.recent)
                     control.obey()
         control.clear()
     return folder

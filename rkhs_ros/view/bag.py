@@ -15,13 +15,13 @@ from rkhs_ros.recordings.batches import RecordedBatch
 from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.runs.curve import BEGINNING, NAN, Row
 from rkhs_ros.view.recorded import both_kinds
-from rkhs_ros.view.source import Seen
+from rkhs_ros.view.source import IterationView
 
 UNDISCOUNTED = 1.0  # nobody tells the discount
 
 
 class Bag:
-    """A run in a bag: an iteration is what one policy explored, with the noise-free episodes after it.
+    """A run in a bag: an iteration is what one policy explored, with the evaluation episodes after it.
 
     Owns what the bag holds, which does not grow any more.
 
@@ -54,11 +54,11 @@ class Bag:
     def refresh(self) -> None:
         """Look at nothing anew: it is whole."""
 
-    def seen(self, iteration: int) -> Seen | None:
+    def seen(self, iteration: int) -> IterationView | None:
         """Return the episodes of an iteration, and the policy after it where that was recorded."""
         part = self._parts[iteration - 1]
         version = next((each.version for each in part if not each.batch.explore), part[0].version)
-        return Seen(self._policies.get(version), *both_kinds(part))
+        return IterationView(self._policies.get(version), *both_kinds(part))
 
 
 def _iterations(batches: Sequence[RecordedBatch]) -> Iterator[list[RecordedBatch]]:
@@ -81,8 +81,8 @@ def _rows(parts: Sequence[list[RecordedBatch]]) -> Iterator[Row]:
             iteration=row.iteration + 1,
             episodes=row.episodes + len(exploration or ()),
             evaluation_episodes=row.evaluation_episodes + len(evaluation or ()),
-            train_return=_earned(exploration),
-            mean_policy_return=_earned(evaluation),
+            exploration_return=_earned(exploration),
+            evaluation_return=_earned(evaluation),
             seconds=(part[-1].time - began) / 1e9,
         )
         yield row

@@ -17,7 +17,7 @@ from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED, colour_bar, label
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.runs.coordinates import Coordinates
+from rkhs_ros.sketches.policy_coordinates import PolicyCoordinates
 
 SIZE, DPI = (4.2, 4.9), 180  # inches
 CELLS = 90  # of the map, along each side
@@ -59,7 +59,7 @@ class Subject(NamedTuple):
     """
 
     title: str
-    coordinates: Coordinates
+    coordinates: PolicyCoordinates
     episodes: Sequence[Episodes]
     spaces: Spaces | None
     discount: float

@@ -13,7 +13,7 @@ NO_TURN = (1.0, 0.0, 0.0, 0.0)  # unit quaternion w, x, y, z
 
 
 class Primitive(NamedTuple):
-    """A box, a ball or a cylinder, as `rkhs_ros.runs.shown.Body` describes it."""
+    """A box, a ball or a cylinder, as `rkhs_ros.rollouts.visualization.Body` describes it."""
 
     shape: str
     size: tuple[float, float, float]
@@ -39,7 +39,7 @@ class Surface(NamedTuple):
 
 
 class Poses(NamedTuple):
-    """The pose of each body at each step, as `rkhs_ros.runs.shown.Motion` describes it."""
+    """The pose of each body at each step, as `rkhs_ros.rollouts.visualization.Motion` describes it."""
 
     times: Array
     places: Array

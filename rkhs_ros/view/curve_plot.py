@@ -16,8 +16,8 @@ MOST_POINTS = 1000
 PADDING_PX = 8  # above the plot and beside it, for the numbers at its ends
 TICKS_PX, LABEL_PX = 26, 22  # heights of the numbers along the episodes, and of the word below
 WHOLE = tuple(digit * 10**power for power in range(7) for digit in (1, 2, 5))  # distances of ticks
-NAMES = {"train_return": "exploring", "mean_policy_return": "noise-free", "imagined_return": "imagined"}
-COLOURS = {"train_return": "#E69F00", "mean_policy_return": "#0072B2", "imagined_return": "#CC79A7"}
+NAMES = {"exploration_return": "exploring", "evaluation_return": "noise-free", "model_return": "imagined"}
+COLOURS = {"exploration_return": "#E69F00", "evaluation_return": "#0072B2", "model_return": "#CC79A7"}
 GREYS = ("#333333", "#777777", "#aaaaaa")  # of known returns
 
 
@@ -86,6 +86,6 @@ def plotted(rows: Sequence[Row], known: Mapping[str, float]) -> dict[str, Array]
 
 def _look(name: str, colour: str) -> dict[str, Any]:
     if name in NAMES:
-        width = 2.5 if name == "mean_policy_return" else 1.5
+        width = 2.5 if name == "evaluation_return" else 1.5
         return {"label": NAMES[name], "stroke": colour, "width": width, "points": {"show": False}}
     return {"label": name, "stroke": colour, "width": 1, "dash": [6, 4], "points": {"show": False}}

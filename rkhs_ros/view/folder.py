@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rkhs_ros.base.files import read_whole
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.practice import ModelPractice
+from rkhs_ros.learning.model.model_based import ModelBased
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import policy_of, read_policy, unpacked
 from rkhs_ros.runs.checkpoint import MEMORY
@@ -16,7 +16,7 @@ from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.episode_files import load_episodes
 from rkhs_ros.runs.report import BEST_POLICY, old_folder
-from rkhs_ros.view.source import Seen, imagining
+from rkhs_ros.view.source import IterationView, imagining
 
 
 class Folder:
@@ -37,7 +37,7 @@ class Folder:
         self.name, self.task, self.total = config.training.name, config.task, config.training.iterations
         self.nodes = config.environment.nodes
         self.spaces: Spaces | None = None
-        self._practice = config.training.practice
+        self._model_settings = config.training.model
         self._curve = Curve(path / "curve.csv")
         self._stamp = (0, 0)
         self._rows: list[Row] = []
@@ -63,7 +63,7 @@ class Folder:
             with suppress(ValueError, OSError):  # it is not there yet, or damaged
                 self.spaces = read_policy(best).spaces
 
-    def seen(self, iteration: int) -> Seen | None:
+    def seen(self, iteration: int) -> IterationView | None:
         """Return what is kept of an iteration."""
         try:
             arrays = unpacked(read_whole(self.path / "checkpoints" / f"{iteration:07}.npz"))
@@ -71,11 +71,11 @@ class Folder:
             policy = policy_of(arrays)
         except Exception:  # it is gone meanwhile, or damaged, which raises almost anything
             return None
-        imagine = imagining(self._practice, policy, lambda: memory, self.spaces)
-        return Seen(policy, self._explored(memory, iteration), self._evaluated(iteration), imagine)
+        imagine = imagining(self._model_settings, policy, lambda: memory, self.spaces)
+        return IterationView(policy, self._explored(memory, iteration), self._evaluated(iteration), imagine)
 
     def _explored(self, memory: Episodes, iteration: int) -> Episodes | None:
-        if not isinstance(self._practice, ModelPractice) or iteration > len(self._rows):
+        if not isinstance(self._model_settings, ModelBased) or iteration > len(self._rows):
             return None
         ends = [0, *(row.episodes for row in self._rows[:iteration])]
         return memory.take(slice(ends[-2], ends[-1]))  # of all episodes, as they were observed

@@ -40,12 +40,12 @@ def guard(server: ViserServer, *, local: bool) -> None:
     @sockets.on_client_connect  # type: ignore[untyped-decorator]
     async def _(client: Any) -> None:
         connection = sockets._live_connections[client.client_id]
-        if not is_welcome(connection.request.headers, local=local):
+        if not is_allowed(connection.request.headers, local=local):
             strangers.add(client.client_id)
             await connection.close(FOREIGN, "from another page")
 
 
-def is_welcome(headers: Any, *, local: bool) -> bool:
+def is_allowed(headers: Any, *, local: bool) -> bool:
     """Return whether a web socket is from our page, not from one of another origin, or of another name for us."""
     host, origin = headers.get("Host", ""), headers.get("Origin")
     return (origin is None or urlsplit(origin).netloc == host) and (

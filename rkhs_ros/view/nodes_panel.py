@@ -59,15 +59,15 @@ class NodesPanel:
     def _show(self, report: Report) -> None:
         self._robot.visible, self._nodes.visible = report.gate is not None, bool(report.nodes)
         for words, text in (
-            (self._gate, told_of_gate(report.gate or {})),
+            (self._gate, gate_text(report.gate or {})),
             (self._answer, plain(report.answer)),
-            (self._nodes, told_of_nodes(report.nodes)),
+            (self._nodes, node_text(report.nodes)),
         ):
             if words.content != text:
                 words.content = text
 
 
-def told_of_gate(gate: Mapping[str, Any]) -> str:
+def gate_text(gate: Mapping[str, Any]) -> str:
     """Return in Markdown how the gate fares."""
     if not gate:
         return ""
@@ -76,7 +76,7 @@ def told_of_gate(gate: Mapping[str, Any]) -> str:
     return f"The gate is **{plain(state)}**" + f": {reason}" * bool(reason) + f"\n\n{counts}"
 
 
-def told_of_nodes(nodes: Sequence[NodeReport]) -> str:
+def node_text(nodes: Sequence[NodeReport]) -> str:
     """Return in Markdown how the nodes fare: those that are not well one by one, the worst first, then the others."""
     ranked = sorted(nodes, key=lambda node: WORST_FIRST.index(node.level))
     ill = [node for node in ranked if node.level != "ok"][:MOST_NODES]

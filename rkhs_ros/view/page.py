@@ -11,9 +11,9 @@ from viser import ViserServer
 from rkhs_ros.pictures.known import references
 from rkhs_ros.runs.control import PAUSE, RESUME, STOP, ask
 from rkhs_ros.view.curve_plot import CurvePlot
+from rkhs_ros.view.iteration_panel import IterationPanel
 from rkhs_ros.view.monitor import Monitor
 from rkhs_ros.view.nodes_panel import NodesPanel
-from rkhs_ros.view.showing import Showing
 from rkhs_ros.view.source import PAUSED, RUNNING, Source, state_of
 from rkhs_ros.view.status import status
 
@@ -56,7 +56,7 @@ class Page:
         self._curve = CurvePlot(gui, gui.add_folder("Learning curve"), references(source.task), height)
         hint = "at its right end it follows the run"
         self._iteration: Any = gui.add_slider("Iteration", 0, 1, 1, 0, disabled=True, hint=hint)
-        self._showing = Showing(server, source)
+        self._showing = IterationPanel(server, source)
 
     def refresh(self) -> None:
         """Look at the run: at its state, its curve, and whether there is a newer iteration to follow."""
@@ -88,7 +88,7 @@ class Page:
             self._showing.show(seen)
         self._showing.move()
 
-    def tell_end(self) -> None:
+    def announce_end(self) -> None:
         """Say on the page that it will show nothing new any more."""
         self._status.content = "### The viewer has ended\nStart it again with `rkhs view`."
         self._server.flush()

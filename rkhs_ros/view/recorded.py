@@ -11,17 +11,17 @@ from rkhs_ros.base.yaml_text import loaded
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.messages import policy_of
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.recordings.batches import RecordedBatch, counted
+from rkhs_ros.recordings.batches import RecordedBatch, countable
 from rkhs_ros.recordings.following import Following, Place
 from rkhs_ros.recordings.recording import Head, faults_named, head_of, recording_file, recording_of
 from rkhs_ros.runs.config import load_config, robot_nodes
 from rkhs_ros.runs.curve import Row
 from rkhs_ros.runs.recorded import training_of
 from rkhs_ros.runs.report import is_begun
-from rkhs_ros.view.source import Seen, imagining
+from rkhs_ros.view.source import IterationView, imagining
 
 
-class Left(NamedTuple):
+class StoredIteration(NamedTuple):
     """Where in the recording is what an iteration left."""
 
     policy: Place
@@ -69,7 +69,7 @@ class Recorded:
         """The iterations done."""
         return list(self._left)
 
-    def seen(self, iteration: int) -> Seen | None:
+    def seen(self, iteration: int) -> IterationView | None:
         """Return what an iteration left."""
         left = self._left.get(iteration)
         if left is None:
@@ -80,8 +80,8 @@ class Recorded:
                 batches = [self._batch(place) for place in left.episodes]
         except (ValueError, OSError):  # the run goes on with another file, of which more is known in a moment
             return None
-        imagine = imagining(self._practice, policy, lambda: self._explored(iteration), self.spaces)
-        return Seen(policy, *both_kinds(batches), imagine)
+        imagine = imagining(self._model_settings, policy, lambda: self._explored(iteration), self.spaces)
+        return IterationView(policy, *both_kinds(batches), imagine)
 
     def _explored(self, iteration: int) -> Episodes:
         """Return the exploring episodes of the iterations up to one."""
@@ -94,7 +94,7 @@ class Recorded:
     def _forget(self) -> None:
         self._head: Head | None = None
         self._rows: list[Row] = []
-        self._left: dict[int, Left] = {}
+        self._left: dict[int, StoredIteration] = {}
         self._policies: dict[int, Place] = {}
         self._episodes: list[tuple[int, Place]] = []  # that no update had yet, and the first exploring one's number
 
@@ -111,14 +111,14 @@ class Recorded:
         elif place.kind == "Update" and message.policy_version in self._policies:
             self._rows.append(self._row(message, place))
             mine = [place for first, place in self._episodes if first < message.episodes]
-            self._left[message.iteration] = Left(self._policies[message.policy_version], tuple(mine))
+            self._left[message.iteration] = StoredIteration(self._policies[message.policy_version], tuple(mine))
             self._episodes = [each for each in self._episodes if each[1] not in mine]  # which ran ahead
 
     def _begin(self, head: Head, place: Place) -> None:
         training = training_of(head)
         if self.path.is_dir():
             training = load_config(self.path / "config.yaml").training  # which may have been told to go on for longer
-        self._head, self._began_ns, self._practice = head, place.time, training.practice
+        self._head, self._began_ns, self._model_settings = head, place.time, training.model
         self.name, self.task, self.spaces, self.total = training.name, head.task, head.spaces, training.iterations
         self.nodes: Mapping[str, Mapping[str, Any]] = robot_nodes(loaded(head.configuration))
 
@@ -131,8 +131,8 @@ class Recorded:
 
 
 def both_kinds(batches: Iterable[RecordedBatch]) -> tuple[Episodes | None, Episodes | None]:
-    """Return the exploring and the noise-free episodes that count; None if there are none of a kind."""
-    finished = counted(batches).values()
+    """Return the exploring and the evaluation episodes that count; None if there are none of a kind."""
+    finished = countable(batches).values()
     kinds = ([each.episodes for each in finished if each.batch.explore == explore] for explore in (True, False))
     explored, evaluated = (Episodes.concatenate(kind) if kind else None for kind in kinds)
     return explored, evaluated

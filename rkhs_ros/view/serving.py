@@ -11,7 +11,7 @@ from socket import create_server
 
 from viser import ViserServer
 
-from rkhs_ros.base.validation import shown
+from rkhs_ros.base.validation import truncated
 from rkhs_ros.recordings.recording import BAG, FILE
 from rkhs_ros.runs.report import is_begun
 from rkhs_ros.view.bag import Bag
@@ -74,7 +74,7 @@ def opened(host: str, port: int) -> ViserServer:
     try:
         create_server((host, 0)).close()
     except (OSError, UnicodeError) as error:
-        raise ValueError(f"host: expected an address of this machine, got {shown(host)} ({error})") from error
+        raise ValueError(f"host: expected an address of this machine, got {truncated(host)} ({error})") from error
     with redirect_stdout(StringIO()):  # it prints addresses, too
         server = ViserServer(host=host, port=port, verbose=False)
     guard(server, local=is_local(host))
@@ -106,7 +106,7 @@ def serve(begun: Callable[[], Source], monitor: Monitor, host: str, port: int, t
             _work(server, page)
         finally:
             page.rest()
-            page.tell_end()
+            page.announce_end()
             time.sleep(LAST_WORDS_S)
     finally:
         with redirect_stdout(StringIO()):

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 
 from rkhs_ros.base.lock import is_locked
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.practice import ModelPractice, Practice, expected
+from rkhs_ros.learning.model.model_based import ModelBased, ModelSettings, model_rollouts_of
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
@@ -20,14 +20,14 @@ MOST_IMAGINED = 3  # episodes
 RUNNING, PAUSED, FINISHED, ENDED = "running", "paused", "finished", "not running"
 
 
-class Seen(NamedTuple):
+class IterationView(NamedTuple):
     """What an iteration left.
 
     Attributes:
         policy: after it; None where it was not kept.
         exploration: its exploring episodes, as observed; None where they were not kept.
-        evaluation: the noise-free episodes after it, alike.
-        imagine: returns noise-free episodes of the policy as a model of all episodes so far expects them; None where
+        evaluation: the evaluation episodes after it, alike.
+        imagine: returns evaluation episodes of the policy as a model of all episodes so far expects them; None where
             none is learnt.
     """
 
@@ -67,24 +67,24 @@ class Source(Protocol):
     def iterations(self) -> Sequence[int]:
         """The iterations of which a policy can be seen, in order."""
 
-    def seen(self, iteration: int) -> Seen | None:
+    def seen(self, iteration: int) -> IterationView | None:
         """Return what one of these left; None where it is gone meanwhile."""
 
 
 def imagining(
-    practice: Practice, policy: GaussianPolicy, episodes: Callable[[], Episodes], spaces: Spaces | None
+    settings: ModelSettings, policy: GaussianPolicy, episodes: Callable[[], Episodes], spaces: Spaces | None
 ) -> Callable[[], Episodes] | None:
     """Return what imagines a policy's episodes; None where it does not practise, or the spaces are not known.
 
     Args:
-        practice: of the run.
+        settings: of the run.
         policy: who acts.
         episodes: returns all real ones so far.
         spaces: of the task.
     """
-    if not isinstance(practice, ModelPractice) or spaces is None:
+    if not isinstance(settings, ModelBased) or spaces is None:
         return None
-    return cache(lambda: expected(practice, policy, episodes(), spaces, MOST_IMAGINED))
+    return cache(lambda: model_rollouts_of(settings, policy, episodes(), spaces, MOST_IMAGINED))
 
 
 def state_of(source: Source) -> str:

@@ -11,7 +11,7 @@ from viser import SceneApi, ViserServer
 from viser.transforms import SO3
 
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.runs.shown import Body, Motion, ShowsMotion
+from rkhs_ros.rollouts.visualization import Body, BodyTrajectories, ShowsBodies
 from rkhs_ros.view.board import SIZE, Board
 from rkhs_ros.view.bodies import Surface
 
@@ -36,7 +36,7 @@ class Stage:
         task: that shows itself.
     """
 
-    def __init__(self, server: ViserServer, task: ShowsMotion) -> None:
+    def __init__(self, server: ViserServer, task: ShowsBodies) -> None:
         self._server = server
         self._eye = np.array(task.eye()) / np.linalg.norm(task.eye())
         self._right = np.cross(-self._eye, (0.0, 0.0, 1.0))
@@ -98,7 +98,7 @@ class Stage:
         turn = SO3.from_matrix(np.stack([self._right, -self._up, -self._eye], axis=1)).wxyz
         return self._server.scene.add_image(name, image, *size, format="png", wxyz=turn, position=middle)
 
-    def show(self, motion: Motion | None, frame: int, step: int) -> None:
+    def show(self, motion: BodyTrajectories | None, frame: int, step: int) -> None:
         """Show a moment.
 
         Args:

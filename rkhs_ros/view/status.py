@@ -17,16 +17,16 @@ def status(source: Source, state: str) -> str:
         last = rows[-1]
         sizes = counted(last.episodes, "episode") + (f", {counted(last.centres, 'centre')}" if last.centres else "")
         lines.append(f"{sizes}, {clock(last.seconds)}{left(source, state)}")
-        lines.append(f"Return **{last.train_return:.4g}** exploring{measured(rows)}")
+        lines.append(f"Return **{last.exploration_return:.4g}** exploring{measured(rows)}")
     what = f"`{source.task.environment}` in " * bool(source.task.environment)
     return "\n\n".join([*lines, f"{what}`{source.path}`"])
 
 
 def measured(rows: Sequence[Row]) -> str:
-    """Return the last noise-free and imagined returns in words; nothing of those that there are not."""
-    noise_free = next((row.mean_policy_return for row in reversed(rows) if not isnan(row.mean_policy_return)), None)
-    imagined = rows[-1].imagined_return
-    text = "" if noise_free is None else f", **{noise_free:.4g}** noise-free"
+    """Return the last noise-free and model returns in words; nothing of those that there are not."""
+    num_evaluation = next((row.evaluation_return for row in reversed(rows) if not isnan(row.evaluation_return)), None)
+    imagined = rows[-1].model_return
+    text = "" if num_evaluation is None else f", **{num_evaluation:.4g}** noise-free"
     return text + ("" if isnan(imagined) else f", {imagined:.4g} imagined")
 
 

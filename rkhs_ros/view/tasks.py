@@ -14,25 +14,25 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.task import robot_task_from
-from rkhs_ros.runs.environments import spec_of
-from rkhs_ros.runs.shown import ShowsMotion
+from rkhs_ros.rollouts.environments import spec_of
+from rkhs_ros.rollouts.visualization import ShowsBodies
 from rkhs_ros.view.robot_scene import robot_scene, sensed_joints
 from rkhs_ros.view.timeline import Timeline
 
-TWIN = Task("rkhs/Pendulum-v0", {}, 1, 1.0)  # which the practice robot with this joint looks like
+TWIN = Task("rkhs/Pendulum-v0", {}, 1, 1.0)  # which the simulated robot with this joint looks like
 TWINS_JOINT = "motor"
 
 
-class Look(NamedTuple):
+class TaskAppearance(NamedTuple):
     """What is shown of a task: the names of its numbers, and its episodes in space."""
 
     names: Names
-    scene: ShowsMotion
+    scene: ShowsBodies
 
 
 def look_of(
     task: Task, spaces: Spaces | None, nodes: Mapping[str, Mapping[str, Any]], observations: Array, actions: Array
-) -> Look:
+) -> TaskAppearance:
     """Return what is shown of a task; its numbers over time of one that does not say how it looks.
 
     Args:
@@ -47,20 +47,22 @@ def look_of(
         if nodes:
             return _look_of_robot(task, nodes, observations, actions)
     names = names_of(task, *widths, spaces)
-    return Look(names, in_space(task) or Timeline(names))
+    return TaskAppearance(names, in_space(task) or Timeline(names))
 
 
-def in_space(task: Task) -> ShowsMotion | None:
+def in_space(task: Task) -> ShowsBodies | None:
     """Return the task where its class says how its episodes look; None for others, which are not made at all."""
     with suppress(Exception):  # somebody's code, which the page can do without
         for maker in _makers(task):
             if all(hasattr(maker, name) for name in ("eye", "room", "bodies", "motion")):
                 made = maker(**task.options)
-                return made if isinstance(made, ShowsMotion) else None
+                return made if isinstance(made, ShowsBodies) else None
     return None
 
 
-def _look_of_robot(task: Task, nodes: Mapping[str, Mapping[str, Any]], observations: Array, actions: Array) -> Look:
+def _look_of_robot(
+    task: Task, nodes: Mapping[str, Mapping[str, Any]], observations: Array, actions: Array
+) -> TaskAppearance:
     """Return how a robot looks: by its URDF, as its twin in simulation, or by its numbers.
 
     Raises:
@@ -68,12 +70,12 @@ def _look_of_robot(task: Task, nodes: Mapping[str, Mapping[str, Any]], observati
     """
     robot = robot_task_from(nodes["robot"])
     names = names_of(task, observations.shape[1], actions.shape[1], robot.spaces)
-    scene: ShowsMotion | None = None
+    scene: ShowsBodies | None = None
     with suppress(ValueError, OSError):
         scene = robot_scene(nodes, robot, observations, actions)
-    if scene is None and "practice_robot" in nodes and sensed_joints(robot).get(TWINS_JOINT) == 0:
+    if scene is None and "simulated_robot" in nodes and sensed_joints(robot).get(TWINS_JOINT) == 0:
         scene = in_space(TWIN)
-    return Look(names, scene or Timeline(names))
+    return TaskAppearance(names, scene or Timeline(names))
 
 
 def _makers(task: Task) -> list[Any]:

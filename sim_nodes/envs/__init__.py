@@ -42,6 +42,6 @@ register(  # by name, since it needs PyBullet, which is optional
 
 register(  # by name, since it needs ROS 2: a simulator or a robot that runs elsewhere
     id="rkhs/Remote-v0",
-    entry_point="rkhs_ros.nodes.remote_env:RemoteEnv",
-    vector_entry_point="rkhs_ros.nodes.remote_env:RemoteVectorEnv",
+    entry_point="rkhs_ros.nodes.remote.remote_env:RemoteEnv",
+    vector_entry_point="rkhs_ros.nodes.remote.remote_env:RemoteVectorEnv",
 )

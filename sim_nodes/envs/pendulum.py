@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.vector_task import BLUE, DARK, ORANGE, PALE, Array, Body, Motion, VectorTask, upright
+from sim_nodes.envs.vector_task import BLUE, DARK, ORANGE, PALE, Array, Body, BodyTrajectories, VectorTask, upright
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -100,7 +100,7 @@ class Pendulum(VectorTask):
             *beads,
         ]
 
-    def motion(self, observations: Array, actions: Array) -> Motion:
+    def motion(self, observations: Array, actions: Array) -> BodyTrajectories:
         """Return how the bodies move in an episode; the arc of the torque is half a radian long for one of 1."""
         theta = observations[:, 0]
         arc = theta[:, None] + np.linspace(0.0, 0.5, BEADS) * actions[:, :1]
@@ -112,7 +112,7 @@ class Pendulum(VectorTask):
         )
         turns = np.array(upright(places))
         turns[:, 0, 0], turns[:, 0, 2] = np.cos(theta / 2), np.sin(theta / 2)
-        return Motion(self.step_seconds * np.arange(len(theta), dtype=np.float64), places, turns)
+        return BodyTrajectories(self.step_seconds * np.arange(len(theta), dtype=np.float64), places, turns)
 
     def _bound(self, columns: Array) -> None:
         if self.angle == "wrap":

@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.vector_task import BLUE, GREEN, ORANGE, PALE, Array, Body, Motion, VectorTask, clip, upright
+from sim_nodes.envs.vector_task import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    PALE,
+    Array,
+    Body,
+    BodyTrajectories,
+    VectorTask,
+    clip,
+    upright,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -70,11 +81,11 @@ class Toy(VectorTask):
             *[Body("ball", (size, size, size), ORANGE) for size in [*[0.1] * (BEADS - 1), 0.24]],
         ]
 
-    def motion(self, observations: Array, actions: Array) -> Motion:
+    def motion(self, observations: Array, actions: Array) -> BodyTrajectories:
         """Return how the bodies move in an episode."""
         place = observations[:, :1]
         along = [0 * place, 0 * place + GOAL, place, place + np.linspace(0.0, 1.0, BEADS) * actions[:, :1]]
         x = np.concatenate(along, axis=1)
         height = np.array([-0.05, 0.0, 0.25, *[0.75] * BEADS])
         places = np.stack([x, 0 * x, np.broadcast_to(height, x.shape)], axis=2)
-        return Motion(self.step_seconds * np.arange(len(place), dtype=np.float64), places, upright(places))
+        return BodyTrajectories(self.step_seconds * np.arange(len(place), dtype=np.float64), places, upright(places))

@@ -55,7 +55,7 @@ class Body(NamedTuple):
     colour: str
 
 
-class Motion(NamedTuple):
+class BodyTrajectories(NamedTuple):
     """How bodies move; z is up.
 
     Attributes:

@@ -8,8 +8,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.vector_task import Array, Body, JointStates, Motion, SingleTask, VectorTask, clip
-from sim_nodes.pr2 import cameras, demonstration, door, robot, seen
+from sim_nodes.envs.vector_task import Array, Body, BodyTrajectories, JointStates, SingleTask, VectorTask, clip
+from sim_nodes.pr2 import cameras, demonstration, door, robot, visual_bodies
 from sim_nodes.pr2.motion import adapted
 from sim_nodes.pr2.world import Trajectory, World, in_window, require_display
 
@@ -199,9 +199,9 @@ class PR2Door(VectorTask):
 
     def bodies(self) -> list[Body]:
         """Return what is seen: the robot, the door and the wall."""
-        return seen.bodies()
+        return visual_bodies.bodies()
 
-    def motion(self, observations: Array, actions: Array) -> Motion | None:
+    def motion(self, observations: Array, actions: Array) -> BodyTrajectories | None:
         """Return what comes of an episode's action, carried out once more; None where the arm cannot reach."""
         pose = observations[0] * POSE_SD
         trajectory = self.attempt(pose, self.change(actions[0])).trajectory
@@ -209,7 +209,7 @@ class PR2Door(VectorTask):
             return None
         names, positions = trajectory.joint_states()
         angles = {door.JOINTS[0].name: trajectory.door, door.JOINTS[1].name: trajectory.lever}
-        return seen.motion(pose, dict(zip(names, positions.T, strict=True)), angles, 1.0 / demonstration.RATE)
+        return visual_bodies.motion(pose, dict(zip(names, positions.T, strict=True)), angles, 1.0 / demonstration.RATE)
 
     def _attempt(self, pose: Array, change: Array, film: cameras.Film | None) -> Outcome:
         shown = demonstration.load()

@@ -1,4 +1,4 @@
-"""A practice robot in time: its physics in fixed steps, its wires, and what it heard."""
+"""A simulated robot in time: its physics in fixed steps, its wires, and what it heard."""
 
 from __future__ import annotations
 

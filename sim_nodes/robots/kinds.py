@@ -1,4 +1,4 @@
-"""The practice robots by their names, and what can be set of each."""
+"""The simulated robots by their names, and what can be set of each."""
 
 from __future__ import annotations
 

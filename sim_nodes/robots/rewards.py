@@ -1,4 +1,4 @@
-"""What steps of the practice robots earn: functions that a robot's configuration names."""
+"""What steps of the simulated robots earn: functions that a robot's configuration names."""
 
 from __future__ import annotations
 
@@ -30,6 +30,6 @@ def distance(observations: Array) -> Array:
 def near(before: Array, executed: Array, after: Array) -> Array:
     r"""Return :math:`\exp(-d^2 / 2 s^2)` of the distance d of the arm's tool from the mark after a step.
 
-    Of rows of steps as well, so that practice in a model may take it for known.
+    Of rows of steps as well, so that model-based training may take it for known.
     """
     return np.asarray(np.exp(-0.5 * (distance(after) / NEAR) ** 2))

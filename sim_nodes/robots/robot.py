@@ -1,4 +1,4 @@
-"""A practice robot in steps of its physics."""
+"""A simulated robot in steps of its physics."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sim_nodes.robots.protection import Protection
 
 @dataclass(frozen=True)
 class RobotSettings(Settings):
-    """What all practice robots have.
+    """What all simulated robots have.
 
     All times and rates are in the robot's time, which goes `speed` times as fast as the wall's.
     """

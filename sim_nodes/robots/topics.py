@@ -1,4 +1,4 @@
-"""The topics of each practice robot: commands to values, readings to messages."""
+"""The topics of each simulated robot: commands to values, readings to messages."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from std_msgs.msg import Float64, Float64MultiArray, Header, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from rkhs_ros.nodes.messages import LATCHED_QOS
+from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from sim_nodes.robots.arm import POSITIONS, ArmReadings, ArmRobot, ArmSettings
 from sim_nodes.robots.door import DoorSettings
 from sim_nodes.robots.drives import JointCommand

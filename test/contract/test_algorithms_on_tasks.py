@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rkhs_ros.learning.algorithms.function_spaces import GridSettings
+from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.kernel_choice import KERNELS
-from rkhs_ros.learning.registry import ALGORITHMS
-from rkhs_ros.learning.spaces import GridSettings
 from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.kernels import kernel_from_terms
-from rkhs_ros.runs.rollout import InlineRunner
-from rkhs_ros.runs.simulation import Simulation
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
 from sim_nodes.envs import TASKS
 
 SIZES = {"rkhs/PendulumPOMDP-v0": 2}  # of the grid, along each of many dimensions
@@ -84,8 +84,8 @@ def assert_sound(iteration: Iteration, task: str, training: Training) -> None:
     assert (iteration.policy.variance(points) > 0).all()
     assert np.isfinite([metrics.kl, metrics.step_size, metrics.sparsification_error]).all()
     assert metrics.kl >= -1e-12
-    assert np.isfinite(iteration.train_returns).all()
-    assert np.isfinite(iteration.mean_policy_returns).all()
+    assert np.isfinite(iteration.exploration_returns).all()
+    assert np.isfinite(iteration.evaluation_returns).all()
     assert kernel_from_terms(mean.kernel.terms()) == mean.kernel
 
 
@@ -121,7 +121,7 @@ def test_the_seed_determines_every_bit(task: str, algorithm: str) -> None:
     evaluation = one.evaluation.seen_through(one.policy.inputs)
     x = evaluation.flat(evaluation.observations)
     assert bits(one.policy, x) == bits(again.policy, x)
-    assert np.array_equal(one.train_returns, again.train_returns)
-    assert np.array_equal(one.mean_policy_returns, again.mean_policy_returns)
+    assert np.array_equal(one.exploration_returns, again.exploration_returns)
+    assert np.array_equal(one.evaluation_returns, again.evaluation_returns)
     assert bits(one.policy, x) != bits(other.policy, x)
-    assert not np.any(one.train_returns == other.train_returns)
+    assert not np.any(one.exploration_returns == other.exploration_returns)

@@ -14,7 +14,10 @@ FLOORS = (
     "policies",
     "learning",
     "recordings",
+    "rollouts",
+    "sketches",
     "runs",
+    "studies",
     "robot",
     "nodes",
     "pictures",
@@ -39,7 +42,7 @@ ROS = (
 # Modules of sim_nodes that may import ROS.
 SIM_NODES = [
     ROOT / "sim_nodes" / f"{name}.py"
-    for name in ("simulator_node", "composed_node", "robots/practice_robot_node", "robots/topics")
+    for name in ("simulator_node", "composed_node", "robots/simulated_robot_node", "robots/topics")
 ]
 SOURCES = sorted(path for package in ("rkhs_ros", "sim_nodes") for path in (ROOT / package).rglob("*.py"))
 EVERYTHING = sorted(
@@ -110,6 +113,7 @@ def test_only_command_line_and_its_nodes_know_the_tasks() -> None:
         "rkhs_ros.base",
         "rkhs_ros.policies",
         "rkhs_ros.learning",
+        "rkhs_ros.rollouts",
         "rkhs_ros.runs",
         "rkhs_ros.nodes",
         "rkhs_ros.rkhs",
@@ -121,7 +125,7 @@ def test_only_command_line_and_its_nodes_know_the_tasks() -> None:
 
 @pytest.mark.parametrize(
     "path",
-    [p for p in SOURCES if p.is_relative_to(ROOT / "rkhs_ros") and floor(p) < FLOORS.index("runs")],
+    [p for p in SOURCES if p.is_relative_to(ROOT / "rkhs_ros") and floor(p) < FLOORS.index("rollouts")],
     ids=lambda path: str(path.relative_to(ROOT)),
 )
 def test_what_is_below_runs_knows_no_gymnasium(path: Path) -> None:

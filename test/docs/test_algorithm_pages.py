@@ -5,8 +5,8 @@ from dataclasses import fields
 
 import pytest
 
-from rkhs_ros.learning.algorithm import Metrics
-from rkhs_ros.learning.registry import ALGORITHMS
+from rkhs_ros.learning.algorithms.algorithm import Metrics
+from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.runs.curve import Row
 from test.docs.pages import ROOT, links
 

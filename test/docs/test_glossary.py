@@ -40,8 +40,8 @@ RETIRED_WORDS = [
     r"imagine[ds]?",
     r"surpasse[ds]",
     r"surrounding[s]",
-    r"void episode[s]?",
-    r"noise-free return[s]?",
+    r"discarded episode[s]?",
+    r"evaluation return[s]?",
     r"(same bits|to the (last )?bit)",
 ]
 

@@ -15,7 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from rkhs_interfaces.msg import Action, Observation
 from rkhs_ros.base.endings import Stop
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS
+from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS
 
 LONGEST = 0.05  # seconds that a message is held back
 TOPICS = {"observation": Observation, "action": Action}

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from rkhs_ros.runs.workers import WorkerLostError, Workers
+from rkhs_ros.studies.workers import WorkerLostError, Workers
 from test.ros.conftest import ROOT
 from test.unit.conftest import Result, rkhs
 

@@ -39,7 +39,7 @@ def assert_unharmed(run: Process, folder: Path, undisturbed: Path) -> None:
 
 
 def test_a_flood_of_messages_changes_no_bit(run: Process, probe: Probe, tmp_path: Path, undisturbed: Path) -> None:
-    flood = {"action": Action(), "observation": Observation(rows=1, horizon=10), "episodes": Episodes()}
+    flood = {"action": Action(), "observation": Observation(num_envs=1, horizon=10), "episodes": Episodes()}
     for topic, message in flood.items():
         probe.say(topic, message)
     sent, end = 0, time.monotonic() + FLOOD_S
@@ -58,7 +58,7 @@ def test_huge_messages_change_no_bit_and_take_no_more_than_the_middleware_needs(
     before = {name: peak_memory(pid) for name, pid in pids.items()}
     zeros = array("d", bytes(HUGE))
     probe.say("action", Action(actions=zeros))
-    probe.say("observation", Observation(rows=1, horizon=10, observations=zeros))
+    probe.say("observation", Observation(num_envs=1, horizon=10, observations=zeros))
     probe.say("episodes", Episodes(observations=zeros))
     probe.settle(2.0)
     after = {name: peak_memory(pid) for name, pid in pids.items()}

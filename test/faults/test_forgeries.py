@@ -13,7 +13,7 @@ import pytest
 
 from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import StartEpisodes
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS, set_policy_request
+from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, set_policy_request
 from test.faults.runs import assert_same_bits
 from test.ros.conftest import Probe, Process, probe
 from test.ros.test_policy_node import policy
@@ -56,7 +56,7 @@ def test_forged_episodes_do_not_end_the_run_nor_are_they_learnt_from(
         """Send the episodes of the first batch as those of this one, before this one is over."""
         if message.step < 50 and probe.heard["episodes"]:
             episodes = deepcopy(probe.heard["episodes"][0])
-            if episodes.rows == message.rows:
+            if episodes.num_envs == message.num_envs:
                 episodes.batch, episodes.policy_version = message.batch, message.policy_version
                 forged.append(episodes)
                 stranger.publish(episodes)
@@ -74,7 +74,7 @@ def test_policies_and_batches_of_a_stranger_do_not_end_the_run(
     nodes: Nodes, probe: Probe, tmp_path: Path, in_process: Path
 ) -> None:
     """The stranger copies what is said, and goes on from it."""
-    begun = StartEpisodes.Request(environment="rkhs/Toy-v0", options="{}", rows=2, horizon=20)
+    begun = StartEpisodes.Request(environment="rkhs/Toy-v0", options="{}", num_envs=2, horizon=20)
     calls = []
 
     def disturb(message: Observation) -> None:
@@ -127,7 +127,7 @@ def test_who_is_sometimes_faster_than_the_policy_changes_no_bit_or_is_named(
 
     def forge(message: Observation) -> None:
         action = Action(batch=message.batch, step=message.step + lead, policy_version=message.policy_version)
-        action.actions = array("d", np.full(message.rows, 0.75))
+        action.actions = array("d", np.full(message.num_envs, 0.75))
         stranger.publish(action)
 
     probe.create_subscription(Observation, "observation", forge, LOCKSTEP_QOS)

@@ -18,13 +18,13 @@ from hypothesis import strategies as st
 
 from rkhs_interfaces.msg import Action, Episodes, NodeInstance, Observation
 from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
-from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS, REPORT_PERIOD_S
-from rkhs_ros.nodes.messages import observation_message, set_policy_request, start_request
-from rkhs_ros.nodes.uniqueness import SENDER_QOS, TOPIC
+from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS, REPORT_PERIOD_S
+from rkhs_ros.nodes.core.messages import observation_message, set_policy_request, start_request
+from rkhs_ros.nodes.core.uniqueness import SENDER_QOS, TOPIC
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.messages import doubles
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.runs.simulation import Frame, Simulation
+from rkhs_ros.rollouts.simulation import Frame, Simulation
 from test.faults.runs import assert_same_bits
 from test.faults.spoilers import ALWAYS, FREE, THEN, Spoiler, paths, spoil
 from test.ros.conftest import Probe, Process, probe
@@ -37,7 +37,7 @@ TOPICS = {Observation: "observation", Action: "action", Episodes: "episodes"}
 SERVICES = {SetPolicy.Request: ("set_policy", "policy"), StartEpisodes.Request: ("start_episodes", "simulator")}
 POLICIES = [policy(1, name, inputs) for name in ("constant", "kernel", "function") for inputs in (PLAIN, WINDOW)]
 FOREIGN = 9  # version of a policy that the policy node does not have
-BATCH = Batch(3, first_episode=5, rows=20, horizon=50, explore=True, noise_free=6, first_noise_free=2)
+BATCH = Batch(3, first_episode=5, num_envs=20, horizon=50, explore=True, num_evaluation=6, first_evaluation=2)
 EPISODE = {"observations": 2, "actions": 1, "rewards": 1}
 TASK = DescribeTask.Response(environment="rkhs/Pendulum-v0", options='{"angle": "clip"}')
 
@@ -122,7 +122,7 @@ def memory(process: Process, what: str) -> float:
 
 
 def matrix(values: array) -> np.ndarray:
-    return np.frombuffer(values).reshape(BATCH.rows, -1)
+    return np.frombuffer(values).reshape(BATCH.num_envs, -1)
 
 
 def any_policy(data: st.DataObject) -> SetPolicy.Request:
@@ -149,7 +149,7 @@ def refuse_observations(intruder: Intruder, served: GaussianPolicy) -> None:
     """Before the first or the second step of many batches, of it or of the next batch: all else is answered as ever."""
     heard, identities = intruder.probe.heard["action"], count(1)
     simulation, acting = Simulation(TASK.environment), Acting(served, BATCH, explore=True)
-    frames = [simulation.start(BATCH), simulation.step(np.ones((BATCH.rows, 1)))]
+    frames = [simulation.start(BATCH), simulation.step(np.ones((BATCH.num_envs, 1)))]
     good = [observation_message(0, 1, BATCH, step, frame) for step, frame in enumerate(frames)]
     others = [frame._replace(observations=frame.observations + 0.1) for frame in frames]  # would be answered otherwise
     bad = [observation_message(0, 1, BATCH, step, frame) for step, frame in enumerate(others)]
@@ -192,7 +192,7 @@ def refuse_starts(intruder: Intruder) -> None:
 def refuse_actions(intruder: Intruder) -> None:
     """Before the second step of many batches: the action that follows is taken as ever."""
     heard, identities = intruder.probe.heard["observation"], count(2)
-    simulation, actions = Simulation(TASK.environment), np.linspace(-2, 2, BATCH.rows)[:, None]
+    simulation, actions = Simulation(TASK.environment), np.linspace(-2, 2, BATCH.num_envs)[:, None]
     simulation.start(BATCH)
     expected = [simulation.step(actions).observations for _ in range(2)]
     good = [Action(step=step, policy_version=FOREIGN, actions=doubles(actions)) for step in range(2)]
@@ -220,7 +220,7 @@ def disturb(intruder: Intruder, learner: Process) -> None:
     batch = Batch(0, 0, rows, horizon, explore=True)
     numbers = {name: doubles(np.zeros(rows * horizon * d)) for name, d in EPISODE.items()}
     numbers |= {"final_observations": doubles(np.zeros(rows * 2)), "terminated": [False] * rows}
-    episodes = Episodes(rows=rows, horizon=horizon, lengths=array("I", [horizon] * rows), **numbers)
+    episodes = Episodes(num_envs=rows, horizon=horizon, lengths=array("I", [horizon] * rows), **numbers)
     frame = Frame(np.zeros((rows, 2)), np.zeros(rows), np.ones(rows, bool), *np.zeros((2, rows), bool))
     observation = observation_message(0, 0, batch, 1, frame)
     action = Action(actions=doubles(np.zeros(rows)))

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from rkhs_ros.app.launcher import for_all
-from rkhs_ros.nodes.transport import PROFILES, RANGE
+from rkhs_ros.nodes.core.transport import PROFILES, RANGE
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.report import resolved
 from test.faults.conftest import PENDULUM

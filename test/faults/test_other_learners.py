@@ -80,7 +80,7 @@ def test_sac_makes_the_same_transitions_to_the_bit_and_learns(remote: Any) -> No
         models[name] = sac(environment)  # with the seed of torch's only stream
         seconds = learnt(models[name], LEARNT)
         reached[name] = returned(models[name])
-        print(f"SAC {name}, {LEARNT} steps: {seconds:.0f} s, noise-free return {reached[name]:.1f}")
+        print(f"SAC {name}, {LEARNT} steps: {seconds:.0f} s, evaluation return {reached[name]:.1f}")
     ours, theirs = (model.replay_buffer for model in models.values())
     for field in FIELDS:
         np.testing.assert_array_equal(getattr(ours, field)[:EQUAL], getattr(theirs, field)[:EQUAL], err_msg=field)

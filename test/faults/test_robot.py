@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rkhs_interfaces.msg import Command, GateState
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.training import train
-from rkhs_ros.nodes.messages import LATCHED_QOS, LOCKSTEP_QOS
+from rkhs_ros.nodes.core.messages import LATCHED_QOS, LOCKSTEP_QOS
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import policy_arrays
 from rkhs_ros.policies.streams import Batch
@@ -31,7 +31,7 @@ NODES = ("learner", "policy", "robot")
 PERIOD, COMMAND_TIMEOUT = 0.02, 1.0
 # At five times the wall's speed a step is the same to the robot; what is late on a busy machine is let pass.
 AT_SPEED = (
-    "practice_robot.speed=5.0",
+    "simulated_robot.speed=5.0",
     f"robot.period={PERIOD}",
     "robot.action_deadline=0.9",
     "robot.misses_allowed=30",
@@ -42,7 +42,7 @@ AT_SPEED = (
     "gate.stale_after=0.5",
     "timeout=60",
 )
-PLAIN = ("practice={form: none}", "algorithm={name: rkhs_nac}")
+PLAIN = ("model={form: none}", "algorithm={name: rkhs_nac}")
 
 
 class Recorded:
@@ -52,7 +52,7 @@ class Recorded:
         self.spaces = robot_task_from(load_config(config).environment.nodes["robot"]).spaces
         self._journal = Journal(folder)
 
-    def room(self, rows: int) -> int:
+    def capacity(self, num_envs: int) -> int:
         return 1
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
@@ -94,7 +94,7 @@ def test_it_learns_to_swing_up_with_practice(start: Start, tmp_path: Path) -> No
     run = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *AT_SPEED)
     code, err = ended(run)
     assert (code, "Traceback" in err) == (0, False), err
-    returns = [row.train_return for row in Curve(folder / "curve.csv").rows()]
+    returns = [row.exploration_return for row in Curve(folder / "curve.csv").rows()]
     assert len(returns) == 10
     assert returns[0] < 15  # the optimum is 51.8
     assert max(returns) > 30
@@ -120,7 +120,7 @@ def test_killed_nodes_lose_no_finished_episode_and_have_none_run_twice(
         assert seen.items() <= found.items(), "an episode was lost, or run twice"
         seen = found
     code, err = ended(run)
-    print(f"{len(done)} kills: {', '.join(done)}; {len(list(journal.glob('*_void_*')))} void episodes")
+    print(f"{len(done)} kills: {', '.join(done)}; {len(list(journal.glob('*_void_*')))} discarded episodes")
     assert len(done) > len(victims) / 2
     assert (code, "Traceback" in err) == (0, False), err
     config = load_config(folder / "config.yaml")
@@ -129,7 +129,7 @@ def test_killed_nodes_lose_no_finished_episode_and_have_none_run_twice(
     assert len(found) == config.training.iterations * config.training.episodes_per_iteration
     for file in journal.glob("*_void_*"):
         with np.load(file) as content:
-            assert str(content["void_reason"]) != ""
+            assert str(content["discard_reason"]) != ""
     *_, last = train(config.training, Recorded(journal, folder / "config.yaml"))
     ours, theirs = policy_arrays(last.policy), arrays(folder)
     for name, values in ours.items():

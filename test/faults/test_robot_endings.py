@@ -42,13 +42,13 @@ def test_what_a_person_vetoes_is_run_again_and_not_learnt_from(start: Start, tmp
     assert code == 0, err
     journal = folder / "checkpoints" / "episodes"
     with np.load(next(journal.glob("*_void_*"))) as void:
-        assert str(void["void_reason"]) == "vetoed by a person"
+        assert str(void["discard_reason"]) == "vetoed by a person"
         again = np.load(journal / "training_seed_0_episode_0000000_steps_40.npz")
         assert void["stamps"][0] < again["stamps"][0]
     returns = [np.load(file)["rewards"][0] @ 0.99 ** np.arange(40) for file in journal.glob("*_steps_40.npz")]
     (row,) = Curve(folder / "curve.csv").rows()
     assert len(returns) == 3
-    np.testing.assert_allclose(row.train_return, np.mean(returns))
+    np.testing.assert_allclose(row.exploration_return, np.mean(returns))
 
 
 def test_a_veto_holds_if_the_run_is_interrupted_and_resumed(start: Start, tmp_path: Path, probe: Probe) -> None:
@@ -61,7 +61,7 @@ def test_a_veto_holds_if_the_run_is_interrupted_and_resumed(start: Start, tmp_pa
 
     def vetoed() -> list[RecordedBatch]:
         batches = read_recording(folder).batches
-        return [each for each in batches if each.executions[0].void_reason == "vetoed by a person"]
+        return [each for each in batches if each.executions[0].discard_reason == "vetoed by a person"]
 
     probe.until(vetoed, 100)
     run.interrupt()
@@ -69,7 +69,7 @@ def test_a_veto_holds_if_the_run_is_interrupted_and_resumed(start: Start, tmp_pa
     (discarded,) = vetoed()
     recording = read_recording(folder)
     places = [k for k, each in enumerate(recording.batches) if each.attempt == discarded.attempt]
-    assert [recording.batches[place].is_void for place in places] == [False, True]
+    assert [recording.batches[place].is_discarded for place in places] == [False, True]
     assert places[1] == places[0] + 1  # recorded at once, not when the next episode is over
     assert discarded.batch not in recording.by_numbers()
     code, _, err = start("rkhs", "train", "--quiet", "--resume", folder).finish()

@@ -22,8 +22,8 @@ from rclpy.node import Node
 from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
 from rkhs_ros.app.launcher import for_all
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS
-from rkhs_ros.nodes.transport import LOOPBACK, PROFILES, RANGE
+from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS
+from rkhs_ros.nodes.core.transport import LOOPBACK, PROFILES, RANGE
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.report import resolved
 from test.processes import children_of, is_running, of_process
@@ -32,13 +32,13 @@ ROOT = Path(__file__).parents[2]
 PATIENCE = 90.0  # seconds; far above what anything here takes, beside other busy processes too
 MODULES = {
     "simulator": "sim_nodes.simulator_node",
-    "practice_robot": "sim_nodes.robots.practice_robot_node",
-    "policy": "rkhs_ros.nodes.policy_node",
-    "robot": "rkhs_ros.nodes.robot_node",
-    "gate": "rkhs_ros.nodes.gate_node",
-    "learner": "rkhs_ros.nodes.learner_node",
+    "simulated_robot": "sim_nodes.robots.simulated_robot_node",
+    "policy": "rkhs_ros.nodes.lockstep.policy_node",
+    "robot": "rkhs_ros.nodes.robot.robot_node",
+    "gate": "rkhs_ros.nodes.robot.gate_node",
+    "learner": "rkhs_ros.nodes.lockstep.learner_node",
     "drawing_learner": "rkhs_ros.app.learner",  # as `ros2 run` and the launch files start it
-    "recorder": "rkhs_ros.nodes.recorder_node",
+    "recorder": "rkhs_ros.nodes.watch.recorder_node",
     "rkhs": "rkhs_ros.app.cli",
     "relay": "test.faults.relay",
     "imports": "test.ros.imports",

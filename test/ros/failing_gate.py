@@ -3,8 +3,8 @@
 from rclpy.executors import Executor
 from std_msgs.msg import String
 
-from rkhs_ros.nodes.gate_node import GateNode
-from rkhs_ros.nodes.spin import PeerError, run, serve
+from rkhs_ros.nodes.core.spin import PeerError, run, serve
+from rkhs_ros.nodes.robot.gate_node import GateNode
 
 
 class FailingGate(GateNode):

@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from rkhs_interfaces.msg import Command, GateReport, GateState
-from rkhs_ros.nodes.messages import LATCHED_QOS, LOCKSTEP_QOS
+from rkhs_ros.nodes.core.messages import LATCHED_QOS, LOCKSTEP_QOS
 from test.ros.conftest import Probe, Process
 
 TIMEOUT = 1.0  # of commands and sensors: a busy machine is no reason to stop

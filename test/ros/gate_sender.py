@@ -6,7 +6,7 @@ import time
 import rclpy
 
 from rkhs_interfaces.msg import Command
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS
+from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS
 
 if __name__ == "__main__":
     _, value, instance = sys.argv

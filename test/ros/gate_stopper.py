@@ -3,7 +3,7 @@
 import rclpy
 from std_msgs.msg import Bool
 
-from rkhs_ros.nodes.messages import LATCHED_QOS
+from rkhs_ros.nodes.core.messages import LATCHED_QOS
 
 if __name__ == "__main__":
     rclpy.init()

@@ -14,7 +14,7 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from rkhs_interfaces.msg import Command, GateState
-from rkhs_ros.nodes.messages import LATCHED_QOS, LOCKSTEP_QOS
+from rkhs_ros.nodes.core.messages import LATCHED_QOS, LOCKSTEP_QOS
 
 TICK_S, LAG_S, FRICTION = 0.005, 0.02, 0.2  # of the robot: seconds, seconds, 1/s
 STREAM_S = 0.02  # between commands

@@ -11,13 +11,13 @@ from std_srvs.srv import Trigger
 
 from rkhs_interfaces.msg import Action, Command, GateReport, GateState, Observation
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
-from rkhs_ros.nodes.messages import LATCHED_QOS, LOCKSTEP_QOS
+from rkhs_ros.nodes.core.messages import LATCHED_QOS, LOCKSTEP_QOS
 from test.ros.conftest import ROOT, Probe
 
 CONFIG = ROOT / "config" / "robot_pendulum.yaml"
 # Ten times as fast as the wall, so that what is late on a busy machine must be let pass.
 QUICK = (
-    "practice_robot.speed=10.0",
+    "simulated_robot.speed=10.0",
     "robot.period=0.01",
     "robot.action_deadline=1.0",
     "robot.misses_allowed=40",
@@ -26,7 +26,7 @@ QUICK = (
     "robot.reset.home.speed=[30.0]",
     "gate.command_timeout=2.0",
     "gate.stale_after=1.0",
-    "practice={form: none}",
+    "model={form: none}",
     "algorithm={name: rkhs_nac}",
     "horizon=40",
     "episodes_per_iteration=2",
@@ -42,7 +42,7 @@ SECTION: dict[str, Any] = {
     "learner_timeout": 0.5,
     "sensors": {"position": {"topic": "position", "type": "std_msgs/msg/Float64", "fields": ["data"]}},
     "action": {"minimum": [-1.0], "maximum": [1.0], "scale": [2.0]},
-    "reward": {"function": "test.unit.robot_rules:told"},
+    "reward": {"function": "test.unit.robot.robot_rules:told"},
 }
 
 

@@ -17,11 +17,11 @@ def test_the_demo_learns_from_one_episode_and_says_so(tmp_path: Path, domain: in
         [sys.executable, ROOT / "docs" / "demo.py"], cwd=tmp_path, capture_output=True, text=True, timeout=60
     )
     assert demo.returncode == 0, demo.stderr
-    explored, practised, without = demo.stdout.splitlines()[-3:]
+    explored, model_update, without = demo.stdout.splitlines()[-3:]
     (file,) = tmp_path.glob("results/demo/*/curve.csv")
     (row,) = Curve(file).rows()
     assert row.episodes == 1
-    assert explored == f"One exploring episode (100 steps) earned {row.train_return:.1f}."
-    assert f"the noise-free return is {row.mean_policy_return:.1f} (optimum {OPTIMUM})" in practised
-    assert OPTIMUM + 1.0 > row.mean_policy_return > 45.0 > 30.0 > row.train_return
+    assert explored == f"One exploring episode (100 steps) earned {row.exploration_return:.1f}."
+    assert f"the evaluation return is {row.evaluation_return:.1f} (optimum {OPTIMUM})" in model_update
+    assert OPTIMUM + 1.0 > row.evaluation_return > 45.0 > 30.0 > row.exploration_return
     assert WITHOUT in without

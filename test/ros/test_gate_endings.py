@@ -14,7 +14,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from rkhs_interfaces.msg import NodeInstance
-from rkhs_ros.nodes.uniqueness import SENDER_QOS, TOPIC
+from rkhs_ros.nodes.core.uniqueness import SENDER_QOS, TOPIC
 from test.ros.conftest import PATIENCE, Process
 from test.ros.gate_bench import written
 from test.ros.hardware import AT_REST, IN_MOTION, MOMENTS, TURNING, Hardware, tree_of

@@ -14,8 +14,8 @@ from std_msgs.msg import Bool, Float64MultiArray, String
 from std_srvs.srv import Trigger
 
 from rkhs_interfaces.msg import GateReport
-from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS
-from rkhs_ros.nodes.messages import LATCHED_QOS
+from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS
+from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from test.ros.conftest import Probe, Process
 from test.ros.gate_bench import BASE, CALM, POSITION, TIMEOUT, TRAJECTORY, Begin, Output, Robot, gates, written
 

@@ -20,10 +20,10 @@ from rosgraph_msgs.msg import Clock
 
 from rkhs_interfaces.msg import Action, NodeInstance
 from rkhs_interfaces.srv import DescribeTask
-from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS, start_request
-from rkhs_ros.nodes.status_node import reasons
-from rkhs_ros.nodes.uniqueness import HEARER_QOS, SENDER_QOS, TOPIC
+from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS
+from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, start_request
+from rkhs_ros.nodes.core.uniqueness import HEARER_QOS, SENDER_QOS, TOPIC
+from rkhs_ros.nodes.watch.status_node import reasons
 from rkhs_ros.policies.messages import doubles
 from rkhs_ros.policies.streams import Batch
 from test.ros.conftest import ROOT, Probe, Process, kill, nodes_of
@@ -159,7 +159,7 @@ def test_who_listens_to_the_clock_after_a_batch_began_hears_it(start: Start, pro
     start("simulator", "--ros-args", "--params-file", PENDULUM)
     probe.meet("observation")
     probe.until(lambda: probe.ask("describe_task", DescribeTask.Request()).connected)
-    batch = Batch(seed=0, first_episode=0, rows=1, horizon=1000, explore=False)
+    batch = Batch(seed=0, first_episode=0, num_envs=1, horizon=1000, explore=False)
     task = probe.ask("describe_task", DescribeTask.Request())
     assert probe.ask("start_episodes", start_request(1, 1, batch, task, 0)).accepted
     hearing, step = Hearing(probe), 0

@@ -7,7 +7,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from rkhs_interfaces.srv import SetPolicy
-from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS
+from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS
 from rkhs_ros.runs.curve import Curve
 from test.ros.conftest import ROOT, Probe, Process
 

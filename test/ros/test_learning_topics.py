@@ -13,15 +13,15 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from rkhs_interfaces.msg import LearningEvent, LearningProgress, Policy
 from rkhs_ros.app.inline import runner_of
-from rkhs_ros.nodes.diagnostics import EVENTS_QOS, EVENTS_TOPIC
-from rkhs_ros.nodes.messages import LATCHED_QOS
-from rkhs_ros.nodes.newest_topic import PERIOD_S
+from rkhs_ros.nodes.core.diagnostics import EVENTS_QOS, EVENTS_TOPIC
+from rkhs_ros.nodes.core.messages import LATCHED_QOS
+from rkhs_ros.nodes.core.newest_topic import PERIOD_S
 from rkhs_ros.policies.messages import policy_of
 from rkhs_ros.policies.storage import policy_arrays, read_policy
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.control import ask, is_pausing
 from rkhs_ros.runs.run import run_training
-from rkhs_ros.runs.sketch import SIZE
+from rkhs_ros.sketches.sketch import SIZE
 from test.ros.conftest import PATIENCE, ROOT, Probe, Process, kill, nodes_of
 
 Start = Callable[..., Process]
@@ -71,12 +71,12 @@ def test_progress_is_what_the_curve_says_and_changes_no_bit(run: Process, probe:
     assert (last.run, last.folder, last.iterations) == ("toy_nac", str(folder), ITERATIONS)
     for message in heard:
         if message.iteration == 0:
-            assert np.isnan(message.train_return)
+            assert np.isnan(message.exploration_return)
             continue
         for name, text in rows[message.iteration - 1].items():
             assert str(getattr(message, name)) == text
     assert list(last.last_iterations) == list(range(1, ITERATIONS + 1))
-    for name in ("train_return", "mean_policy_return", "imagined_return"):
+    for name in ("exploration_return", "evaluation_return", "model_return"):
         assert [str(value) for value in getattr(last, f"last_{name}s")] == [row[name] for row in rows]
     assert last.seconds_left == 0.0
     first, end = (message.stamp.sec + 1e-9 * message.stamp.nanosec for message in (heard[0], last))

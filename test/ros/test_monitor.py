@@ -12,11 +12,11 @@ from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
 from rkhs_interfaces.msg import GateState
-from rkhs_ros.app.view import monitor_process
-from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS, TOPIC
-from rkhs_ros.nodes.messages import LATCHED_QOS
-from rkhs_ros.nodes.monitor_node import WORDS
-from rkhs_ros.nodes.operator_calls import SERVICES
+from rkhs_ros.app.commands.view import monitor_process
+from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS, TOPIC
+from rkhs_ros.nodes.core.messages import LATCHED_QOS
+from rkhs_ros.nodes.watch.monitor_node import WORDS
+from rkhs_ros.nodes.watch.operator_calls import SERVICES
 from rkhs_ros.view.monitor import Monitor, NodeReport
 from rkhs_ros.view.nodes_panel import EPISODES, STOP
 from test.ros.conftest import Probe
@@ -143,7 +143,7 @@ def test_it_ends_with_the_page(monitor: Monitor, probe: Probe) -> None:
 def test_there_is_none_of_a_run_that_is_over_or_without_ros(tmp_path: Path) -> None:
     assert monitor_process(tmp_path) is None
     code = (
-        "import sys; sys.modules['rclpy'] = None; from pathlib import Path; import rkhs_ros.app.view as v; "
+        "import sys; sys.modules['rclpy'] = None; from pathlib import Path; import rkhs_ros.app.commands.view as v; "
         "import rkhs_ros.view.serving; assert v.monitor_process(Path(sys.argv[1])) is None"
     )
     (tmp_path / "checkpoints").mkdir()

@@ -11,7 +11,7 @@ import pytest
 from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from rkhs_ros.nodes.transport import PROFILES, RANGE
+from rkhs_ros.nodes.core.transport import PROFILES, RANGE
 from test.processes import of_process
 from test.ros.conftest import ROOT, Probe, Process
 

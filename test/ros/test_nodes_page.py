@@ -9,7 +9,7 @@ from rkhs_ros.runs.config import load_config
 from test.ros.conftest import ROOT, Probe, Process
 from test.ros.robot_bench import CONFIG, QUICK
 
-ROBOTS = ("practice_robot", "gate", "robot", "policy", "learner", "recorder")
+ROBOTS = ("simulated_robot", "gate", "robot", "policy", "learner", "recorder")
 OF_EVERY_ROS_NODE = r"/(rosout|parameter_events|\w+/(describe|get|list|set)_\w+|\w+/get_type_description)"
 
 
@@ -29,7 +29,7 @@ def test_each_topic_and_service_of_the_nodes_is_on_their_page(
     page = (ROOT / "docs" / "nodes.md").read_text()
     documented = {f"/{name.strip('/')}" for name in re.findall(r"`([\w/]+)`", page)}
     configured = {f"/{name}" for name in re.findall(r"topic: ([\w/]+)", CONFIG.read_text())}
-    file = robot_parameters(load_config(CONFIG, QUICK), tmp_path / "run", resume=False, practises=True)
+    file = robot_parameters(load_config(CONFIG, QUICK), tmp_path / "run", resume=False, simulated=True)
     for name in ROBOTS[:-1]:
         start(name, "--ros-args", "--params-file", file)
     start("recorder", "--ros-args", "-p", f"output:={tmp_path}")

@@ -7,7 +7,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
-from rkhs_ros.nodes.operator_calls import REPEATED, SERVICES
+from rkhs_ros.nodes.watch.operator_calls import REPEATED, SERVICES
 from test.ros.conftest import Probe, Process
 
 Start = Callable[..., Process]

@@ -12,7 +12,7 @@ from rkhs_ros.base.settings import entries
 from rkhs_ros.learning.training_settings import Training
 from test.ros.conftest import Probe, Process
 
-OPTIONS = ["environment.options.angle", "environment.id", "environment.rows_at_once"]
+OPTIONS = ["environment.options.angle", "environment.id", "environment.num_envs"]
 NAMES = [entry.name for entry in entries(Training())]
 
 
@@ -53,7 +53,7 @@ def test_the_environments_options_are_described_and_cannot_be_changed_in_a_run(
     assert not result.successful
 
 
-@pytest.mark.parametrize("name", ["simulator", "policy", "practice_robot", "recorder"])
+@pytest.mark.parametrize("name", ["simulator", "policy", "simulated_robot", "recorder"])
 def test_no_parameter_can_be_set_while_a_node_runs(
     start: Callable[..., Process], probe: Probe, tmp_path: Path, name: str
 ) -> None:

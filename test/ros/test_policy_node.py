@@ -10,7 +10,7 @@ import pytest
 
 from rkhs_interfaces.msg import Observation
 from rkhs_interfaces.srv import SetPolicy
-from rkhs_ros.nodes.messages import set_policy_request
+from rkhs_ros.nodes.core.messages import set_policy_request
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.messages import policy_of
@@ -22,7 +22,7 @@ from rkhs_ros.rkhs.kernels import RBF, Linear, Polynomial
 from test.ros.conftest import Probe, Process
 
 Start = Callable[..., Process]
-BATCH = Batch(seed=3, first_episode=5, rows=2, horizon=4, explore=True)
+BATCH = Batch(seed=3, first_episode=5, num_envs=2, horizon=4, explore=True)
 SEEN = np.array([[0.3, -1.0], [2.0, 0.5]])
 
 
@@ -52,7 +52,7 @@ def observation(step: int, batch: int = 1, version: int = 1, seen: np.ndarray = 
         seed=3,
         first_episode=5,
         explore=True,
-        rows=2,
+        num_envs=2,
         observations=array("d", seen.tobytes()),
         rewards=array("d", [0.0, 0.0] if step else []),
     )
@@ -152,7 +152,7 @@ def test_a_policy_of_other_points_than_are_seen_is_silent_and_the_next_one_acts(
 def test_an_observation_of_another_size_is_ignored(node: Process, probe: Probe) -> None:
     answer(probe, observation(0))
     beyond, rowless, ahead = observation(4), observation(1), observation(2)
-    beyond.horizon, rowless.rows = 9, 0
+    beyond.horizon, rowless.num_envs = 9, 0
     wrong = [
         observation(1, seen=SEEN[:, :1]),
         observation(1, seen=SEEN[:1]),

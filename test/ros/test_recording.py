@@ -9,7 +9,7 @@ import pytest
 from rkhs_ros.recordings.container import read_messages
 from rkhs_ros.recordings.recording import read_recording
 from test.ros.conftest import ROOT, Process
-from test.unit.recorded_runs import content, same_batch
+from test.unit.recordings.recorded_runs import content, same_batch
 
 SHORT = ("--iterations", 3, "--set", "episodes_per_iteration=4", "horizon=10", "timeout=60", "--quiet", "--record")
 

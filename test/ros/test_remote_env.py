@@ -19,8 +19,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 import test.ros.uneven  # noqa: F401  # registers the environment
 from rkhs_interfaces.msg import Observation
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.nodes.remote_env import RemoteEnv, RemoteVectorEnv
-from rkhs_ros.nodes.spin import PeerError
+from rkhs_ros.nodes.core.spin import PeerError
+from rkhs_ros.nodes.remote.remote_env import RemoteEnv, RemoteVectorEnv
 from test.ros.conftest import PATIENCE, Process, kill, nodes_of
 
 Start = Callable[..., Process]
@@ -318,7 +318,7 @@ def test_a_robot_is_stepped_by_the_clock_and_says_what_spoilt_an_episode(start: 
         began, steps = time.monotonic(), [remote.step([3.0])]
         while not steps[-1][3]:
             steps.append(remote.step([3.0]))
-        if "void_reason" not in steps[-1][4]:
+        if "discard_reason" not in steps[-1][4]:
             break
     assert len(steps) == 20
     assert time.monotonic() - began > 19 * period
@@ -331,4 +331,4 @@ def test_a_robot_is_stepped_by_the_clock_and_says_what_spoilt_an_episode(start: 
     while not late[3]:
         late = remote.step([0.0])
     assert late[1:4] == (0.0, False, True)
-    assert late[4]["void_reason"]
+    assert late[4]["discard_reason"]

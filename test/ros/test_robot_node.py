@@ -9,8 +9,8 @@ import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
-from rkhs_ros.nodes.messages import LATCHED_QOS
-from rkhs_ros.nodes.sources import OBSTACLE
+from rkhs_ros.nodes.core.messages import LATCHED_QOS
+from rkhs_ros.nodes.core.sources import OBSTACLE
 from test.ros.conftest import Probe, Process, kill
 from test.ros.robot_bench import HORIZON, PERIOD, SECTION, SENSOR_PERIOD_S, Bench, drawn, write_section
 
@@ -41,7 +41,7 @@ def begin(start: Start, bench: Bench, tmp_path: Path) -> Callable[..., Process]:
 
 
 def reason(message: object) -> str:
-    return str(message.executions[0].void_reason)  # type: ignore[attr-defined]
+    return str(message.executions[0].discard_reason)  # type: ignore[attr-defined]
 
 
 def test_an_episode_is_what_was_observed_drawn_and_executed_by_the_clock(

@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rkhs_interfaces.msg import Action
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.runs.simulation import Simulation
+from rkhs_ros.rollouts.simulation import Simulation
 from test.ros.conftest import PATIENCE, Probe, Process
 
 pytest.importorskip("pybullet", reason="PyBullet is not installed: make pr2")

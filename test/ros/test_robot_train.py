@@ -1,4 +1,4 @@
-"""``rkhs train`` of a practice robot, with all its nodes, and what it leaves to go on from."""
+"""``rkhs train`` of a simulated robot, with all its nodes, and what it leaves to go on from."""
 
 import json
 import shutil
@@ -22,11 +22,11 @@ from test.ros.robot_bench import CONFIG, QUICK
 pytestmark = pytest.mark.clock
 
 Start = Callable[..., Process]
-NODES = ("practice_robot", "gate", "robot", "policy", "learner")
+NODES = ("simulated_robot", "gate", "robot", "policy", "learner")
 
 
 @pytest.mark.parametrize("launches", [False, True], ids=["by hand", "ros2 launch"])
-def test_the_nodes_of_the_launch_file_learn_on_a_practice_robot(start: Start, tmp_path: Path, launches: bool) -> None:
+def test_the_nodes_of_the_launch_file_learn_on_a_simulated_robot(start: Start, tmp_path: Path, launches: bool) -> None:
     if launches and shutil.which("ros2") is None:
         pytest.skip("ros2 launch comes with a native installation")
     folder, config = tmp_path / "run", load_config(CONFIG, (*QUICK, "iterations=1"))
@@ -36,7 +36,7 @@ def test_the_nodes_of_the_launch_file_learn_on_a_practice_robot(start: Start, tm
         words = ("practice:=true", f"config:={given}", f"output:={folder}")
         code, _, err = start("ros2", "launch", ROOT / "launch" / "robot.launch.py", *words).finish()
     else:
-        file = robot_parameters(config, folder, resume=False, practises=True)
+        file = robot_parameters(config, folder, resume=False, simulated=True)
         *_, learner = [start(name, "--ros-args", "--params-file", file) for name in NODES]
         code, _, err = learner.finish()
     assert code == 0, err
@@ -65,7 +65,7 @@ def test_what_was_learnt_is_measured_on_the_robot_without_exploration(start: Sta
     assert f"rkhs evaluate {folder} moves it" in err
 
 
-def test_it_learns_on_a_practice_robot_and_goes_on_where_it_was_left(start: Start, tmp_path: Path) -> None:
+def test_it_learns_on_a_simulated_robot_and_goes_on_where_it_was_left(start: Start, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     command = ("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *QUICK, "iterations=1")
     code, out, err = start(*command).finish()
@@ -83,11 +83,11 @@ def test_it_learns_on_a_practice_robot_and_goes_on_where_it_was_left(start: Star
 
 def test_a_real_robot_waits_for_a_person_to_arm_it(start: Start, tmp_path: Path, probe: Probe) -> None:
     document = load_config(CONFIG, (*QUICK, "iterations=1")).parameters()
-    practice = tmp_path / "practice.yaml"
-    practice.write_text(dumped({"/**/practice_robot": document.pop("/**/practice_robot")}))
+    settings = tmp_path / "model.yaml"
+    settings.write_text(dumped({"/**/simulated_robot": document.pop("/**/simulated_robot")}))
     config = tmp_path / "real.yaml"
     config.write_text(dumped(document))
-    start("practice_robot", "--ros-args", "--params-file", practice)  # for this run a robot as any other
+    start("simulated_robot", "--ros-args", "--params-file", settings)  # for this run a robot as any other
     run = start("rkhs", "train", config, "--quiet", "--out", tmp_path / "run")
     probe.add_service("gate/arm", Trigger)
     answer = probe.ask("describe_task", DescribeTask.Request())
@@ -102,11 +102,11 @@ def test_a_real_robot_waits_for_a_person_to_arm_it(start: Start, tmp_path: Path,
     assert "the robot node waits: the gate is not armed; see that the robot may move, then: rkhs robot arm" in err
 
 
-def test_a_practice_robot_that_stops_by_itself_teaches_nothing(start: Start, tmp_path: Path) -> None:
-    weak = ("iterations=1", "practice_robot.limits.torque=1.0")  # less than its gate lets through
+def test_a_simulated_robot_that_stops_by_itself_teaches_nothing(start: Start, tmp_path: Path) -> None:
+    weak = ("iterations=1", "simulated_robot.limits.torque=1.0")  # less than its gate lets through
     code, _, err = start("rkhs", "train", CONFIG, "--quiet", "--out", tmp_path / "run", "--set", *QUICK, *weak).finish()
     assert code == 1
-    reason = "the practice robot stopped by itself (torque: expected at most 1 N m, got "
+    reason = "the simulated robot stopped by itself (torque: expected at most 1 N m, got "
     assert err.count(f"is void: {reason}") == 10  # each time the stop was ended, and the robot went to where it begins
     assert err.splitlines()[-1].startswith("error: episode 0 was void 10 times in a row, the last time: " + reason)
     assert not (tmp_path / "run" / "policy.npz").exists()

@@ -10,8 +10,8 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from rkhs_ros.app.cli import main
-from rkhs_ros.learning.registry import ALGORITHMS
-from rkhs_ros.learning.spaces import GridSettings
+from rkhs_ros.learning.algorithms.function_spaces import GridSettings
+from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from sim_nodes.envs import TASKS
 from test.ros.conftest import ROOT, Process
 
@@ -46,7 +46,7 @@ def settings(task: str, algorithm: str) -> Iterator[str]:
         "rkhs_ac": search,
         "rkhs_npg": ["algorithm.baseline=value"],
         "rkhs_nac": ["algorithm.critic=trajectory", "algorithm.ridge_norm=scale_free", *LEARNT],
-        "rkhs_power": ["algorithm.variance=printed", "algorithm.reuse=2"],
+        "rkhs_power": ["algorithm.variance=as_published", "algorithm.reuse=2"],
         "ac": ["algorithm.regression=pursuit"],
         "enac": search,
         "power": ["algorithm.solution=diagonal", "exploration_sd=[2.0]"],

@@ -10,11 +10,11 @@ import pytest
 from rkhs_interfaces.msg import Action
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.runs.simulation import Simulation
+from rkhs_ros.rollouts.simulation import Simulation
 from test.ros.conftest import Probe, Process
 
 Start = Callable[..., Process]
-BATCH = Batch(seed=3, first_episode=5, rows=2, horizon=4, explore=True)
+BATCH = Batch(seed=3, first_episode=5, num_envs=2, horizon=4, explore=True)
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rich.console import Console
 
 from rkhs_interfaces.msg import LearningProgress
-from rkhs_ros.nodes.learning_messages import progress_message
-from rkhs_ros.nodes.status_node import COLUMNS, LAST_REFUSAL, MODE, heading, reasons, table
+from rkhs_ros.nodes.lockstep.learning_messages import progress_message
+from rkhs_ros.nodes.watch.status_node import COLUMNS, LAST_REFUSAL, MODE, heading, reasons, table
 
 
 @pytest.mark.parametrize(
@@ -56,9 +56,9 @@ def test_what_is_the_matter_stands_below_the_table_of_a_robots_nodes() -> None:
     values = dict.fromkeys(COLUMNS, "1000")
     source = "/joint_sates not heard, published by nobody; topics of sensor_msgs/msg/JointState: /joint_states"
     gate = {MODE: "stopped", "passed over": "0", LAST_REFUSAL: "a command", "source joints": source}
-    known = {  # as gate and practice robot report: some of the columns, and what they do
+    known = {  # as gate and simulated robot report: some of the columns, and what they do
         "/gate": (b"\2", f"stuck: {why}", gate),
-        "/practice_robot": (b"\0", "well", {"passed over": "0"}),
+        "/simulated_robot": (b"\0", "well", {"passed over": "0"}),
         "/robot": (b"\1", "waits: for a person", values | {MODE: "getting ready"}),
     }
     statuses = {
@@ -70,7 +70,7 @@ def test_what_is_the_matter_stands_below_the_table_of_a_robots_nodes() -> None:
     rows = printed(table(statuses))
     assert [line.split()[:3] for line in rows if line.startswith("/")] == [
         ["/gate", "stuck", "stopped"],
-        ["/practice_robot", "well", "0"],
+        ["/simulated_robot", "well", "0"],
         ["/robot", "waits", "getting"],
     ]
     assert [str(line) for line in reasons(statuses)] == [
@@ -83,9 +83,9 @@ def test_what_is_the_matter_stands_below_the_table_of_a_robots_nodes() -> None:
 
 def test_the_heading_says_how_far_the_run_is() -> None:
     progress = LearningProgress(run="mine", folder="/results/" + 30 * "long/" + "mine", iteration=3, iterations=40)
-    progress.train_return, progress.seconds_left = 1.5, 12.0
-    progress.last_mean_policy_returns = [2.0, 2.5, float("nan")]  # the last iteration was not measured
-    progress.imagined_return = float("nan")
+    progress.exploration_return, progress.seconds_left = 1.5, 12.0
+    progress.last_evaluation_returns = [2.0, 2.5, float("nan")]  # the last iteration was not measured
+    progress.model_return = float("nan")
     first, second, *rest = printed(heading(progress))
     assert first == "mine: iteration 3 of 40, 0 episodes, 0 centres, about 12 s left"
     assert second == "return 1.5, noise-free 2.5"

@@ -13,8 +13,8 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from rkhs_interfaces.msg import Action, Observation
-from rkhs_ros.nodes.diagnostics import DIAGNOSTICS_QOS
-from rkhs_ros.nodes.messages import LOCKSTEP_QOS
+from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS
+from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS
 from test.faults.runs import assert_same_bits
 from test.ros.conftest import ROOT, Probe, Process
 
@@ -88,7 +88,7 @@ def test_a_forged_action_is_found_and_its_batch_taken_again(
     learner = nodes.learn()
     asked = once_at_step(probe, 5, lambda: os.kill(nodes.policy.popen.pid, signal.SIGSTOP))  # so that it is not faster
     forged = Action(batch=asked.batch, step=asked.step, policy_version=asked.policy_version)
-    forged.actions = array("d", np.full(asked.rows, 0.75))
+    forged.actions = array("d", np.full(asked.num_envs, 0.75))
     probe.say("action", forged)
     probe.until(lambda: probe.heard["observation"][-1].step > asked.step)
     os.kill(nodes.policy.popen.pid, signal.SIGCONT)

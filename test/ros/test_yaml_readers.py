@@ -12,7 +12,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 from rkhs_ros.base.yaml_text import dumped, loaded
-from rkhs_ros.nodes.parameters import given as parameters_of
+from rkhs_ros.nodes.core.parameters import given as parameters_of
 
 WORDS = ["1e5", "nan", "-inf", "on", "y", "No", "null", "~", "0o7", "0x1f", "010", "09", "1_0", "1:30", "2020-01-01"]
 WORDS += [

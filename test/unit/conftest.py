@@ -11,7 +11,7 @@ import pytest
 from hypothesis import settings
 
 from rkhs_ros.app.cli import main
-from rkhs_ros.learning.algorithm import Algorithm, Experience, Update
+from rkhs_ros.learning.algorithms.algorithm import Algorithm, Experience, Update
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy, mean_kl
 from rkhs_ros.policies.variance import ConstantVariance, KernelVariance

@@ -1,0 +1,108 @@
+"""``rkhs learn``: learn from recordings alone, with a model learnt from what they hold."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from math import inf
+from pathlib import Path
+
+from rkhs_ros.app.inline import spaces_of
+from rkhs_ros.app.trust import add_trust_argument, reads_data
+from rkhs_ros.base.lock import locked
+from rkhs_ros.base.streams import Lossy
+from rkhs_ros.base.threads import use_one_thread
+from rkhs_ros.base.validation import require
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.pictures.run_pictures import draw_run
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.storage import save_policy
+from rkhs_ros.recordings.recording import Recording, read_recording
+from rkhs_ros.runs.config import Config, Environment, load_config
+from rkhs_ros.runs.offline import all_episodes, learn_offline, offline_changes, offline_settings
+from rkhs_ros.runs.progress import progress_bar
+from rkhs_ros.runs.report import BEST_POLICY, Report, new_folder
+from rkhs_ros.runs.run import finished
+
+ROUNDS = 3  # of practice
+SUFFIXES = (".yaml", ".yml")  # of a configuration
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add = parser.add_argument
+    add(
+        "sources", type=Path, nargs="+", metavar="RECORDING", help="recordings of one task; and a configuration, *.yaml"
+    )
+    add("--seed", type=int, metavar="N", help="seed of all randomness")
+    add("--iterations", type=int, default=ROUNDS, metavar="N", help="rounds of practice (%(default)s)")
+    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="settings, as model.centres=300")
+    add("--out", type=Path, metavar="DIR", help="folder for the results (results/NAME/TIME)")
+    add_trust_argument(parser)
+    add("--quiet", action="store_true", help="no progress bar")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Learn, draw the pictures and say what was learnt."""
+    options.trust |= any(path.suffix in SUFFIXES for path in options.sources)  # a configuration is chosen as a program
+    return _learn(options)
+
+
+@reads_data
+def _learn(options: argparse.Namespace) -> int:
+    files = [path for path in options.sources if path.suffix in SUFFIXES]
+    require(len(files) <= 1, "learn", "one configuration at most", ", ".join(map(str, files)))
+    recordings = {str(path): read_recording(path) for path in options.sources if path not in files}
+    require(bool(recordings), "learn", "at least one recording", "none")
+    episodes = all_episodes(recordings)
+    changes = [f"iterations={options.iterations}", f"horizon={episodes.horizon}"]
+    changes += [f"seed={options.seed}"] if options.seed is not None else []
+    config, spaces = _settings(recordings, files[0] if files else None, [*changes, *options.set])
+    folder = new_folder(options.out, config.training.name)
+    use_one_thread()
+    print(_learnt(config, spaces, episodes, folder, quiet=options.quiet), file=Lossy(sys.stdout), flush=True)
+    return 0
+
+
+def _settings(recordings: dict[str, Recording], file: Path | None, changes: list[str]) -> tuple[Config, Spaces]:
+    """Return what is learnt, and how: as a configuration says, else as the first recording was made."""
+    name, recording = next(iter(recordings.items()))
+    if recording.head is None:
+        if file is None:
+            what = "a recording whose head is damaged" if recording.lost else "a bag"
+            raise ValueError(f"{name}: expected a configuration beside {what}, which does not tell its task, got none")
+        config = _configured(file, changes)
+        return config, spaces_of(config.environment)
+    task = recording.head.task
+    environment = Environment(task.environment, dict(task.options))
+    if file is None:
+        return Config(environment, offline_settings(recording.head, changes)), recording.head.spaces
+    config = _configured(file, changes)
+    known = (config.environment.id, dict(config.environment.options))
+    require(known == (task.environment, dict(task.options)), f"{file}: environment", f"that of {name}", known)
+    return config, recording.head.spaces
+
+
+def _configured(file: Path, changes: list[str]) -> Config:
+    return load_config(file, offline_changes(load_config(file).training, changes))
+
+
+def _learnt(config: Config, spaces: Spaces, episodes: Episodes, folder: Path, *, quiet: bool) -> str:
+    """Leave a run's results in its folder, and return what was learnt in a few lines."""
+    best = -inf
+    with locked(folder):
+        report = Report(folder, config, spaces)
+        with finished(report), progress_bar(config.training, quiet=quiet) as show:
+            for iteration in learn_offline(config.training, spaces, episodes):
+                report.add(iteration)
+                show(iteration)
+                if iteration.model_return > best:
+                    best = iteration.model_return
+                    save_policy(folder / BEST_POLICY, iteration.policy, config.task, spaces)
+    draw_run(folder)
+    recorded = f"{episodes.returns(config.training.discount).mean():.4g} of the recorded episodes"
+    return (
+        f"Learnt {config.environment.id} from {len(episodes)} recorded episodes, none ran.\n"
+        f"Return: {recorded}, {iteration.model_return:.4g} imagined at the end, {best:.4g} at best.\n"
+        f"Policy: {folder / 'policy.npz'}"
+    )

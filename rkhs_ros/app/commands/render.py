@@ -1,0 +1,42 @@
+"""``rkhs render``: film a evaluation episode."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from rkhs_ros.app.inline import load_acting
+from rkhs_ros.app.robots import robot_of
+from rkhs_ros.app.trust import add_trust_argument, reads_data
+from rkhs_ros.base.validation import require
+from rkhs_ros.pictures.film import USUAL, shoot
+from rkhs_ros.pictures.film_files import animate, draw_strip
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("policy", type=Path, metavar="DIR|FILE", help="a run's folder, or a policy file")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for film.png and film.gif (the policy's)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all randomness (%(default)s)")
+    parser.add_argument("--frames", type=int, default=USUAL, metavar="N", help="pictures at most (%(default)s)")
+    parser.add_argument("--env", metavar="ID", help="the environment, if it is of a module that is not installed")
+    add_trust_argument(parser)
+
+
+@reads_data
+def run(options: argparse.Namespace) -> int:
+    """Write the film strip and the moving picture, and print where they are."""
+    require(
+        robot_of(options.policy) is None,
+        f"{options.policy}",
+        "a run in simulation, of which films are made",
+        f"one on a robot: rkhs evaluate {options.policy} moves it, rkhs view {options.policy} shows what it did",
+    )
+    with load_acting(options.policy, options.env) as acting:
+        film = shoot(*acting, seed=options.seed, frames=options.frames)
+    folder = options.out or (options.policy if options.policy.is_dir() else options.policy.parent)
+    folder.mkdir(parents=True, exist_ok=True)
+    for write, name in ((draw_strip, "film.png"), (animate, "film.gif")):
+        write(folder / name, film)
+        print(folder / name)
+    return 0

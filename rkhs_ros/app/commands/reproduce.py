@@ -1,0 +1,39 @@
+"""``rkhs reproduce``: make the paper's figures again."""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+from rkhs_ros.app.study import add_worker_arguments, make_missing, study_folder, workers_of
+from rkhs_ros.base.validation import require
+from rkhs_ros.paper.experiment import known, load_experiment
+from rkhs_ros.paper.figures import draw_experiment
+from rkhs_ros.paper.reproduce import reproduce
+from rkhs_ros.paper.table import load_table
+from rkhs_ros.runs.provenance import TASKS
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    out = Path("results/reproduce")
+    parser.add_argument("figure", metavar="FIGURE", help=f"{', '.join(known())}, or all")
+    parser.add_argument("--runs", type=int, metavar="N", help="independent runs of each curve (the paper's number)")
+    add_worker_arguments(parser)
+    parser.add_argument("--out", type=Path, default=out, metavar="DIR", help="where the results go (%(default)s)")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Make the runs, their table and its picture, and print where they are."""
+    require(options.runs is None or options.runs >= 1, "--runs", "at least 1", options.runs)
+    workers, out = workers_of(options), study_folder(options.out)
+    names = list(known()) if options.figure == "all" else [options.figure]
+    for experiment in [load_experiment(name) for name in names]:
+        make = partial(make_missing, workers=workers, title=experiment.name, quiet=options.quiet)
+        table = reproduce(experiment, out, make, runs=options.runs or experiment.runs, packages=TASKS)
+        picture = table.with_suffix(".png")
+        draw_experiment(picture, experiment, load_table(table))
+        print(f"{experiment.name}: {table} and {picture}")
+    return 0

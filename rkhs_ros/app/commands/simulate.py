@@ -1,0 +1,54 @@
+"""``rkhs simulate``: run a task's simulators, or a robot's nodes, for learners of other libraries."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+from rkhs_ros.app.domain import VARIABLE
+from rkhs_ros.app.inline import spaces_of
+from rkhs_ros.app.launcher import launch_worlds
+from rkhs_ros.app.robots import check_robot
+from rkhs_ros.base.ros import require_ros
+from rkhs_ros.base.validation import require
+from rkhs_ros.rollouts.environments import own_horizon
+from rkhs_ros.runs.config import Config, config_for, load_config
+from rkhs_ros.runs.report import resolved
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add = parser.add_argument
+    add("config", type=Path, nargs="?", metavar="CONFIG", help="a YAML file, see config/, of a simulator or a robot")
+    add("--env", metavar="ID", help="in place of CONFIG, an environment (module:Id-v0 imports the module)")
+    add("--simulators", type=int, metavar="K", help="simulators, of several each in its namespace, simulator_1 to K")
+    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="settings, as robot.period=0.1")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the nodes until interrupted; those that die are started again.
+
+    Raises:
+        ValueError: there is no ROS, or the task cannot be served.
+    """
+    require_ros("rkhs simulate")
+    config = _configuration(options)
+    if config.environment.nodes:
+        check_robot(config)
+    else:
+        spaces_of(config.environment)
+    config.check_for_topics()
+    domain = os.environ.setdefault(VARIABLE, "0")
+    print(f"{config.environment.id} in domain {domain}, until Ctrl-C", file=sys.stderr)
+    return launch_worlds(resolved(config), config.training.simulators)
+
+
+def _configuration(options: argparse.Namespace) -> Config:
+    given = " and ".join(name for name in ("CONFIG", "--env") if getattr(options, name.strip("-").lower()))
+    require(given in ("CONFIG", "--env"), "simulate", "one of CONFIG and --env ID", given or "none")
+    changes = [] if options.simulators is None else [f"simulators={options.simulators}"]
+    if options.config:
+        return load_config(options.config, [*changes, *options.set])
+    return config_for(options.env, own_horizon(options.env), [*changes, *options.set])

@@ -1,0 +1,65 @@
+"""The settings of an actor-critic, and the critic and step rule that they choose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rkhs_ros.base.settings import setting, variant
+from rkhs_ros.learning.algorithms.algorithm import Algorithm
+from rkhs_ros.learning.algorithms.critics import (
+    RIDGE_NORMS,
+    Critic,
+    StepCritic,
+    StepPursuitCritic,
+    TrajectoryCritic,
+    TrajectoryPursuitCritic,
+    ValueBaseline,
+)
+from rkhs_ros.learning.algorithms.step_rules import STEP_RULES, KLStep, StepRule
+
+EQUATIONS = ("step", "trajectory")
+
+
+@dataclass(frozen=True)
+class ActorCritic(Algorithm):
+    """An algorithm whose direction is made from the estimate of a critic."""
+
+    critic: str = setting("step", "equations of the critic: of each step or of each episode", choices=EQUATIONS)
+    regression: str = setting(
+        "ridge",
+        "how the critic solves them: ridge regression, or kernel matching pursuit after the value",
+        choices=("ridge", "pursuit"),
+    )
+    ridge: float = setting(0.01, "penalty on the squared norm of w in the RKHS", minimum=1e-12, maximum=1e6)
+    value_ridge: float = setting(0.01, "penalty on the value's squared norm in the RKHS", minimum=1e-12, maximum=1e6)
+    trace: float = setting(
+        1.0, "lambda of the returns that the step critic fits; 1: rewards to go", minimum=0.0, maximum=1.0
+    )
+    ridge_norm: str = setting(
+        "norm",
+        "what the ridge penalises: the norms of functions; or scale_free: each coefficient by the mean square of its "
+        "column, which does not change with the coordinates",
+        choices=RIDGE_NORMS,
+    )
+    step: StepRule = variant(KLStep(), STEP_RULES, "rule")
+
+    def unused(self) -> set[str]:
+        """Return the names of the settings of the value, where there is none."""
+        return {"value_ridge", "trace"} if self.critic == "trajectory" else set()
+
+    @property
+    def value_baseline(self) -> ValueBaseline:
+        """The value that advantages are measured from."""
+        return ValueBaseline(self.value_ridge, self.ridge_norm, self.trace)
+
+    @property
+    def chosen_critic(self) -> Critic:
+        """The critic that the settings choose."""
+        baseline = self.value_baseline
+        critics: dict[tuple[str, str], Critic] = {
+            ("step", "ridge"): StepCritic(self.ridge, baseline, self.ridge_norm),
+            ("step", "pursuit"): StepPursuitCritic(self.ridge, baseline),
+            ("trajectory", "ridge"): TrajectoryCritic(self.ridge, self.ridge_norm),
+            ("trajectory", "pursuit"): TrajectoryPursuitCritic(self.ridge),
+        }
+        return critics[self.critic, self.regression]

@@ -1,0 +1,159 @@
+"""The spaces searched: the RKHS with few centres at a time, or the span of kernel functions on a grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import prod
+from typing import Protocol
+
+import numpy as np
+
+from rkhs_ros.base.settings import setting
+from rkhs_ros.base.validation import numbers, require
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.samples import Samples
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.rkhs.fixed import FixedBasis, grid
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import Array, Kernel, Polynomial
+from rkhs_ros.rkhs.pursuit import pursue, sparsify
+from rkhs_ros.rkhs.regression import ridge_regression
+
+LINEAR = Polynomial(0.0, 1)
+MAX_GRID_CENTRES = 100_000
+FIT_RIDGE = 1e-6  # on the norm of a function fitted to values, beside their mean squared residual
+
+
+class FunctionSpace(Protocol):
+    """The functions among which the policy's mean is searched for."""
+
+    def samples(self, policy: GaussianPolicy, episodes: Episodes) -> Samples:
+        """Return the episodes' steps in coordinates of the space."""
+
+    def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
+        """Return the policy with the direction added to its mean, and the relative error of keeping that small.
+
+        Args:
+            policy: the policy.
+            direction: of the space.
+            points: where the mean's values matter, shape (samples, d).
+        """
+
+    def fit(self, kernel: Kernel, points: Array, values: Array) -> Function:
+        """Return a function of the space with another kernel that has about these values, shape (n, k), at points."""
+
+
+@dataclass(frozen=True)
+class Sparse:
+    """The RKHS: centres are chosen among what was seen, and thinned out after every update (Algorithm 1).
+
+    Attributes:
+        centres: number of centres of the policy at most.
+        tolerance: relative error at which fewer are enough.
+    """
+
+    centres: int
+    tolerance: float = 0.0
+
+    def samples(self, policy: GaussianPolicy, episodes: Episodes) -> Samples:
+        """Return the samples in the Newton basis of some of them.
+
+        The unit vectors span all of a linear kernel's space and are orthonormal in it; where features have very
+        different sizes, a basis of samples would lose the small ones.
+        """
+        if policy.mean.kernel == LINEAR and policy.mean.input_dim <= self.centres:
+            return Samples.on_centres(policy, episodes, np.eye(policy.mean.input_dim))
+        return Samples.in_newton_basis(policy, episodes, self.centres)
+
+    def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
+        """Return the policy with the direction added to its mean, sparsified, and the relative error of that."""
+        mean = policy.mean + direction
+        if len(mean.centres) <= self.centres and self.tolerance == 0.0:
+            return policy.with_mean(mean), 0.0
+        fit = sparsify(mean, points, budget=self.centres, tolerance=self.tolerance)
+        return policy.with_mean(fit.function), fit.error
+
+    def fit(self, kernel: Kernel, points: Array, values: Array) -> Function:
+        """Return a function with few centres that has about these values, by kernel matching pursuit."""
+        return pursue(kernel, points, values, points, budget=self.centres, ridge=FIT_RIDGE).function
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The weights of kernel functions on a fixed grid, measured by their Euclidean norm (Eq 3).
+
+    Attributes:
+        low: lower corner, one number or one per input.
+        high: upper corner, one number or one per input.
+        counts: centres along each dimension, one whole number or one per input.
+    """
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    counts: tuple[float, ...]
+
+    def samples(self, policy: GaussianPolicy, episodes: Episodes) -> Samples:
+        """Return the samples in the kernel functions of the grid."""
+        return Samples.on_centres(policy, episodes, self.centres(policy.mean.input_dim))
+
+    def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
+        """Return the policy with the direction's weights added, which leaves no error."""
+        return policy.with_mean(policy.mean + direction), 0.0
+
+    def fit(self, kernel: Kernel, points: Array, values: Array) -> Function:
+        """Return a function with the grid's centres that has about these values."""
+        basis = FixedBasis(kernel, self.centres(points.shape[1]))
+        features = basis(points)
+        return basis.function(ridge_regression(features, values, np.full(features.shape[1], FIT_RIDGE)))
+
+    def centres(self, d: int) -> Array:
+        """Return the points of the grid over d inputs, shape (m, d).
+
+        Raises:
+            ValueError: the numbers are not one or d, the counts not whole, or the centres too many; named as the
+                settings are.
+        """
+        corners = {"grid_low": self.low, "grid_high": self.high, "grid_counts": self.counts}
+        for name, given in corners.items():
+            require(len(given) in (1, d), f"algorithm.{name}", numbers(1, d), len(given))
+        low, high, counts = (np.broadcast_to(given, (d,)) for given in corners.values())
+        require(all(count == int(count) for count in counts), "algorithm.grid_counts", "whole numbers", counts.tolist())
+        sizes = tuple(int(count) for count in counts)
+        most = f"at most {MAX_GRID_CENTRES} centres in all"
+        require(prod(sizes) <= MAX_GRID_CENTRES, "algorithm.grid_counts", most, prod(sizes))
+        return grid(low, high, sizes)
+
+
+@dataclass(frozen=True)
+class SparseSettings:
+    """The settings of an algorithm that searches the RKHS."""
+
+    centres: int = setting(40, "number of centres of the policy at most", minimum=1, maximum=2000)
+    sparsification_tolerance: float = setting(
+        0.0, "relative error at which fewer centres are enough", minimum=0.0, maximum=1.0
+    )
+
+    @property
+    def space(self) -> Sparse:
+        """The space searched."""
+        return Sparse(self.centres, self.sparsification_tolerance)
+
+
+@dataclass(frozen=True)
+class GridSettings:
+    """The settings of an algorithm that searches the weights on a grid."""
+
+    grid_low: tuple[float, ...] = setting(
+        (-1.0,), "lower corner of the grid of centres, one or one per input", minimum=-1e9, maximum=1e9
+    )
+    grid_high: tuple[float, ...] = setting(
+        (1.0,), "upper corner of the grid of centres, one or one per input", minimum=-1e9, maximum=1e9
+    )
+    grid_counts: tuple[float, ...] = setting(
+        (5.0,), "centres along each dimension, one or one per input", minimum=1, maximum=10_000
+    )
+
+    @property
+    def space(self) -> Grid:
+        """The space searched."""
+        return Grid(self.grid_low, self.grid_high, self.grid_counts)

@@ -1,0 +1,36 @@
+"""RKHS-AC: the actor-critic in RKHS of Lever and Stafford (2015), section 2.3 of the paper."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rkhs_ros.base.settings import setting, variant
+from rkhs_ros.learning.algorithms.actor_critic import ActorCritic
+from rkhs_ros.learning.algorithms.algorithm import Experience, Update
+from rkhs_ros.learning.algorithms.function_spaces import SparseSettings
+from rkhs_ros.learning.algorithms.step_rules import STEP_RULES, FixedStep, StepRule
+from rkhs_ros.policies.gaussian import GaussianPolicy
+
+
+@dataclass(frozen=True)
+class RKHSAC(SparseSettings, ActorCritic):
+    r"""The actor-critic in the RKHS: up the plain gradient, with the advantage by kernel matching pursuit.
+
+    .. math:: h \leftarrow h + \frac{\alpha}{N} \sum_{i,t} A(s_{it}, a_{it})\, K(s_{it}, \cdot)\, u_{it}, \qquad
+        u = \Sigma^{-1} (a - h(s))
+    """
+
+    regression: str = setting(
+        "pursuit",
+        "how the critic solves its equations: ridge regression, or kernel matching pursuit after the value",
+        choices=("ridge", "pursuit"),
+    )
+    step: StepRule = variant(FixedStep(0.005), STEP_RULES, "rule")
+
+    def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
+        """Return the policy one plain step on."""
+        samples = self.space.samples(policy, experience.episodes)
+        w = self.chosen_critic.fit(samples, experience.discount)  # Eq 11
+        advantages = samples.compatible_advantages(w)  # <w, K(s, .) u>, Eq 12
+        gradient = samples.policy_gradient(advantages)  # Eq 9
+        return self.gradient_step(policy, gradient, samples, experience, self.step)  # Eq 10

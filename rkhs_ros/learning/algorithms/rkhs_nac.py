@@ -1,0 +1,64 @@
+"""RKHS-NAC: the episodic natural actor-critic in RKHS (section 3.2 of the paper, Algorithm 1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rkhs_ros.base.settings import setting
+from rkhs_ros.learning.algorithms.actor_critic import ActorCritic
+from rkhs_ros.learning.algorithms.algorithm import Experience, Update
+from rkhs_ros.learning.algorithms.function_spaces import SparseSettings
+from rkhs_ros.learning.samples import Samples
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.rkhs.kernels import Array
+
+
+@dataclass(frozen=True)
+class RKHSNAC(SparseSettings, ActorCritic):
+    r"""The natural actor-critic in the RKHS: what the critic estimates *is* the natural gradient (Eq 22).
+
+    .. math:: h \leftarrow h + \alpha w, \qquad A(s, a) = \langle w, K(s, \cdot)\, \Sigma^{-1} (a - h(s)) \rangle
+
+    A learnt variance climbs its own natural gradient beside the mean's, between a hundredth and ten times the first
+    standard deviation. In the paper it is constant.
+
+    .. math:: \sqrt2 \log\sigma \leftarrow \sqrt2 \log\sigma + \alpha v, \qquad
+        v = \frac1n \sum_t \big(A_t - A(s_t, a_t)\big) (\epsilon_t^2 / \sigma^2 - 1) / \sqrt2
+    """
+
+    variance: str = setting(
+        "constant",
+        "how the exploration changes: constant but for its decay, or learnt, up its natural gradient",
+        choices=("constant", "learnt"),
+    )
+    reuse: int = setting(
+        0, "newest episodes of earlier iterations that are learnt from again", minimum=0, maximum=10_000
+    )
+
+    @property
+    def learns_variance(self) -> bool:
+        """Whether it climbs its natural gradient."""
+        return self.variance == "learnt"
+
+    def unused(self) -> set[str]:
+        """Return the names of the settings of a value that nobody fits, or of a decay where the variance is learnt."""
+        if not self.learns_variance:
+            return super().unused()
+        return {"exploration_decay", "exploration_minimum"}
+
+    def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
+        """Return the policy one natural step on."""
+        episodes = experience.episodes + experience.memory
+        samples = self.space.samples(policy, episodes)
+        w = self.chosen_critic.fit(samples, experience.discount)  # Eq 12, which makes it that of Eq 22
+        v = self._spread(samples, w, experience) if self.learns_variance else None
+        update = self.gradient_step(policy, w, samples, experience, self.step, v)  # h + alpha w, Eq 15 and 20
+        return update._replace(memory=episodes.take(slice(self.reuse)))
+
+    def _spread(self, samples: Samples, w: Array, experience: Experience) -> Array:
+        """Return v, shape (n,), of what w leaves of the advantages, in coordinates whose Fisher information is 1."""
+        newest = slice(experience.episodes.mask.sum())  # those before explored with another deviation
+        advantages = self.value_baseline.advantages(samples, experience.discount) - samples.compatible_advantages(w)
+        return np.asarray(advantages[newest] @ samples.deviation_scores[newest] / len(advantages[newest]))

@@ -1,0 +1,59 @@
+"""RKHS-NPG: the natural policy gradient in RKHS (section 3.1 of the paper, Algorithm 1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rkhs_ros.base.settings import setting, variant
+from rkhs_ros.learning.algorithms.algorithm import Algorithm, Experience, Update
+from rkhs_ros.learning.algorithms.critics import ValueBaseline
+from rkhs_ros.learning.algorithms.function_spaces import SparseSettings
+from rkhs_ros.learning.algorithms.step_rules import STEP_RULES, KLStep, StepRule
+from rkhs_ros.learning.samples import Samples
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rkhs.regression import relative_ridge_regression
+
+
+@dataclass(frozen=True)
+class RKHSNPG(SparseSettings, Algorithm):
+    r"""Up the natural gradient, through the N x N Gram of the trajectories (Eq 18 to 20).
+
+    .. math:: h \leftarrow h + \alpha \sum_i \hat R_i \sum_t K(s_{it}, \cdot)\, u_{it}, \qquad
+        \hat R = (\Lambda + \lambda N I)^{-1} (R - b 1)
+
+    As printed there is no baseline b, and learning stalls halfway: the returns' mean drowns their differences.
+    """
+
+    baseline: str = setting(
+        "intercept",
+        "what is taken off the returns: their intercept in the regression, the value of the first state beside it, or "
+        "nothing, as printed",
+        choices=("intercept", "value", "as_published"),
+    )
+    ridge: float = setting(0.1, "lambda N relative to the Gram's mean diagonal", minimum=1e-12, maximum=1e6)
+    value_ridge: float = setting(0.01, "penalty on the value's squared norm in the RKHS", minimum=1e-12, maximum=1e6)
+    step: StepRule = variant(KLStep(), STEP_RULES, "rule")
+
+    def unused(self) -> set[str]:
+        """Return the names of the settings of the value, where it is not taken off."""
+        return {"value_ridge"} if self.baseline != "value" else set()
+
+    def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
+        """Return the policy one natural step on."""
+        samples = self.space.samples(policy, experience.episodes)
+        scores = samples.trajectory_features(discount=1.0)  # grad log P(xi), Eq 19; Lambda is their Gram
+        returns = self._returns(samples, experience.discount)  # R
+        with_intercept = self.baseline != "as_published"
+        gradient = relative_ridge_regression(scores, returns, self.ridge, intercept=with_intercept)  # by R hat, Eq 18
+        return self.gradient_step(policy, samples.as_coefficients(gradient), samples, experience, self.step)  # Eq 20
+
+    def _returns(self, samples: Samples, discount: float) -> Array:
+        """Return R, less the value of the first state where that is the baseline, shape (N,)."""
+        returns = samples.episodes.returns(discount)
+        if self.baseline != "value":
+            return returns
+        values = ValueBaseline(self.value_ridge).values(samples, discount)
+        return np.asarray(returns - values[samples.episodes.begins])

@@ -1,0 +1,239 @@
+"""How a node's process begins, spins and ends."""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from functools import partial
+from typing import TYPE_CHECKING, TypeVar
+
+import rclpy
+from rcl_interfaces.msg import Log
+from rclpy._rclpy_pybind11 import RCLError  # type: ignore[import-not-found]  # rclpy does not export it
+from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.exceptions import NameValidationException
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
+
+from rkhs_ros.base.endings import INTERRUPTED, RunError, Stop, print_error
+from rkhs_ros.base.settings import Entry
+from rkhs_ros.base.streams import messages_may_be_lost
+from rkhs_ros.base.validation import truncated
+from rkhs_ros.nodes.core.arguments import check_arguments
+from rkhs_ros.nodes.core.names import in_one_line
+from rkhs_ros.nodes.core.parameters import declare
+from rkhs_ros.nodes.core.transport import by_udp
+
+if TYPE_CHECKING:
+    from rkhs_ros.nodes.core.diagnostics import Diagnostics
+
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+IGNORED = (signal.SIGUSR1, signal.SIGUSR2, signal.SIGTSTP)  # the last would suspend a node that others wait for
+CLOCK = "use_sim_time"
+SIGNAL_CHECK_S = 0.1  # between looks at whether a signal came
+MOST_ENDING_S = 10  # for a node to end; the middleware now and then waits for ever, and nothing else could end it then
+RETRY_S = 0.001  # after which what failed is tried again while a node brings to rest what it moves
+LAST_WORDS_S = 0.5  # for listeners to be found and to take the reason before a node ends by an error
+ROSOUT_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+AnyNode = TypeVar("AnyNode", bound=Node)
+
+
+class PeerError(RunError):
+    """A node that does not answer in time or is there twice; the message names it."""
+
+
+class StoppedError(BaseException):
+    """The process was told to end; as an interrupt it is no error, so `except Exception` lets it pass."""
+
+
+class ReportingNode(Node):
+    """A node that reports how it fares, and has work of its own between messages.
+
+    Args:
+        name: the node's.
+        context: that it lives in, of a process that is not the node's alone; that of the process where None.
+        namespace: the node's.
+
+    Attributes:
+        diagnostics: its reports.
+    """
+
+    diagnostics: Diagnostics
+
+    def __init__(self, name: str, *, context: Context | None = None, namespace: str | None = None) -> None:
+        super().__init__(
+            name, context=context, namespace=namespace, automatically_declare_parameters_from_overrides=True
+        )
+        self._fix_clock()
+        self._rosout = self.create_publisher(Log, "/rosout", ROSOUT_QOS)
+
+    def open(self) -> None:
+        """Declare the parameters and open topics and services.
+
+        Raises:
+            ValueError: an unknown parameter or a value that does not fit.
+        """
+        raise NotImplementedError
+
+    def _fix_clock(self) -> None:
+        """Make the parameter that chooses the node's clock read-only, as all others are: stamps must not jump."""
+        about = {"description": "whether time stamps are those of /clock; fixed when the node starts"}
+        declare(self, [Entry(CLOCK, self.get_parameter(CLOCK).value, about)])
+
+    def log_fatal(self, reason: str) -> None:
+        """Tell those who listen to the log why the node ends; on standard error that is one line without this."""
+        deadline = time.monotonic() + LAST_WORDS_S
+        while not self._rosout.get_subscription_count() and time.monotonic() < deadline:
+            time.sleep(LAST_WORDS_S / 10)
+        stamp = self.get_clock().now().to_msg()
+        self._rosout.publish(Log(stamp=stamp, level=Log.FATAL, name=self.get_name(), msg=reason))
+        self._rosout.wait_for_all_acked(Duration(seconds=LAST_WORDS_S))
+
+    def heartbeat(self) -> float:
+        """Do the periodic work that is due, the report first of all; return the seconds until more may be due."""
+        raise NotImplementedError
+
+    def may_end(self) -> bool:
+        """Begin to end where the process is told to; return whether the node has done what it does before."""
+        return True
+
+
+def serve(node: ReportingNode, stop: Stop) -> None:
+    """Handle a node's messages until told to end."""
+    serve_together([node], stop)
+
+
+def serve_together(nodes: Sequence[ReportingNode], stop: Stop) -> None:
+    """Handle the messages of nodes that share a process until told to end; an error of one ends all.
+
+    However it ends, each node first brings to rest what it moves.
+    """
+    executor = EventsExecutor()
+    with ExitStack() as reports:
+        for node in nodes:
+            executor.add_node(node)
+            reports.enter_context(node.diagnostics.errors_reported())
+        try:
+            while not (stop.is_set() and all(node.may_end() for node in nodes)):
+                executor.spin_once(timeout_sec=min(SIGNAL_CHECK_S, *[node.heartbeat() for node in nodes]))
+        except BaseException:
+            _bring_to_rest(nodes, executor)
+            raise
+
+
+def _bring_to_rest(nodes: Sequence[ReportingNode], executor: EventsExecutor) -> None:
+    """Go on until all nodes may end, although something failed and may fail again."""
+    deadline = time.monotonic() + MOST_ENDING_S
+    work: list[Callable[[], object]] = [node.heartbeat for node in nodes]
+    work.append(partial(executor.spin_once, timeout_sec=RETRY_S))
+    while not all(_tried(node.may_end) for node in nodes) and time.monotonic() < deadline:
+        for do in work:
+            _tried(do)
+
+
+def _tried(do: Callable[[], object]) -> object:
+    """Return what a function returns; None if it fails."""
+    try:
+        return do()
+    except BaseException:  # also SystemExit: nothing may end a process that still moves a robot
+        time.sleep(RETRY_S)  # it may fail at once, and is tried again at once
+        return None
+
+
+def run(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, Stop], None]) -> None:
+    """Run a node's process: make it, let it work, and end cleanly.
+
+    Bad input ends with one line and exit code 2, a silent peer, a failed environment or a full disk with one line and
+    exit code 1. A signal or a request to stop ends a run with the exit code of an interrupt, and a node that only
+    serves others with exit code 0. A signal only sets
+    the event that the work is given: ROS's own handlers would pull the context from under a callback that is about to
+    publish. SIGHUP ends no process that was started by nohup.
+
+    Args:
+        make_node: makes it.
+        name: the node's.
+        work: what it does.
+    """
+    with messages_may_be_lost():
+        sys.exit(_code_of(make_node, name, work))
+
+
+def _code_of(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, Stop], None]) -> int:
+    stop = Stop()
+    _handle_signals(stop)
+    code = 0
+    try:
+        _begin(name)
+        node = make_node()
+        try:
+            _work(node, work, stop)
+        finally:
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
+            signal.alarm(MOST_ENDING_S)
+            node.destroy_node()
+    except (StoppedError, KeyboardInterrupt):
+        code = INTERRUPTED
+    except (ValueError, OSError, RunError) as error:
+        code = print_error(error)
+    finally:
+        rclpy.try_shutdown()
+        for number in ENDING:
+            signal.signal(number, signal.SIG_IGN)  # Python would put back what kills it while it ends
+    return code
+
+
+def _handle_signals(stop: Stop) -> None:
+    for number in ENDING:
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # as nohup has it
+            signal.signal(number, lambda number, frame: stop.set())
+    for number in IGNORED:
+        signal.signal(number, signal.SIG_IGN)
+
+
+def _begin(name: str) -> None:
+    """Begin to speak ROS: on this machine, by UDP, unless the environment says otherwise.
+
+    Raises:
+        ValueError: the arguments are bad, or there is no such domain.
+    """
+    check_arguments(name, sys.argv[1:])
+    os.environ.update(by_udp(os.environ))
+    try:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        raise ValueError(f"arguments: expected those of ROS, got what it refuses: {truncated(error)}") from error
+
+
+def _work(node: AnyNode, work: Callable[[AnyNode, Stop], None], stop: Stop) -> None:
+    try:
+        if isinstance(node, ReportingNode):
+            open_node(node)
+        gc.collect()
+        gc.freeze()  # what was imported need not be searched for garbage between messages
+        work(node, stop)
+    except (ValueError, RunError, OSError) as error:
+        if isinstance(node, ReportingNode):
+            node.log_fatal(str(error))
+        raise
+
+
+def open_node(node: ReportingNode) -> None:
+    """Open a node's topics and services.
+
+    Raises:
+        ValueError: a parameter is unknown or does not fit, a name is invalid, or the middleware refuses one.
+    """
+    try:
+        node.open()
+    except NameValidationException as error:  # a setting that names a topic or a service
+        raise ValueError(in_one_line(error)) from error
+    except RCLError as error:  # for example two topics of one name with different types
+        raise ValueError(f"{node.get_name()}: cannot open its topics and services: {truncated(error)}") from error

@@ -1,0 +1,159 @@
+"""The learner node: learns from episodes collected over topics, and pushes each policy to the policy node."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rkhs_ros.base.endings import Stop
+from rkhs_ros.base.settings import Entry, entries
+from rkhs_ros.learning.training_settings import training_from
+from rkhs_ros.nodes.core.arguments import require_section
+from rkhs_ros.nodes.core.diagnostics import STOP, Diagnostics
+from rkhs_ros.nodes.core.names import namespaces
+from rkhs_ros.nodes.core.parameters import declare, declared, given, process, restarts
+from rkhs_ros.nodes.core.peers import Peers
+from rkhs_ros.nodes.core.spin import ReportingNode, StoppedError, run
+from rkhs_ros.nodes.core.uniqueness import Uniqueness
+from rkhs_ros.nodes.lockstep.learning_topics import LearningTopics
+from rkhs_ros.nodes.lockstep.simulator_link import ROBOT, SIMULATOR
+from rkhs_ros.nodes.lockstep.topic_runner import TopicRunner
+from rkhs_ros.policies.storage import load_policy
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rollouts.evaluation import evaluation_of
+from rkhs_ros.runs.config import Config, Environment, environment_from
+from rkhs_ros.runs.episode_files import save_episodes
+from rkhs_ros.runs.report import is_begun, new_folder, old_folder, what_next, what_was_kept
+from rkhs_ros.runs.run import run_training
+
+Draw = Callable[[Path], object]
+EVALUATION = "evaluation.npz"  # in the output folder: the episodes that measured a policy
+
+
+class LearnerNode(ReportingNode):
+    """Runs the training loop over topics.
+
+    Owns the settings of the run. The episodes are its runner's, the results those of the run.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("learner")
+
+    def open(self) -> None:
+        """Declare the parameters and open topics and services.
+
+        Raises:
+            ValueError: an unknown parameter or a value that does not fit.
+        """
+        require_section(self.get_fully_qualified_name(), sys.argv)
+        tree = given(self)
+        self.output = declared(self, tree, "output", "", "folder for the results; empty for results/NAME/TIME")
+        self.quiet = declared(self, tree, "quiet", False, "no progress bar")
+        self.resume = declared(
+            self, tree, "resume", False, "go on with the run in the output folder, if one began there"
+        )
+        about = "go on with a run of other code, libraries or threads, too"
+        self.provenance_may_change = declared(self, tree, "provenance_may_change", False, about)
+        self.record = declared(self, tree, "record", False, "record the run in recording.mcap, in its folder")
+        about = "policy.npz to measure in evaluation episodes, in place of learning; empty to learn"
+        self.evaluate = declared(self, tree, "evaluate", "", about)
+        again, own_process = restarts(self, tree), process(self, tree)
+        self.environment = self._environment_from(tree)
+        self.training = training_from(tree)
+        declare(self, entries(self.training))
+        topics = [f"{namespace}episodes" for namespace in namespaces(self.training.simulators)]
+        self.diagnostics = Diagnostics(self, again, lambda: self.runner.report(), topics)
+        self._uniqueness = Uniqueness(self, own_process)
+        self.peers = Peers(self, self.training.timeout)
+        kind = ROBOT if self.environment and self.environment.nodes else SIMULATOR
+        self.runner = TopicRunner(self, self.peers, self.training.simulators, self.training.num_envs, kind)
+        self.topics = LearningTopics(self, self.training)
+
+    def _environment_from(self, tree: dict[str, Any]) -> Environment | None:
+        """Take out of the node's tree the environment to learn in; None where the simulator is to tell."""
+        if "environment" not in tree:
+            return None
+        environment = environment_from(tree.pop("environment"))
+        about = "Gymnasium id of the environment; simulators of another are refused"
+        declare(self, [Entry("environment.id", environment.id, {"description": about})])
+        return environment
+
+    def heartbeat(self) -> float:
+        """Report, and give signs of life; return the seconds until the next time."""
+        self._uniqueness.check()
+        return min(self.diagnostics.heartbeat(), self.runner.heartbeat(), self.topics.heartbeat())
+
+
+def draw_nothing(folder: Path) -> None:
+    """Draw no pictures: `rkhs train`, which starts the node, does so itself."""
+
+
+def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
+    """Run the whole training of a learner node, or until told to end."""
+    node.peers.stop = stop
+    with node.diagnostics.errors_reported():
+        config = Config(node.runner.connect(node.environment), node.training)
+        folder = Path(node.output).expanduser() if node.output else None
+        resume = node.resume and folder is not None and is_begun(folder)
+        folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
+        node.get_logger().info(f"learns {config.environment.id}; the results are in {folder.resolve()}")
+        costs = node.runner.is_of_robots
+        node.topics.begin(folder, node.runner.spaces)
+        try:
+            run_training(
+                config,
+                node.runner,
+                folder,
+                quiet=node.quiet,
+                resume=resume,
+                record=node.record or costs,
+                sync=costs,
+                provenance_may_change=node.provenance_may_change,
+                rest=node.peers.rest,
+                on_iteration=node.topics.tell,
+            )
+        except (StoppedError, KeyboardInterrupt):
+            node.diagnostics.tell(STOP, "the run was asked to stop")
+            node.get_logger().info(what_was_kept(folder, config))
+            if (folder / "policy.npz").is_file():
+                draw(folder)
+            raise
+        finally:
+            node.topics.close()
+        draw(folder)
+        node.get_logger().info(what_next(folder, config))
+
+
+def measure(node: LearnerNode, stop: Stop) -> None:
+    """Print what evaluation episodes of a policy come to, and leave them in the output folder."""
+    node.peers.stop = stop
+    with node.diagnostics.errors_reported():
+        policy, task = load_policy(Path(node.evaluate))
+        environment, training = node.runner.connect(node.environment), node.training
+        batch = Batch(training.seed, 0, training.evaluation_episodes, training.horizon, explore=False)
+        episodes = node.runner.collect(policy, batch)
+        save_episodes(Path(node.output) / EVALUATION, episodes, task)
+        print(json.dumps(evaluation_of(episodes, environment.id, training.seed, training.discount), indent=2))
+
+
+def main(draw: Draw = draw_nothing) -> None:
+    """Run the learner node: learn, or measure what was learnt.
+
+    Args:
+        draw: draws the pictures of the run in a folder, when it is over.
+    """
+
+    def work(node: LearnerNode, stop: Stop) -> None:
+        if node.evaluate:
+            measure(node, stop)
+        else:
+            learn(node, stop, draw)
+
+    run(LearnerNode, "learner", work)
+
+
+if __name__ == "__main__":
+    main()

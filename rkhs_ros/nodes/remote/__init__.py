@@ -1,0 +1,1 @@
+"""Simulators and robots as Gymnasium environments, for learners of other libraries."""

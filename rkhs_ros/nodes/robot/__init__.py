@@ -1,0 +1,1 @@
+"""The nodes of a robot, which run by the wall clock: robot node, gate and sensors."""

@@ -1,0 +1,111 @@
+"""The gate as the robot node sees it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from math import inf
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from rclpy.duration import Duration
+from rclpy.node import Node
+
+from rkhs_interfaces.msg import Command, GateReport, GateState
+from rkhs_ros.base.validation import truncated
+from rkhs_ros.nodes.core.messages import LATCHED_QOS, LOCKSTEP_QOS
+from rkhs_ros.policies.messages import doubles
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.robot.gate_state import STOP_ASKED
+
+LAST_COMMAND_TIMEOUT_S = 0.5  # for the gate to take the last command before the node ends
+DISARMED, STOPPED = "disarmed", "stopped"
+
+
+class GateLink:
+    """The gate as the robot node sees it.
+
+    Owns the numbers of the commands, and what the gate said of itself last.
+
+    Args:
+        node: the robot node.
+        instance: of its process, which the gate tells from others by it.
+        timeout: seconds without a report of a command after which the gate is taken to be gone.
+        report: is told of each report: the number of the command, what was executed, and the flags.
+    """
+
+    def __init__(self, node: Node, instance: int, timeout: float, report: Callable[[int, Array, int], None]) -> None:
+        self.number = 0
+        self._node = node
+        self._instance = instance
+        self._report = report
+        self._state: GateState | None = None
+        self._timeout = timeout
+        self._unanswered_since = inf  # monotonic time of the first command that no report came of, seconds
+        self._commands = node.create_publisher(Command, "command", LOCKSTEP_QOS)
+        node.create_subscription(GateReport, "gate/report", self._hear_report, LOCKSTEP_QOS)
+        node.create_subscription(GateState, "gate/state", self._hear_state, LATCHED_QOS)
+
+    def send(self, values: Array, stamp: int) -> int:
+        """Send a command, which follows from an observation of that time in nanoseconds; return its number."""
+        self.number += 1
+        self._unanswered_since = min(self._unanswered_since, time.monotonic())
+        self._publish(stamp, values=doubles(values))
+        return self.number
+
+    def hold(self) -> None:
+        """Have the robot come to rest and hold."""
+        self.number += 1
+        self._publish(time.time_ns(), hold=True)
+
+    def obstacle(self) -> str:
+        """Return why the robot cannot be moved; empty where it can."""
+        if self._state is None:
+            return "no gate is heard"
+        if self._is_silent:
+            return f"the gate did not report within {self._timeout:g} s (stale_after) what it made of a command"
+        if self._state.state == DISARMED:
+            return "the gate is not armed"
+        if self._state.state == STOPPED:
+            return f"the gate stopped the robot ({truncated(self._state.reason)})"
+        return ""
+
+    @property
+    def _is_silent(self) -> bool:
+        return time.monotonic() - self._unanswered_since > self._timeout
+
+    @property
+    def stands(self) -> bool:
+        """Whether the gate is there and moves nothing until it is armed."""
+        return self._state is not None and self._state.state in (DISARMED, STOPPED)
+
+    @property
+    def stop_was_asked(self) -> bool:
+        """Whether somebody had the robot stop."""
+        return self._state is not None and self._state.reason.startswith(STOP_ASKED)
+
+    @property
+    def remedy(self) -> str:
+        """What a person is to do where there is an obstacle."""
+        service = self._node.resolve_service_name("gate/arm")
+        arm = f"see that the robot may move, then: rkhs robot arm, or ros2 service call {service} std_srvs/srv/Trigger"
+        is_there = self._state is not None and not self._is_silent
+        return arm if is_there else f"start it, {arm}"
+
+    def close(self) -> None:
+        """Have the robot hold, and wait until the gate has heard it."""
+        self.hold()
+        self._commands.wait_for_all_acked(Duration(seconds=LAST_COMMAND_TIMEOUT_S))
+
+    def _publish(self, stamp: int, **content: object) -> None:
+        seconds, nanoseconds = divmod(stamp, 10**9)
+        time_stamp = Time(sec=seconds, nanosec=nanoseconds)
+        self._commands.publish(Command(instance=self._instance, number=self.number, stamp=time_stamp, **content))
+
+    def _hear_report(self, message: GateReport) -> None:
+        if message.instance == self._instance:
+            self._unanswered_since = inf
+            self._report(message.number, np.array(message.executed), message.flags)
+
+    def _hear_state(self, message: GateState) -> None:
+        self._state, self._unanswered_since = message, inf

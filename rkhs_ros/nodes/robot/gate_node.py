@@ -1,0 +1,258 @@
+"""The gate node: the only one that commands the hardware, within limits, and stops it when something is amiss."""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass
+from functools import partial
+from math import inf
+
+from rclpy.duration import Duration
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from rkhs_interfaces.msg import Command, GateReport, GateState
+from rkhs_ros.base.settings import build, entries
+from rkhs_ros.base.validation import truncated
+from rkhs_ros.nodes.core.arguments import require_section
+from rkhs_ros.nodes.core.diagnostics import STOP, Diagnostics
+from rkhs_ros.nodes.core.messages import LATCHED_QOS, LOCKSTEP_QOS
+from rkhs_ros.nodes.core.parameters import declare, given, process, restarts
+from rkhs_ros.nodes.core.publishers import listed
+from rkhs_ros.nodes.core.sources import OBSTACLE, PREFIX, Source
+from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
+from rkhs_ros.nodes.core.uniqueness import Uniqueness
+from rkhs_ros.nodes.robot.gate_messages import (
+    TYPES,
+    JointStates,
+    command_of,
+    hardware_message,
+    report_message,
+    state_message,
+)
+from rkhs_ros.nodes.robot.stop_topic import StopTopic
+from rkhs_ros.robot.gate import armed, begin, commanded, last_output, leave, sensed, stop_asked, stopped, ticked
+from rkhs_ros.robot.gate_settings import GateSettings, require_own_topic, rules
+from rkhs_ros.robot.gate_state import STOP_ASKED, Counts, Gate, Mode
+from rkhs_ros.robot.motion import Setpoint
+from rkhs_ros.robot.sensors import JOINT_STATE
+
+YIELDS_S = 3.0  # after its start, for an older gate; one that was armed never does
+LAST_OUTPUT_TIMEOUT_S = 0.2  # for the hardware to take the last output
+LATE = 2  # periods between ticks from which one is missed
+HARDWARE_QOS = QoSProfile(depth=1)
+
+
+@dataclass
+class Loop:
+    """Counts the ticks of a loop since it was last asked, and those missed since it began."""
+
+    period: float
+    last: float | None = None
+    seconds: float = 0.0
+    ticks: int = 0
+    worst: float = 0.0
+    missed: int = 0
+
+    def tick(self, now: float) -> None:
+        """Count a tick."""
+        if self.last is not None:
+            wait = now - self.last
+            self.seconds, self.ticks, self.worst = self.seconds + wait, self.ticks + 1, max(self.worst, wait)
+            self.missed += wait > LATE * self.period
+        self.last = now
+
+    def report(self) -> dict[str, object]:
+        """Return the rates since the last report: mean, and of the longest wait."""
+        mean, worst = self.ticks / max(self.seconds, 1e-9), 1.0 / self.worst if self.worst else 0.0
+        self.seconds, self.ticks, self.worst = 0.0, 0, 0.0
+        return {"loop rate": f"{mean:.1f}", "worst loop rate": f"{worst:.1f}", "missed ticks": self.missed}
+
+
+class GateNode(ReportingNode):
+    """Passes commands on to the hardware, once a period, as far as limits and faults allow.
+
+    Owns the gate's state and the topic of the hardware. Does not own what is commanded: it knows nothing of learning,
+    raises no limit, and is armed by a person only.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("gate")
+
+    def open(self) -> None:
+        """Declare the parameters and open topics and services.
+
+        Raises:
+            ValueError: an unknown parameter, or limits that are missing or do not fit.
+        """
+        require_section(self.get_fully_qualified_name(), sys.argv)
+        tree = given(self)
+        again, own_process = restarts(self, tree), process(self, tree)
+        self._settings = build(GateSettings, tree)
+        self._rules = rules(self._settings)
+        declare(self, (entry for entry in entries(self._settings) if entry.value != ()))
+        self._state = begin(self._rules)
+        self._told: tuple[Mode, str, Counts] | None = None
+        self._loop = Loop(self._settings.period)
+        self._joints = JointStates(self._settings.joints)
+        self._end_at = inf  # monotonic time, seconds; known once the gate is to end
+        self._flaw = ""  # of what was sensed last
+        self._obstacle = ""  # that the robot node told of last
+        self._open_topics()
+        self.diagnostics = Diagnostics(self, again, self._report, ["command", self._settings.command.topic])
+        self._uniqueness = Uniqueness(self, own_process, YIELDS_S)
+        self._turn(self._state)
+        self.get_logger().info(f"ready to be armed for {', '.join(self._settings.joints)}; sends nothing before")
+
+    def heartbeat(self) -> float:
+        """Send what is due to the hardware, and report; return the seconds until the next output."""
+        now = time.monotonic()
+        if now >= self._state.due:
+            self._tick(now)
+        self._uniqueness.check()
+        return max(min(self.diagnostics.heartbeat(), self._state.due - time.monotonic()), 0.0)
+
+    def may_end(self) -> bool:
+        """Stop the robot before the process ends; return whether it is at rest, or takes too long."""
+        now = time.monotonic()
+        self._end_at = min(self._end_at, now + self._settings.rest.timeout)
+        state, is_left = leave(self._state, self._rules, now)
+        is_over = is_left or now >= self._end_at
+        if is_over:
+            self._send(last_output(state, self._rules))
+            self._hardware.wait_for_all_acked(Duration(seconds=LAST_OUTPUT_TIMEOUT_S))
+        self._turn(state)
+        return is_over
+
+    def _open_topics(self) -> None:
+        command, sensor = self._settings.command, self._settings.sensor
+        require_own_topic(self._settings, self.resolve_topic_name)
+        self._hardware = self.create_publisher(TYPES[command.type], command.topic, HARDWARE_QOS)
+        self._reports = self.create_publisher(GateReport, "gate/report", LOCKSTEP_QOS)
+        self._states = self.create_publisher(GateState, "gate/state", LATCHED_QOS)
+        self.create_subscription(Command, "command", self._command, LOCKSTEP_QOS)
+        self._source: Source | None = None
+        if sensor.topic:
+            self._source = Source(self, sensor.topic, JOINT_STATE, self._settings.stale_after)
+            self.create_subscription(
+                JointState, sensor.topic, partial(self._sense, self._source), qos_profile_sensor_data
+            )
+        self.create_subscription(String, OBSTACLE, self._hear_obstacle, LATCHED_QOS)
+        self._stops = StopTopic(self, "stop", self._settings.stop_timeout)
+        self.create_service(Trigger, "~/arm", self._arm)
+        self.create_service(Trigger, "~/stop", self._stop)
+
+    def _turn(self, state: Gate) -> None:
+        """Go on to a state, and tell it where something of it is new."""
+        self._state, told = state, (state.mode, state.reason, state.counts)
+        if told == self._told:
+            return
+        is_new = self._told is None or self._told[0] != Mode.STOPPED
+        if state.mode == Mode.STOPPED and is_new and not state.is_leaving:
+            self.get_logger().error(f"stopped: {state.reason}")
+            self.diagnostics.tell(STOP, state.reason)
+        self.diagnostics.stuck = state.reason
+        self._states.publish(state_message(state))
+        self._told = told
+
+    def _tick(self, now: float) -> None:
+        """Send an output first, whatever fails after it; what is seen then counts from the next one on."""
+        state, output = ticked(self._state, self._rules, now)
+        self._send(state.motion if output is not None else None)
+        self._turn(state)
+        self._loop.tick(now)
+        self.diagnostics.steps += 1
+        self._hear_stops()
+        if rivals := self._rivals():
+            self._turn(stopped(self._state, rivals))
+
+    def _send(self, output: Setpoint | None) -> None:
+        """Send an output to the hardware, if there is one."""
+        if output is not None:
+            self._hardware.publish(hardware_message(self._settings, self._rules.limits, output))
+
+    def _command(self, message: Command) -> None:
+        now = time.monotonic()
+        state, report = commanded(self._state, self._rules, now, command_of(message))
+        self._reports.publish(report_message(message, report))
+        if report.reason:
+            self.diagnostics.refuse(f"a command: {report.reason}")
+        self._turn(state)
+
+    def _sense(self, source: Source, message: JointState) -> None:
+        now = time.monotonic()
+        source.hear()
+        try:
+            news = self._joints.sensed_of(message)
+        except ValueError as error:  # from others than ours, as where each arm of a robot tells of itself
+            self._flaw = str(error)
+            self.diagnostics.skip(f"what was sensed: {error}")
+            return
+        state, reason = sensed(self._state, self._rules, now, news)
+        self._flaw = reason
+        if reason:
+            self.diagnostics.refuse(f"what was sensed: {reason}")
+        self._turn(state)
+
+    def _hear_obstacle(self, message: String) -> None:
+        self._obstacle = truncated(message.data)
+
+    @property
+    def _is_sensing(self) -> bool:
+        """Whether the joints are sensed, if they need be."""
+        news = self._state.sensed
+        return not self._source or (news is not None and time.monotonic() - news.stamp <= self._settings.stale_after)
+
+    def _joints_line(self) -> str:
+        """Return how the source of the joints fares."""
+        return self._source.line("" if self._is_sensing else self._flaw) if self._source else "needs none"
+
+    def _hear_stops(self) -> None:
+        self._turn(stop_asked(self._state, self._stops.reason()))
+
+    def _rivals(self) -> str:
+        """Return in words who else publishes to the hardware; empty if nobody does."""
+        topic = self._settings.command.topic
+        return f"expected no other publisher, got {listed(self, topic)}" if self.count_publishers(topic) > 1 else ""
+
+    def _arm(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._stops.forget_gone()
+        self._hear_stops()
+        state, reason = armed(self._state, self._rules, time.monotonic())
+        if reason and not self._is_sensing:
+            reason += f"; {self._joints_line()}"
+        if not reason and state.mode != self._state.mode and self._obstacle and self.count_publishers(OBSTACLE):
+            reason = f"cannot arm while the robot node cannot use its sensors: {self._obstacle}"
+        response.message = self._rivals() or reason
+        response.success = not response.message
+        if response.success:
+            self._uniqueness.stay()
+            self._turn(state)
+            response.message = str(self._state.mode)
+            self.get_logger().warning("armed: the robot may move")
+        return response
+
+    def _stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._turn(stopped(self._state, f"{STOP_ASKED} by the service 'stop'"))
+        response.success, response.message = True, str(self._state.mode)
+        return response
+
+    def _report(self) -> dict[str, object]:
+        return {
+            "state": str(self._state.mode),
+            **vars(self._state.counts),
+            **self._loop.report(),
+            PREFIX + "joints": self._joints_line(),
+        }
+
+
+def main() -> None:
+    """Run the gate node."""
+    run(GateNode, "gate", serve)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,302 @@
+"""How the robot node moves a robot: through the reset before an episode, and through the episode."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from std_srvs.srv import Trigger
+
+from rkhs_interfaces.msg import Action, Observation
+from rkhs_ros.base.endings import RunError
+from rkhs_ros.base.validation import require
+from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, robot_observation_message
+from rkhs_ros.nodes.core.spin import ReportingNode
+from rkhs_ros.nodes.robot.gate_link import GateLink
+from rkhs_ros.nodes.robot.sensor_topics import SensorTopics
+from rkhs_ros.nodes.robot.simulated_robot_link import SimulatedRobotLink
+from rkhs_ros.policies.messages import matrix
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.robot.clock import ElasticClock
+from rkhs_ros.robot.episode import Reading, RobotEpisode
+from rkhs_ros.robot.reset import Answer, Ask, Failed, Joints, Move, Resetting, Wait
+from rkhs_ros.robot.sensors import SensingError, field_values, fresh
+from rkhs_ros.robot.task import RobotTask
+
+RESET_PERIOD_S = 0.05  # between the commands of a reset, at most
+IDLE_S = 1.0  # between looks at nothing
+PEERS_TIMEOUT_S = 5.0  # for sensors to speak and the service to be there before a reset, after which the run ends
+FIRST_RETRY_S, LONGEST_RETRY_S = 0.02, 1.0  # without the first action before the observation is said again; doubled
+
+
+class EpisodeDriver:
+    """Moves the robot through one episode at a time, with the reset before it.
+
+    Owns the episode under way, its reset, the command that was sent last and the observation that was shown last. Does
+    not own what becomes of an episode that is over: who began it is told.
+
+    Args:
+        node: the robot node.
+        task: the robot's.
+        instance: of the node's process.
+        arms: whether the robot is a simulated robot, which is made ready from here.
+        ended: is told of each episode that is over, at rest.
+
+    Attributes:
+        episode: the one under way, the reset before it included.
+        alive_at: monotonic time of the learner's last sign of life, seconds.
+        paused: whether a person wants no further episode to begin.
+        waiting: what a person is waited for to do; empty while nobody is.
+        sensors: the topics that are heard.
+    """
+
+    def __init__(
+        self, node: ReportingNode, task: RobotTask, instance: int, *, arms: bool, ended: Callable[[RobotEpisode], None]
+    ) -> None:
+        self.episode: RobotEpisode | None = None
+        self.lockstep = (0, 0)  # batch and policy version that the policy node knows the episode by
+        self.alive_at = 0.0
+        self.paused = False
+        self.waiting = ""
+        self._node = node
+        self._task = task
+        self._ended = ended
+        self._reset: Resetting | None = None
+        self._reset_period = min(task.period, RESET_PERIOD_S)
+        self._clock = ElasticClock(self._reset_period, 0.0)  # of a reset
+        self._began_at = self._retry_at = 0.0  # monotonic times, seconds
+        self._retry_s = FIRST_RETRY_S
+        self._sent = (0, 0)  # number of the last command, and its step
+        self._shown: Observation | None = None
+        self._gate = GateLink(node, instance, task.stale_after, self._hear_report)
+        self._simulated = SimulatedRobotLink(node, self._gate) if arms else None
+        self.sensors = SensorTopics(node, task)
+        self._observations = node.create_publisher(Observation, "observation", LOCKSTEP_QOS)
+        self._service = node.create_client(Trigger, task.reset.trigger.service or "~/trigger")
+        node.create_subscription(Action, "action", self._act, LOCKSTEP_QOS)
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether a policy node hears the observations."""
+        return bool(self._observations.get_subscription_count() > 0)
+
+    def begin(self, batch: Batch, identity: int, version: int) -> None:
+        """Begin an episode, in which the policy of that version is to act."""
+        self.episode = RobotEpisode(batch, self._task, time.time_ns())
+        self.lockstep = (identity, version)
+        self._began_at = time.monotonic()
+        self._clock = ElasticClock(self._reset_period, self._began_at)
+
+    def rename(self, identity: int, version: int) -> None:
+        """Go on under another batch number and policy version, unless the policy acts under those before already."""
+        if self.episode is not None and not self.episode.moving:
+            self.lockstep = (identity, version)
+            if self._shown is not None:
+                self._show(self.episode)
+
+    def give_word(self) -> None:
+        """Take a person's word that the robot may go on."""
+        self.paused = False
+        if self._reset is not None:
+            self._reset.word_given = True
+
+    def void(self, reason: str) -> None:
+        """End the episode under way, if there is one, as void."""
+        if self.episode is not None:
+            self.episode.void(reason)
+            self._finish(self.episode)
+
+    def close(self) -> None:
+        """Have the robot hold before the node ends."""
+        self.void("the robot node was told to end")
+        self._gate.close()
+
+    def proceed(self, now: float) -> float:
+        """Do what is due; return the monotonic time of what is due next.
+
+        Raises:
+            RunError: the sensors do not speak, or a function of the task fails.
+        """
+        episode = self.episode
+        if episode is None:
+            return now + IDLE_S
+        if self._shown is None:
+            return self._prepare(episode, now)
+        if spoilt := self._obstacle() or self._silence(now):
+            episode.void(spoilt)
+        if not episode.moving and not episode.over:
+            return self._ask_for_first_action(now)
+        if episode.proceed(now, self._sense):
+            if episode.complete:
+                self._gate.hold()
+            self._show(episode)
+        if episode.over:
+            self._finish(episode)
+        return min(episode.due, now + min(self._task.learner_timeout, self._task.stale_after))
+
+    def _obstacle(self) -> str:
+        """Return why the robot cannot be moved; empty where it can."""
+        return self._gate.obstacle() or (self._simulated.obstacle() if self._simulated else "")
+
+    def _silence(self, now: float) -> str:
+        silent, most = now - self.alive_at, self._task.learner_timeout
+        return f"the learner gave no sign of life for {silent:.2g} s (learner_timeout {most:g})" * (silent > most)
+
+    # Before the first step.
+
+    def _prepare(self, episode: RobotEpisode, now: float) -> float:
+        """Do the next part of the reset when it is due; return when more is."""
+        if now < self._clock.due:
+            return self._clock.due
+        self._clock = self._clock.ticked(now)
+        obstacle = self._obstacle()
+        if self._reset is not None and obstacle:
+            self.void(obstacle)
+        elif self._reset is not None:
+            self._continue_reset(self._reset, episode, now)
+        elif obstacle or self.paused:
+            from_here = self._simulated is not None and self._simulated.make_ready(now) and not self.paused
+            what = f"{obstacle}; {self._gate.remedy}" if obstacle else f"paused; to go on: {self.call('start')}"
+            self.waiting = "" if from_here else self.sensors.obstacle() or what
+            self._began_at = now
+        elif self._is_sensing(now) and self._is_served(now):
+            self.waiting = ""
+            self._reset = Resetting(self._task.reset, self._task.action.kind, self.call("start"), now)
+        return self._clock.due
+
+    def call(self, service: str) -> str:
+        """Return what a person types to call a service of the node."""
+        name = f"{self._node.get_fully_qualified_name()}/{service}"
+        return f"rkhs robot {service}, or ros2 service call {name} std_srvs/srv/Trigger"
+
+    def _blindness(self) -> str:
+        """Return which sensors cannot be used, and why; empty if all can."""
+        try:
+            self._observe()
+        except SensingError as error:
+            return self.sensors.obstacle() or str(error)
+        return self.sensors.obstacle()
+
+    def _is_sensing(self, now: float) -> bool:
+        """Return whether the sensors speak.
+
+        Raises:
+            RunError: they do not in time.
+        """
+        obstacle = self._blindness()
+        if obstacle and now - self._began_at > PEERS_TIMEOUT_S:
+            raise RunError(f"{obstacle}, for {PEERS_TIMEOUT_S:g} s")
+        return not obstacle
+
+    def _is_served(self, now: float) -> bool:
+        """Return whether the service that a reset calls is there, or none is called.
+
+        Raises:
+            RunError: it is not in time.
+        """
+        if "trigger" not in self._task.reset.steps or self._service.service_is_ready():
+            return True
+        if now - self._began_at > PEERS_TIMEOUT_S:
+            name = self._node.resolve_service_name(self._task.reset.trigger.service)
+            raise RunError(f"reset.trigger: expected a service {name}, got none for {PEERS_TIMEOUT_S:g} s")
+        return False
+
+    def _continue_reset(self, reset: Resetting, episode: RobotEpisode, now: float) -> None:
+        outcome = reset.proceed(now, self._sense_joints)
+        if isinstance(outcome, Move):
+            self._sent = (self._gate.send(outcome.command, time.time_ns()), -1)
+            return
+        if self._sent[0] == self._gate.number:  # nothing more is due
+            self._gate.hold()
+        self.waiting = outcome.text if isinstance(outcome, Wait) else ""
+        match outcome:
+            case Ask():
+                self._ask_service(reset)
+            case Failed(reason):
+                self.void(reason)
+            case Wait():
+                pass
+            case _:
+                self._show_first(episode)
+
+    def _ask_service(self, reset: Resetting) -> None:
+        def answered(future: object) -> None:
+            answer = future.result()  # type: ignore[attr-defined]  # rclpy's futures have no types
+            reset.answer = Answer(answer.success, answer.message)
+
+        self._service.call_async(Trigger.Request()).add_done_callback(answered)
+
+    def _show_first(self, episode: RobotEpisode) -> None:
+        try:
+            episode.begin(self._observe())
+        except SensingError as error:
+            self.void(str(error))
+            return
+        self._show(episode)
+        self._retry_s, self._retry_at = FIRST_RETRY_S, time.monotonic() + FIRST_RETRY_S
+
+    def _ask_for_first_action(self, now: float) -> float:
+        if now >= self._retry_at and self._shown is not None:
+            self._observations.publish(self._shown)
+            self._retry_s = min(2 * self._retry_s, LONGEST_RETRY_S)
+            self._retry_at = now + self._retry_s
+        return min(self._retry_at, now + self._task.learner_timeout)
+
+    # Steps.
+
+    def _show(self, episode: RobotEpisode) -> None:
+        self._shown = robot_observation_message(*self.lockstep, episode.batch, episode, episode.step)
+        self._observations.publish(self._shown)
+
+    def _act(self, message: Action) -> None:
+        episode = self.episode
+        if episode is None or (message.batch, message.policy_version) != self.lockstep:
+            self._node.diagnostics.skip(f"an action of batch {message.batch}, which is not under way")
+            return
+        try:
+            action = matrix(message.actions, 1, self._task.action.dimension, "actions")[0]
+            require(message.step < episode.batch.horizon, "step", f"less than {episode.batch.horizon}", message.step)
+        except ValueError as error:
+            self._node.diagnostics.refuse(f"an action: {error}")
+            return
+        stamp = episode.stamp if episode.moving else time.time_ns()  # until it moves, what was observed still holds
+        command = episode.act(message.step, action, time.monotonic())
+        if command is not None:
+            self._sent = (self._gate.send(command, stamp), message.step)
+
+    def _hear_report(self, number: int, executed: Array, flags: int) -> None:
+        if self.episode is not None and number == self._sent[0]:
+            self.episode.report(self._sent[1], executed, flags)
+
+    def _observe(self) -> Reading:
+        """Return what the sensors say now, before anything is earned.
+
+        Raises:
+            SensingError: one is silent or stale.
+        """
+        return Reading(self._task.sensors.observation(self.sensors.heard(), time.monotonic()), 0.0, time.time_ns())
+
+    def _sense(self) -> Reading:
+        """Return what the sensors say now, and what the reward's topic does.
+
+        Raises:
+            SensingError: one is silent or stale.
+        """
+        reading, reward = self._observe(), self._task.reward
+        if not reward.topic:
+            return reading
+        message = fresh(self.sensors.heard(), reward.topic, time.monotonic(), self._task.stale_after)
+        (told,) = field_values(message, reward.field)
+        return reading._replace(reward=told)
+
+    def _sense_joints(self) -> Joints:
+        home = self._task.reset.home
+        return home.joints_in(fresh(self.sensors.heard(), home.topic, time.monotonic(), self._task.stale_after))
+
+    def _finish(self, episode: RobotEpisode) -> None:
+        """Have the robot hold, and tell who began the episode that it is over."""
+        self._gate.hold()
+        self.episode = self._reset = self._shown = None
+        self.waiting = ""
+        self._ended(episode)

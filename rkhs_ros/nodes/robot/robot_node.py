@@ -1,0 +1,272 @@
+"""The robot node: a world of a robot's own topics, in which the wall clock ends a step."""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from std_msgs.msg import Empty
+from std_srvs.srv import SetBool, Trigger
+
+from rkhs_interfaces import msg
+from rkhs_interfaces.msg import Episodes
+from rkhs_interfaces.srv import DescribeTask, StartEpisodes
+from rkhs_ros.base.endings import RunError, Stop
+from rkhs_ros.base.validation import require
+from rkhs_ros.learning.messages import episodes_message
+from rkhs_ros.nodes.core.arguments import require_section
+from rkhs_ros.nodes.core.diagnostics import Diagnostics
+from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of, describe_robot
+from rkhs_ros.nodes.core.parameters import declare, declared, given, process, restarts
+from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
+from rkhs_ros.nodes.core.uniqueness import Uniqueness
+from rkhs_ros.nodes.robot.robot_driver import EpisodeDriver
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.robot.clock import StepTiming
+from rkhs_ros.robot.episode import FinishedEpisode, RobotEpisode
+from rkhs_ros.robot.journal import Journal
+from rkhs_ros.robot.task import robot_task_from
+
+CALM_S = 0.005  # before what is due next, in which nothing else is done
+ONE_ROW = "1, as a robot has"
+
+
+class RobotNode(ReportingNode):
+    """Runs episodes on a robot, one at a time, for a learner that asks for them as it asks a simulator.
+
+    Owns the journal, and the episode that may still be vetoed. Asked for an episode of the journal it tells it again,
+    asked for the one under way it goes on with it. Does not own the motion of the robot, nor the episodes' numbers,
+    which the learner gives, and does not speak to the hardware: commands go to the gate.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("robot")
+
+    def open(self) -> None:
+        """Read the task, and open topics and services.
+
+        Raises:
+            ValueError: an unknown parameter, a value that does not fit, or an unknown type of messages.
+            OSError: the folder of the journal cannot be made.
+        """
+        require_section(self.get_fully_qualified_name(), sys.argv)
+        tree = given(self)
+        folder = declared(self, tree, "journal", "", "folder that keeps each episode; empty: none is kept")
+        arms = declared(
+            self,
+            tree,
+            "simulated",
+            False,
+            "arm the gate of a simulated robot, and end its protective stops, from here; of no other",
+        )
+        again, own_process = restarts(self, tree), process(self, tree)
+        self._task = robot_task_from(tree)
+        declare(self, (entry for entry in self._task.entries() if entry.value != ()))
+        self._journal = Journal(Path(folder).expanduser() if folder else None)
+        self._request = StartEpisodes.Request()  # of the batch that was asked for last
+        self._held: tuple[FinishedEpisode, float] | None = None  # an episode that may be vetoed, and until when
+        self._told: tuple[FinishedEpisode, int, int] | None = (
+            None  # a finished one, with the batch and version it was told by
+        )
+        self._said: Episodes | None = None  # last
+        self._failure = ""
+        self._pace, self._misses, self._voids = StepTiming(), 0, 0
+        self.diagnostics = Diagnostics(self, again, self._report, ["action", "gate/report"])
+        self._uniqueness = Uniqueness(self, own_process)
+        instance_number = self._uniqueness.instance
+        self._motion = EpisodeDriver(self, self._task, instance_number, arms=arms, ended=self._keep)
+        self._open_topics()
+        self.get_logger().info(f"ready for episodes of {self._task.task}")
+
+    def _open_topics(self) -> None:
+        self._episodes = self.create_publisher(Episodes, "episodes", LOCKSTEP_QOS)
+        self.create_subscription(Empty, "learner_alive", self._hear_learner, LOCKSTEP_QOS)
+        self.create_service(StartEpisodes, "start_episodes", self._start)
+        self.create_service(DescribeTask, "describe_task", self._describe)
+        self.create_service(Trigger, "~/start", self._go_on)
+        self.create_service(Trigger, "~/stop", self._stop)
+        self.create_service(Trigger, "~/veto", self._veto)
+        self.create_service(SetBool, "~/pause", self._pause)
+
+    def heartbeat(self) -> float:
+        """Do what is due; return the seconds until the next time."""
+        now = time.monotonic()
+        if self._held is not None and now >= self._held[1]:
+            self._release()
+        due = self._proceed(now) if self._held is None else self._held[1]
+        if due - now < CALM_S:
+            return max(due - time.monotonic(), 0.0)
+        self._uniqueness.check()
+        self._motion.sensors.heartbeat(now)
+        self.diagnostics.waiting = self._motion.waiting
+        return max(min(self.diagnostics.heartbeat(), due - time.monotonic()), 0.0)
+
+    def _proceed(self, now: float) -> float:
+        """Have the robot move on; where that fails the episode is void, and the learner is told why."""
+        try:
+            return self._motion.proceed(now)
+        except RunError as error:
+            self._failure = self.diagnostics.stuck = f"{self._task.task}: {error}"
+            self._motion.void(str(error))
+            return now
+
+    def close(self) -> None:
+        """Have the robot hold before the node ends."""
+        self._motion.close()
+
+    # What the learner asks for.
+
+    def _describe(self, request: DescribeTask.Request, response: DescribeTask.Response) -> DescribeTask.Response:
+        heard = self._motion.is_heard and self._episodes.get_subscription_count() > 0
+        episode = self._motion.episode
+        step = episode.step if episode else 0
+        answer = describe_robot(self._task, self._request.batch, step, failure=self._failure, connected=heard)
+        answer.resetting = self._held is not None or (episode is not None and not episode.moving)
+        answer.waiting = self._motion.waiting
+        return answer
+
+    def _start(self, request: StartEpisodes.Request, response: StartEpisodes.Response) -> StartEpisodes.Response:
+        self._motion.alive_at = time.monotonic()
+        with self.diagnostics.accepting(response, "to start episodes"):
+            batch = batch_of(request)
+            asked = (request.environment, request.options)
+            require(asked == (self._task.task, "{}"), "task", self._task.task, " with options ".join(asked))
+            require(batch.num_envs == 1, "rows", ONE_ROW, batch.num_envs)
+            if request.batch == self._request.batch:
+                require(request == self._request, f"batch {request.batch}", "the request of before", "another")
+                self._repeat()
+            else:
+                self._take(request, batch)
+        return response
+
+    def _take(self, request: StartEpisodes.Request, batch: Batch) -> None:
+        """Go on with the episode under way where it is asked for, tell one of the journal, or begin a new one."""
+        episode = self._motion.episode
+        under_way = self._held[0].batch if self._held else episode.batch if episode else None
+        if under_way == batch and not request.anew:
+            self._request = request
+            self._motion.rename(request.batch, request.policy_version)
+            return
+        self._release()
+        self._motion.void("another episode was asked for")
+        self._request, self._said, self._failure, self.diagnostics.stuck = request, None, "", ""
+        if request.anew:
+            self._journal.forget(batch)
+        found = self._journal.find(batch)
+        if found is not None:
+            self._tell(found)
+        else:
+            self._motion.begin(batch, request.batch, request.policy_version)
+
+    def _repeat(self) -> None:
+        """Say again what was said last, as it may have been lost."""
+        if self._said is not None:
+            self._episodes.publish(self._said)
+
+    def _hear_learner(self, message: Empty) -> None:
+        self._motion.alive_at = time.monotonic()
+
+    # The end of an episode.
+
+    def _keep(self, episode: RobotEpisode) -> None:
+        """Keep an episode that is over, then tell of it, once it can no longer be vetoed."""
+        ended = episode.ended()
+        self._pace, self._misses = self._pace + episode.pace, self._misses + episode.misses
+        self.diagnostics.steps += len(ended.execution.flags)
+        self._journal.add(ended)
+        if reason := ended.execution.discard_reason:
+            self._voids += 1
+            self.get_logger().warning(f"episode {ended.batch.first_episode} is void: {reason}")
+        if self._failure:
+            return  # the learner is to end, not to ask again
+        self._held = (ended, 0.0 if reason else time.monotonic() + self._task.veto_window)
+        if reason or not self._task.veto_window:
+            self._release()
+
+    def _release(self) -> None:
+        """Tell of an episode that was held back."""
+        if self._held is not None:
+            ended, self._held = self._held[0], None
+            self._tell(ended)
+
+    def _tell(self, ended: FinishedEpisode) -> None:
+        place = (self._request.batch, self._request.policy_version)
+        self._said = episodes_message(msg, *place, ended.episodes, [ended.execution])
+        self._episodes.publish(self._said)
+        self._told = None if ended.execution.discard_reason else (ended, *place)
+
+    # What a person asks for.
+
+    def _go_on(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._motion.give_word()
+        response.success = True
+        return response
+
+    def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._motion.paused, response.success = request.data, True
+        response.message = f"before the next episode; to go on: {self._motion.call('start')}" if request.data else ""
+        return response
+
+    def _stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._motion.paused, response.success = True, True
+        self._motion.void("stopped by a person")
+        response.message = f"to go on: {self._motion.call('start')}"
+        return response
+
+    def _veto(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Make the last finished episode void, if the learner cannot have learnt from it.
+
+        It has not where it was not told of it yet, nor where it waits for another one under the same policy.
+        """
+        if self._held is not None:
+            self._held = (self._voided(self._held[0]), 0.0)
+            self._release()
+        elif self._told is not None and self._motion.episode and self._told[2] == self._request.policy_version:
+            (ended, identity, version), self._told = self._told, None
+            void = self._voided(ended)
+            self._episodes.publish(episodes_message(msg, identity, version, void.episodes, [void.execution]))
+        else:
+            response.message = "there is none that the learner has not learnt from (veto_window holds them back)"
+            return response
+        response.success = True
+        return response
+
+    def _voided(self, ended: FinishedEpisode) -> FinishedEpisode:
+        void = replace(ended, execution=replace(ended.execution, discard_reason="vetoed by a person"))
+        self._journal.discard_finished(void)
+        self._voids += 1
+        return void
+
+    def _report(self) -> dict[str, object]:
+        batch, version = self._motion.lockstep
+        episode = self._motion.episode
+        return {
+            "serving version": version,
+            "batch": batch,
+            "step": episode.step if episode else 0,
+            "state": "idle" if episode is None else "moving" if episode.moving else "getting ready",
+            "period mean ms": f"{1e3 * self._pace.mean:.2f}",
+            "period worst ms": f"{1e3 * self._pace.worst:.2f}",
+            "misses": self._misses,
+            "discarded episodes": self._voids,
+            **self._motion.sensors.report(),
+        }
+
+
+def serve_robot(node: RobotNode, stop: Stop) -> None:
+    """Handle the node's messages until told to end; the robot holds then."""
+    try:
+        serve(node, stop)
+    finally:
+        node.close()
+
+
+def main() -> None:
+    """Run the robot node."""
+    run(RobotNode, "robot", serve_robot)
+
+
+if __name__ == "__main__":
+    main()

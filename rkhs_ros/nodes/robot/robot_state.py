@@ -1,0 +1,49 @@
+"""A robot's description and motions, published for viewers; imported only where asked for, as it takes 0.1 s."""
+
+from __future__ import annotations
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from rkhs_ros.base.validation import require
+from rkhs_ros.nodes.core.messages import LATCHED_QOS, joint_state_messages
+from rkhs_ros.rollouts.simulation import Simulation
+
+MOTION_QOS = QoSProfile(depth=256)  # a whole motion
+
+
+class RobotState:
+    """Publishes a robot's URDF once, and motions all at once, stamped with when they are to be seen: from now on.
+
+    Owns the time at which the last motion ends. Motions that are made before it are not shown: a simulator makes them
+    faster than they can be seen.
+
+    Args:
+        node: the simulator node.
+        simulation: of a task with a robot.
+
+    Raises:
+        ValueError: the task has no robot.
+    """
+
+    def __init__(self, node: Node, simulation: Simulation) -> None:
+        description = simulation.robot_description()
+        require(description is not None, "robot_state", "a task with joints", simulation.environment)
+        self._clock = node.get_clock()
+        self._simulation = simulation
+        self._motion_end_ns = 0
+        self._joint_states = node.create_publisher(JointState, "joint_states", MOTION_QOS)
+        self._description = node.create_publisher(String, "robot_description", LATCHED_QOS)
+        self._description.publish(String(data=description))
+
+    def publish(self) -> None:
+        """Publish what the robot did in the step just made, if it did something and no motion is being shown."""
+        now_ns = self._clock.now().nanoseconds
+        states = self._simulation.joint_states() if now_ns >= self._motion_end_ns else None
+        if states is None:
+            return
+        for message in joint_state_messages(states, now_ns):
+            self._joint_states.publish(message)
+        self._motion_end_ns = now_ns + round(1e9 * states.period * len(states.positions))

@@ -1,0 +1,209 @@
+"""The status node of ``rkhs status``: shows how far a run is, and a table of the nodes at work."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import nullcontext
+from functools import partial
+from math import isnan
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from rkhs_interfaces.msg import LearningProgress
+from rkhs_ros.base.endings import Stop
+from rkhs_ros.base.validation import truncated
+from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS, REPORT_PERIOD_S, TOPIC
+from rkhs_ros.nodes.core.messages import LATCHED_QOS
+from rkhs_ros.nodes.core.sources import PREFIX
+from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S, PeerError, run
+
+LISTEN_S = 3 * REPORT_PERIOD_S  # without word of another node, after which all are taken to have reported
+PROGRESS = "rkhs_interfaces/msg/LearningProgress"
+COLUMNS = {  # headers of the reported values: one line each, and short enough for a terminal of 80 columns
+    "serving version": "policy",
+    "batch": "batch",
+    "step": "step",
+    "steps per second": "Hz",
+    "refusals": "refused",
+    "passed over": "ignored",
+    "restarts": "restarts",
+}
+LAST_REFUSAL = "last refusal"
+MODE = "state"  # of a gate or a robot, beside how the node fares
+OF_OURS = "passed over"  # that all our nodes report
+RANDOM = ("serving version", "batch")  # numbers that say no more than which are the same
+DIGITS = 4  # of these
+COLOURS = {DiagnosticStatus.OK: "green", DiagnosticStatus.WARN: "yellow", DiagnosticStatus.ERROR: "red"}
+Statuses = dict[str, DiagnosticStatus]
+
+
+class StatusNode(Node):
+    """Listens to what the nodes report.
+
+    Owns the newest report of each and when it came, the newest word of each learner, and when a node was heard for the
+    first time.
+    """
+
+    def __init__(self) -> None:
+        """Open the topic of the reports."""
+        super().__init__("status")
+        self.watches = bool(self.declare_parameter("watch", False).value)
+        self.heard_new_at = time.monotonic()
+        self.progress: dict[str, LearningProgress] = {}
+        self._heard: dict[str, tuple[float, DiagnosticStatus]] = {}
+        self._topics: set[str] = set()
+        self.create_subscription(DiagnosticArray, TOPIC, self._hear, DIAGNOSTICS_QOS)
+
+    @property
+    def statuses(self) -> Statuses:
+        """The newest report of each node; of one that fell silent, that it did."""
+        now = time.monotonic()
+        return {
+            name: _silent(each, now - at) if now - at > LISTEN_S else each for name, (at, each) in self._heard.items()
+        }
+
+    def look_for_learners(self) -> None:
+        """Listen to learners that came since, in whatever namespace."""
+        for topic, kinds in self.get_topic_names_and_types():
+            if PROGRESS in kinds and topic not in self._topics:
+                self._topics.add(topic)
+                hear = partial(self.progress.__setitem__, topic)
+                self.create_subscription(LearningProgress, topic, hear, LATCHED_QOS)
+
+    def _hear(self, message: DiagnosticArray) -> None:
+        now = time.monotonic()
+        ours = {each.name: (now, each) for each in message.status if OF_OURS in _values(each)}
+        if ours.keys() - self._heard.keys():
+            self.heard_new_at = now
+        self._heard |= ours
+
+
+def _silent(status: DiagnosticStatus, seconds: float) -> DiagnosticStatus:
+    message = f"silent: for {seconds:.0f} s"
+    return DiagnosticStatus(name=status.name, level=DiagnosticStatus.ERROR, message=message, values=status.values)
+
+
+def heading(progress: LearningProgress) -> Text:
+    """Return in three lines how far a run is, what it earns, and where its results are."""
+    left = "" if isnan(progress.seconds_left) else f", about {progress.seconds_left:.0f} s left"
+    lines = (
+        f"{truncated(progress.run)}: iteration {progress.iteration} of {progress.iterations}, "
+        f"{progress.episodes} episodes, {progress.centres} centres{left}",
+        f"return {progress.exploration_return:.4g}{_measured(progress)}" if progress.iteration else "no return yet",
+        "in " + "".join(c if c.isprintable() else "?" for c in progress.folder),  # whole, however long it is
+    )
+    return Text("\n".join(lines))
+
+
+def _measured(progress: LearningProgress) -> str:
+    """Return the evaluation return that was measured last, and what the model promises."""
+    measured = [each for each in progress.last_evaluation_returns if not isnan(each)]
+    text = f", noise-free {measured[-1]:.4g}" if measured else ""
+    return text + ("" if isnan(progress.model_return) else f", imagined {progress.model_return:.4g}")
+
+
+def table(statuses: Statuses) -> Table:
+    """Return the reports, a node a row."""
+    result = Table(box=None, pad_edge=False, collapse_padding=True)
+    for head in ("node", "state", *COLUMNS.values()):
+        wraps = head in ("state", "batch", "step")
+        result.add_column(head, overflow="fold", no_wrap=not wraps, min_width=len(head) if wraps else None)
+    for name, status in sorted(statuses.items()):
+        values = _values(status)
+        state = Text(
+            truncated(" ".join(filter(None, (_word(status), values.get(MODE))))), COLOURS.get(status.level, "red")
+        )
+        result.add_row(Text(truncated(name)), state, *(Text(_cell(key, values.get(key, ""))) for key in COLUMNS))
+    return result
+
+
+def reasons(statuses: Statuses) -> Iterator[Text]:
+    """Yield what is the matter with nodes, how their sources fare, and what each last refused, a line each."""
+    for name, status in sorted(statuses.items()):
+        if status.message != _word(status):
+            yield Text(f"{truncated(name)} {truncated(status.message)}")
+        values = _values(status)
+        for key, line in values.items():
+            if key.startswith(PREFIX):
+                yield Text(f"{truncated(name)} {truncated(key.removeprefix(PREFIX))}: {truncated(line)}")
+        if reason := values.get(LAST_REFUSAL):
+            yield Text(f"{truncated(name)} last refused or passed over {truncated(reason)}")
+
+
+def _word(status: DiagnosticStatus) -> str:
+    """Return how a node fares, less why, for which the table has no room."""
+    return str(status.message.partition(": ")[0])
+
+
+def _values(status: DiagnosticStatus) -> dict[str, str]:
+    return {value.key: value.value for value in status.values}
+
+
+def _cell(key: str, value: str) -> str:
+    """Return a value as it is shown: of random numbers the last digits."""
+    return " ".join(number[-DIGITS:] for number in truncated(value).split()) if key in RANDOM else truncated(value)
+
+
+def view(node: StatusNode, console: Console) -> Group:
+    """Return all that is known now; where there is no terminal that wraps them, lines are as long as they are."""
+    statuses = node.statuses
+    parts: list[Text | Table] = [
+        *(heading(each) for each in node.progress.values()),
+        table(statuses),
+        *reasons(statuses),
+    ]
+    if not console.is_terminal:
+        console.width = max(console.width, *(console.measure(part).maximum for part in parts))
+    return Group(*parts)
+
+
+def show(node: StatusNode, stop: Stop) -> None:
+    """Listen until no more nodes are heard of, and print what they reported; of a watch, each second until told to end.
+
+    Raises:
+        PeerError: nobody reported.
+    """
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    console = Console()
+    _listen(node, executor, stop)
+    if not (node.statuses or stop.is_set()):
+        raise PeerError(
+            f"expected nodes at work, got none within {LISTEN_S:g} s; name their run's folder, or set ROS_DOMAIN_ID"
+        )
+    if not node.watches:
+        console.print(view(node, console))
+        return
+    with Live(console=console, auto_refresh=False) if console.is_terminal else nullcontext() as live:
+        while not stop.is_set():
+            known = view(node, console)
+            live.update(known, refresh=True) if live else console.print(known)
+            _spin(node, executor, stop, time.monotonic() + REPORT_PERIOD_S)
+
+
+def _listen(node: StatusNode, executor: SingleThreadedExecutor, stop: Stop) -> None:
+    """Hear nodes until there is no word of another one; a watch begins with the first."""
+    while time.monotonic() < node.heard_new_at + LISTEN_S and not (stop.is_set() or (node.watches and node.statuses)):
+        _spin(node, executor, stop, time.monotonic() + SIGNAL_CHECK_S)
+
+
+def _spin(node: StatusNode, executor: SingleThreadedExecutor, stop: Stop, until: float) -> None:
+    node.look_for_learners()
+    while time.monotonic() < until and not stop.is_set():
+        executor.spin_once(timeout_sec=SIGNAL_CHECK_S)
+
+
+def main() -> None:
+    """Run the status node."""
+    run(StatusNode, "status", show)
+
+
+if __name__ == "__main__":
+    main()

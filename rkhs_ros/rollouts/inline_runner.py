@@ -1,0 +1,73 @@
+"""The in-process runner."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from rkhs_ros.base.endings import RunError
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.execution import Record, discard, record_kinds
+from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rollouts.episode_recorder import EpisodeRecorder
+from rkhs_ros.rollouts.simulation import Simulation
+
+
+class InlineRunner:
+    """Lets policies act in a simulation of this process; as a context manager it closes the simulation at the end.
+
+    Args:
+        simulation: the task.
+
+    Attributes:
+        record: is told of each batch as it ends.
+    """
+
+    def __init__(self, simulation: Simulation) -> None:
+        self.simulation = simulation
+        self.spaces = simulation.spaces
+        self.record: Record = discard
+
+    def __enter__(self) -> Self:
+        """Return the runner."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Close the simulation."""
+        self.simulation.close()
+
+    def capacity(self, num_envs: int) -> int:
+        """Return how many of the environments can run side by side."""
+        return self.simulation.capacity(num_envs)
+
+    def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
+        """Return the episodes of a batch under the policy, as many at a time as the simulation has room for.
+
+        Raises:
+            RunError: the environment failed, or a number is not finite.
+        """
+        parts = batch.parts(self.capacity(batch.num_envs))
+        return Episodes.concatenate(self._together(policy, part) for part in parts)
+
+    def _together(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
+        acting = Acting(policy, batch, explore=batch.explore)
+        recorder = EpisodeRecorder(batch, self.spaces)
+        frame = self.simulation.start(batch)
+        recorder.observed(0, frame)
+        step = 0
+        while not frame.is_over:
+            actions = self._actions(acting, step, frame.observations)
+            frame = self.simulation.step(actions)
+            recorder.acted(step, actions)
+            step += 1
+            recorder.observed(step, frame)
+        episodes = recorder.episodes()
+        record_kinds(self.record, batch, episodes, [])
+        return episodes
+
+    def _actions(self, acting: Acting, step: int, observations: Array) -> Array:
+        try:
+            return acting(step, observations)
+        except RunError as error:
+            raise RunError(f"{self.simulation.environment}: {error}") from error

@@ -1,0 +1,1 @@
+"""Sketches of what is being learnt, in space: for the nodes that publish them and the pictures that draw them."""

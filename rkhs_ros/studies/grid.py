@@ -1,0 +1,147 @@
+"""A grid of settings, and what the runs at its points come to."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from io import StringIO
+from itertools import product
+from math import inf, prod
+from statistics import median
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rkhs_ros.base.validation import require
+from rkhs_ros.base.yaml_text import loaded
+from rkhs_ros.runs.config import Config
+from rkhs_ros.runs.curve import Row
+
+MOST_POINTS = 10_000
+OF_THE_TASK = ("horizon", "discount")  # and the environment: returns would not be of one task
+OF_THE_COUNT = ("seed", "name", "simulators", "timeout")  # no other way to learn
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A setting and the values that it takes."""
+
+    name: str
+    values: tuple[Any, ...]
+
+    @property
+    def changes(self) -> list[str]:
+        """The values as changes of a configuration."""
+        return [f"{self.name}={json.dumps(value)}" for value in self.values]
+
+
+def parse_variations(texts: Iterable[str]) -> tuple[Variation, ...]:
+    """Return what is meant by texts as ``algorithm.ridge=1e-3,1e-2``; a value is YAML.
+
+    Raises:
+        ValueError: a text of another form, a setting that makes the returns incomparable, one twice or too many values.
+    """
+    varied = tuple(map(_varied, texts))
+    names = [each.name for each in varied]
+    require(len(varied) > 0, "--vary", "KEY=VALUE,VALUE ...", "nothing")
+    require(len(set(names)) == len(names), "--vary", "each setting once", " ".join(names))
+    points = prod(len(each.values) for each in varied)
+    require(points <= MOST_POINTS, "--vary", f"at most {MOST_POINTS} points of the grid", points)
+    return varied
+
+
+def _varied(text: str) -> Variation:
+    name, equals, values = (part.strip() for part in text.partition("="))
+    require(bool(name and equals and values), "--vary", "KEY=VALUE,VALUE ...", f"'{text}'")
+    require_comparable(name, "--vary")
+    try:
+        given = loaded(f"[{values}]")
+    except ValueError as error:
+        raise ValueError(f"--vary: expected values in YAML, got '{text}'") from error
+    distinct = {json.dumps(value) for value in given}
+    require(len(distinct) == len(given), f"--vary: {name}", "values that differ", values)
+    return Variation(name, tuple(given))
+
+
+def require_comparable(name: str, what: str) -> None:
+    """Raise ValueError where runs that differ in a setting are not to be compared, or are no other way to learn."""
+    require(name not in OF_THE_COUNT, what, "settings of how to learn (seeds: --seeds)", name)
+    alike = name not in OF_THE_TASK and not name.startswith("environment")
+    require(alike, what, "settings that leave the task as it is, for its returns to be compared", name)
+
+
+def points(varied: Sequence[Variation]) -> list[tuple[str, ...]]:
+    """Return the changes that make each point of the grid."""
+    return list(product(*(each.changes for each in varied)))
+
+
+def require_evaluated(config: Config) -> None:
+    """Raise ValueError where a run has no evaluation return to be judged by."""
+    training = config.training
+    good = 0 < training.evaluate_every <= training.iterations
+    require(
+        good, "evaluate_every", f"1 to {training.iterations}, to judge by evaluation episodes", training.evaluate_every
+    )
+
+
+class Outcome(NamedTuple):
+    """What a run comes to, or the median over several.
+
+    Attributes:
+        final: last evaluation return.
+        best: greatest evaluation return.
+        episodes_to: exploring episodes until each threshold was reached, infinity where it was not.
+    """
+
+    final: float
+    best: float
+    episodes_to: tuple[float, ...]
+
+    @classmethod
+    def of(cls, rows: Sequence[Row], thresholds: Sequence[float]) -> Outcome:
+        """Return what a run comes to, by its curve."""
+        evaluated = [row for row in rows if not np.isnan(row.evaluation_return)]
+        returns = [row.evaluation_return for row in evaluated]
+        reached = (
+            next((float(row.episodes) for row in evaluated if row.evaluation_return >= least), inf)
+            for least in thresholds
+        )
+        return cls(returns[-1], max(returns), tuple(reached))
+
+    @classmethod
+    def median(cls, outcomes: Sequence[Outcome]) -> Outcome:
+        """Return the medians over runs."""
+        reached = zip(*(each.episodes_to for each in outcomes), strict=True)
+        return cls(
+            median(each.final for each in outcomes), median(each.best for each in outcomes), tuple(map(median, reached))
+        )
+
+
+def as_csv(head: Sequence[str], thresholds: Sequence[float], lines: Iterable[tuple[Sequence[object], Outcome]]) -> str:
+    """Return a table with all digits: in each line what it is of, and what that comes to."""
+    text = StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*head, *_columns(thresholds, "_")])
+    writer.writerows([*about, *_flat(outcome)] for about, outcome in lines)
+    return text.getvalue()
+
+
+def as_markdown(
+    head: Sequence[str], thresholds: Sequence[float], lines: Iterable[tuple[Sequence[object], Outcome]]
+) -> str:
+    """Return the same table to be read."""
+    names = [*head, *_columns(thresholds, " ")]
+    body = [[*map(str, about), *(f"{number:.5g}" for number in _flat(outcome))] for about, outcome in lines]
+    rows = [names, ["---"] * len(names), *body]
+    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+
+
+def _columns(thresholds: Sequence[float], space: str) -> list[str]:
+    names = ["final return", "best return", *(f"episodes to {least:g}" for least in thresholds)]
+    return [name.replace(" ", space) for name in names]
+
+
+def _flat(outcome: Outcome) -> list[float]:
+    return [outcome.final, outcome.best, *outcome.episodes_to]

@@ -1,0 +1,220 @@
+"""Where calls are made: in processes of this machine, on a Dask cluster, or on a Ray cluster.
+
+Each gives futures, which one loop waits for. A cluster makes a call whose worker was lost again on another.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+import socket
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Future
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from math import inf
+from queue import SimpleQueue
+from typing import Any, NamedTuple, TypeVar
+
+from joblib import cpu_count
+from joblib.externals.loky import get_reusable_executor
+from joblib.externals.loky.process_executor import BrokenProcessPool
+
+from rkhs_ros.base.endings import RunError
+from rkhs_ros.base.processes import terminate_with_parent
+from rkhs_ros.base.validation import require
+from rkhs_ros.runs.provenance import TASKS, provenance
+
+ALL_CORES = -1
+CONNECT_TIMEOUT_S = 10
+RETRIES = 3  # of a call whose worker was lost
+T = TypeVar("T")
+Take = Callable[[], tuple[Any, ...] | None]
+DASK_ADDRESS = re.compile(r"\w+://\S+:\d{1,5}", re.ASCII)
+RAY_ADDRESS = re.compile(r"(?:ray://)?([^\s:/]+):(\d{1,5})", re.ASCII)
+
+
+class WorkerLostError(RunError):
+    """A call's worker was killed, and no other could make it."""
+
+
+class Pool(NamedTuple):
+    """What takes calls.
+
+    Attributes:
+        submit: begins a call of a module's function and returns its future.
+        lost: errors of the futures whose workers were lost for good.
+        width: calls that are made at the same time.
+        most: calls that it holds, those that wait for a worker among them.
+    """
+
+    submit: Callable[..., Future[Any]]
+    lost: tuple[type[BaseException], ...]
+    width: int
+    most: float = inf
+
+    def results(self, call: Callable[..., T], take: Take, most: float) -> Iterator[T]:
+        """Yield what calls return, in the order in which they end.
+
+        Args:
+            call: the function.
+            take: returns the arguments of the next call; None where there is none before another has ended.
+            most: calls that are begun before others have ended.
+
+        Raises:
+            WorkerLostError: some calls could not be made, after all others have been.
+            ValueError: a worker has other code.
+        """
+        ended: SimpleQueue[Future[T]] = SimpleQueue()
+        at_work, most = 0, min(most, self.most)
+        lost: BaseException | None = None
+        while True:
+            try:
+                while at_work < most and (arguments := take()) is not None:
+                    self.submit(call, *arguments).add_done_callback(ended.put)
+                    at_work += 1
+            except self.lost as error:  # no more calls are taken
+                lost, most = error, 0
+            if at_work == 0:
+                break
+            future = ended.get()
+            at_work -= 1
+            try:
+                result = future.result()
+            except self.lost as error:
+                lost = error
+                continue
+            yield result
+        if lost is not None:
+            told = "the process of a run was killed, or one beside it; the same command goes on"
+            raise WorkerLostError(told) from lost
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Where calls are made side by side.
+
+    Attributes:
+        jobs: processes of this machine; -1 for one per core.
+        scheduler: address of a Dask scheduler, whose cluster takes the place of this machine.
+        ray: address of a Ray cluster, which takes the place of this machine.
+    """
+
+    jobs: int = ALL_CORES
+    scheduler: str | None = None
+    ray: str | None = None
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where there is no such number, more than one place, or a library is not installed."""
+        expected = f"at least 1, or {ALL_CORES} for all cores"
+        require(self.jobs == ALL_CORES or self.jobs >= 1, "--jobs", expected, self.jobs)
+        places = {"--jobs": self.jobs != ALL_CORES, "--scheduler": self.scheduler, "--ray": self.ray}
+        named = [name for name, given in places.items() if given]
+        require(len(named) <= 1, "workers", f"one of {', '.join(places)}", " and ".join(named))
+        if self.scheduler:
+            require_extra("distributed", "dask", "--scheduler")
+        if self.ray:
+            require_extra("ray", "ray", "--ray")
+
+    @contextmanager
+    def opened(self, count: int) -> Iterator[Pool]:
+        """Give what makes calls, at most so many at the same time.
+
+        Raises:
+            OSError: the cluster cannot be reached.
+            ValueError: its workers have several threads.
+        """
+        processes = min(cpu_count() if self.jobs == ALL_CORES else self.jobs, count)
+        if self.scheduler:
+            opened: AbstractContextManager[Pool] = _dask(self.scheduler)
+        elif self.ray:
+            opened = _ray(self.ray)
+        elif processes > 1:
+            opened = _processes(processes)
+        else:
+            opened = nullcontext(Pool(_made, (), width=1, most=1))
+        with opened as pool:
+            yield pool
+
+
+def require_extra(module: str, extra: str, what: str) -> None:
+    """Raise ValueError, with what to install, where a module is missing."""
+    remedy = f"{module} to be installed (pip install {module}, or the extra '{extra}')"
+    require(find_spec(module) is not None, what, remedy, "none")
+
+
+def _made(call: Callable[..., T], *arguments: Any) -> Future[T]:
+    """Make a call in this process."""
+    future: Future[T] = Future()
+    future.set_result(call(*arguments))
+    return future
+
+
+@contextmanager
+def _processes(count: int) -> Iterator[Pool]:
+    executor = get_reusable_executor(count, initializer=terminate_with_parent, initargs=(os.getpid(),), reuse=False)
+    try:
+        yield Pool(executor.submit, (BrokenProcessPool,), count)
+    finally:
+        executor.shutdown(kill_workers=True)
+
+
+@contextmanager
+def _dask(address: str) -> Iterator[Pool]:
+    distributed = import_module("distributed")
+    require(DASK_ADDRESS.fullmatch(address) is not None, "--scheduler", "an address as tcp://HOST:8786", f"'{address}'")
+    try:
+        client = distributed.Client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
+    except OSError as error:
+        raise OSError(f"--scheduler: expected a Dask scheduler at {address}, got none ({error})") from error
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a scheduler that is lost is told of in a line
+    with client:
+        executor = client.get_executor(pure=False)
+        threads = list(client.nthreads().values())
+        most = max(threads, default=1)
+        require(most == 1, "--scheduler", "workers of one thread (dask worker --nthreads 1)", f"{most} threads")
+        lost = (distributed.scheduler.KilledWorker, CancelledError)
+        try:
+            yield Pool(_with_our_code(executor.submit), lost, max(len(threads), 1))
+        finally:
+            executor.shutdown(wait=False)
+
+
+@contextmanager
+def _ray(address: str) -> Iterator[Pool]:
+    place = RAY_ADDRESS.fullmatch(address)
+    if place is None:
+        raise ValueError(f"--ray: expected an address as HOST:6379 or ray://HOST:10001, got '{address}'")
+    try:
+        socket.create_connection((place[1], int(place[2])), CONNECT_TIMEOUT_S).close()  # Ray would try for minutes
+        ray = import_module("ray")
+        ray.init(address, log_to_driver=False, logging_level=logging.ERROR)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise OSError(f"--ray: expected a Ray cluster at {address}, got none ({error})") from error
+
+    def submit(call: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        task = ray.remote(call).options(num_cpus=1, max_retries=RETRIES)
+        future: Future[Any] = task.remote(*arguments).future()
+        return future
+
+    lost, cores = (ray.exceptions.WorkerCrashedError, ray.exceptions.NodeDiedError), ray.cluster_resources()
+    try:
+        yield Pool(_with_our_code(submit), lost, max(int(cores.get("CPU", 1)), 1))
+    finally:
+        ray.shutdown()
+
+
+def _with_our_code(submit: Callable[..., Future[Any]]) -> Callable[..., Future[Any]]:
+    """Have a worker refuse calls where it would not come to the same bits as this process."""
+    ours = provenance(*TASKS)
+    return lambda call, *arguments: submit(_checked, ours, call, *arguments)
+
+
+def _checked(expected: dict[str, str], call: Callable[..., T], *arguments: Any) -> T:
+    got = provenance(*TASKS)
+    for name, value in expected.items():
+        require(got[name] == value, f"worker: {name}", value, got[name])
+    return call(*arguments)

@@ -1,0 +1,146 @@
+"""The node of a simulated robot: a process that behaves as hardware does, by the wall clock."""
+
+from __future__ import annotations
+
+import sys
+import time
+from math import inf
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from rclpy.time import Time
+from std_srvs.srv import Trigger
+
+from rkhs_ros.base.settings import entries
+from rkhs_ros.nodes.core.arguments import require_section
+from rkhs_ros.nodes.core.clocks import now_by_both_clocks
+from rkhs_ros.nodes.core.diagnostics import STOP, Diagnostics
+from rkhs_ros.nodes.core.messages import LATCHED_QOS
+from rkhs_ros.nodes.core.parameters import declare, declared, given, process, restarts
+from rkhs_ros.nodes.core.publishers import SinglePublishers
+from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
+from rkhs_ros.nodes.core.uniqueness import Uniqueness
+from sim_nodes.robots.hardware import Hardware, Sample
+from sim_nodes.robots.kinds import DEFAULT, SETTINGS, settings_of
+from sim_nodes.robots.protection import SECOND_PUBLISHER
+from sim_nodes.robots.topics import ArmTopics, DoorTopics, MotorPendulumTopics, RobotTopics
+
+TOPICS: dict[str, Any] = {"motor_pendulum": MotorPendulumTopics, "arm": ArmTopics, "pr2_door": DoorTopics}
+LEFT_TIMEOUT_S = 4.0  # for who commands the robot to leave it, before it ends
+REPORT_PERIOD_S = 0.1  # between reports of violations, and looks at who publishes commands
+
+
+class SimulatedRobotNode(ReportingNode):
+    """A robot to practise on.
+
+    Owns the robot with its wires and the clock by which it moves. Does not own its safety beyond what hardware has: a
+    protective stop, which comes when a limit was passed already, stays until it is reset, and is counted.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("simulated_robot")
+
+    def open(self) -> None:
+        """Make the robot and open its topics and services.
+
+        Raises:
+            ValueError: an unknown parameter, or a value that does not fit.
+        """
+        require_section(self.get_fully_qualified_name(), sys.argv)
+        tree = given(self)
+        again, own_process = restarts(self, tree), process(self, tree)
+        name = declared(self, tree, "robot", DEFAULT, f"which robot: {', '.join(SETTINGS)}")
+        settings = settings_of(name, tree)
+        declare(self, entries(settings))
+        self._speed = settings.speed
+        self._report_at = 0.0  # monotonic time, seconds
+        self._told: tuple[object, ...] = ()
+        self._end_at = inf  # monotonic time, seconds; known once the node is to end
+        self._crowded = ""
+        self._topics: RobotTopics = TOPICS[name](self, settings, self._command)
+        self._hardware = Hardware(self._topics.robot)
+        self._commanders = SinglePublishers(self, self._topics.command_topics)
+        self._violations = self.create_publisher(DiagnosticStatus, "~/violations", LATCHED_QOS)
+        self.diagnostics = Diagnostics(self, again, self._report)
+        self._uniqueness = Uniqueness(self, own_process)
+        self.create_service(Trigger, "~/reset_protective_stop", self._reset)
+        self._begin, self._begin_ns = now_by_both_clocks()
+        self.get_logger().info(f"{name} is there, at {self._speed:g} times the wall's speed")
+
+    def heartbeat(self) -> float:
+        """Move the robot on and publish what its sensors read; return the seconds until its next event."""
+        now = self._now()
+        for sample in self._hardware.advance(now):
+            self._topics.publish(sample.readings, self._stamp(sample))
+        self.diagnostics.steps = self._hardware.steps
+        self.diagnostics.stuck = self._topics.robot.state.protection.reason
+        self._uniqueness.check()
+        self._look_after_commands()
+        wait = max(self._hardware.next_event() - self._now(), 0.0) / self._speed
+        return min(wait, self.diagnostics.heartbeat(), REPORT_PERIOD_S)
+
+    def may_end(self) -> bool:
+        """Wait for those who command the robot: they bring it to rest first, by what it senses."""
+        now = time.monotonic()
+        self._end_at = min(self._end_at, now + LEFT_TIMEOUT_S)
+        is_left = not any(self.count_publishers(topic) for topic in self._topics.command_topics)
+        return is_left or now >= self._end_at
+
+    def _now(self) -> float:
+        """Return the robot's time in seconds."""
+        return (time.monotonic() - self._begin) * self._speed
+
+    def _stamp(self, sample: Sample) -> Any:
+        """Return when a sample was taken, by the system's clock."""
+        return Time(nanoseconds=self._begin_ns + round(1e9 * sample.time / self._speed)).to_msg()
+
+    def _command(self, command: Any) -> None:
+        self._hardware.send(self._now(), command)
+
+    def _look_after_commands(self) -> None:
+        """Stop where commands come from two publishers, and tell of violations at once, of the rest now and then."""
+        protection = self._topics.robot.state.protection
+        now = time.monotonic()
+        if now < self._report_at and self._told == (protection.violations, protection.reason):
+            return
+        before, self._crowded = self._crowded, self._commanders.crowded()
+        if self._crowded and not before:
+            self._topics.robot.trip(SECOND_PUBLISHER, f"expected one publisher, got {self._crowded}")
+        self._tell()
+        self._report_at = now + REPORT_PERIOD_S
+
+    def _tell(self) -> None:
+        protection = self._topics.robot.state.protection
+        if protection.reason and protection.reason not in self._told:
+            self.get_logger().error(f"protective stop: {protection.reason}")
+            self.diagnostics.tell(STOP, f"protective stop: {protection.reason}")
+        self._told = (protection.violations, protection.reason)
+        self._violations.publish(
+            DiagnosticStatus(
+                level=DiagnosticStatus.ERROR if protection.is_stopped else DiagnosticStatus.OK,
+                name=str(self.get_fully_qualified_name()),
+                message=protection.reason,
+                values=[KeyValue(key=key, value=str(value)) for key, value in self._hardware.report().items()],
+            )
+        )
+
+    def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._crowded:
+            response.message = f"expected one publisher, got {self._crowded}"
+            return response
+        self._topics.robot.reset()
+        response.success = True
+        return response
+
+    def _report(self) -> dict[str, object]:
+        behind = (self._now() - self._hardware.time) / self._speed
+        return {**self._hardware.report(), "seconds behind": f"{behind:.3f}"}
+
+
+def main() -> None:
+    """Run the node of a simulated robot."""
+    run(SimulatedRobotNode, "simulated_robot", serve)
+
+
+if __name__ == "__main__":
+    main()

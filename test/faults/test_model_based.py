@@ -1,0 +1,53 @@
+"""Nodes killed while the learner trains in a model: the learning curve and the policy do not change by a bit."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from test.faults.runs import assert_same_bits, curve
+from test.faults.test_kills import wait_for
+from test.ros.conftest import ROOT, Process, kill, nodes_of
+
+Start = Callable[..., Process]
+CONFIG = ROOT / "config" / "pendulum_wrap_model_nac.yaml"
+LONG = ("horizon=40", "timeout=60", "model.updates=60", "model.rollouts=50", "model.centres=60")
+ARGUMENTS = ("--quiet", "--iterations", 4, "--seed", 3)
+
+
+@pytest.fixture(scope="session")
+def model_update(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The run in process: over topics it has the same bits, as other tests show."""
+    folder = tmp_path_factory.mktemp("runs") / "practised"
+    process = Process("rkhs", "train", CONFIG, *ARGUMENTS, "--runner", "inline", "--out", folder, "--set", *LONG)
+    assert process.finish()[0] == 0
+    return folder
+
+
+def kill_in_practice(run: Process, folder: Path, name: str, draws: np.random.Generator) -> None:
+    """Kill nodes of a run at random moments of an iteration, almost all of which is practice."""
+    wait_for(lambda: len(curve(folder)) > 1, run)
+    for iteration in range(2, 4):
+        time.sleep(draws.uniform(0.0, 0.6))
+        victims = nodes_of(run, name)
+        assert victims
+        kill(int(draws.choice(victims)))
+        wait_for(lambda: len(curve(folder)) > iteration, run)  # noqa: B023  # awaited here
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("simulators", [1, 2])
+@pytest.mark.parametrize("name", ["learner", "policy", "simulator"])
+def test_nodes_killed_during_practice_change_no_bit(
+    start: Start, tmp_path: Path, model_update: Path, name: str, simulators: int
+) -> None:
+    folder = tmp_path / "killed"
+    run = start("rkhs", "train", CONFIG, *ARGUMENTS, "--simulators", simulators, "--out", folder, "--set", *LONG)
+    kill_in_practice(run, folder, name, np.random.default_rng([len(name), simulators]))
+    code, _, err = run.finish()
+    assert code == 0, err
+    assert "Traceback" not in err
+    assert err.count("killed by signal 9") == 2
+    assert_same_bits(folder, model_update)

@@ -1,0 +1,44 @@
+"""Model-based training over topics: the same bits as in process, while the other nodes wait for it."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from test.ros.conftest import ROOT, Process
+from test.ros.test_same_bits import assert_same_bits, curve
+
+Start = Callable[..., Process]
+CONFIG = ROOT / "config" / "pendulum_wrap_model_nac.yaml"
+SHORT = ("--quiet", "--seed", 7, "--iterations", 2)
+
+
+@pytest.mark.parametrize("simulators", [pytest.param(1, marks=pytest.mark.faults), 2])
+def test_practice_over_topics_has_the_bits_of_that_in_process(start: Start, tmp_path: Path, simulators: int) -> None:
+    small = ("horizon=30", "episodes_per_iteration=2", "evaluation_episodes=2", "timeout=60")
+    settings = ("algorithm.centres=20", "model.updates=3", "model.rollouts=10", "model.centres=40")
+    arguments = (CONFIG, *SHORT, "--simulators", simulators, "--set", *small, *settings)
+    arrays = assert_same_bits(start, tmp_path, arguments, 2)
+    assert arrays["weights"].any()
+    rows = curve(tmp_path / "ros")
+    assert all(float(row["model_return"]) > 0.0 for row in rows)
+    assert rows[0]["model_error"] == "nan"  # there was no model before
+    assert float(rows[1]["model_error"]) > 0.0
+
+
+@pytest.mark.faults
+def test_nobody_is_taken_for_dead_while_the_learner_practises_longer_than_the_timeout(
+    start: Start, tmp_path: Path
+) -> None:
+    folder, timeout = tmp_path / "run", 1.0
+    small = ("horizon=40", "evaluation_episodes=1", f"timeout={timeout}")
+    long = ("model.updates=150", "model.rollouts=40", "model.centres=60", "algorithm.centres=30")
+    run = start("rkhs", "train", CONFIG, *SHORT, "--simulators", 2, "--out", folder, "--set", *small, *long)
+    code, _, err = run.finish()
+    assert (code, err) == (0, "")  # nor was a node started again
+    first, second = (float(row) for row in seconds(folder))
+    assert second - first > timeout, "practice was too short to tell"
+
+
+def seconds(folder: Path) -> list[str]:
+    return [line.rpartition(",")[2] for line in (folder / "curve.csv").read_text().splitlines()[1:]]

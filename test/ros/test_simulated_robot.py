@@ -1,0 +1,309 @@
+"""A simulated robot over topics behaves as hardware: by the wall clock, with a protective stop that counts."""
+
+import math
+import signal
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from builtin_interfaces.msg import Duration
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PointStamped, PoseStamped
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray, String
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from rkhs_ros.nodes.core.messages import LATCHED_QOS
+from sim_nodes.robots import drives, motor_pendulum
+from sim_nodes.robots.arm import HOME
+from sim_nodes.robots.door import adapted_trajectory
+from sim_nodes.robots.mark import first_phase, mark_at
+from sim_nodes.robots.topics import SENSOR_QOS
+from test.ros.conftest import Probe, Process
+
+Start = Callable[..., Process]
+TORQUE = "effort_controller/commands"
+RESET, EPISODE = "simulated_robot/reset_protective_stop", "simulated_robot/begin_episode"
+EXACT = {"position_noise": 0.0, "velocity_noise": 0.0, "latency": 0.0, "jitter": 0.0}
+
+
+class Operator:
+    """What stands at a simulated robot: it hears the joints and the violations, and commands."""
+
+    def __init__(self, process: Process, probe: Probe, topic: str, kind: Any) -> None:
+        self.process, self.probe = process, probe
+        self.joints: list[JointState] = []
+        self.told: list[DiagnosticStatus] = []
+        probe.create_subscription(JointState, "joint_states", self.joints.append, SENSOR_QOS)
+        probe.create_subscription(DiagnosticStatus, "simulated_robot/violations", self.told.append, LATCHED_QOS)
+        probe.add_service(RESET, Trigger)
+        self._commands = probe.create_publisher(kind, topic, SENSOR_QOS)
+        probe.until(lambda: bool(self.joints and self.told) and self._commands.get_subscription_count() == 1)
+
+    @property
+    def state(self) -> dict[str, str]:
+        return {value.key: value.value for value in self.told[-1].values}
+
+    @property
+    def violations(self) -> dict[str, int]:
+        """Those that there were, by kind."""
+        counts = {kind: int(self.state.get(kind, "0")) for kind in {*motor_pendulum.KINDS, *drives.KINDS}}
+        return {kind: count for kind, count in counts.items() if count}
+
+    def command(self, *values: float) -> None:
+        """Command, and wait until it was heard."""
+        self.send(Float64MultiArray(data=values))
+
+    def send(self, command: Any) -> None:
+        """Send a command, and wait until it was heard."""
+        heard = int(self.state["commands"])
+        self._commands.publish(command)
+        self.probe.until(lambda: int(self.state["commands"]) == heard + 1)
+
+    def move_on(self) -> JointState:
+        """Return a joint state that was taken from now on."""
+        now = time.time()
+        self.probe.until(lambda: stamp(self.joints[-1]) > now)
+        return self.joints[-1]
+
+    def reset(self) -> Trigger.Response:
+        return self.probe.ask(RESET, Trigger.Request())
+
+
+def stamp(message: Any) -> float:
+    return float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
+
+
+@pytest.fixture
+def robot(start: Start, probe: Probe, tmp_path: Path) -> Callable[..., Operator]:
+    def begin(topic: str = TORQUE, kind: Any = Float64MultiArray, **parameters: Any) -> Operator:
+        file = tmp_path / "robot.yaml"
+        file.write_text(yaml.safe_dump({"/**/simulated_robot": {"ros__parameters": {**EXACT, **parameters}}}))
+        process = start("simulated_robot", "--ros-args", "--params-file", file)
+        return Operator(process, probe, topic, kind)
+
+    return begin
+
+
+def test_the_pendulum_moves_by_the_wall_clock(robot: Callable[..., Operator]) -> None:
+    operator = robot(sensor_rate=100.0, process_noise=0.0)
+    still = operator.move_on()
+    assert (list(still.name), still.position[0], still.velocity[0]) == (["motor"], -math.pi, 0.0)
+    operator.command(0.5)
+    first = operator.move_on()
+    operator.probe.settle(1.0)
+    last = operator.move_on()
+    seconds = stamp(last) - stamp(first)
+    assert last.effort[0] == 0.5
+    assert last.velocity[0] - first.velocity[0] == pytest.approx(0.5 * seconds, abs=0.01)
+    between = [stamp(each) for each in operator.joints if stamp(first) <= stamp(each) <= stamp(last)]
+    assert between == sorted(set(between))
+    assert np.median(np.diff(between)) == pytest.approx(0.01, rel=0.2)  # under load some are lost on their way
+    assert operator.violations == {}
+
+
+def test_with_a_speed_factor_all_goes_faster(robot: Callable[..., Operator]) -> None:
+    operator = robot(speed=10.0, sensor_rate=20.0, process_noise=0.0)
+    operator.command(0.002)  # so little that the stop is 8 s of the wall's time away
+    first = operator.move_on()
+    operator.probe.settle(0.5)
+    last = operator.move_on()
+    seconds = stamp(last) - stamp(first)
+    assert last.velocity[0] - first.velocity[0] == pytest.approx(0.002 * 10.0 * seconds, abs=0.0001)
+
+
+def test_a_robot_that_was_held_up_moves_as_if_it_had_not_been(robot: Callable[..., Operator]) -> None:
+    operator = robot(process_noise=0.0)
+    operator.command(1.0)
+    first = operator.move_on()
+    operator.process.popen.send_signal(signal.SIGSTOP)
+    operator.probe.settle(0.5)
+    operator.process.popen.send_signal(signal.SIGCONT)
+    last = operator.move_on()
+    seconds = stamp(last) - stamp(first)
+    assert seconds > 0.5
+    assert last.velocity[0] - first.velocity[0] == pytest.approx(seconds, abs=0.01)
+    assert last.position[0] - first.position[0] == pytest.approx(
+        0.5 * (first.velocity[0] + last.velocity[0]) * seconds, abs=0.02
+    )
+
+
+def bad(kind: str) -> Sequence[float]:
+    return {"malformed": (0.0, 0.0), "non_finite": (math.nan,), "torque": (3.5,), "torque_step": (-1.0,)}[kind]
+
+
+def test_bad_commands_stop_the_robot_until_it_is_reset(robot: Callable[..., Operator]) -> None:
+    operator = robot(**{"limits.torque_step": 1.5})
+    expected = {}
+    for kind in ("non_finite", "malformed", "torque", "torque_step"):
+        operator.command(1.0)
+        operator.command(*bad(kind))
+        expected[kind] = 1
+        assert operator.violations == expected
+        assert operator.told[-1].level == DiagnosticStatus.ERROR
+        assert operator.told[-1].message.startswith(kind)
+        operator.command(1.0)  # latched: it is not taken
+        operator.probe.until(lambda: operator.move_on().velocity[0] == 0.0)
+        assert operator.move_on().effort[0] == 0.0
+        assert operator.reset().success
+        operator.probe.until(lambda: operator.told[-1].level == DiagnosticStatus.OK)
+    operator.command(1.0)
+    assert operator.move_on().effort[0] == 1.0
+    assert operator.violations == expected
+
+
+def test_a_second_publisher_of_commands_stops_the_robot(robot: Callable[..., Operator]) -> None:
+    operator = robot()
+    operator.command(0.1)
+    other = Node("stranger", context=operator.probe.context)
+    stranger = other.create_publisher(Float64MultiArray, TORQUE, SENSOR_QOS)
+    operator.probe.until(lambda: bool(operator.violations))
+    refused = operator.reset()
+    assert not refused.success
+    assert "expected one publisher" in refused.message
+    other.destroy_publisher(stranger)
+    operator.probe.until(lambda: operator.reset().success)
+    operator.command(0.1)
+    assert operator.violations == {"second_publisher": 1}
+    other.destroy_node()
+
+
+def test_a_robot_that_watches_the_time_stops_by_itself(robot: Callable[..., Operator]) -> None:
+    operator = robot(command_timeout=0.3)
+    operator.command(0.1)
+    operator.probe.until(lambda: operator.violations == {"command_timeout": 1})
+    assert float(operator.state["seconds since the last command"]) >= 0.3
+    assert operator.told[-1].message.startswith("command_timeout")
+
+
+def test_viewers_are_given_the_robots_description(robot: Callable[..., Operator]) -> None:
+    operator = robot()
+    found: list[String] = []
+    operator.probe.create_subscription(String, "robot_description", found.append, LATCHED_QOS)
+    operator.probe.until(lambda: bool(found))
+    assert '<joint name="motor"' in found[0].data
+
+
+@pytest.fixture
+def arm(robot: Callable[..., Operator]) -> Callable[..., Operator]:
+    pytest.importorskip("pybullet")
+    return partial(robot, robot="arm")
+
+
+def hear(operator: Operator, topic: str, kind: Any) -> Any:
+    """Return what is next heard on a topic."""
+    heard: list[Any] = []
+    subscription = operator.probe.create_subscription(kind, topic, heard.append, SENSOR_QOS)
+    operator.probe.until(lambda: bool(heard))
+    operator.probe.destroy_subscription(subscription)
+    return heard[0]
+
+
+def place(message: PointStamped | PoseStamped) -> np.ndarray:
+    point = message.point if isinstance(message, PointStamped) else message.pose.position
+    return np.array([point.x, point.y, point.z])
+
+
+def test_the_arm_takes_positions_and_shows_its_tool_and_the_mark(arm: Callable[..., Operator]) -> None:
+    operator = arm(topic="position_controller/commands")
+    np.testing.assert_allclose(operator.move_on().position, HOME, atol=0.01)
+    tool = hear(operator, "end_effector", PoseStamped)
+    mark = hear(operator, "mark", PointStamped)
+    assert mark.header.frame_id == tool.header.frame_id == "panda_link0"
+    assert np.linalg.norm(place(tool) - place(mark)) < 0.5
+    operator.command(*(HOME + 0.05))
+    operator.probe.until(lambda: bool(np.allclose(operator.joints[-1].position, HOME + 0.05, atol=0.01)))
+    assert np.linalg.norm(place(hear(operator, "end_effector", PoseStamped)) - place(tool)) > 0.01
+    assert operator.violations == {}
+    operator.command(*(HOME + 0.5))
+    assert operator.violations == {"step": 1}
+    assert operator.told[-1].message.startswith("step: panda_joint1: expected at most 0.1 rad")
+
+
+def test_the_arm_follows_a_trajectory_and_holds_at_its_end(arm: Callable[..., Operator]) -> None:
+    operator = arm(
+        topic="joint_trajectory_controller/joint_trajectory",
+        kind=JointTrajectory,
+        controller="joint_trajectory_controller",
+    )
+    names = list(reversed(operator.joints[-1].name))  # in any order
+    points = [
+        JointTrajectoryPoint(
+            positions=list(HOME[::-1] + turn),
+            time_from_start=Duration(nanosec=nanoseconds),
+        )
+        for turn, nanoseconds in ((0.1, 300_000_000), (0.2, 600_000_000))
+    ]
+    operator.send(JointTrajectory(joint_names=names, points=points))
+    operator.probe.until(lambda: bool(np.allclose(operator.joints[-1].position, HOME + 0.2, atol=0.01)))
+    operator.probe.settle(0.3)
+    np.testing.assert_allclose(operator.move_on().position, HOME + 0.2, atol=0.01)
+    assert operator.violations == {}
+    operator.send(JointTrajectory(joint_names=names[1:], points=points))
+    assert operator.violations == {"malformed": 1}
+
+
+def test_a_trajectory_is_an_attempt_at_the_door(robot: Callable[..., Operator]) -> None:
+    pytest.importorskip("pybullet")
+    operator = robot(
+        robot="pr2_door",
+        speed=10.0,
+        sensor_rate=5.0,
+        topic="joint_trajectory_controller/joint_trajectory",
+        kind=JointTrajectory,
+    )
+    operator.probe.add_service(EPISODE, Trigger)
+    assert len(hear(operator, "base_error", Float64MultiArray).data) == 3
+    shown = adapted_trajectory(np.zeros(2))
+    points = [
+        JointTrajectoryPoint(positions=row, time_from_start=Duration(sec=int(time), nanosec=round(time % 1 * 1e9)))
+        for time, row in zip(shown.times, shown.positions, strict=True)
+    ]
+    attempt = JointTrajectory(joint_names=shown.names, points=points)
+    operator.send(attempt)
+    assert 0.0 < hear(operator, "reward", Float64).data <= 1.0
+    last = operator.move_on()
+    assert last.position[last.name.index("door_hinge")] > 0.0
+    assert operator.probe.ask(EPISODE, Trigger.Request()).success
+    shut = operator.move_on()
+    assert shut.position[shut.name.index("door_hinge")] == 0.0
+    operator.send(attempt)
+    assert operator.violations == {}
+
+
+def test_an_episode_begins_with_the_mark_elsewhere(arm: Callable[..., Operator]) -> None:
+    operator = arm(topic="position_controller/commands")
+    operator.probe.add_service(EPISODE, Trigger)
+    before = place(hear(operator, "mark", PointStamped))
+    asked = time.time()
+    assert operator.probe.ask(EPISODE, Trigger.Request()).success
+    answered = time.time()
+    operator.move_on()
+    after = hear(operator, "mark", PointStamped)
+    assert np.linalg.norm(place(after) - before) > 0.05
+    since = np.linspace(stamp(after) - answered, stamp(after) - asked, 100)  # when the episode began
+    episodes = [first_phase(0, episode) for episode in (1, 2, 3)]  # the request may have been repeated
+    assert min(np.linalg.norm(place(after) - mark_at(t, phase)) for t in since for phase in episodes) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"robot": "motor_pendulun"}, "unknown robot 'motor_pendulun', did you mean 'motor_pendulum'?"),
+        ({"spede": 1.0}, "unknown key 'spede', did you mean 'speed'?"),
+        ({"limits": {"torque": "much"}}, "limits.torque: expected a number, got 'much'"),
+    ],
+)
+def test_parameters_that_do_not_fit_are_refused(
+    start: Start, domain: int, tmp_path: Path, parameters: dict[str, Any], message: str
+) -> None:
+    file = tmp_path / "robot.yaml"
+    file.write_text(yaml.safe_dump({"/**/simulated_robot": {"ros__parameters": parameters}}))
+    assert start("simulated_robot", "--ros-args", "--params-file", file).finish() == (2, "", f"error: {message}\n")

@@ -1,0 +1,452 @@
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from importlib.machinery import ModuleSpec
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rkhs_ros import __version__
+from rkhs_ros.app.cli import COMMANDS
+from rkhs_ros.app.commands import train
+from rkhs_ros.base import ros
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.storage import Task, load_policy, save_policy
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from test.unit.conftest import Result, assert_refused
+
+CONFIG = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
+SHORT_EPISODES = ("horizon=3", "episodes_per_iteration=2", "evaluation_episodes=1")
+SHORT = ("--runner", "inline", "--iterations", "2")
+
+
+Run = Callable[..., Result]
+
+
+@pytest.fixture
+def policy_file(random_policy: Callable[..., GaussianPolicy], tmp_path: Path) -> Path:
+    path = tmp_path / "toy.npz"
+    save_policy(path, random_policy(d=1, n=1), Task("rkhs/Toy-v0", {}, 20, 0.9))
+    return path
+
+
+def contents(folder: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_list_names_tasks_algorithms_and_kernels(rkhs: Run) -> None:
+    result = rkhs("list")
+    assert (result.code, result.err) == (0, "")
+    for name in ("rkhs/Toy-v0", "rkhs/Pendulum-v0", "rkhs_nac", "rkhs_power", "rbf", "polynomial"):
+        assert name in result.out
+
+
+def test_train_writes_its_results_and_says_where(rkhs: Run, tmp_path: Path) -> None:
+    result = rkhs("train", CONFIG, *SHORT, "--quiet", "--out", tmp_path / "run", "--seed", 3, "--set", "horizon=5")
+    assert (result.code, result.err) == (0, "")
+    names = {"best_policy.npz", "config.yaml", "curve.csv", "curve.png", "episodes.npz", "policy.npz", "policy.png"}
+    assert {path.name for path in (tmp_path / "run").iterdir()} == {*names, "checkpoints"}
+    assert result.out.startswith("Learnt rkhs/Toy-v0 in 20 episodes")
+    assert str(tmp_path / "run" / "curve.png") in result.out
+    config = (tmp_path / "run" / "config.yaml").read_text()
+    assert "seed: 3" in config
+    assert "horizon: 5" in config
+    header, *rows = (tmp_path / "run" / "curve.csv").read_text().splitlines()
+    assert header.split(",") == [
+        *(
+            "iteration",
+            "episodes",
+            "evaluation_episodes",
+            "exploration_return",
+            "exploration_return_sd",
+            "evaluation_return",
+        ),
+        *("centres", "step_size", "kl", "sparsification_error", "model_return", "model_error", "seconds"),
+    ]
+    assert len(rows) == 2
+
+
+def test_evaluate_tells_the_return_without_exploration(
+    rkhs: Run, policy_file: Path, random_policy: Callable[..., GaussianPolicy]
+) -> None:
+    result = rkhs("evaluate", policy_file, "--episodes", 7, "--seed", 5)
+    assert (result.code, result.err) == (0, "")
+    told = json.loads(result.out)
+    assert {k: told[k] for k in ("environment", "episodes", "seed", "discount")} == {
+        "environment": "rkhs/Toy-v0",
+        "episodes": 7,
+        "seed": 5,
+        "discount": 0.9,
+    }
+    assert json.loads(rkhs("evaluate", policy_file, "--episodes", 7, "--seed", 5).out) == told
+    assert json.loads(rkhs("evaluate", policy_file, "--episodes", 7, "--seed", 6).out)["mean"] != told["mean"]
+
+
+def test_evaluate_measures_the_policy_of_the_file(
+    rkhs: Run, tmp_path: Path, random_policy: Callable[..., GaussianPolicy]
+) -> None:
+    policy = random_policy(d=1, n=1)
+    save_policy(tmp_path / "toy.npz", policy, Task("rkhs/Toy-v0", {}, 12, 0.9))
+    told = json.loads(rkhs("evaluate", "toy.npz", "--episodes", 4).out)
+    runner = InlineRunner(Simulation("rkhs/Toy-v0"))
+    rewards = runner.collect(policy, Batch(0, 0, 4, 12, explore=False)).rewards
+    returns = (rewards * 0.9 ** np.arange(12)).sum(axis=1)
+    assert told["mean"] == pytest.approx(returns.mean(), rel=1e-12)
+    assert told["sd"] == pytest.approx(returns.std(), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("horizn=5", "unknown key 'horizn', did you mean 'horizon'?"),
+        ("environment.id=rkhs/Toi-v0", "unknown environment 'rkhs/Toi-v0', did you mean 'rkhs/Toy-v0'?"),
+        ("environment.id=CartPole-v1", "CartPole-v1 actions: expected a continuous space"),
+        ("environment.options.angle=clip", "environment.options: expected what rkhs/Toy-v0 takes"),
+        ("environment.options.angle=clip", "; environment.options={} leaves all of them out"),
+        ("environment.id=None-at-all", "unknown environment 'None-at-all', none of "),
+        ("environment.id=Pendulu", "unknown environment 'Pendulu', did you mean 'Pendulum-v1'?"),
+        ("centres=20", "unknown key 'centres', did you mean 'algorithm.centres'?"),
+        ("bandwidth=[1]", "unknown key 'bandwidth', did you mean 'kernel.bandwidth'?"),
+        ("algorithm.name=enac", " (algorithm={name: enac} takes 'enac' with its defaults)"),
+        ("algorithm.centers=9", "unknown key 'algorithm.centers', did you mean 'algorithm.centres'?\n"),
+        ("name=1e5", "name: expected text, in quotes where it may be read as something else, got 100000.0"),
+        ("algorithm.name=rkhs_nacc", "unknown algorithm.name 'rkhs_nacc', did you mean 'rkhs_nac'?"),
+        ("kernel.form=rbg", "unknown kernel 'rbg', did you mean 'rbf'?"),
+        ("algorithm.critic=stepp", "algorithm.critic: unknown choice 'stepp', did you mean 'step'?"),
+        ("discount=2", "discount: expected a number in [0.0, 1.0], got 2.0"),
+        ("horizon=ten", "horizon: expected a whole number, got 'ten'"),
+        ("horizon", "--set: expected KEY=VALUE, got 'horizon'"),
+        ("horizon=[1", "--set: expected a value in YAML, got 'horizon=[1'"),
+        ("horizon={\n", "--set: expected a value in YAML"),
+        ("exploration_sd=[1, 2]", "exploration_sd: expected 1 number, got 2"),
+        ("kernel.bandwidth=[1, 2]", "kernel.bandwidth: expected 1 number, for the policy's inputs, got 2"),
+    ],
+)
+def test_a_setting_that_does_not_fit_ends_with_one_line(rkhs: Run, change: str, message: str) -> None:
+    assert_refused(rkhs("train", CONFIG, *SHORT, "--quiet", "--set", change), message)
+
+
+@pytest.mark.parametrize(("option", "value"), [("--seed", "-1"), ("--iterations", "0")])
+def test_an_option_out_of_range_ends_with_one_line(rkhs: Run, option: str, value: str) -> None:
+    assert_refused(rkhs("train", CONFIG, "--runner", "inline", option, value), f"{option[2:]}: expected a number in")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(b"a: [1\nb: }", "cannot be parsed"), (b"\xff\xff", "cannot be parsed"), (b"", "expected sections")],
+)
+def test_a_file_that_is_no_configuration_ends_with_one_line(
+    rkhs: Run, tmp_path: Path, content: bytes, message: str
+) -> None:
+    (tmp_path / "bad.yaml").write_bytes(content)
+    assert_refused(rkhs("train", "bad.yaml", *SHORT), message)
+    assert contents(tmp_path) == {tmp_path / "bad.yaml": content}
+
+
+def test_a_missing_file_ends_with_one_line(rkhs: Run, tmp_path: Path) -> None:
+    assert_refused(rkhs("train", "none.yaml", *SHORT), "none.yaml: no such configuration, nor one of a like name")
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config" / "toy_nac.yaml").touch()
+    for near in ("config/toy_nca.yaml", "toy_nac", "toynac.yaml"):
+        assert_refused(
+            rkhs("train", near, *SHORT), f"{near}: no such configuration, did you mean 'config/toy_nac.yaml'?"
+        )
+    assert_refused(rkhs("train", tmp_path, *SHORT), f"{tmp_path}: expected a configuration's file, got a folder\n")
+    assert_refused(rkhs("evaluate", "none.npz"), "none.npz")
+    assert list(tmp_path.iterdir()) == [tmp_path / "config"]
+
+
+@pytest.mark.parametrize("command", ["evaluate", "render", "plot"])
+def test_a_folder_without_a_last_policy_is_refused_with_what_it_has(rkhs: Run, tmp_path: Path, command: str) -> None:
+    run = tmp_path / "runs" / "one"
+    run.mkdir(parents=True)
+    (run / "config.yaml").touch()
+    named = f"runs: expected the folder of a run, got none with a config.yaml; name one of those in it, as {run}"
+    assert_refused(rkhs(command, tmp_path / "runs"), named)
+    refusal = "policy.npz: expected the last policy, got none as the run has not ended"
+    assert_refused(rkhs(command, run), f"{refusal}\n")
+    (run / "best_policy.npz").touch()
+    assert_refused(rkhs(command, run), f"{refusal}; the best one so far is {run / 'best_policy.npz'}")
+    assert_refused(rkhs("train", run), f"got a folder; go on with a run by --resume {run}")
+
+
+@pytest.mark.parametrize("out", ["used", "used/file", "used/file/below"])
+def test_a_folder_in_use_is_not_touched(rkhs: Run, tmp_path: Path, out: str) -> None:
+    (tmp_path / "used").mkdir()
+    (tmp_path / "used" / "file").write_text("kept")
+    before = contents(tmp_path)
+    assert_refused(rkhs("train", CONFIG, *SHORT, "--out", tmp_path / out), "used")
+    assert contents(tmp_path) == before
+
+
+def test_a_policy_file_cut_short_ends_with_one_line(rkhs: Run, policy_file: Path) -> None:
+    whole = policy_file.read_bytes()
+    for length in (0, 1, 100, len(whole) // 2, len(whole) - 1):
+        policy_file.write_bytes(whole[:length])
+        assert_refused(rkhs("evaluate", policy_file), "toy.npz: expected a whole policy file")
+
+
+def test_a_policy_of_other_dimensions_than_its_task_ends_with_one_line(
+    rkhs: Run, tmp_path: Path, random_policy: Callable[..., GaussianPolicy]
+) -> None:
+    save_policy(tmp_path / "p.npz", random_policy(d=3, n=1), Task("rkhs/Toy-v0", {}, 20, 0.9))
+    assert_refused(rkhs("evaluate", "p.npz"), "expected a policy from 1 to 1 dimensions, as rkhs/Toy-v0 has")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("--episodes", "0"), ("--episodes", "99999"), ("--seed", "-1"), ("--discount", "1.5"), ("--discount", "nan")],
+)
+def test_an_evaluation_out_of_range_ends_with_one_line(rkhs: Run, policy_file: Path, arguments: tuple[str]) -> None:
+    assert_refused(rkhs("evaluate", policy_file, *arguments), "expected")
+
+
+def test_a_real_process_refuses_and_lists_alike(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "rkhs_ros.app.cli"]
+    refused = subprocess.run(
+        [*command, "train", CONFIG, *SHORT, "--set", "environment.id=Taxi-v4"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert_refused(Result(refused.returncode, refused.stdout, refused.stderr), "Taxi-v4 actions: expected a continuous")
+    listed = subprocess.run([*command, "list"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert "rkhs/Pendulum-v0" in listed.stdout
+    assert list(tmp_path.iterdir()) == []
+
+
+# The table of commands
+
+
+def imported_by(*arguments: str) -> set[str]:
+    """Return the modules that a command imports beyond those that Python has at its start."""
+    code = (
+        "import sys; before = set(sys.modules)\n"
+        "from rkhs_ros.app.cli import main\n"
+        "try: main(sys.argv[1:])\n"
+        "except SystemExit: print('modules:', *set(sys.modules) - before)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True)
+    return set(done.stdout.rpartition("modules:")[2].split())
+
+
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_help_and_version_import_the_standard_library_only(option: str) -> None:
+    modules = imported_by(option)
+    assert {name for name in modules if name.split(".")[0] not in sys.stdlib_module_names} == {
+        *(
+            "rkhs_ros",
+            "rkhs_ros.app",
+            "rkhs_ros.app.cli",
+            "rkhs_ros.base",
+            "rkhs_ros.base.endings",
+            "rkhs_ros.base.streams",
+        )
+    }
+
+
+@pytest.mark.parametrize(
+    ("command", "spared"), [("evaluate", {"matplotlib", "joblib", "rich"}), ("results", {"joblib"})]
+)
+def test_a_command_imports_no_other(command: str, spared: set[str]) -> None:
+    modules = imported_by(command, "--help")
+    assert f"rkhs_ros.app.{command}" in modules
+    assert not {f"rkhs_ros.app.{name}" for name in COMMANDS if name != command} & modules
+    assert not {name.split(".")[0] for name in modules} & spared
+
+
+def test_help_names_every_command(rkhs: Run) -> None:
+    code, out, err = rkhs("--help")
+    assert (code, err) == (0, "")
+    assert all(f"    {name}" in out for name in COMMANDS)
+    assert rkhs("--version").out == f"rkhs_ros {__version__}\n"
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(rkhs: Run, command: str) -> None:
+    code, out, err = rkhs(command, "--help")
+    assert (code, err) == (0, "")
+    assert out.startswith(f"usage: rkhs {command} ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "the following arguments are required: COMMAND (see 'rkhs --help')"),
+        (("trian",), "unknown command 'trian', did you mean 'train'?"),
+        (("xyz", "--help"), "unknown command 'xyz', known: compare, evaluate"),
+        (("tr\nain",), "unknown command 'tr ain'"),
+        (("--verbose", "list"), "unrecognized arguments: --verbose (see 'rkhs --help')"),
+        (("train", "a.yaml", "--seed", "x"), "argument --seed: invalid int value: 'x' (see 'rkhs train --help')"),
+        (("train", "a.yaml", "--seed", "x\ny"), "argument --seed: invalid int value"),
+        (("train", "a.yaml", "b\nc.yaml"), "unrecognized arguments: b c.yaml"),
+        (("train", "--runner", "on\nfoot"), "argument --runner: invalid choice"),
+        (("evaluate",), "the following arguments are required: DIR|FILE (see 'rkhs evaluate --help')"),
+        (("train", "x.yaml", "--algorithm", "RKHSNAC"), "unknown algorithm 'RKHSNAC', did you mean 'rkhs_nac'?"),
+        (("evaluate", ""), "argument DIR|FILE: expected a path, got an empty text (see 'rkhs evaluate --help')"),
+        (("train", "a.yaml", "--out", ""), "argument --out: expected a path, got an empty text"),
+        (("train", "--resume="), "argument --resume: expected a path, got an empty text"),
+        (("train", "x.yaml", "--set", "seed=1", "--set", "seed=2"), "--set: seed: expected one value, got '1' and '2'"),
+        (("learn", "x.mcap", "--set", "a.b=1", "a.b=2"), "--set: a.b: expected one value, got '1' and '2'"),
+        (("plot", "none"), "none: expected the folder of a run, got none with a config.yaml"),
+    ],
+)
+def test_what_cannot_be_parsed_ends_with_one_line(rkhs: Run, arguments: tuple[str, ...], message: str) -> None:
+    assert_refused(rkhs(*arguments), message)
+
+
+def test_an_interrupt_ends_with_its_code_and_one_line(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(options: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("rkhs_ros.app.commands.list.run", interrupted)
+    assert rkhs("list") == (130, "", "interrupted\n")
+
+
+def test_an_interrupt_while_a_command_is_imported_ends_with_one_line(tmp_path: Path) -> None:
+    interrupting = "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n"
+    (tmp_path / "gymnasium.py").write_text(interrupting)  # in place of what the command needs
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}"}
+    command = [sys.executable, "-m", "rkhs_ros.app.cli", "list"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
+
+
+# Where a run is made
+
+
+@pytest.fixture
+def unbuilt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is known of the interfaces but their source folder."""
+    monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None))
+
+
+@pytest.mark.usefixtures("unbuilt")
+def test_without_interfaces_a_run_is_made_in_process_and_that_is_said(rkhs: Run, tmp_path: Path) -> None:
+    code, _, err = rkhs("train", CONFIG, "--iterations", 1, "--quiet", "--out", "run")
+    assert code == 0
+    assert err.startswith("note: training in this process, since rkhs_interfaces is not built (run 'make build'")
+    assert err.count("\n") == 1
+    assert (tmp_path / "run" / "policy.npz").is_file()
+    assert rkhs("train", CONFIG, *SHORT, "--quiet", "--out", "other").err == ""
+
+
+@pytest.mark.usefixtures("unbuilt")
+def test_topics_without_interfaces_are_refused_with_the_remedy(rkhs: Run, tmp_path: Path) -> None:
+    expected = (
+        "--runner ros: expected ROS 2 Jazzy and the built interfaces, got none: rkhs_interfaces is not built (run"
+    )
+    assert_refused(rkhs("train", CONFIG, "--runner", "ros"), expected)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("unbuilt")
+@pytest.mark.parametrize(
+    "arguments",
+    [("status",), ("robot", "arm"), ("simulate", CONFIG), ("serve", "mine:act"), ("train", CONFIG, "--runner", "ros")],
+)
+def test_users_of_the_library_are_not_told_to_build_what_they_do_not_have(
+    rkhs: Run, monkeypatch: pytest.MonkeyPatch, arguments: tuple[object, ...]
+) -> None:
+    monkeypatch.setattr(ros, "REPOSITORY", Path("/home/me/.venv/lib/python3.11/site-packages"))
+    result = rkhs(*arguments)
+    assert_refused(result, "pip installs the library only; for topics and robots build the repository, see its docs")
+    assert "make build" not in result.err
+
+
+def test_interfaces_for_another_python_are_not_used(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin=f"/ws/lib/python3.4/{name}.py"))
+    expected = r"rkhs_interfaces is built for Python 3.4, not 3."
+    assert_refused(rkhs("train", CONFIG, "--runner", "ros"), expected)
+
+
+def test_with_interfaces_a_run_goes_over_topics(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    launched: dict[str, dict[str, object]] = {}
+    monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
+    monkeypatch.setattr(train, "launch", lambda parameters, more, **nodes: launched.update(more, nodes=nodes) or 1)
+    assert rkhs("train", CONFIG, "--quiet", "--out", "run") == (1, "", "")
+    assert launched["learner"]["quiet"] is True
+    assert launched["nodes"] == {"simulators": 1, "composed": False}
+    assert rkhs("train", CONFIG, "--runner", "composed", "--out", "other").code == 1
+    assert launched["nodes"] == {"simulators": 1, "composed": True}
+
+
+@pytest.mark.parametrize(
+    ("config", "simulators", "message"),
+    [
+        (CONFIG, 2, "--runner composed: expected one simulator, got 2"),
+        (CONFIG.with_name("robot_pendulum.yaml"), 1, "--runner composed: expected a simulator, got a robot"),
+    ],
+)
+def test_one_simulator_alone_shares_a_process_with_the_policy_node(
+    rkhs: Run, monkeypatch: pytest.MonkeyPatch, config: Path, simulators: int, message: str
+) -> None:
+    monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
+    assert_refused(rkhs("train", config, "--runner", "composed", "--simulators", simulators, "--out", "run"), message)
+
+
+# Pictures and measures of what was learnt
+
+
+def test_plot_draws_the_pictures_of_a_run_again(rkhs: Run, tmp_path: Path) -> None:
+    assert rkhs("train", CONFIG, *SHORT, "--quiet", "--out", "run").code == 0
+    drawn = {path: path.read_bytes() for path in (tmp_path / "run").glob("*.png")}
+    assert len(drawn) == 2
+    for path in drawn:
+        path.unlink()
+    assert rkhs("plot", "run") == (0, "run/curve.png\nrun/policy.png\n", "")
+    assert {path: path.read_bytes() for path in drawn} == drawn
+
+
+def test_evaluate_takes_the_policy_of_a_run(rkhs: Run, policy_file: Path, tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    assert_refused(rkhs("evaluate", "run"), "run: expected the folder of a run, got none with a config.yaml\n")
+    policy_file.rename(tmp_path / "run" / "policy.npz")
+    assert rkhs("evaluate", "run", "--episodes", 3) == rkhs("evaluate", "run/policy.npz", "--episodes", 3)
+
+
+def test_evaluate_measures_with_and_without_discount(
+    rkhs: Run, policy_file: Path, random_policy: Callable[..., GaussianPolicy]
+) -> None:
+    told = json.loads(rkhs("evaluate", policy_file, "--episodes", 5, "--discount", 0.5).out)
+    policy, task = load_policy(policy_file)
+    rewards = InlineRunner(Simulation("rkhs/Toy-v0")).collect(policy, Batch(0, 0, 5, 20, explore=False)).rewards
+    assert (told["discount"], task.discount) == (0.5, 0.9)
+    for measured, discount in ((told, 0.5), (told["undiscounted"], 1.0)):
+        returns = (rewards * discount ** np.arange(20)).sum(axis=1)
+        half = 2.7764451 * np.sqrt(((returns - returns.mean()) ** 2).sum() / 4 / 5)  # 0.975 of Student's t, 4 degrees
+        assert measured["mean"] == pytest.approx(returns.mean(), rel=1e-12)
+        assert measured["sd"] == pytest.approx(returns.std(), rel=1e-9)
+        assert measured["interval_95"] == pytest.approx([returns.mean() - half, returns.mean() + half], rel=1e-7)
+
+
+def test_one_episode_has_no_interval(rkhs: Run, policy_file: Path) -> None:
+    told = json.loads(rkhs("evaluate", policy_file, "--episodes", 1).out)
+    assert (told["sd"], told["interval_95"], told["undiscounted"]["interval_95"]) == (0.0, None, None)
+
+
+@pytest.mark.parametrize("command", ["train", "evaluate", "render"])
+def test_a_path_that_is_not_utf_8_ends_with_one_line(rkhs: Run, tmp_path: Path, command: str) -> None:
+    assert_refused(rkhs(command, "a\udcffb"), r"argument: expected text in UTF-8, got 'a\udcffb'")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_option_that_cannot_go_over_topics_is_refused_before_a_folder_is_made(
+    rkhs: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
+    arguments = ("train", "--env", "Pendulum-v1", "--quiet", "--set", "environment.options={render_mode: null}")
+    assert_refused(rkhs(*arguments), "environment.options.render_mode: expected true or false, a 64-bit")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_horizon_in_place_of_the_environments_own_is_told(rkhs: Run) -> None:
+    arguments = ("train", "--env", "Pendulum-v1", "--runner", "inline", "--iterations", 1, "--set", *SHORT_EPISODES)
+    assert "note: horizon: 3 steps, in place of Pendulum-v1's own 200\n" in rkhs(*arguments, "--out", "run").err
+    assert "note: horizon" not in rkhs(*arguments, "--out", "quiet", "--quiet").err

@@ -1,0 +1,226 @@
+"""Learning in one call, without files and without ROS."""
+
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import SyncVectorEnv
+
+import rkhs_ros
+from rkhs_ros.app.cli import main
+from rkhs_ros.base.settings import build
+from rkhs_ros.learning.algorithms.registry import ALGORITHMS
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.curve import Curve, columns
+from rkhs_ros.runs.run import run_training
+
+SWAPPED = (
+    r"^environment: expected an id, an environment, or a function that makes one, got the algorithm PoWER\. "
+    r"Pass the environment first: train\(environment, PoWER\(\)\)$"
+)
+SHORT: dict[str, Any] = {
+    "iterations": 2,
+    "episodes_per_iteration": 3,
+    "evaluation_episodes": 2,
+    "horizon": 10,
+    "model": rkhs_ros.ModelBased(updates=2, rollouts=5),
+}
+ROOT = Path(__file__).parents[3]
+
+
+def test_all_public_names_are_there_and_are_those_that_checkers_see() -> None:
+    source = (ROOT / "rkhs_ros" / "__init__.py").read_text()
+    for name in rkhs_ros.__all__:
+        assert callable(getattr(rkhs_ros, name))
+        assert f"import {name} as {name}\n" in source
+    assert {cls.__name__ for cls in ALGORITHMS.values()} <= set(rkhs_ros.__all__)
+    with pytest.raises(AttributeError, match=r"has no attribute 'trian', known: .*train"):
+        rkhs_ros.trian  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_the_package_imports_nothing_before_it_is_needed() -> None:
+    code = f"import sys; sys.path[:] = {sys.path!r}; import rkhs_ros; print('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
+
+
+SETTINGS = ("exploration_sd", "discount", "episodes_per_iteration", "kernel", "model")
+
+
+def test_a_result_is_that_of_the_same_run_from_a_file(tmp_path: Path) -> None:
+    config = load_config(ROOT / "config" / "toy_nac.yaml", ["iterations=3", "seed=5"])
+    folder = run_training(config, InlineRunner(Simulation("rkhs/Toy-v0")), tmp_path / "run", quiet=True)
+    training = config.training
+    settings = {name: getattr(training, name) for name in SETTINGS}
+    result = rkhs_ros.train(
+        "rkhs/Toy-v0", training.algorithm, iterations=3, seed=5, horizon=training.horizon, progress=False, **settings
+    )
+    rows = Curve(folder / "curve.csv").rows()
+    for name in ("episodes", "exploration_return", "evaluation_return", "kl", "centres"):
+        assert result.curve[name].tolist() == [getattr(row, name) for row in rows]
+    x = np.linspace(-3, 3, 20)[:, None]
+    assert rkhs_ros.load(folder / "policy.npz")(x).tobytes() == result.policy(x).tobytes()
+    assert result.best_policy is not None
+    assert rkhs_ros.load(folder / "best_policy.npz")(x).tobytes() == result.best_policy(x).tobytes()
+
+
+SOURCES: dict[str, Callable[[], Any]] = {
+    "an id": lambda: "Pendulum-v1",
+    "an environment": lambda: gymnasium.make("Pendulum-v1"),
+    "a vector environment": lambda: SyncVectorEnv([lambda: gymnasium.make("Pendulum-v1")] * 2),
+    "a function": lambda: lambda: gymnasium.make("Pendulum-v1"),
+}
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_any_kind_of_environment_learns_the_same(source: str) -> None:
+    result = rkhs_ros.train(SOURCES[source](), progress=False, **SHORT)
+    expected = rkhs_ros.train("Pendulum-v1", progress=False, **SHORT)
+    assert result.curve["exploration_return"].tolist() == expected.curve["exploration_return"].tolist()
+    assert result.policy.spaces.action_low.dtype == np.float32
+
+
+def test_the_horizon_is_the_environments_own() -> None:
+    quick = {"iterations": 1, "episodes_per_iteration": 1, "evaluate_every": 0, "model": "none"}
+    assert rkhs_ros.train("Pendulum-v1", progress=False, **quick).policy.task.horizon == 200
+    assert rkhs_ros.train(gymnasium.make("Pendulum-v1"), progress=False, **quick).policy.task.horizon == 200
+    unlimited = gymnasium.make("Pendulum-v1", max_episode_steps=-1)
+    assert rkhs_ros.train(unlimited, progress=False, **quick).policy.task.horizon == 100
+
+
+def test_learning_can_be_watched_and_stopped() -> None:
+    numbers = []
+    for result in rkhs_ros.learn("rkhs/Toy-v0", rkhs_ros.RKHSPoWER(centres=9), iterations=10**6, horizon=10):
+        numbers.append(result.iteration.number)
+        assert len(result.curve["iteration"]) == len(numbers)
+        if len(numbers) == 3:
+            break
+    assert numbers == [1, 2, 3]
+
+
+def test_without_evaluation_there_is_a_curve_of_exploring_returns(tmp_path: Path) -> None:
+    result = rkhs_ros.train("rkhs/Toy-v0", progress=False, **{**SHORT, "evaluate_every": 0})
+    assert np.isnan(result.curve["evaluation_return"]).all()
+    assert result.best_policy is None
+    result.plot(tmp_path / "curve.png")
+    assert (tmp_path / "curve.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_evaluations_may_be_rarer_and_change_nothing_else() -> None:
+    every = rkhs_ros.train("rkhs/Toy-v0", progress=False, **{**SHORT, "iterations": 5})
+    rare = rkhs_ros.train("rkhs/Toy-v0", progress=False, **{**SHORT, "iterations": 5, "evaluate_every": 2})
+    assert rare.curve["exploration_return"].tolist() == every.curve["exploration_return"].tolist()
+    assert np.isfinite(rare.curve["evaluation_return"]).tolist() == [False, True, False, True, False]
+    assert rare.curve["evaluation_episodes"].tolist() == [0, 2, 2, 4, 4]
+
+
+@pytest.mark.parametrize("form", ["gaussian_process", "none"])
+def test_defaults_do_not_depend_on_how_the_algorithm_is_chosen(form: str, tmp_path: Path) -> None:
+    settings = {**SHORT, "model": form} if form == "none" else SHORT
+    chosen = (None, "rkhs_nac", rkhs_ros.RKHSNAC(), rkhs_ros.RKHSNAC(step=rkhs_ros.KLStep()))
+    curves = [rkhs_ros.train("rkhs/Toy-v0", each, progress=False, **settings).curve for each in chosen]
+    changes = [f"{name}={value}" for name, value in SHORT.items() if name != "model"]
+    changes += ["model.form=none"] if form == "none" else ["model.updates=2", "model.rollouts=5"]
+    main_code = ["train", "--env", "rkhs/Toy-v0", "--runner", "inline", "--quiet", "--out", str(tmp_path / "run")]
+    with pytest.raises(SystemExit, match="0"):
+        main([*main_code, "--set", *changes])
+    of_command = columns(Curve(tmp_path / "run" / "curve.csv").rows())
+    for curve in (*curves[1:], of_command):
+        for name in set(curve) - {"seconds"}:
+            assert np.array_equal(curve[name], curves[0][name], equal_nan=True), name
+
+
+def test_an_object_overrides_only_the_settings_that_it_is_given() -> None:
+    given = rkhs_ros.RKHSNAC(centres=7, step=rkhs_ros.KLStep(divergence=0.5))
+    defaults = rkhs_ros.RKHSNAC(centres=80, trace=0.5, step=rkhs_ros.KLStep(divergence=0.05, annealing=0.25))
+    expected = rkhs_ros.RKHSNAC(centres=7, trace=0.5, step=rkhs_ros.KLStep(divergence=0.5, annealing=0.25))
+    assert given.over(defaults) == expected
+    assert given.over(rkhs_ros.PoWER()) is given
+    assert pickle.loads(pickle.dumps(given)).over(defaults) == expected
+    assert build(rkhs_ros.RKHSNAC, {"centres": 7}).over(defaults) == rkhs_ros.RKHSNAC(centres=7)
+
+
+def test_a_policy_is_a_start_whose_kernel_stays(tmp_path: Path) -> None:
+    first = rkhs_ros.train("rkhs/Toy-v0", progress=False, **SHORT).policy
+    first.save(tmp_path / "p.npz")
+    more = {**SHORT, "progress": False, "exploration_sd": (1e-6,)}
+    for start in (first, tmp_path / "p.npz"):
+        again = rkhs_ros.train("rkhs/Toy-v0", policy=start, **more)
+        assert again.policy.gaussian.mean.kernel == first.gaussian.mean.kernel
+    other = rkhs_ros.Inputs(history=2)
+    with pytest.raises(ValueError, match="inputs: expected Inputs"):
+        rkhs_ros.train("rkhs/Toy-v0", policy=first, inputs=other, **SHORT)
+    with pytest.raises(
+        ValueError, match="first policy: expected one from 2 inputs to 1 actions, as the task has, got one from 1"
+    ):
+        rkhs_ros.train("rkhs/Pendulum-v0", policy=first, **SHORT)
+
+
+@pytest.mark.parametrize("kernel", ["rbf + polynomial", rkhs_ros.RBF((2.0,)), rkhs_ros.KernelChoice(degree=2)], ids=str)
+def test_a_kernel_is_given_by_its_form_its_choice_or_itself(kernel: Any) -> None:
+    result = rkhs_ros.train("rkhs/Toy-v0", kernel=kernel, progress=False, **SHORT)
+    if isinstance(kernel, rkhs_ros.RBF):
+        assert result.policy.gaussian.mean.kernel == kernel
+
+
+@pytest.mark.parametrize(
+    ("arguments", "settings", "message"),
+    [
+        (("Pendulum-v1",), {"iteratons": 3}, r"^unknown setting 'iteratons', did you mean 'iterations'\?$"),
+        (("Pendulum-v1",), {"iterations": -3}, r"^iterations: expected a number in \[1, 1000000\], got -3$"),
+        (("Pendulum-v1",), {"iterations": 2.5}, r"^iterations: expected a whole number, got 2\.5$"),
+        (("Pendulum-v1",), {"exploration_sd": "wide"}, r"^exploration_sd: unknown choice 'wide', known: range$"),
+        (("Pendulum-v1",), {"inputs": 3}, r"^inputs: expected Inputs, got 3$"),
+        (("Pendulum-v1",), {"kernel": 3}, r"^kernel: expected KernelChoice, got 3$"),
+        (("Pendulum-v1",), {"policy": 3}, r"^policy: expected a Policy or the file of one, got 3$"),
+        (("Pendulum-v1", "rkhs_nacc"), {}, r"^unknown algorithm 'rkhs_nacc', did you mean 'rkhs_nac'\?$"),
+        (("Pendulum-v1",), {"centres": 9}, r"^unknown setting 'centres', did you mean RKHSNAC\(centres=\.\.\.\)\?$"),
+        (
+            ("Pendulum-v1", rkhs_ros.PoWER),
+            {},
+            r"^algorithm: expected one with its settings, as RKHSNAC\(\), got <class",
+        ),
+        (("Pendulum-v1", 3), {}, r"^algorithm: expected Algorithm, got 3$"),
+        (("Pendulum-v1", 0), {}, r"^algorithm: expected Algorithm, got 0$"),
+        (("Pendulum-v1",), {"horizon": np.array(3)}, r"^horizon: expected a whole number, got array\(3\)$"),
+        (("Pendulum-v1",), {"exploration_sd": np.array(3.0)}, r"^exploration_sd: expected a list of numbers"),
+        (("Pendulum-v1",), {"optoins": {}}, r"^unknown setting 'optoins', did you mean 'options'\?$"),
+        (("CartPole-v1",), {}, r"^CartPole-v1 actions: expected a continuous space"),
+        (("Pendulum-v1",), {"centers": 9}, r"^unknown setting 'centers', did you mean RKHSNAC\(centres=\.\.\.\)\?$"),
+        ((rkhs_ros.PoWER(), "Pendulum-v1"), {}, SWAPPED),
+        ((rkhs_ros.PoWER, "Pendulum-v1"), {}, SWAPPED),
+        (("power", "Pendulum-v1"), {}, SWAPPED),
+        ((3,), {}, r"^environment: expected an id, an environment, or a function that makes one, got 3$"),
+        ((lambda: 3,), {}, r"expected a function that makes an environment, got 3$"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(arguments: Any, settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message) as refusal:
+        rkhs_ros.train(*arguments, progress=False, **settings)
+    assert "\n" not in str(refusal.value)
+
+
+def test_episodes_of_an_environment_without_a_time_limit_are_noted_once_unless_the_horizon_is_set(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    unlimited = gymnasium.make("Pendulum-v1", max_episode_steps=-1)
+    short = {name: value for name, value in SHORT.items() if name != "horizon"}
+    rkhs_ros.train(unlimited, progress=False, **short)
+    note = "note: horizon: Pendulum-v1 has no time limit; episodes end after 100 steps. Set horizon=N to change that\n"
+    assert capsys.readouterr().err == note
+    rkhs_ros.train(unlimited, progress=False, **SHORT)
+    rkhs_ros.train("rkhs/Toy-v0", progress=False, **short)
+    assert capsys.readouterr().err == ""
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    choice = rkhs_ros.KernelChoice(bandwidth=np.array([1.0, 2.0]), degree=np.int64(4))
+    assert choice == rkhs_ros.KernelChoice(bandwidth=(1.0, 2.0), degree=4)
+    assert type(choice.degree) is int

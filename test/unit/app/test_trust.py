@@ -1,0 +1,133 @@
+"""Which code data files may name: what is installed, or what a person trusts."""
+
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from rkhs_ros.app.cli import COMMANDS
+from rkhs_ros.base.user_code import TRUSTED, is_installed, only_installed, user_module
+from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.report import how_to_go_on
+from test.unit.conftest import Result, assert_refused
+from test.unit.rollouts.test_custom_environment import MODULE
+
+Rkhs = Callable[..., Result]
+INLINE = ("--runner", "inline", "--quiet")
+SHORT = ("episodes_per_iteration=2", "evaluation_episodes=1", "horizon=3")
+REFUSAL = (
+    "expected a module 'theirs' to import, installed, got none; a data file names it: from elsewhere it is imported"
+)
+CONFIGURED = {
+    "list",
+    "reproduce",
+    "results",
+    "robot",
+    "serve",
+    "simulate",
+    "status",
+    "sweep",
+    "tune",
+}  # read no data files
+
+
+@pytest.fixture(autouse=True)
+def fresh(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Forget the module before and after a test, and where it was found."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    yield
+    sys.modules.pop("theirs", None)
+
+
+@pytest.fixture
+def begun(rkhs: Rkhs, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A run in an environment of a module beside it, as one that somebody sent, with its module made to tell."""
+    Path("theirs.py").write_text(MODULE)
+    train = ("train", "--env", "theirs:Slide-v0", *INLINE, "--iterations", 1, "--out", "run", "--record")
+    assert rkhs(*train, "--set", *SHORT).code == 0
+    sys.modules.pop("theirs")
+    monkeypatch.setattr(sys, "path", [path for path in sys.path if path != os.getcwd()])
+    Path("theirs.py").write_text(f"open('imported', 'w').close()\n{MODULE}")
+    return Path("run")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("evaluate", "run"),
+        ("evaluate", "run/policy.npz"),
+        ("render", "run/policy.npz"),
+        ("imitate", "run"),
+        ("train", "--resume", "run", *INLINE),
+    ],
+    ids=" ".join,
+)
+@pytest.mark.usefixtures("begun")
+def test_a_module_that_a_data_file_names_is_not_imported_from_the_folder_that_we_are_in(
+    rkhs: Rkhs, command: tuple[str, ...]
+) -> None:
+    assert_refused(rkhs(*command), REFUSAL)
+    assert not Path("imported").exists()
+    assert REFUSAL not in rkhs(*command, "--trust").err  # a film needs an environment that draws itself
+    assert Path("imported").exists()
+    assert TRUSTED not in os.environ
+
+
+@pytest.mark.usefixtures("begun")
+def test_what_needs_no_environment_reads_data_without_importing_what_it_names(rkhs: Rkhs) -> None:
+    for command in (("plot", "run"), ("replay", "run", "--quiet"), ("compare", "run"), ("learn", "run", "--quiet")):
+        assert rkhs(*command).code == 0, command
+    assert not Path("imported").exists()
+
+
+@pytest.mark.usefixtures("begun")
+def test_an_environment_that_is_named_on_the_command_line_is_imported(rkhs: Rkhs) -> None:
+    told = rkhs("evaluate", "run/policy.npz", "--env", "theirs:Slide-v0", "--episodes", 1)
+    assert json.loads(told.out)["environment"] == "theirs:Slide-v0"
+    other = rkhs("evaluate", "run/policy.npz", "--env", "Pendulum-v1")
+    assert_refused(other, "--env: expected theirs:Slide-v0, which run/policy.npz names, got Pendulum-v1")
+
+
+def test_how_to_go_on_says_what_is_needed(begun: Path) -> None:
+    assert how_to_go_on(begun, load_config(begun / "config.yaml")) == "go on with: rkhs train --resume run --trust"
+
+
+@pytest.mark.parametrize("place", [".", "sub"])
+def test_a_module_is_installed_if_it_is_found_neither_here_nor_by_a_relative_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sub").mkdir()
+    (tmp_path / place / "theirs.py").write_text("x = 1\n")
+    monkeypatch.syspath_prepend(str(tmp_path / place))  # as Python makes it of the variable when it starts
+    monkeypatch.setenv("PYTHONPATH", place)
+    assert not is_installed("theirs")
+    with only_installed(), pytest.raises(ValueError, match=REFUSAL):
+        user_module("theirs")
+    with only_installed("theirs"):
+        assert user_module("theirs").x == 1
+    sys.modules.pop("theirs")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path / place))
+    monkeypatch.chdir("/")
+    assert is_installed("theirs")
+    with only_installed():
+        assert user_module("theirs").x == 1
+
+
+def test_what_is_installed_is_imported() -> None:
+    names = ("json", "gymnasium.envs", "sim_nodes.envs", "rkhs_ros")
+    assert all(map(is_installed, names))
+    assert not any(map(is_installed, ("", ".", "../theirs", "/tmp/theirs", "no_such_module")))
+    with only_installed():
+        assert [user_module(name).__name__ for name in names] == list(names)
+
+
+def test_every_command_that_reads_data_files_imports_none_but_installed_modules() -> None:
+    for name in set(COMMANDS) - CONFIGURED:
+        module = import_module(f"rkhs_ros.app.{name}")
+        limited = [each for each in vars(module).values() if hasattr(each, "__wrapped__")]
+        assert limited, name

@@ -1,0 +1,191 @@
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any
+
+import pytest
+
+import rkhs_ros
+from rkhs_ros.base.settings import Settings, build, entries, setting
+from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.algorithms.rkhs_power import RKHSPoWER
+from rkhs_ros.learning.algorithms.step_rules import FixedStep
+from rkhs_ros.learning.kernel_choice import KernelChoice
+from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.rkhs.kernels import Kernel, Linear, Product, Sum
+
+
+@dataclass(frozen=True)
+class Inner:
+    rate: float = setting(0.5, "a rate", minimum=0.0, maximum=1.0)
+
+
+@dataclass(frozen=True)
+class Outer:
+    count: int = setting(3, "a count", minimum=1, maximum=9)
+    label: str = setting("a", "a label", choices=("a", "bee"))
+    widths: tuple[float, ...] = setting((1.0,), "widths", minimum=0.0)
+    either: str | tuple[float, ...] = setting("auto", "a word or numbers", minimum=0.0, choices=("auto",))
+    inner: Inner = field(default_factory=Inner)
+
+
+def test_values_reach_their_fields_and_the_rest_keeps_its_defaults() -> None:
+    made = build(Outer, {"count": 5, "widths": [2, 3.5], "inner": {"rate": 0.25}})
+    assert made == Outer(count=5, widths=(2.0, 3.5), inner=Inner(0.25))
+
+
+@pytest.mark.parametrize(
+    ("tree", "expected"),
+    [
+        ({"inner": {"rate": 1}}, 1.0),
+        ({"widths": [2, 3]}, (2.0, 3.0)),
+        ({"widths": 2}, (2.0,)),
+        ({"either": 4}, (4.0,)),
+        ({"either": [4, 5]}, (4.0, 5.0)),
+        ({"either": "auto"}, "auto"),
+    ],
+)
+def test_a_whole_number_serves_as_a_number(tree: dict[str, Any], expected: object) -> None:
+    made = build(Outer, tree)
+    got = made.inner.rate if "inner" in tree else getattr(made, next(iter(tree)))
+    assert got == expected
+    assert type(got) is type(expected)
+    if isinstance(got, tuple):
+        assert all(type(number) is float for number in got)
+
+
+@pytest.mark.parametrize(
+    ("tree", "message"),
+    [
+        ({"coumt": 1}, r"^unknown key 'coumt', did you mean 'count'\?$"),
+        ({"zzz": 1}, r"^unknown key 'zzz', known: count, either, inner, label, widths$"),
+        ({"inner": {"rat": 1}}, r"^unknown key 'inner\.rat', did you mean 'inner\.rate'\?$"),
+        ({1: 1}, r"^unknown key '1'"),
+        ({"count": 2.0}, r"^count: expected a whole number, got 2\.0$"),
+        ({"count": True}, r"^count: expected a whole number, got True$"),
+        ({"count": "2"}, r"^count: expected a whole number, got '2'$"),
+        ({"count": 0}, r"^count: expected a number in \[1, 9\], got 0$"),
+        ({"count": None}, r"^count: expected a whole number, got None$"),
+        ({"inner": {"rate": "x"}}, r"^inner\.rate: expected a number, got 'x'$"),
+        ({"inner": {"rate": True}}, r"^inner\.rate: expected a number, got True$"),
+        ({"inner": {"rate": 1.5}}, r"^inner\.rate: expected a number in \[0\.0, 1\.0\], got 1\.5$"),
+        ({"inner": {"rate": float("nan")}}, r"^inner\.rate: expected a number in .* got nan$"),
+        ({"inner": {"rate": 10**400}}, r"^inner\.rate: expected a number"),
+        ({"inner": 3}, r"^inner: expected a section of keys, got 3$"),
+        ({"label": 3}, r"^label: expected text, in quotes .*, got 3$"),
+        ({"label": "be"}, r"^label: unknown choice 'be', did you mean 'bee'\?$"),
+        ({"widths": []}, r"^widths: expected a list of numbers, got \[\]$"),
+        ({"widths": "wide"}, r"^widths: expected a list of numbers, got 'wide'$"),
+        ({"widths": [1.0, "x"]}, r"^widths: expected a list of numbers"),
+        ({"widths": [1.0, -2.0]}, r"^widths: expected a number in \[0\.0, inf\], got -2\.0$"),
+        ({"widths": [float("inf")]}, r"^widths: expected a number in .* got inf$"),
+        ({"either": "automatic"}, r"^either: unknown choice 'automatic', did you mean 'auto'\?$"),
+        ({"either": {"a": 1}}, r"^either: expected a list of numbers"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_one_line(tree: dict[Any, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message) as refusal:
+        build(Outer, tree)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_variant_is_made_by_its_name_with_settings_of_its_own() -> None:
+    training = training_from({"algorithm": {"name": "rkhs_nac", "step": {"rule": "fixed", "size": 1}}})
+    assert training.algorithm == RKHSNAC(step=FixedStep(1.0))
+    assert training_from({"algorithm": {"name": "rkhs_power", "centres": 7}}).algorithm == RKHSPoWER(centres=7)
+    assert training_from({"algorithm": {"centres": 7}}).algorithm == RKHSNAC(centres=7)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "message"),
+    [
+        ({"name": "rkhs_nak"}, r"unknown algorithm\.name 'rkhs_nak', did you mean 'rkhs_nac'\?"),
+        (7, "algorithm: expected a section of keys, got 7"),
+        ({"name": "rkhs_power", "critic": "step"}, r"unknown key 'algorithm\.critic'"),
+        (
+            {"name": "rkhs_nac", "step": {"rule": "fixd"}},
+            r"unknown algorithm\.step\.rule 'fixd', did you mean 'fixed'\?",
+        ),
+    ],
+)
+def test_a_variant_that_is_unknown_or_has_other_settings_is_refused(algorithm: object, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        training_from({"algorithm": algorithm})
+
+
+def leaves(value: Any, path: str = "") -> set[str]:
+    if not is_dataclass(value):
+        return {path.rstrip(".")}
+    own: set[str] = set()
+    for f in fields(value):
+        child = getattr(value, f.name)
+        if "key" in f.metadata:
+            own.add(f"{path}{f.name}.{f.metadata['key']}")
+        own |= leaves(child, f"{path}{f.name}.")
+    return own
+
+
+@pytest.mark.parametrize(
+    "training",
+    [
+        Training(),
+        Training(algorithm=RKHSPoWER(), kernel=KernelChoice("rbf")),
+        Training(algorithm=RKHSNAC(step=FixedStep())),
+    ],
+    ids=["default", "power", "fixed step"],
+)
+def test_entries_list_every_setting_once_with_its_description(training: Training) -> None:
+    listed = list(entries(training))
+    names = [entry.name for entry in listed]
+    assert len(names) == len(set(names))
+    assert set(names) == leaves(training)
+    assert all(entry.about["description"] for entry in listed)
+
+
+def test_what_entries_list_makes_the_same_settings_again() -> None:
+    training = Training(seed=7, algorithm=RKHSNAC(ridge=0.25, step=FixedStep(0.5)), kernel=KernelChoice("polynomial"))
+    tree: dict[str, Any] = {}
+    for name, value, _ in entries(training):
+        *sections, last = name.split(".")
+        section = tree
+        for part in sections:
+            section = section.setdefault(part, {})
+        section[last] = value
+    assert training_from(tree) == training
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Training(iterations=-3), r"^iterations: expected a number in \[1, 1000000\], got -3$"),
+        (lambda: Training(algorithm="rkhs_nac"), "^algorithm: expected Algorithm, got 'rkhs_nac'$"),
+        (lambda: RKHSNAC(centres=-1), r"^centres: expected a number in \[1, 2000\], got -1$"),
+        (lambda: RKHSNAC(critic="stepp"), r"^critic: unknown choice 'stepp', did you mean 'step'\?$"),
+        (lambda: RKHSNAC(step=3), "^step: expected FixedStep or KLStep or LineSearch, got 3$"),
+        (lambda: RKHSPoWER(sd_minimum=5.0), r"sd_minimum: expected at most 4\.0, got 5\.0$"),
+        (lambda: FixedStep(size=True), "^size: expected a number, got True$"),
+        (lambda: KernelChoice(bandwidth=0.0), r"^bandwidth: expected a number in \[1e-09, 1000000000\.0\], got 0\.0$"),
+        (lambda: Inputs(angles=(0.5,)), r"^inputs\.angles: expected whole numbers"),
+    ],
+)
+def test_settings_made_in_python_are_checked_as_those_of_a_file(make: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def public_settings() -> list[type]:
+    classes = [each for name in rkhs_ros.__all__ if isinstance(each := getattr(rkhs_ros, name), type)]
+    return [each for each in classes if issubclass(each, Settings | Kernel) and fields(each)]
+
+
+@pytest.mark.parametrize("cls", [*public_settings(), Training, Sum, Product])
+def test_an_unknown_setting_in_python_is_refused_with_the_nearest_one(cls: type) -> None:
+    for f in fields(cls):
+        with pytest.raises(TypeError, match=rf"^{cls.__name__}: unknown setting '{f.name}x', did you mean '{f.name}'"):
+            cls(**{f.name + "x": 1})
+
+
+def test_american_spelling_is_answered_with_the_setting() -> None:
+    with pytest.raises(TypeError, match=r"^RKHSNAC: unknown setting 'centers', did you mean 'centres'\?$"):
+        RKHSNAC(centers=80)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match=r"^Linear: unknown setting 'center', did you mean 'centre'\?$"):
+        Linear(center=0.0)  # type: ignore[call-arg]

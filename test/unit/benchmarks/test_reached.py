@@ -1,0 +1,101 @@
+"""What benchmarks/configurations.py measures, and that the documentation says what it measured."""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from reached import Result, as_csv, as_markdown, measure, names, read_results, result_of, summaries
+from tasks_table import median_until
+
+ROOT = Path(__file__).parents[3]
+FILE = ROOT / "docs" / "results" / "configurations.csv"
+CHOSEN_ON = range(100)  # settings may have been chosen on these seeds
+
+
+def said(page: str) -> str:
+    """Return the text of a page in one line."""
+    return " ".join((ROOT / page).read_text().split())
+
+
+def median(name: str) -> str:
+    """Return the median episodes until each threshold, as in "2 / 3"."""
+    return " / ".join(f"{each.value:g}" for each in summaries(read_results(FILE))[name].until)
+
+
+def with_intervals(name: str) -> str:
+    """Return the same with the intervals."""
+    return " / ".join(map(str, summaries(read_results(FILE))[name].until))
+
+
+def test_episodes_are_counted_until_a_return_is_above_a_threshold() -> None:
+    curve = [(5, 44.0), (10, 45.0), (15, 45.1), (20, 30.0), (25, 49.0)]
+    assert result_of("a", 100, (45.0, 50.0), curve) == Result("a", 100, 25, 49.0, 15.0, math.inf)
+
+
+def test_a_search_by_cma_es_counts_every_candidate() -> None:
+    result = measure("toy_few_nac by CMA-ES, sd 0.25", 100, ["iterations=2", "horizon=5"])
+    assert result.episodes == 12  # one generation of the package's population for 20 weights, beyond 2 times 5
+
+
+def test_results_are_read_as_they_were_written(tmp_path: Path) -> None:
+    results = [Result("b", 101, 25, 49.125, 15.0, math.inf), Result("a", 100, 25, 49.125, 15.0, 17.5)]
+    file = tmp_path / "results.csv"
+    file.write_text(as_csv(results))
+    assert read_results(file) == sorted(results)
+
+
+def test_the_worst_seeds_that_never_reach_a_threshold_are_counted() -> None:
+    until = (3.0, 4.0, math.inf, math.inf, 2.0)
+    results = [Result("pendulum_nac", seed, 10, 50.0, each, 3.0) for seed, each in enumerate(until, 100)]
+    assert "| 100 to 104 | 4 [2, inf] | 2 never | 3 [3, 3] | 3 |" in as_markdown(results)
+
+
+def test_the_documentation_gives_results_of_held_out_seeds() -> None:
+    seeds: dict[str, list[int]] = {}
+    for result in read_results(FILE):
+        seeds.setdefault(result.name, []).append(result.seed)
+    assert not {seed for each in seeds.values() for seed in each} & set(CHOSEN_ON)
+    assert min(map(len, seeds.values())) >= 10
+    _, _, others = (ROOT / "docs" / "configurations.md").read_text().partition("Not yet measured on held-out seeds")
+    assert {name for name in names() if f"| `{name}` |" in others} == set(names()) - set(seeds)
+
+
+def test_the_page_of_configurations_has_the_tables_of_the_results() -> None:
+    assert as_markdown(read_results(FILE)) in (ROOT / "docs" / "configurations.md").read_text()
+
+
+@pytest.mark.parametrize("task", ["pendulum", "pendulum_wrap"])
+def test_the_readme_tells_the_results_with_their_intervals(task: str) -> None:
+    model_update, without = (with_intervals(f"{task}_{kind}_nac") for kind in ("model", "few"))
+    assert f"| {model_update} | {without} |" in said("README.md")
+    assert {summaries(read_results(FILE))[f"{task}_{kind}_nac"].seeds for kind in ("model", "few")} == {"100 to 119"}
+    assert "seeds 100 to 119" in said("README.md")
+
+
+@pytest.mark.parametrize("page", ["docs/demo.py", "docs/start.md"])
+def test_the_demo_tells_the_results_without_a_model(page: str) -> None:
+    ((of_45, of_50),) = re.findall(r"([\d.]+) episodes? to a return of 45, ([\d.]+) to 50", said(page))
+    assert median("pendulum_wrap_few_nac") == f"{of_45} / {of_50}"
+
+
+def test_the_page_of_many_runs_tells_what_the_shipped_configurations_reach() -> None:
+    page = (ROOT / "docs" / "many_runs.md").read_text()
+    for name, digits in (("toy_nac", 2), ("pendulum_nac", 1)):
+        summary = summaries(read_results(FILE))[name]
+        assert summary.seeds == "100 to 109"
+        lines = [line for line in page.splitlines() if line.startswith(f"| `{name}.yaml`")]
+        assert lines
+        assert all(line.endswith(f"| {summary.end.value:.{digits}f} |") for line in lines)
+
+
+def test_the_table_of_tasks_tells_the_medians_of_its_own_numbers() -> None:
+    page = (ROOT / "docs" / "tasks.md").read_text()
+    rows = re.findall(r"\| (\d+) to (\d+) \| ([^|]*, [^|]*) \| ([^|]*) \|\n", page)
+    assert len(rows) == 9
+    for first, last, episodes, told in rows:
+        until = [math.inf if "never" in each else float(each) for each in episodes.split(",")]
+        assert len(until) == int(last) - int(first) + 1
+        assert str(median_until(np.array(until))) == told.strip()

@@ -1,0 +1,305 @@
+from collections.abc import Callable
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rkhs_ros.learning.algorithms.actor_critic import EQUATIONS, ActorCritic
+from rkhs_ros.learning.algorithms.algorithm import Algorithm, Update
+from rkhs_ros.learning.algorithms.critics import (
+    Critic,
+    StepCritic,
+    StepPursuitCritic,
+    TrajectoryCritic,
+    TrajectoryPursuitCritic,
+    ValueBaseline,
+)
+from rkhs_ros.learning.algorithms.function_spaces import GridSettings
+from rkhs_ros.learning.algorithms.registry import ALGORITHMS
+from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.algorithms.rkhs_npg import RKHSNPG
+from rkhs_ros.learning.algorithms.rkhs_power import RKHSPoWER
+from rkhs_ros.learning.algorithms.step_rules import FixedStep, KLStep
+from rkhs_ros.learning.algorithms.weighted_exploration import WeightedExploration
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.samples import Samples
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF
+from test.unit.conftest import kl_between
+
+MakePolicy = Callable[..., GaussianPolicy]
+MakeEpisodes = Callable[..., Episodes]
+Learn = Callable[..., Update]
+over_algorithms = pytest.mark.parametrize("algorithm", [cls() for cls in ALGORITHMS.values()], ids=list(ALGORITHMS))
+
+
+def bandit(seed: int, best: float) -> tuple[GaussianPolicy, Episodes]:
+    """One-step episodes in one state; the nearer an action to the best, the higher its reward."""
+    policy = GaussianPolicy(Function.zero(RBF((1.0,)), 1, 1), ConstantVariance(np.ones(1)))
+    actions = np.random.default_rng(seed).standard_normal((200, 1, 1))
+    rewards = np.exp(-0.5 * (actions[:, :, 0] - best) ** 2)
+    return policy, Episodes.without_ends(np.zeros((200, 1, 1)), actions, rewards, np.ones((200, 1), dtype=bool))
+
+
+@over_algorithms
+@pytest.mark.parametrize("best", [-1.5, 1.5])
+def test_the_mean_moves_towards_better_actions(learn: Learn, algorithm: Algorithm, best: float) -> None:
+    policy, episodes = bandit(0, best)
+    if isinstance(algorithm, ActorCritic | RKHSNPG):
+        algorithm = replace(algorithm, step=KLStep(0.02, cap=1e6))
+    moved, *_ = learn(algorithm, policy, episodes)
+    # A divergence of 0.02 is a move of 0.2; PoWER goes farther.
+    assert np.sign(best) * moved.mean(np.zeros((1, 1)))[0, 0] > 0.15
+
+
+@over_algorithms
+@pytest.mark.parametrize("masked", [False, True], ids=["whole", "masked"])
+def test_an_update_edits_nothing_and_repeats_to_the_bit(
+    learn: Learn,
+    algorithm: Algorithm,
+    masked: bool,
+    random_policy: MakePolicy,
+    random_episodes: MakeEpisodes,
+    arrays_of: Callable[[Any], dict[str, np.ndarray]],
+) -> None:
+    policy = random_policy()
+    episodes = random_episodes(policy, masked=masked)
+    memory = random_episodes(policy, 3, masked=masked)
+    inputs = {f"{i}{k}": v for i, given in enumerate((policy, episodes, memory)) for k, v in arrays_of(given).items()}
+    before = {name: array.tobytes() for name, array in inputs.items()}
+    for array in inputs.values():
+        array.setflags(write=False)
+    first, second = (learn(algorithm, policy, episodes, memory=memory) for _ in range(2))
+    assert {name: array.tobytes() for name, array in inputs.items()} == before
+    assert first.metrics == second.metrics
+    for one, other in ((first.policy, second.policy), (first.memory, second.memory)):
+        got, expected = arrays_of(one), arrays_of(other)
+        assert got.keys() == expected.keys()
+        assert all(got[name].tobytes() == expected[name].tobytes() for name in expected)
+
+
+@over_algorithms
+def test_steps_after_the_end_of_an_episode_do_not_matter(
+    learn: Learn,
+    algorithm: Algorithm,
+    random_policy: MakePolicy,
+    random_episodes: MakeEpisodes,
+    rng: np.random.Generator,
+) -> None:
+    policy = random_policy()
+    episodes = random_episodes(policy, masked=True)
+    over = ~episodes.mask[:, :, None]
+    noise = [np.where(over, rng.normal(size=a.shape), a) for a in (episodes.observations, episodes.actions)]
+    changed = replace(episodes, observations=noise[0], actions=noise[1])
+    (first, *_), (second, *_) = (learn(algorithm, policy, e) for e in (episodes, changed))
+    x = rng.normal(size=(9, 2))
+    assert np.array_equal(first.mean(x), second.mean(x))
+    assert np.array_equal(first.variance(x), second.variance(x))
+
+
+@over_algorithms
+def test_the_metrics_are_what_happened(
+    learn: Learn, algorithm: Algorithm, random_policy: MakePolicy, random_episodes: MakeEpisodes
+) -> None:
+    policy = random_policy(m=0 if isinstance(algorithm, GridSettings) else 5)
+    episodes = random_episodes(policy)
+    small = {"grid_counts": (7.0, 1.0)} if isinstance(algorithm, GridSettings) else {"centres": 7}
+    new, metrics, _ = learn(replace(algorithm, **small), policy, episodes)
+    assert metrics.centres == len(new.mean.centres) <= 7
+    assert metrics.kl == pytest.approx(kl_between(policy, new, episodes.flat(episodes.observations)))
+
+
+@pytest.mark.parametrize("critic", EQUATIONS)
+def test_nac_goes_just_as_far_as_its_divergence(
+    learn: Learn, critic: str, random_policy: MakePolicy, random_episodes: MakeEpisodes
+) -> None:
+    policy = random_policy()
+    algorithm = RKHSNAC(centres=60, critic=critic, step=KLStep(0.07, cap=1e6))
+    _, metrics, _ = learn(algorithm, policy, random_episodes(policy), 0.99)
+    assert metrics.kl == pytest.approx(0.07, rel=1e-3)  # the sparsification's ridge takes 1e-4
+
+
+def test_a_later_update_goes_less_far_where_its_step_is_annealed(
+    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
+) -> None:
+    policy = random_policy()
+    episodes = random_episodes(policy)
+    algorithm = RKHSNAC(centres=60, step=KLStep(0.08, cap=1e6, annealing=0.5))
+    divergences = [learn(algorithm, policy, episodes, iteration=k).metrics.kl for k in (0, 2, 6)]
+    np.testing.assert_allclose(divergences, [0.08, 0.04, 0.02], rtol=1e-3)
+
+
+BASELINE = ValueBaseline(0.3, "scale_free", trace=0.6)
+CRITICS: list[tuple[str, str, Critic]] = [
+    ("step", "ridge", StepCritic(0.1, BASELINE, "scale_free")),
+    ("step", "pursuit", StepPursuitCritic(0.1, BASELINE)),
+    ("trajectory", "ridge", TrajectoryCritic(0.1, "scale_free")),
+    ("trajectory", "pursuit", TrajectoryPursuitCritic(0.1)),
+]
+
+
+@pytest.mark.parametrize(("equations", "regression", "critic"), CRITICS, ids=[f"{c}-{r}" for c, r, _ in CRITICS])
+def test_nac_adds_the_critics_weight_times_the_step(
+    learn: Learn,
+    equations: str,
+    regression: str,
+    critic: Critic,
+    random_policy: MakePolicy,
+    random_episodes: MakeEpisodes,
+) -> None:
+    policy = random_policy(m=3)
+    episodes = random_episodes(policy)
+    how = {"critic": equations, "regression": regression, "ridge": 0.1, "value_ridge": 0.3, "trace": 0.6}
+    algorithm = RKHSNAC(centres=60, ridge_norm="scale_free", step=FixedStep(0.3), **how)
+    moved, *_ = learn(algorithm, policy, episodes, 0.9)
+    samples = Samples.in_newton_basis(policy, episodes, 60)
+    w = samples.features @ critic.fit(samples, 0.9)
+    x = samples.observations
+    assert np.abs(w).max() > 1e-2
+    np.testing.assert_allclose(moved.mean(x), policy.mean(x) + 0.3 * w, atol=1e-4)
+
+
+@pytest.mark.parametrize("critic", EQUATIONS)
+@pytest.mark.parametrize("step", [KLStep(), FixedStep(0.5)], ids=["kl", "fixed"])
+def test_nac_without_rewards_stays_where_it_is(
+    learn: Learn, critic: str, step: KLStep, random_policy: MakePolicy, random_episodes: MakeEpisodes
+) -> None:
+    policy = random_policy()
+    episodes = random_episodes(policy)
+    still = replace(episodes, rewards=np.zeros_like(episodes.rewards))
+    moved, metrics, _ = learn(RKHSNAC(critic=critic, step=step), policy, still)
+    x = episodes.flat(episodes.observations)
+    np.testing.assert_allclose(moved.mean(x), policy.mean(x), atol=1e-5)
+    assert metrics.kl < 1e-9
+
+
+@over_algorithms
+def test_the_exploration_narrows_down_to_its_minimum(
+    learn: Learn, algorithm: Algorithm, random_policy: MakePolicy, random_episodes: MakeEpisodes
+) -> None:
+    policy = random_policy()
+    constant = {"variance": "constant"} if isinstance(algorithm, WeightedExploration) else {}
+    for minimum, factor in ((1e-3, 0.81), (1e3, 1.0)):  # a deviation below the minimum stays where it is
+        narrowing = replace(algorithm, exploration_decay=0.9, exploration_minimum=minimum, **constant)
+        moved, *_ = learn(narrowing, policy, random_episodes(policy))
+        np.testing.assert_allclose(moved.variance.values, factor * policy.variance.values, rtol=1e-12)
+
+
+@over_algorithms
+def test_a_variance_that_depends_on_the_state_does_not_decay(
+    learn: Learn, algorithm: Algorithm, random_policy: MakePolicy, random_episodes: MakeEpisodes
+) -> None:
+    policy = random_policy(learnt=True)
+    constant = {"variance": "constant"} if isinstance(algorithm, WeightedExploration) else {}
+    with pytest.raises(ValueError, match="variance: expected a constant one to change, got one that depends"):
+        learn(replace(algorithm, **constant), policy, random_episodes(policy))
+
+
+OTHER: dict[str, Any] = {
+    "ridge": 0.31,
+    "ridge_unit": "variance",
+    "value_ridge": 0.23,
+    "trace": 0.4,
+    "sd_minimum": 1e3,
+    "sd_maximum": 0.06,
+    "exploration_decay": 0.5,
+    "exploration_minimum": 1e3,
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "choice"),
+    [
+        ("rkhs_npg", {"baseline": "intercept"}),
+        ("rkhs_npg", {"baseline": "value"}),
+        ("rkhs_nac", {"critic": "step"}),
+        ("rkhs_nac", {"critic": "trajectory"}),
+        ("rkhs_nac", {"critic": "trajectory", "variance": "learnt"}),
+        ("power", {"solution": "full", "variance": "constant"}),
+        ("power", {"solution": "diagonal", "weighting": "returns"}),
+        ("rkhs_power", {"weighting": "returns", "variance": "constant"}),
+    ],
+)
+def test_settings_are_unused_if_and_only_if_they_change_nothing(
+    learn: Learn,
+    arrays_of: Callable[[Any], dict[str, np.ndarray]],
+    name: str,
+    choice: dict[str, str],
+    random_policy: MakePolicy,
+    random_episodes: MakeEpisodes,
+) -> None:
+    policy, own = random_policy(), {f.name for f in fields(ALGORITHMS[name])}
+    episodes = random_episodes(policy)
+    wide = {"exploration_decay": 0.9, "exploration_minimum": 1e-3, "sd_maximum": 1e4}
+    algorithm = ALGORITHMS[name](**{key: value for key, value in wide.items() if key in own}, **choice)
+
+    def learnt(algorithm: Algorithm) -> dict[str, bytes]:
+        return {key: array.tobytes() for key, array in arrays_of(learn(algorithm, policy, episodes).policy).items()}
+
+    before = learnt(algorithm)
+    same = {key for key in own & OTHER.keys() if learnt(replace(algorithm, **{key: OTHER[key]})) == before}
+    assert same == algorithm.unused() & OTHER.keys()
+
+
+@pytest.mark.parametrize("name", ["rkhs_ac", "rkhs_npg", "rkhs_nac", "rkhs_power"])
+def test_the_sparsification_error_is_how_far_the_smaller_mean_is_from_the_whole(
+    learn: Learn, name: str, random_policy: MakePolicy, random_episodes: MakeEpisodes
+) -> None:
+    policy = random_policy(m=7, kernel=RBF((0.5,)))
+    episodes = random_episodes(policy)
+    # A direction over few centres, added to seven: the mean has too many and is thinned out to as many again.
+    algorithm = replace(ALGORITHMS[name](), centres=7)
+    small, metrics, _ = learn(algorithm, policy, episodes)
+    x = episodes.flat(episodes.observations)
+    samples = Samples.in_newton_basis(policy, episodes, 7)
+    assert metrics.sparsification_error > 1e-4
+    if name == "rkhs_nac":
+        critic = StepCritic(algorithm.ridge, ValueBaseline(algorithm.ridge))
+        whole = policy.mean(x) + metrics.step_size * samples.features @ critic.fit(samples, 0.99)
+        error = np.linalg.norm(whole - small.mean(x)) / np.linalg.norm(whole)
+        assert metrics.sparsification_error == pytest.approx(error, rel=1e-4)
+    with_room = replace(algorithm, centres=200)
+    assert learn(with_room, policy, episodes).metrics.sparsification_error == 0.0
+
+
+def test_more_is_forgotten_where_less_is_asked_of_the_centres(
+    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
+) -> None:
+    policy = random_policy(m=7)
+    episodes = random_episodes(policy)
+    errors, centres = [], []
+    for tolerance in (0.0, 0.01, 0.1):
+        metrics = learn(RKHSNAC(centres=40, sparsification_tolerance=tolerance), policy, episodes).metrics
+        assert metrics.sparsification_error <= max(tolerance, 1e-3)
+        errors.append(metrics.sparsification_error)
+        centres.append(metrics.centres)
+    assert errors == sorted(errors)
+    assert centres == sorted(centres, reverse=True)
+    assert centres[0] > centres[-1]
+
+
+@over_algorithms
+def test_far_from_all_centres_an_update_still_makes_a_policy(
+    learn: Learn,
+    algorithm: Algorithm,
+    random_policy: MakePolicy,
+    random_episodes: MakeEpisodes,
+) -> None:
+    policy = random_policy(m=0, kernel=RBF((0.01,)))
+    episodes = random_episodes(policy)
+    far = replace(episodes, observations=episodes.observations + 1000.0)
+    new, *_ = learn(algorithm, policy, far)
+    assert np.isfinite(new.mean(far.flat(far.observations))).all()
+
+
+def test_a_learnt_variance_can_do_without_rewards_under_the_printed_weighting(
+    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
+) -> None:
+    policy = random_policy()
+    episodes = random_episodes(policy)
+    still = replace(episodes, rewards=np.zeros_like(episodes.rewards))
+    new, *_ = learn(RKHSPoWER(weighting="as_published"), policy, still)
+    assert (new.variance(still.flat(still.observations)) > 0).all()

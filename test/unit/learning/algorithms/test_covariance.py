@@ -1,0 +1,134 @@
+"""The natural gradient is the same function in any coordinates of the space, the plain gradient is not."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from rkhs_ros.learning.algorithms.actor_critic import EQUATIONS, ActorCritic
+from rkhs_ros.learning.algorithms.algorithm import Update
+from rkhs_ros.learning.algorithms.critics import Critic, StepCritic, TrajectoryCritic, ValueBaseline
+from rkhs_ros.learning.algorithms.rkhs_ac import RKHSAC
+from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.algorithms.step_rules import FixedStep, KLStep
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.samples import Samples
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import Polynomial
+
+LINEAR = Polynomial(0.0, 1)
+OFFSETS = (0.01, 0.2, 1.0)
+DEGREE = 5
+TEST_POINTS = np.linspace(-1.0, 1.0, 21)[:, None]  # farther out the highest power hides the others
+Learn = Callable[..., Update]
+over_critics = pytest.mark.parametrize("critic", EQUATIONS)
+
+
+def critic_of(equations: str, ridge: float, ridge_norm: str) -> Critic:
+    """Return a critic whose ridges on w and on the value are the same."""
+    if equations == "trajectory":
+        return TrajectoryCritic(ridge, ridge_norm)
+    return StepCritic(ridge, ValueBaseline(ridge, ridge_norm), ridge_norm)
+
+
+def walks(n: int = 12, horizon: int = 15) -> Episodes:
+    """Walks along a line with a reward at its end."""
+    rng = np.random.default_rng(3)
+    actions = rng.normal(scale=0.7, size=(n, horizon, 1))
+    places = np.clip(np.cumsum(np.concatenate([np.zeros((n, 1, 1)), actions[:, :-1]], axis=1), axis=1), -1.5, 3.5)
+    rewards = np.exp(-np.abs(places[:, :, 0] - 3.0))
+    return Episodes.without_ends(places, actions, rewards, np.ones((n, horizon), dtype=bool))
+
+
+def moves(learn: Learn, algorithm: ActorCritic, mean: np.ndarray) -> list[np.ndarray]:
+    """Return how the mean changes at the test points in the coordinates of each offset.
+
+    Args:
+        learn: the fixture.
+        algorithm: the algorithm.
+        mean: coefficients of the powers 0 to 5 of the policy's mean, the same function in all coordinates.
+    """
+    changes = []
+    for offset in OFFSETS:
+        inputs = Inputs(degree=DEGREE, offset=offset)
+        nodes = np.linspace(-1.5, 3.5, DEGREE + 1)[:, None]  # a polynomial follows from its values here
+        weights = np.linalg.solve(inputs.features(nodes), np.polynomial.polynomial.polyval(nodes, mean))
+        function = Function(LINEAR, np.eye(DEGREE + 1), weights.reshape(-1, 1))
+        policy = GaussianPolicy(function, ConstantVariance(np.array([0.5])), inputs)
+        moved, *_ = learn(algorithm, policy, walks().seen_through(inputs))
+        points = inputs.features(TEST_POINTS)
+        changes.append(moved.mean(points) - policy.mean(points))
+    return changes
+
+
+def difference(one: np.ndarray, other: np.ndarray) -> float:
+    """Return how far two functions' values are apart after both are given the length 1."""
+    return float(np.linalg.norm(one / np.linalg.norm(one) - other / np.linalg.norm(other)))
+
+
+MEANS = [np.zeros(6), np.array([0.3, -0.2, 0.1, 0.05, -0.02, 0.003])]
+
+
+@over_critics
+@pytest.mark.parametrize("mean", MEANS, ids=["from 0", "from a polynomial"])
+@pytest.mark.parametrize("ridge", [1e-6, 1e-2, 1.0])
+def test_the_natural_gradient_does_not_change_with_the_parametrisation(
+    learn: Learn, critic: str, mean: np.ndarray, ridge: float
+) -> None:
+    for step in (FixedStep(0.5), KLStep(0.02, cap=1e6)):
+        algorithm = RKHSNAC(centres=20, critic=critic, ridge_norm="scale_free", ridge=ridge, step=step)
+        first, *others = moves(learn, algorithm, mean)
+        assert np.linalg.norm(first) > 1e-3
+        for other in others:
+            np.testing.assert_allclose(other, first, rtol=0, atol=1e-6 * np.abs(first).max())
+
+
+@over_critics
+@pytest.mark.parametrize("mean", MEANS, ids=["from 0", "from a polynomial"])
+def test_the_plain_gradient_changes_with_the_parametrisation(learn: Learn, critic: str, mean: np.ndarray) -> None:
+    common = {"critic": critic, "regression": "ridge", "ridge_norm": "scale_free", "ridge": 1e-2}
+    first, *others = moves(learn, RKHSAC(centres=20, step=FixedStep(1e-6), **common), mean)
+    assert all(difference(first, other) > 0.1 for other in others)
+
+
+@over_critics
+def test_a_ridge_on_the_norm_in_the_rkhs_destroys_the_covariance(learn: Learn, critic: str) -> None:
+    algorithm = RKHSNAC(centres=20, critic=critic, ridge_norm="norm", ridge=1e-2, step=FixedStep(0.5))
+    first, *others = moves(learn, algorithm, MEANS[0])
+    assert all(difference(first, other) > 0.1 for other in others)
+
+
+@over_critics
+@pytest.mark.parametrize("masked", [False, True], ids=["whole", "masked"])
+def test_a_critic_in_scaled_coordinates_is_the_same_function(
+    random_policy: Callable[..., GaussianPolicy],
+    random_episodes: Callable[..., Episodes],
+    rng: np.random.Generator,
+    critic: str,
+    masked: bool,
+) -> None:
+    policy = random_policy()
+    samples = Samples.in_newton_basis(policy, random_episodes(policy, 8, 10, masked=masked), 6)
+    units = 10 ** rng.uniform(-3, 3, samples.features.shape[1])
+    scaled = Samples(**{**vars(samples), "features": samples.features * units})
+    w, v = (critic_of(critic, 0.1, "scale_free").fit(s, 0.9) for s in (samples, scaled))
+    np.testing.assert_allclose(scaled.features @ v, samples.features @ w, rtol=1e-6, atol=1e-9)
+    w, v = (critic_of(critic, 0.1, "norm").fit(s, 0.9) for s in (samples, scaled))
+    assert difference(scaled.features @ v, samples.features @ w) > 0.1
+
+
+@over_critics
+def test_without_a_ridge_any_invertible_change_of_coordinates_leaves_the_critic(
+    random_policy: Callable[..., GaussianPolicy],
+    random_episodes: Callable[..., Episodes],
+    rng: np.random.Generator,
+    critic: str,
+) -> None:
+    policy = random_policy()
+    samples = Samples.in_newton_basis(policy, random_episodes(policy, 40, 10), 5)
+    turned = Samples(**{**vars(samples), "features": samples.features @ rng.normal(size=(5, 5))})
+    w, v = (critic_of(critic, 1e-10, "norm").fit(s, 0.9) for s in (samples, turned))
+    np.testing.assert_allclose(turned.features @ v, samples.features @ w, rtol=1e-4, atol=1e-4)

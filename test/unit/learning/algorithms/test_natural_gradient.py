@@ -1,0 +1,278 @@
+"""The gradient updates against their equations, written out on their own: loops over steps, explicit features."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rkhs_ros.learning.algorithms.ac import AC
+from rkhs_ros.learning.algorithms.algorithm import Algorithm, Update
+from rkhs_ros.learning.algorithms.enac import ENAC
+from rkhs_ros.learning.algorithms.power import PoWER
+from rkhs_ros.learning.algorithms.rkhs_ac import RKHSAC
+from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.algorithms.rkhs_npg import RKHSNPG
+from rkhs_ros.learning.algorithms.rkhs_power import RKHSPoWER
+from rkhs_ros.learning.algorithms.step_rules import FixedStep, KLStep, LineSearch
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
+
+Learn = Callable[..., Update]
+MakePolicy = Callable[..., GaussianPolicy]
+MakeEpisodes = Callable[..., Episodes]
+LINEAR = Polynomial(0.0, 1)
+DISCOUNT = 0.9
+over_masks = pytest.mark.parametrize("masked", [False, True], ids=["whole", "masked"])
+
+
+def scores(policy: GaussianPolicy, episodes: Episodes) -> list[list[tuple[np.ndarray, np.ndarray]]]:
+    """Return s and u = (a - h(s)) / sigma^2 of each step of each episode."""
+    found = []
+    for i in range(len(episodes)):
+        found.append([])
+        for t in range(int(episodes.mask[i].sum())):
+            s, a = episodes.observations[i, t], episodes.actions[i, t]
+            found[i].append((s, (a - policy.mean(s[None])[0]) / policy.variance(s[None])[0]))
+    return found
+
+
+def returns(episodes: Episodes) -> np.ndarray:
+    return np.array([sum(DISCOUNT**t * r for t, r in enumerate(rewards)) for rewards in episodes.rewards])
+
+
+def ridge_with_intercept(features: np.ndarray, targets: np.ndarray, ridge: float) -> np.ndarray:
+    """Minimise |features w + b - targets|^2 + ridge |w|^2 by least squares on rows for the penalty; return w."""
+    n, p = features.shape
+    design = np.block([[features, np.ones((n, 1))], [np.sqrt(ridge) * np.eye(p), np.zeros((p, 1))]])
+    return np.linalg.lstsq(design, np.append(targets, np.zeros(p)))[0][:p]
+
+
+def first_values(policy: GaussianPolicy, episodes: Episodes, ridge: float) -> np.ndarray:
+    """Fit the reward to go by s, 1, t and t^2; return the fit at the first steps."""
+    rows, targets, first = [], [], []
+    for i, mask in enumerate(episodes.mask):
+        first.append(len(rows))
+        for t in range(int(mask.sum())):
+            time = t / episodes.horizon
+            rows.append([*episodes.observations[i, t], 1.0, time, time**2])
+            targets.append(sum(DISCOUNT**k * r for k, r in enumerate(episodes.rewards[i, t:])))
+    d = policy.mean.input_dim
+    penalty = np.sqrt(len(rows) * np.array([ridge] * d + [1e-6] * 3))
+    design = np.concatenate([rows, np.diag(penalty)])
+    fit = np.linalg.lstsq(design, np.append(targets, np.zeros(d + 3)))[0]
+    return np.array(rows)[first] @ fit
+
+
+@over_masks
+@pytest.mark.parametrize("baseline", ["intercept", "value", "as_published"])
+def test_npg_through_the_gram_is_the_ridge_regression_in_explicit_features(
+    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, baseline: str, masked: bool
+) -> None:
+    policy = random_policy(d=3, kernel=LINEAR)
+    episodes = random_episodes(policy, 5, 8, masked=masked)
+    algorithm = RKHSNPG(baseline=baseline, ridge=0.2, value_ridge=0.3, step=FixedStep(0.7))
+    moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
+    phi = np.array([sum(np.kron(s, u) for s, u in steps) for steps in scores(policy, episodes)])
+    ridge = 0.2 * np.mean(np.sum(phi**2, axis=1))
+    if baseline == "as_published":
+        w = np.linalg.solve(phi.T @ phi + ridge * np.eye(6), phi.T @ returns(episodes))
+    else:
+        baselines = first_values(policy, episodes, 0.3) if baseline == "value" else 0.0
+        w = ridge_with_intercept(phi, returns(episodes) - baselines, ridge)
+    x = episodes.flat(episodes.observations)
+    np.testing.assert_allclose(moved.mean(x), policy.mean(x) + 0.7 * x @ w.reshape(3, 2), rtol=1e-8, atol=1e-8)
+
+
+@over_masks
+def test_npg_on_a_full_dictionary_is_the_sum_of_kernel_functions_of_the_paper(
+    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, rng: np.random.Generator, masked: bool
+) -> None:
+    policy = random_policy(m=3, kernel=RBF((0.4,)))
+    episodes = random_episodes(policy, 4, 6, masked=masked)
+    algorithm = RKHSNPG(centres=60, baseline="as_published", ridge=0.2, step=FixedStep(0.7))
+    moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
+    steps = scores(policy, episodes)
+    kappa = policy.mean.kernel
+
+    def compatible(a: tuple[np.ndarray, np.ndarray], b: tuple[np.ndarray, np.ndarray]) -> float:
+        return float(kappa(a[0][None], b[0][None])[0, 0] * (a[1] @ b[1]))
+
+    gram = np.array([[sum(compatible(a, b) for a in one for b in two) for two in steps] for one in steps])
+    weights = np.linalg.solve(gram + 0.2 * np.trace(gram) / 4 * np.eye(4), returns(episodes))
+    x = rng.normal(size=(9, 2))
+    direction = sum(weights[i] * kappa(x, s[None]) * u for i, episode in enumerate(steps) for s, u in episode)
+    np.testing.assert_allclose(moved.mean(x), policy.mean(x) + 0.7 * direction, rtol=1e-8, atol=1e-8)
+
+
+@over_masks
+def test_a_learnt_variance_climbs_the_gradient_of_what_the_mean_leaves_unexplained(
+    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, masked: bool
+) -> None:
+    policy = random_policy(d=3, kernel=LINEAR)
+    newest, older = (random_episodes(policy, n, 8, masked=masked) for n in (5, 3))
+    algorithm = RKHSNAC(variance="learnt", reuse=4, trace=0.8, step=FixedStep(0.3))
+    moved, _, memory = learn(algorithm, policy, newest, DISCOUNT, memory=older)
+    w = (moved.mean(np.eye(3)) - policy.mean(np.eye(3))) / 0.3  # of a linear mean
+    samples = algorithm.space.samples(policy, newest + older)
+    left, count = iter(algorithm.value_baseline.advantages(samples, DISCOUNT)), 0
+    v, variance = np.zeros(2), policy.variance(np.zeros((1, 3)))[0]
+    for steps in scores(policy, newest):
+        for s, u in steps:
+            v += (next(left) - s @ w @ u) * (u**2 * variance - 1.0) / np.sqrt(2.0)  # u^2 sigma^4 / sigma^2
+            count += 1
+    np.testing.assert_allclose(moved.variance.values, variance * np.exp(np.sqrt(2.0) * 0.3 * v / count), rtol=1e-7)
+    np.testing.assert_array_equal(memory.rewards, (newest + older).take(slice(4)).rewards)
+
+
+def test_the_step_of_mean_and_variance_together_has_the_divergence_asked_for(
+    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
+) -> None:
+    policy = random_policy()
+    algorithm = RKHSNAC(variance="learnt", step=KLStep(divergence=1e-6))
+    moved, metrics, _ = learn(algorithm, policy, random_episodes(policy, 20, 8), DISCOUNT)
+    assert (moved.variance.values != policy.variance.values).all()
+    assert metrics.kl == pytest.approx(1e-6, rel=0.01)  # to the order of the step, a thousandth
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_learnt_variance_stays_near_the_first_however_long_the_step(
+    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
+) -> None:
+    policy = random_policy()
+    moved, *_ = learn(RKHSNAC(variance="learnt", step=FixedStep(1e6)), policy, random_episodes(policy))
+    assert set(moved.variance.values) <= {0.01**2, 10.0**2}  # times the first one, 1
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0], ids=["costs", "pays"])
+def test_exploration_that_costs_shrinks_at_the_rate_of_its_own_gradient(sign: float, learn: Learn) -> None:
+    sd, n = 0.7, 20_000
+    kernel = Polynomial(1.0, 1)
+    policy = GaussianPolicy(Function(kernel, np.zeros((0, 1)), np.zeros((0, 1))), ConstantVariance(np.array([sd**2])))
+    actions = sd * np.random.default_rng(1).standard_normal((n, 1, 1))
+    episodes = Episodes.without_ends(np.ones((n, 1, 1)), actions, sign * actions[..., 0] ** 2, np.ones((n, 1), bool))
+    moved, *_ = learn(RKHSNAC(variance="learnt", step=FixedStep(0.1)), policy, episodes)
+    # E[(a^2 - sd^2) (a^2 / sd^2 - 1)] / sqrt 2 = sqrt 2 sd^2; five deviations of its mean are 5 sd^2 sqrt(56 / 2 n)
+    got = np.log(moved.variance.values[0] / sd**2) / (0.1 * np.sqrt(2.0))
+    assert got == pytest.approx(sign * np.sqrt(2.0) * sd**2, abs=5 * sd**2 * np.sqrt(28 / n))
+
+
+@over_masks
+def test_a_step_of_enac_is_that_of_the_textbook(
+    learn: Learn, random_episodes: MakeEpisodes, rng: np.random.Generator, masked: bool
+) -> None:
+    centres = np.array([[a, b] for a in (-1.0, 0.5, 2.0) for b in (0.0, 1.0)])
+    theta, kernel = rng.normal(size=(6, 2)), RBF((0.9,))
+    policy = GaussianPolicy(Function(kernel, centres, theta), ConstantVariance(np.array([0.5, 2.0])))
+    episodes = random_episodes(policy, 30, 8, masked=masked)
+    algorithm = ENAC(
+        grid_low=(-1.0, 0.0), grid_high=(2.0, 1.0), grid_counts=(3.0, 2.0), ridge=0.05, step=FixedStep(0.4)
+    )
+    moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
+    # R(xi) = <w, sum_t gamma^t grad log pi> + J, by least squares over the episodes
+    psi = np.zeros((30, 12))
+    for i, steps in enumerate(scores(policy, episodes)):
+        for t, (s, u) in enumerate(steps):
+            phi = [np.exp(-0.5 * np.sum((s - c) ** 2) / 0.9**2) for c in centres]
+            psi[i] += DISCOUNT**t * np.outer(phi, u).ravel()
+    w = ridge_with_intercept(psi, returns(episodes), 0.05 * np.mean(np.sum(psi**2, axis=1)))
+    np.testing.assert_allclose(moved.mean.weights, theta + 0.4 * w.reshape(6, 2), rtol=1e-8, atol=1e-8)
+    assert np.array_equal(moved.mean.centres, centres)
+
+
+def on_a_lattice(rng: np.random.Generator) -> tuple[GaussianPolicy, Episodes]:
+    """Episodes that visit the points of a grid, whose kernel functions are all but orthonormal."""
+    points = np.array([[a, b] for a in (0.0, 1.0, 2.0) for b in (0.0, 1.0, 2.0)])
+    mean = Function(RBF((0.1,)), points, rng.normal(size=(9, 2)))
+    policy = GaussianPolicy(mean, ConstantVariance(np.array([0.5, 2.0])))
+    visited = np.stack([rng.permutation(points) for _ in range(6)])
+    actions = policy.act(visited.reshape(-1, 2), rng.standard_normal((54, 2))).reshape(6, 9, 2)
+    return policy, Episodes.without_ends(visited, actions, rng.uniform(size=(6, 9)), np.ones((6, 9), dtype=bool))
+
+
+CRITICS = [(c, r, n) for c in ("step", "trajectory") for r in ("ridge", "pursuit") for n in ("norm", "scale_free")]
+ACTOR_CRITICS: list[tuple[type[Algorithm], type[Algorithm]]] = [(RKHSNAC, ENAC), (RKHSAC, AC)]
+GRID = {"grid_low": (0.0,), "grid_high": (2.0,), "grid_counts": (3.0,)}
+
+
+@pytest.mark.parametrize(("free", "fixed"), ACTOR_CRITICS, ids=["nac", "ac"])
+@pytest.mark.parametrize(("critic", "regression", "norm"), CRITICS)
+def test_among_orthonormal_kernel_functions_an_actor_critic_in_the_rkhs_is_its_parametric_rival(
+    learn: Learn,
+    rng: np.random.Generator,
+    free: type[Algorithm],
+    fixed: type[Algorithm],
+    critic: str,
+    regression: str,
+    norm: str,
+) -> None:
+    policy, episodes = on_a_lattice(rng)
+    same = {"critic": critic, "regression": regression, "ridge_norm": norm, "ridge": 0.1, "step": FixedStep(0.3)}
+    algorithms = free(centres=200, **same), fixed(**GRID, **same)
+    one, two = (learn(algorithm, policy, episodes, DISCOUNT).policy for algorithm in algorithms)
+    x = episodes.flat(episodes.observations)
+    assert np.abs(two.mean(x) - policy.mean(x)).max() > 1e-3
+    np.testing.assert_allclose(one.mean(x), two.mean(x), rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("weighting", ["positive", "shifted", "exponential", "returns"])
+def test_among_orthonormal_kernel_functions_rkhs_power_is_power(
+    learn: Learn, rng: np.random.Generator, weighting: str
+) -> None:
+    policy, episodes = on_a_lattice(rng)
+    same = {"weighting": weighting, "reuse": 0, "ridge": 0.7, "variance": "constant"}
+    algorithms = RKHSPoWER(centres=200, **same), PoWER(**GRID, **same)
+    one, two = (learn(algorithm, policy, episodes, DISCOUNT).policy for algorithm in algorithms)
+    x = episodes.flat(episodes.observations)
+    assert np.abs(two.mean(x) - policy.mean(x)).max() > 1e-3
+    np.testing.assert_allclose(one.mean(x), two.mean(x), rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("kernel", [LINEAR, RBF((0.4,))], ids=["linear", "rbf"])
+def test_the_plain_gradient_is_the_sum_of_weighted_kernel_functions(
+    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, rng: np.random.Generator, kernel: Kernel
+) -> None:
+    policy = random_policy(m=3, kernel=kernel)
+    episodes = random_episodes(policy, 4, 6, masked=True)
+    algorithm = RKHSAC(centres=60, regression="ridge", step=FixedStep(0.5))
+    moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
+    natural, *_ = learn(RKHSNAC(centres=60, step=FixedStep(1.0)), policy, episodes, DISCOUNT)  # h + w, the same critic
+    x = rng.normal(size=(9, 2))
+    total = np.zeros((9, 2))
+    for steps in scores(policy, episodes):
+        for s, u in steps:
+            advantage = (natural.mean(s[None]) - policy.mean(s[None]))[0] @ u  # <w, K(s, .) u>
+            total += advantage * kernel(x, s[None]) * u
+    np.testing.assert_allclose(moved.mean(x), policy.mean(x) + 0.5 / 4 * total, rtol=1e-8, atol=1e-8)
+
+
+def test_a_line_search_asks_for_episodes_of_the_policies_it_chooses_among(
+    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
+) -> None:
+    policy = random_policy()
+    episodes = random_episodes(policy)
+    tried: list[GaussianPolicy] = []
+
+    def collect(candidate: GaussianPolicy, number: int) -> Episodes:
+        """The third policy asked about earns most."""
+        assert number == 2
+        tried.append(candidate)
+        good = 1.0 if len(tried) == 3 else 0.0
+        return replace(episodes, rewards=np.full_like(episodes.rewards, good)).take(slice(number))
+
+    algorithm = RKHSNAC(
+        centres=200, step=LineSearch(choices=5, episodes=2, shortest=0.1, longest=1.0), exploration_decay=0.5
+    )
+    moved, metrics, _ = learn(algorithm, policy, episodes, collect=collect)
+    x = episodes.flat(episodes.observations)
+    assert len(tried) == 5
+    assert np.array_equal(moved.mean(x), tried[2].mean(x))
+    lengths = [np.sqrt(np.mean(np.sum((t.mean(x) - policy.mean(x)) ** 2 / policy.variance(x), axis=1))) for t in tried]
+    np.testing.assert_allclose(lengths, np.geomspace(0.1, 1.0, 5), rtol=1e-9)
+    assert all(np.array_equal(t.variance.values, policy.variance.values) for t in tried)
+    np.testing.assert_allclose(moved.variance.values, 0.25 * policy.variance.values)
+    w = RKHSNAC(centres=200, step=FixedStep(metrics.step_size))
+    np.testing.assert_allclose(learn(w, policy, episodes).policy.mean(x), moved.mean(x), rtol=1e-12)

@@ -1,0 +1,71 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rkhs_ros.learning.algorithms.step_rules import FixedStep, KLStep, LineSearch
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF
+from test.unit.conftest import kl_between
+
+
+def never(size: float, episodes: int) -> float:
+    raise AssertionError(f"tried out a step of {size} in {episodes} episodes")
+
+
+@given(divergence=st.floats(1e-4, 1.0), scale=st.floats(1e-3, 1e3), seed=st.integers(0, 999))
+def test_a_kl_step_makes_policies_of_that_divergence(divergence: float, scale: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    kernel, x, variance = RBF((1.0,)), rng.normal(size=(20, 2)), rng.uniform(0.1, 4, 2)
+    h, w = (Function(kernel, rng.normal(size=(4, 2)), scale * rng.normal(size=(4, 2))) for _ in range(2))
+    old = GaussianPolicy(h, ConstantVariance(variance))
+    size = KLStep(divergence, cap=1e6).step_size(w(x), old.variance(x), never)
+    assert kl_between(old, old.with_mean(h + w.scale(size)), x) == pytest.approx(divergence, rel=1e-6)
+
+
+def test_the_step_is_never_above_the_cap() -> None:
+    tiny, variance = np.full((5, 1), 1e-9), np.ones((5, 1))
+    assert KLStep(0.02, cap=0.5).step_size(tiny, variance, never) == 0.5
+
+
+@given(annealing=st.floats(0, 10), iteration=st.integers(0, 1000))
+def test_the_divergence_decreases_with_the_iterations_by_its_annealing(annealing: float, iteration: int) -> None:
+    x, variance = np.linspace(-1, 1, 9)[:, None], np.full((9, 1), 0.5)
+    kernel = RBF((1.0,))
+    old = GaussianPolicy(Function.zero(kernel, 1, 1), ConstantVariance(np.array([0.5])))
+    w = Function(kernel, np.zeros((1, 1)), np.ones((1, 1)))
+    size = KLStep(0.04, cap=1e6, annealing=annealing).step_size(w(x), variance, never, iteration)
+    expected = 0.04 / (1 + annealing * iteration)
+    assert kl_between(old, old.with_mean(w.scale(size)), x) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("rule", [KLStep(0.02, cap=1.0), LineSearch()], ids=["kl", "line search"])
+def test_no_direction_gives_no_step(rule: KLStep | LineSearch) -> None:
+    assert rule.step_size(np.zeros((5, 2)), np.ones((5, 2)), never) == 0.0
+
+
+def test_a_fixed_step_is_the_same_in_any_direction() -> None:
+    assert FixedStep(0.3).step_size(np.full((5, 2), 7.0), np.ones((5, 2)), never) == 0.3
+
+
+@given(best=st.floats(-4.0, 2.0), scale=st.floats(1e-3, 1e3), seed=st.integers(0, 999))
+def test_a_line_search_takes_the_step_nearest_to_the_best_of_a_concave_return(
+    best: float, scale: float, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    direction, variance = scale * rng.normal(size=(20, 2)), rng.uniform(0.1, 4, (20, 2))
+    length = np.sqrt(np.mean([row @ (row / v) for row, v in zip(direction, variance, strict=True)]))
+    tried: list[tuple[float, int]] = []
+
+    def mean_return(size: float, episodes: int) -> float:
+        tried.append((size, episodes))
+        return -((np.log(size * length) - best) ** 2)  # concave in the logarithm of the length
+
+    rule = LineSearch(choices=7, episodes=3, shortest=0.02, longest=2.0)
+    size = rule.step_size(direction, variance, mean_return)
+    lengths = np.exp(np.linspace(np.log(0.02), np.log(2.0), 7))
+    np.testing.assert_allclose([size * length for size, _ in tried], lengths, rtol=1e-9)
+    assert [episodes for _, episodes in tried] == [3] * 7
+    assert np.log(size * length) == pytest.approx(np.log(lengths[np.argmin(np.abs(np.log(lengths) - best))]), rel=1e-9)

@@ -1,0 +1,359 @@
+"""Model-based training: with every algorithm, on tasks that tell little, interrupted, and where it is refused."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+
+from rkhs_ros.learning.algorithms.algorithm import Experience, Update
+from rkhs_ros.learning.algorithms.function_spaces import GridSettings
+from rkhs_ros.learning.algorithms.registry import ALGORITHMS
+from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.algorithms.rkhs_npg import RKHSNPG
+from rkhs_ros.learning.model.dynamics_model import DynamicsModel, prediction_test
+from rkhs_ros.learning.state import first_variance
+from rkhs_ros.learning.training import Iteration, outperformed_iterations, train
+from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.checkpoint import Checkpoints
+from rkhs_ros.runs.config import Config, Environment
+from rkhs_ros.runs.curve import Curve
+from rkhs_ros.runs.run import run_training
+from test.unit import stopping
+from test.unit.conftest import Result, assert_refused
+
+ITERATIONS, EPISODES, HORIZON = 3, 2, 10
+PRACTICE = {"form": "model", "noise": "pink", "iterations": 3, "episodes": 5, "centres": 30}
+WIDE = {"grid_counts": 2, "grid_low": [-4.0], "grid_high": [4.0]}
+PENDULUM = "rkhs/Pendulum-v0"
+over_algorithms = pytest.mark.parametrize("algorithm", ALGORITHMS)
+ArraysOf = Callable[[Any], dict[str, np.ndarray]]
+
+
+def settings(name: str = "rkhs_nac", **changes: Any) -> Training:
+    on_grid = issubclass(ALGORITHMS[name], GridSettings)
+    size = WIDE if on_grid else {"centres": 12}
+    tree: dict[str, Any] = {
+        "iterations": ITERATIONS,
+        "episodes_per_iteration": EPISODES,
+        "evaluation_episodes": 1,
+        "horizon": HORIZON,
+        "exploration_sd": "range",
+        "algorithm": {"name": name, **size, **changes.pop("algorithm", {})},
+        "kernel": {"bandwidth_scale": 20.0 if on_grid else 1.0},
+        "model": PRACTICE,
+    }
+    return training_from({**tree, **changes})
+
+
+def learn(training: Training, task: Any = PENDULUM) -> list[Iteration]:
+    return list(train(training, InlineRunner(Simulation(task))))
+
+
+def assert_sound(iterations: list[Iteration]) -> None:
+    assert [iteration.number for iteration in iterations] == [1, 2, 3]
+    assert np.isnan(iterations[0].model_error)  # there was no model before
+    for iteration in iterations:
+        policy, seen = iteration.policy, iteration.exploration.seen_through(iteration.policy.inputs)
+        points = seen.flat(seen.observations)
+        assert np.isfinite(policy.mean(points)).all()
+        assert (policy.variance(points) > 0).all()
+        assert np.isfinite([iteration.model_return, iteration.exploration_return, iteration.evaluation_return]).all()
+        assert np.isfinite([getattr(iteration.metrics, f.name) for f in fields(iteration.metrics)]).all()
+        assert len(iteration.state.memory) == iteration.episodes_used == EPISODES * iteration.number
+    assert np.isfinite([iteration.model_error for iteration in iterations[1:]]).all()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("inputs", [{}, {"angles": [0]}, {"history": 2}], ids=["plain", "angles", "history"])
+@over_algorithms
+def test_every_algorithm_practises(algorithm: str, inputs: dict[str, Any]) -> None:
+    iterations = learn(settings(algorithm, inputs=inputs))
+    assert_sound(iterations)
+    assert iterations[-1].policy.mean.weights.any()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("algorithm", "changes"),
+    [
+        ("power", {"reuse": 4, "variance": "constant", "exploration_decay": 0.5}),
+        ("rkhs_power", {"reuse": 4, "variance": "as_published", "weighting": "as_published"}),
+        ("rkhs_npg", {"baseline": "as_published"}),
+        ("rkhs_nac", {"critic": "trajectory", "regression": "pursuit"}),
+        ("rkhs_nac", {"variance": "learnt", "reuse": 4}),
+        ("rkhs_ac", {"step": {"rule": "fixed"}}),
+    ],
+)
+def test_the_choices_of_an_algorithm_serve_in_practice_too(algorithm: str, changes: dict[str, Any]) -> None:
+    assert_sound(learn(settings(algorithm, algorithm=changes, inputs={"angles": [0]})))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("form", ["linear", "polynomial", "rbf + linear", "rbf * polynomial"])
+def test_practice_takes_any_kernel(form: str) -> None:
+    assert_sound(learn(settings(kernel={"form": form, "degree": 2, "offset": 0.0})))
+
+
+class Odd(gymnasium.Env[Any, Any]):
+    """A task that tells little: two numbers that an action changes, in ways that a test chooses.
+
+    Args:
+        lengths: steps of its episodes, one after another, again and again; 0 for without an end.
+        constant: which of observations and rewards do not change.
+        bounded: whether the action has bounds.
+        clock: whether the second number merely counts, by a step that rounds.
+    """
+
+    def __init__(
+        self, lengths: tuple[int, ...] = (0,), constant: str = "", *, bounded: bool = True, clock: bool = False
+    ) -> None:
+        self._lengths, self._constant, self._clock, self._episode = lengths, constant, clock, 0
+        self.observation_space = Box(-np.inf, np.inf, (2,), np.float64)
+        high = 1.0 if bounded else np.inf
+        self.action_space = Box(-high, high, (1,), np.float64)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        super().reset(seed=seed)
+        self._length = self._lengths[self._episode % len(self._lengths)]
+        self._episode += 1
+        self._steps, self._state = 0, np.array([0.3, 0.0 if self._clock else 0.7])
+        return self._state.copy(), {}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        self._steps += 1
+        if self._constant != "observations":
+            noise = 0.1 * self.np_random.standard_normal(2)
+            self._state = self._state + 0.2 * action[0] + noise if not self._clock else self._ticked(action[0], noise)
+        reward = 0.1 if self._constant == "rewards" else float(np.tanh(self._state[0] + action[0]))
+        return self._state.copy(), reward, self._steps == self._length, False, {}
+
+    def _ticked(self, push: float, noise: np.ndarray) -> np.ndarray:
+        return np.array([self._state[0] + 0.2 * push + noise[0], self._state[1] + 0.1])
+
+
+ODD = {
+    "first episodes of one step": {"lengths": (1, 1, 0)},
+    "episodes of one step": {"lengths": (1,)},
+    "all terminated": {"lengths": (3, 5)},
+    "constant rewards": {"constant": "rewards"},
+    "constant observations": {"constant": "observations"},
+    "no bounds": {"bounded": False},
+    "a clock": {"clock": True},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("odd", ODD.values(), ids=ODD)
+@over_algorithms
+def test_a_task_that_tells_little_is_practised_without_a_warning(algorithm: str, odd: dict[str, Any]) -> None:
+    assert_sound(learn(settings(algorithm), partial(Odd, **odd)))
+
+
+@pytest.mark.filterwarnings("error")
+def test_one_episode_of_one_step_is_enough() -> None:
+    training = replace(settings(), horizon=1, episodes_per_iteration=1)
+    assert len(learn(training)) == ITERATIONS
+
+
+def test_a_task_that_ended_every_episode_at_once_is_imagined_to_do_so() -> None:
+    *_, last = learn(settings(), partial(Odd, (1,)))
+    real = last.state.memory
+    model = DynamicsModel.fit(real, Inputs(), Spaces((2,), np.array([-1.0]), np.array([1.0])), 20)
+    assert model.termination is not None
+    assert (model.termination.mean(real.final_observations) > 0).all()
+    rewards = real.flat(real.rewards)
+    assert rewards.min() <= last.model_return <= rewards.max()  # of one step
+
+
+def test_a_mean_that_strayed_far_beyond_the_bounds_comes_back() -> None:
+    training = settings(iterations=1, algorithm={"centres": 60})
+    (first,) = learn(training)
+    mean = first.policy.mean.scale(30.0)
+    strayed = replace(first.state, policy=first.policy.with_mean(mean))
+    still = settings(iterations=2, algorithm={"centres": 60, "step": {"rule": "fixed", "size": 0.0}})
+    simulation = Simulation(PENDULUM)
+    (last,) = train(still, InlineRunner(simulation), strayed)
+    points = last.state.memory.flat(last.state.memory.observations)
+    before, after = mean(points), last.policy.mean(points)
+    near = simulation.spaces.clip_with_margin(before, np.sqrt(first_variance(training, simulation.spaces)))
+    assert np.abs(after - near).mean() < 0.1 * np.abs(before - near).mean()  # all but where it jumps
+
+
+def test_a_number_that_only_counts_makes_no_model_overconfident() -> None:
+    training = replace(settings(), episodes_per_iteration=10)
+    *_, last = learn(training, partial(Odd, clock=True))
+    spaces = Spaces((2,), np.array([-1.0]), np.array([1.0]))
+    before, after = (last.state.memory.take(part) for part in (slice(20), slice(20, None)))
+    # 100 steps tell the noise's deviation to 7 %; the model's noises are 1.5 times apart.
+    assert prediction_test(before, after, Inputs(), spaces, 40).overconfidence < 1.6
+
+
+def test_a_step_that_is_tried_out_is_refused_before_the_run(rkhs: Callable[..., Result]) -> None:
+    changes = ("algorithm.step={rule: line_search}", "--iterations", 1, "--out", "run")
+    result = rkhs("train", "--env", PENDULUM, "--runner", "inline", "--set", *changes)
+    assert_refused(result, "algorithm.step.rule: expected fixed or kl for model.form=gaussian_process, got line_search")
+    assert not Path("run").exists()
+    search = {"step": {"rule": "line_search", "choices": 2}}
+    assert len(learn(settings(algorithm=search, model={"form": "none"}))) == ITERATIONS
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("model.exploration_decay=1.5", "model.exploration_decay: expected a number in [0.0, 1.0], got 1.5"),
+        ("model.exploration_decay=fast", "model.exploration_decay: expected a number, got 'fast'"),
+        ("model.exploration_minimum=0", "model.exploration_minimum: expected a number in [1e-06, 1.0], got 0.0"),
+        ("model.restart_decay=-1", "model.restart_decay: expected a number in [0.0, 1.0], got -1.0"),
+        ("model.updates=0", "model.updates: expected a number in [1, 1000], got 0"),
+        ("model.updates=2.5", "model.updates: expected a whole number, got 2.5"),
+        ("model.exploration_noise=blue", "model.exploration_noise: unknown choice 'blue'"),
+        ("model.exploration=1", "unknown key 'model.exploration'"),
+        ("model.form=dream", "model.form"),
+        ("practice=model", "practice: expected a section of keys, as model.form=gaussian_process, got 'model'"),
+    ],
+)
+def test_wrong_settings_of_practice_are_refused_in_one_line(
+    rkhs: Callable[..., Result], change: str, message: str
+) -> None:
+    assert_refused(rkhs("train", "--env", PENDULUM, "--runner", "inline", "--set", change), message)
+
+
+CONFIG = Config(Environment(PENDULUM, {"angle": "wrap"}), settings(inputs={"angles": [0]}))
+
+
+class Stopping(stopping.Stopping):
+    environment = CONFIG.environment
+
+
+def results(folder: Path) -> dict[str, object]:
+    """What a run left, to the last bit, less the seconds that it took."""
+    names = ("policy.npz", "best_policy.npz", "episodes.npz", "config.yaml")
+    lines = [line.rpartition(",")[0] for line in (folder / "curve.csv").read_text().splitlines()]
+    return {"curve": lines} | {name: (folder / name).read_bytes() for name in names}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
+    ahead = Stopping(num_envs=CONFIG.training.num_envs)
+    return results(run_training(CONFIG, ahead, tmp_path_factory.mktemp("whole") / "run", quiet=True))
+
+
+@pytest.mark.parametrize("batches", range(2 * ITERATIONS))
+def test_a_run_with_practice_stopped_anywhere_goes_on_to_the_same_bits(
+    tmp_path: Path, whole: dict[str, object], batches: int
+) -> None:
+    folder = tmp_path / "run"
+    with pytest.raises(KeyboardInterrupt):
+        run_training(CONFIG, Stopping(batches), folder, quiet=True)
+    assert len(Curve(folder / "curve.csv").rows()) == batches // 2
+    assert results(run_training(CONFIG, Stopping(), folder, quiet=True, resume=True)) == whole
+
+
+def test_a_checkpoint_holds_all_real_episodes_as_they_were_seen(tmp_path: Path, arrays_of: ArraysOf) -> None:
+    (tmp_path / "checkpoints").mkdir()
+    (tmp_path / "curve.csv").touch()
+    seen = []
+    for k, iteration in enumerate(train(CONFIG.training, Stopping()), 1):
+        seen.append(iteration.exploration)
+        Checkpoints(tmp_path, CONFIG).write(iteration.state)
+        if k == ITERATIONS:  # the last iteration is made again
+            break
+        state = Checkpoints(tmp_path, CONFIG).newest(k)
+        assert state is not None
+        ours, theirs = arrays_of(state), arrays_of(iteration.state)
+        assert {name: array.tobytes() for name, array in ours.items()} == {n: a.tobytes() for n, a in theirs.items()}
+        assert state.policy.noise == iteration.state.policy.noise
+        whole = sum(seen[1:], start=seen[0])
+        for f in fields(whole):
+            np.testing.assert_array_equal(getattr(state.memory, f.name), getattr(whole, f.name))
+
+
+@pytest.mark.parametrize("constant", ["", "rewards"])
+@pytest.mark.parametrize("narrow", [0.01, 0.25])
+def test_real_episodes_explore_wide_and_narrow_by_turns_and_far_where_all_places_are_alike(
+    narrow: float, constant: str
+) -> None:
+    settings = {**PRACTICE, "noise": "as_needed", "narrow": narrow}
+    for k, iteration in enumerate(learn(settings(iterations=4, model=settings), Odd(constant=constant))):
+        assert iteration.policy.noise == ("pink" if constant else "white")
+        wide = 1.0 if constant or k % 2 else narrow
+        np.testing.assert_allclose(iteration.policy.variance(np.zeros((1, 2))), wide**2)
+
+
+@pytest.mark.parametrize(
+    ("returns", "newest", "earlier"),
+    [([1, 2, 3], 1, 2), ([1, 1, 2, 2, 3, 3], 2, 2), ([3, 1, 2], 1, 1), ([2, 2], 1, 0), ([1, 5], 2, 0)],
+)
+def test_the_newest_iteration_is_compared_with_earlier_ones(returns: list[float], newest: int, earlier: int) -> None:
+    assert outperformed_iterations(np.array(returns, dtype=float), newest) == earlier
+
+
+@pytest.mark.parametrize(("discount", "steps"), [(0.92, 38), (0.93, 43), (0.999, 100), (1.0, 100)])
+def test_model_rollouts_last_until_a_twentieth_of_the_return_is_left(discount: float, steps: int) -> None:
+    lasted = []
+
+    @dataclass(frozen=True)
+    class Watched(RKHSNAC):
+        def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
+            lasted.append(experience.episodes.horizon)
+            return super().update(policy, experience)
+
+    training = settings(iterations=1, horizon=100, discount=discount)
+    learn(replace(training, algorithm=Watched(centres=12)))
+    assert set(lasted) == {steps}
+    assert discount**steps < 0.05 or steps == 100
+
+
+def test_a_policy_whose_kernel_still_fits_goes_on_from_its_mean() -> None:
+    means = []  # that the first update of each iteration begins with
+
+    @dataclass(frozen=True)
+    class Watched(RKHSNAC):
+        def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
+            if experience.iteration == 0:
+                means.append(policy.mean)
+            return super().update(policy, experience)
+
+    training = settings(kernel={"bandwidth": [1.0]})
+    iterations = learn(replace(training, algorithm=Watched(centres=12)), Odd)
+    for before, after in zip([iteration.policy.mean for iteration in iterations], means[1:], strict=False):
+        assert np.array_equal(after.centres, before.centres)
+        assert np.array_equal(after.weights, before.weights)
+
+
+@pytest.mark.parametrize("algorithm", [RKHSNAC, RKHSNPG])
+def test_exploration_in_the_model_narrows_from_update_to_update_down_to_its_minimum(
+    algorithm: type[RKHSNAC | RKHSNPG],
+) -> None:
+    deviations: list[list[float]] = []  # of each iteration, before each of its updates
+
+    @dataclass(frozen=True)
+    class Watched(algorithm):
+        def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
+            if experience.iteration == 0:
+                deviations.append([])
+            deviations[-1].append(float(np.sqrt(policy.variance(np.zeros((1, 2))))[0, 0]))
+            return super().update(policy, experience)
+
+    schedule = {"iterations": 5, "exploration_decay": 0.5, "exploration_minimum": 0.1, "restart_decay": 0.4}
+    training = settings(exploration_sd=[2.0], episodes_per_iteration=1, model={**PRACTICE, **schedule})
+    iterations = learn(replace(training, algorithm=Watched(centres=12)), Odd)
+    np.testing.assert_allclose(deviations[0], [2.0, 1.0, 0.5, 0.25, 0.2])
+    earned = [iteration.exploration_return for iteration in iterations]
+    for k, (first, *rest) in enumerate(deviations):
+        assert first == pytest.approx(2.0 * max(0.4 ** sum(before < earned[k] for before in earned[:k]), 0.1))
+        for before, after in pairwise([first, *rest]):
+            assert after == pytest.approx(max(0.5 * before, 0.2))

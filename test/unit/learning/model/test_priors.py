@@ -1,0 +1,165 @@
+"""What is known of a task takes the place of what is learnt, and functions that fail are named."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from rkhs_ros.base.endings import RunError
+from rkhs_ros.learning.model.dynamics_model import DynamicsModel, prediction_test
+from rkhs_ros.learning.model.model_based import ModelBased
+from rkhs_ros.learning.model.model_rollouts import ModelRunner
+from rkhs_ros.learning.model.priors import Priors
+from rkhs_ros.learning.training import train
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.config import load_config
+from test.unit.learning.model.test_model_rollouts import (
+    HORIZON,
+    LIMIT,
+    OVER,
+    SPACES,
+    batch_of,
+    linear,
+    lived,
+    policy_of,
+    transitions,
+)
+from test.unit.learning.model.test_model_rollouts import reward as task_reward
+
+CONFIG = Path(__file__).parents[4] / "config" / "toy_model_nac.yaml"
+
+
+def paid(observations: np.ndarray, actions: np.ndarray, following: np.ndarray) -> np.ndarray:
+    return task_reward(observations, actions) - OVER * over(following)
+
+
+def over(observations: np.ndarray) -> np.ndarray:
+    return np.abs(observations[:, 0]) > LIMIT
+
+
+def moved(observations: np.ndarray, actions: np.ndarray) -> np.ndarray:
+    return linear(observations, actions) - observations
+
+
+KNOWN_CHANGE = Priors(dynamics_fn=moved)
+
+
+@pytest.fixture
+def functions(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    module = ModuleType("known_task")
+    vars(module).update(paid=paid, over=over, moved=moved)
+    vars(module).update(
+        fails=lambda *rows: 1 / 0,
+        exits=lambda *rows: sys.exit(0),
+        giant=lambda *rows: np.full(len(rows[0]), 1e200),
+        likely=lambda rows: np.linspace(0.0, 1.0, len(rows)),
+        not_finite=lambda *rows: np.full(len(rows[0]), np.nan),
+        narrow=lambda *rows: [1.0],
+        column=lambda *rows: np.ones((len(rows[0]), 1)),
+        turned=lambda *rows: np.ones_like(rows[0]).T,
+    )
+    monkeypatch.setitem(sys.modules, "known_task", module)
+    return module
+
+
+def test_known_rewards_and_ends_are_those_of_the_task_to_the_bit(rng: np.random.Generator) -> None:
+    known = Priors(reward_fn=paid, termination_fn=over)
+    model = DynamicsModel.fit(lived(rng, rows=10, ending=True), Inputs(), SPACES, 30, known)
+    imagined = ModelRunner(model).collect(policy_of(rng), batch_of(80))
+    now, actions, following = transitions(imagined)
+    np.testing.assert_array_equal(imagined.flat(imagined.rewards), paid(now, np.clip(actions, -1, 1), following))
+    assert 0.1 < imagined.terminated.mean() < 1.0
+    np.testing.assert_array_equal(imagined.terminated, over(imagined.final_observations))
+    assert (imagined.mask.sum(axis=1)[~imagined.terminated] == HORIZON).all()
+
+
+def test_of_changes_that_are_known_only_the_noise_is_left(rng: np.random.Generator) -> None:
+    before, after = lived(rng, rows=6), lived(rng, rows=20)
+    known = prediction_test(before, after, Inputs(), SPACES, 30, KNOWN_CHANGE)
+    now, actions, following = transitions(after)
+    noise = (following - linear(now, actions)) / (following - now).std(axis=0)
+    assert known.error == pytest.approx(float(np.sqrt(np.mean(noise**2))), rel=0.1)
+    few = lived(rng, rows=1)
+    known, learnt = (prediction_test(few, after, Inputs(), SPACES, 30, parts) for parts in (KNOWN_CHANGE, Priors()))
+    assert known.error < learnt.error  # of a dozen steps of a linear system little is left but noise, either way
+
+
+def test_a_known_part_and_a_learnt_rest_make_the_whole(rng: np.random.Generator) -> None:
+    half = Priors(dynamics_fn=lambda observations, actions: 0.5 * moved(observations, actions))
+    model = DynamicsModel.fit(lived(rng, rows=40), Inputs(), SPACES, 40, half)
+    imagined = ModelRunner(model, caution=0.0).collect(policy_of(rng), batch_of(50))
+    now, actions, following = transitions(imagined)
+    inside = (np.abs(following[:, 0]) < 0.9 * model.high[0]) & (np.abs(following[:, 1]) < 0.9 * model.high[1])
+    np.testing.assert_allclose(following[inside], linear(now, actions)[inside], atol=0.3)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("fails", "model.reward_fn: known_task:fails: ZeroDivisionError: division by zero"),
+        ("not_finite", "model.reward_fn: known_task:not_finite: values: expected finite numbers"),
+        ("narrow", "model.reward_fn: known_task:narrow: values: expected "),
+        ("exits", "model.reward_fn: known_task:exits: SystemExit: 0"),
+        ("giant", "model.reward_fn: known_task:giant: values: expected at most 1e\\+100"),
+        ("column", r"model.reward_fn: known_task:column: values: expected the shape \(24,\), got \(24, 1\)"),
+    ],
+)
+def test_a_function_that_fails_is_named(
+    functions: ModuleType, rng: np.random.Generator, name: str, message: str
+) -> None:
+    known = ModelBased(reward_fn=f"known_task:{name}").priors(2)
+    model = DynamicsModel.fit(lived(rng, rows=3), Inputs(), SPACES, 10, known)
+    with pytest.raises(RunError, match=message):
+        ModelRunner(model).collect(policy_of(rng), batch_of(2))
+
+
+def test_an_end_is_true_or_false(functions: ModuleType) -> None:
+    known = ModelBased(termination_fn="known_task:likely").priors(2)
+    assert known.termination_fn is not None
+    with pytest.raises(RunError, match=r"model.termination_fn: known_task:likely: values: expected 1 or 0"):
+        known.termination_fn(np.zeros((3, 2)))
+
+
+def test_changes_whose_rows_are_columns_are_refused_though_they_are_as_many(functions: ModuleType) -> None:
+    known = ModelBased(dynamics_fn="known_task:turned").priors(2)
+    assert known.dynamics_fn is not None
+    with pytest.raises(RunError, match=r"model.dynamics_fn: known_task:turned: values: .*\(3, 2\), got \(2, 3\)"):
+        known.dynamics_fn(np.zeros((3, 2)), np.zeros((3, 1)))
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("known_task", "model.termination_fn: expected MODULE:FUNCTION, got known_task"),
+        ("known_task:ovr", "model.termination_fn: no function 'ovr' in known_task, did you mean 'over'"),
+        ("no_such_module:f", "model.termination_fn: expected a module 'no_such_module' to import"),
+    ],
+)
+def test_a_run_does_not_begin_without_its_functions(functions: ModuleType, name: str, message: str) -> None:
+    config = load_config(CONFIG, [f"model.termination_fn={name}"])
+    environment = config.environment
+    with pytest.raises(ValueError, match=message):
+        next(train(config.training, InlineRunner(Simulation(environment.id, environment.options))))
+
+
+def test_users_functions_cannot_change_what_is_imagined(functions: ModuleType, rng: np.random.Generator) -> None:
+    def spoils(observations: np.ndarray, actions: np.ndarray, following: np.ndarray) -> np.ndarray:
+        values = task_reward(observations, actions)
+        observations[:], actions[:], following[:] = 7.0, 7.0, 7.0
+        return values
+
+    vars(functions)["spoils"] = spoils
+    vars(functions)["clean"] = lambda o, a, f: task_reward(o, a)
+    runs = []
+    for name in ("spoils", "clean"):
+        known = replace(ModelBased(), reward_fn=f"known_task:{name}").priors(2)
+        model = DynamicsModel.fit(lived(np.random.default_rng(3), rows=5), Inputs(), SPACES, 20, known)
+        runs.append(ModelRunner(model).collect(policy_of(np.random.default_rng(4)), batch_of(5)))
+    np.testing.assert_array_equal(runs[0].observations, runs[1].observations)
+    np.testing.assert_array_equal(runs[0].actions, runs[1].actions)
+    np.testing.assert_array_equal(runs[0].rewards, runs[1].rewards)

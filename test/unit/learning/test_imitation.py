@@ -1,0 +1,110 @@
+"""A policy fitted to what was shown."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sklearn.kernel_ridge import KernelRidge
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.imitation import Imitation
+from rkhs_ros.learning.kernel_choice import KernelChoice
+from rkhs_ros.learning.state import first_state
+from rkhs_ros.learning.training import train
+from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.storage import Task
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.episode_files import load_episodes, save_episodes
+
+MakePolicy = Callable[..., GaussianPolicy]
+MakeEpisodes = Callable[..., Episodes]
+
+
+def test_with_all_states_as_centres_it_is_kernel_ridge_regression(
+    random_policy: MakePolicy, random_episodes: MakeEpisodes
+) -> None:
+    shown = random_episodes(random_policy(), n=5, horizon=6, masked=True)
+    points, actions = shown.flat(shown.observations), shown.flat(shown.actions)
+    fitted = Imitation(centres=len(points), ridge=0.01, kernel=KernelChoice(bandwidth=(0.7,))).fit(shown)
+    oracle = KernelRidge(alpha=0.01 * len(points), kernel="rbf", gamma=0.5 / 0.7**2).fit(points, actions)
+    x = np.linspace(-2, 2, 30).reshape(15, 2)
+    np.testing.assert_allclose(fitted.mean(x), oracle.predict(x), atol=1e-8)
+    residual = actions - fitted.mean(points)
+    np.testing.assert_allclose(fitted.variance(x)[0], np.mean(residual**2, axis=0))
+
+
+def test_a_window_is_seen_as_the_policy_will_see_it(random_policy: MakePolicy, random_episodes: MakeEpisodes) -> None:
+    shown = random_episodes(random_policy(), n=5, horizon=6)
+    fitted = Imitation(inputs=Inputs(history=2)).fit(shown)
+    assert fitted.mean.input_dim == 2 * (2 + 2)
+    assert fitted.inputs == Inputs(history=2)
+
+
+def test_nothing_shown_is_refused(random_policy: MakePolicy, random_episodes: MakeEpisodes) -> None:
+    with pytest.raises(ValueError, match="episodes: expected at least one step, got none"):
+        Imitation().fit(random_episodes(random_policy()).take(slice(0)))
+
+
+@pytest.mark.slow
+def test_an_imitated_policy_earns_as_much_and_is_a_start_to_learn_on_from() -> None:
+    runner = InlineRunner(Simulation("rkhs/Pendulum-v0"))
+    training = Training(iterations=25, exploration_sd=(2.0,))
+    *_, last = train(training, runner)
+    assert last.evaluation_return > 48.0  # of 51.8
+    fitted = Imitation().fit(last.evaluation)
+    batch = Batch(7, 0, 20, 100, explore=False)
+    shown, imitated = (runner.collect(policy, batch).returns(0.99).mean() for policy in (last.policy, fitted))
+    assert imitated > shown - 2.0
+    further = Training(iterations=1, seed=1, exploration_sd=(0.5,))
+    (first,) = train(further, runner, first_state(further, runner.spaces, fitted))
+    assert first.exploration_return > 45.0  # an untrained policy explores for 5
+    assert first.policy.mean.kernel == fitted.mean.kernel
+
+
+def test_episodes_come_back_and_those_of_others_need_little(
+    tmp_path: Path, random_policy: MakePolicy, random_episodes: MakeEpisodes
+) -> None:
+    shown, task = random_episodes(random_policy(), masked=True), Task("Pendulum-v1", {"g": 9.0}, 8, 0.9)
+    save_episodes(tmp_path / "e.npz", shown, task)
+    back = load_episodes(tmp_path / "e.npz")
+    assert back.task == task
+    for name in ("observations", "actions", "rewards", "mask", "final_observations", "terminated"):
+        assert np.array_equal(getattr(back.episodes, name), getattr(shown, name))
+    np.savez(tmp_path / "few.npz", observations=shown.observations, actions=shown.actions)
+    few = load_episodes(tmp_path / "few.npz")
+    assert few.task is None
+    assert few.episodes.mask.all()
+    assert not few.episodes.rewards.any()
+    assert np.array_equal(few.episodes.final_observations, shown.observations[:, -1])
+
+
+SHOWN = {"observations": np.zeros((2, 3, 1)), "actions": np.zeros((2, 3, 1))}
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"actions": np.zeros((2, 3, 1))}, "arrays: expected one named observations, got actions"),
+        ({"observations": np.zeros((2, 3)), "actions": np.zeros((2, 3, 1))}, "observations: expected three dimensions"),
+        ({"observations": np.zeros((2, 3, 1)), "actions": np.zeros((2, 4, 1))}, "episodes' actions: expected"),
+        ({"observations": np.full((2, 3, 1), np.nan), "actions": np.zeros((2, 3, 1))}, "observations: expected finite"),
+        (SHOWN | {"rewards": np.zeros((2, 3), dtype=complex)}, "rewards: expected real numbers"),
+        (SHOWN | {"mask": np.full((2, 3), "True")}, "mask: expected truth values"),
+        (SHOWN | {"mask": np.full((2, 3), 0.5)}, "mask: expected truth values"),
+        (SHOWN | {"final_observations": np.full((2, 1), np.nan)}, "final_observations: expected finite"),
+        (SHOWN | {"final_observations": np.zeros((2, 4))}, "final_observations: expected"),
+        (SHOWN | {"terminated": np.zeros((2, 3), dtype=bool)}, "terminated: expected the shape"),
+    ],
+)
+def test_what_are_no_episodes_is_refused_in_one_line(
+    tmp_path: Path, arrays: dict[str, np.ndarray], message: str
+) -> None:
+    np.savez(tmp_path / "bad.npz", **arrays)
+    with pytest.raises(ValueError, match=rf"bad\.npz: expected a file of episodes.*{message}") as refusal:
+        load_episodes(tmp_path / "bad.npz")
+    assert "\n" not in str(refusal.value)

@@ -1,0 +1,54 @@
+"""Whoever joins episodes copies each a few times, however many they are."""
+
+from pathlib import Path
+
+import pytest
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.recordings.recorder import Recorder
+from rkhs_ros.recordings.recording import read_recording
+from rkhs_ros.runs.offline import all_episodes
+from rkhs_ros.runs.recorded import RecordingRunner
+from rkhs_ros.runs.replay import RecordedRunner
+from test.unit.recordings.recorded_runs import Robot, longer, recorded_run
+
+pytestmark = pytest.mark.usefixtures("quick_disk")
+EPISODES = 120
+MOST_COPIES = 6  # of an episode; joined one by one each would be copied EPISODES / 2 times
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    config = longer(1, episodes_per_iteration=EPISODES, evaluate_every=0)
+    return recorded_run(tmp_path_factory.mktemp("many") / "run", config, Robot(void_every=10**6))
+
+
+@pytest.mark.parametrize("user", ["recording", "offline", "resume", "replay", "rollout", "view"])
+def test_joining_is_linear(file: Path, user: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = read_recording(file)
+    policy, robot = recording.policies[1], Robot(void_every=10**6)
+    recorder = Recorder(None, recording)  # type: ignore[arg-type] # of what is held nothing is written
+    batch = Batch(0, 0, EPISODES, 5, explore=True)
+
+    def view() -> Episodes | None:
+        pytest.importorskip("viser")
+        from rkhs_ros.view.recorded import both_kinds
+
+        return both_kinds(recording.batches)[0]
+
+    users = {
+        "recording": recording.episodes,
+        "offline": lambda: all_episodes({"a": recording}),
+        "resume": lambda: RecordingRunner(robot, recorder, recording).collect(policy, batch),
+        "replay": lambda: RecordedRunner(recording, robot.spaces).collect(policy, batch),
+        "rollout": lambda: robot.runner.collect(policy, batch),
+        "view": view,
+    }
+    sizes: list[int] = []
+    made = Episodes.__post_init__
+    monkeypatch.setattr(Episodes, "__post_init__", lambda episodes: (sizes.append(len(episodes)), made(episodes))[1])
+    found = users[user]()
+    assert found is not None
+    assert len(found) == EPISODES
+    assert EPISODES <= sum(sizes) <= MOST_COPIES * EPISODES

@@ -1,0 +1,36 @@
+"""The curve of one run, kept with all its digits: what changes a bit of it is seen."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import scipy
+from threadpoolctl import threadpool_info
+
+from rkhs_ros.learning.training import train
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.curve import Row, columns
+
+ROOT = Path(__file__).parents[3]
+KEPT = Path(__file__).with_name("pendulum_nac_seed_0.csv")
+# Other versions, and other processors, round otherwise; then the first iterations agree to some digits.
+MADE_WITH = ("2.4.6", "1.17.1", {"SkylakeX"})
+SOME, DIGITS = 5, 1e-6
+
+
+def test_the_pendulum_learns_along_the_same_curve_to_the_bit() -> None:
+    config = load_config(ROOT / "config" / "pendulum_nac.yaml", ["seed=0"])
+    runner = InlineRunner(Simulation(config.environment.id, config.environment.options))
+    got = columns([Row.of(iteration, 0.0) for iteration in train(config.training, runner)])
+    with KEPT.open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    processors = {library["architecture"] for library in threadpool_info() if library["user_api"] == "blas"}
+    exact = (np.__version__, scipy.__version__, processors) == MADE_WITH
+    for name in lines[0]:
+        expected = np.array([float(line[name]) for line in lines])
+        if exact:
+            assert got[name].tolist() == expected.tolist(), name
+        else:
+            np.testing.assert_allclose(got[name][:SOME], expected[:SOME], rtol=DIGITS, atol=DIGITS)

@@ -1,0 +1,109 @@
+"""What a policy did is computed again from what was observed, to the last bit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.replay import SAMPLES_AT_ONCE, check_actions
+from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.noise import NOISES
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
+
+KERNELS: list[Kernel] = [
+    RBF((1.3,)),
+    Polynomial(0.5, 3),
+    RBF((2.0,)) + Polynomial(0.0, 1),
+    RBF((2.0,)) * Polynomial(1.0, 2),
+]
+
+KINDS = ("exploring", "noise-free", "both")
+
+
+def make_batch(kinds: str, seed: int, rows: int, horizon: int) -> Batch:
+    exploring, num_evaluation = (Batch(seed, 40, rows, horizon, explore=explore) for explore in (True, False))
+    return {"exploring": exploring, "noise-free": num_evaluation, "both": exploring.beside(num_evaluation)}[kinds]
+
+
+def make_policy(rng: np.random.Generator, inputs: Inputs, d: int, n: int, noise: str = "white") -> GaussianPolicy:
+    size, m = inputs.dimension(d, n), int(rng.choice([1, 2, 20]))
+    kernel = KERNELS[rng.integers(4 if inputs.history == 1 else 1)]  # in a window a polynomial goes to infinity
+    mean = Function(kernel, rng.normal(size=(m, size)), rng.normal(size=(m, n)))
+    centres, low, high = rng.normal(size=(m, size)), np.full(n, 0.1), np.full(n, 3.0)
+    variances = [
+        ConstantVariance(rng.uniform(0.1, 2.0, n)),
+        KernelVariance(RBF((1.0,)), centres, rng.uniform(0.1, 1.0, m), rng.uniform(0.1, 2.0, (m, n)), low, high),
+        FunctionVariance(Function(kernel, centres, rng.normal(size=(m, n))), low, high),
+    ]
+    return GaussianPolicy(mean, variances[rng.integers(3)], inputs, noise)
+
+
+def make_episodes(rng: np.random.Generator, policy: GaussianPolicy, batch: Batch, d: int) -> Episodes:
+    """Let the policy act step by step on random observations; the rows end when they like."""
+    shape = (batch.num_envs, batch.horizon)
+    mask = np.arange(batch.horizon) < rng.integers(1, batch.horizon + 1, batch.num_envs)[:, None]
+    observations = np.where(mask[:, :, None], rng.normal(size=(*shape, d)), 0.0)
+    actions, seen = np.zeros((*shape, policy.mean.output_dim)), observations[:, 0]
+    acting = Acting(policy, batch, explore=batch.explore)
+    for t in range(batch.horizon):
+        seen = np.where(mask[:, t, None], observations[:, t], seen)  # of a row that is over its last one
+        actions[mask[:, t], t] = acting(t, seen)[mask[:, t]]
+    return Episodes.without_ends(observations, actions, np.zeros(shape), mask)
+
+
+@settings(max_examples=150)
+@given(
+    st.integers(0, 10**6),
+    st.sampled_from(KINDS),
+    st.sampled_from([1, 1, 2, 4]),
+    st.sampled_from([0, 0, 2]),
+    st.integers(0, 3),
+    st.sampled_from(NOISES),
+)
+def test_the_policy_that_acted_is_found_to_have_acted(
+    seed: int, kinds: str, history: int, degree: int, angles: int, noise: str
+) -> None:
+    rng = np.random.default_rng(seed)
+    d, n = int(rng.integers(3, 5)), int(rng.integers(1, 3))
+    columns = tuple(float(column) for column in rng.permutation(d)[:angles])
+    policy = make_policy(rng, Inputs(history, columns or "none", degree), d, n, noise)
+    batch = make_batch(kinds, seed, int(rng.integers(1, 9)), int(rng.integers(1, 20)))
+    check_actions(make_episodes(rng, policy, batch, d), policy, batch)
+
+
+@pytest.mark.parametrize("history", [1, 3])
+@pytest.mark.parametrize(("kinds", "noise"), [(KINDS[0], "white"), (KINDS[2], "pink"), (KINDS[1], "white")])
+def test_one_bit_of_one_action_is_found_and_named(history: int, kinds: str, noise: str) -> None:
+    rng = np.random.default_rng(0)
+    policy = make_policy(rng, Inputs(history), 3, 2, noise)
+    batch = make_batch(kinds, 1, 6, SAMPLES_AT_ONCE // 3)
+    episodes = make_episodes(rng, policy, batch, 3)
+    for row, step in ((0, 0), (5, int(episodes.mask[5].sum()) - 1), (3, 1)):
+        actions = episodes.actions.copy()
+        actions[row, step, 1] = np.nextafter(actions[row, step, 1], np.inf)
+        place = rf"^row {row} \(episode {batch.episodes[row]}\), step {step}"
+        with pytest.raises(ValueError, match=rf"{place}: expected the policy's"):
+            check_actions(replace(episodes, actions=actions), policy, batch)
+
+
+@pytest.mark.parametrize("change", ["policy", "noise", "seed", "episodes", "kind"])
+def test_the_actions_of_another_policy_or_batch_are_found(change: str) -> None:
+    rng = np.random.default_rng(1)
+    policy, batch = make_policy(rng, Inputs(), 3, 2), Batch(1, 40, 6, 5, explore=True)
+    episodes = make_episodes(rng, policy, batch, 3)
+    if change == "policy":
+        policy = policy.with_mean(policy.mean.scale(1 + 1e-12))
+    elif change == "noise":
+        policy = replace(policy, noise="pink")
+    else:
+        others = {"seed": {"seed": 2}, "episodes": {"first_episode": 41}, "kind": {"explore": False}}
+        batch = replace(batch, **others[change])
+    with pytest.raises(ValueError, match="expected the policy's action"):
+        check_actions(episodes, policy, batch)

@@ -1,0 +1,32 @@
+"""Both clocks at once, however busy the machine is."""
+
+import numpy as np
+import pytest
+
+from rkhs_ros.nodes.core import clocks
+
+EPOCH_S = 1_700_000_000.0
+
+
+class BusyMachine:
+    """Clocks of a machine that holds the process up before some of the readings."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.now = 0.0
+        self._rng = rng
+
+    def monotonic(self) -> float:
+        self.now += 1e-6 + (self._rng.random() < 0.2) * self._rng.uniform(0.0, 0.1)
+        return self.now
+
+    def time_ns(self) -> int:
+        return round(1e9 * (EPOCH_S + self.monotonic()))
+
+
+def test_times_by_both_clocks_agree_though_the_process_is_held_up_between(
+    monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    monkeypatch.setattr(clocks, "time", BusyMachine(rng))
+    for _ in range(1000):
+        seconds, nanoseconds = clocks.now_by_both_clocks()
+        assert nanoseconds / 1e9 - EPOCH_S == pytest.approx(seconds, abs=1e-3)

@@ -1,0 +1,43 @@
+"""Nodes of a run talk by UDP, and only as far as they were allowed to."""
+
+import pytest
+
+from rkhs_ros.nodes.core.transport import LOOPBACK, PROFILES, RANGE, by_udp
+
+
+@pytest.mark.parametrize("given", [{}, {RANGE: "LOCALHOST"}, {RANGE: "", PROFILES[0]: ""}])
+def test_nodes_keep_to_this_machine_unless_told_otherwise(given: dict[str, str]) -> None:
+    environment = {**given, "HOME": "/home"}
+    assert by_udp(environment) == {RANGE: "SUBNET", PROFILES[0]: str(LOOPBACK), "HOME": "/home"}
+    assert environment == {**given, "HOME": "/home"}
+    assert "<address>127.0.0.1</address>" in LOOPBACK.read_text()
+
+
+@pytest.mark.parametrize("given", [{RANGE: "SUBNET"}, {RANGE: "OFF"}, {"ROS_STATIC_PEERS": "192.168.0.7"}])
+def test_nodes_of_several_machines_find_each_other(given: dict[str, str]) -> None:
+    assert by_udp(given) == {**given, "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {RANGE: "LOCALHOST", PROFILES[0]: "mine.xml"},
+        {PROFILES[1]: "mine.xml"},
+        {RANGE: "LOCALHOST", "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"},
+        {RANGE: "SUBNET", "FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT"},
+        {"FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT"},
+    ],
+)
+def test_what_was_chosen_otherwise_stays(given: dict[str, str]) -> None:
+    assert by_udp(given) == given
+
+
+@pytest.mark.parametrize("domain", ["abc", "-1", "233", "1.5", "\u0663", "9" * 30])
+def test_a_domain_that_is_none_is_refused(domain: str) -> None:
+    with pytest.raises(ValueError, match="ROS_DOMAIN_ID: expected a whole number from 0 to 232, got"):
+        by_udp({"ROS_DOMAIN_ID": domain})
+
+
+@pytest.mark.parametrize("domain", ["", "0", "232"])
+def test_a_domain_stays(domain: str) -> None:
+    assert by_udp({"ROS_DOMAIN_ID": domain})["ROS_DOMAIN_ID"] == domain

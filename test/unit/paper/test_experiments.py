@@ -1,0 +1,214 @@
+import csv
+import shutil
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rkhs_ros.app.cli import main
+from rkhs_ros.app.study import make_missing
+from rkhs_ros.base.endings import RunError
+from rkhs_ros.learning.training import train
+from rkhs_ros.paper.claims import CLAIMS
+from rkhs_ros.paper.experiment import Curve, Experiment, Panel, known, load_experiment
+from rkhs_ros.paper.figures import draw_experiment
+from rkhs_ros.paper.reproduce import reproduce
+from rkhs_ros.paper.results import results
+from rkhs_ros.paper.table import load_table
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs import provenance as provenance
+from rkhs_ros.runs.curve import Curve as LearningCurve
+from rkhs_ros.studies.workers import Workers
+
+ROOT = Path(__file__).parents[3]
+SHORT = ("iterations=2", "horizon=5", "episodes_per_iteration=2", "evaluation_episodes=2")
+PAPER_RUNS = {"fig1": 50, "fig2": 50, "fig3-toy": 50, "fig3-pendulum": 15, "fig5-pomdp": 10, "fig5-pr2": 5}
+
+
+def make_table(experiment: Experiment, out: Path, *, runs: int, jobs: int = 1) -> Path:
+    make = partial(make_missing, workers=Workers(jobs), title="small", quiet=True)
+    return reproduce(experiment, out, make, runs=runs, packages=["sim_nodes"])
+
+
+def files(run: Path) -> dict[Path, int]:
+    return {file: file.stat().st_mtime_ns for file in run.rglob("*") if file.is_file()}
+
+
+@pytest.fixture
+def experiment() -> Experiment:
+    nac, ac = (Curve(name, ROOT / "config" / f"toy_{name}.yaml", SHORT) for name in ("nac", "ac"))
+    longer = replace(nac, label="longer", changes=(*SHORT, "iterations=3"))
+    return Experiment("small", "Small", 2, "sd", (Panel("left", (nac, ac)), Panel("right", (longer,))))
+
+
+def test_the_papers_figures_are_defined_with_its_numbers_of_runs() -> None:
+    assert {name: load_experiment(name).runs for name in known()} == PAPER_RUNS
+
+
+@pytest.mark.parametrize("name", PAPER_RUNS)
+def test_every_curve_of_a_figure_is_a_configuration_of_its_own(name: str) -> None:
+    curves = [curve for panel in load_experiment(name).panels for curve in panel.curves]
+    settings = [str(curve.run(3).parameters()) for curve in curves]
+    assert len(set(settings)) == len(curves)
+    assert all(curve.run(3).training.seed == 3 for curve in curves)
+
+
+def test_every_claim_is_of_a_figure() -> None:
+    assert {claim.figure for claim in CLAIMS} == set(PAPER_RUNS)
+
+
+@pytest.mark.slow
+def test_a_table_holds_every_iteration_of_every_run(experiment: Experiment, tmp_path: Path) -> None:
+    table = make_table(experiment, tmp_path, runs=2)
+    lines = list(csv.DictReader(table.open()))
+    assert len(lines) == 2 * (2 + 2 + 3)
+    config = experiment.panels[0].curves[1].run(1)
+    runner = InlineRunner(Simulation(config.environment.id))
+    expected = [iteration.evaluation_returns.mean() for iteration in train(config.training, runner)]
+    returns = load_table(table)["left", "ac"]
+    assert returns.evaluation[1] == pytest.approx(expected, abs=5e-4)  # three decimals are written
+    assert returns.episodes.tolist() == [2, 4]
+    assert returns.end() == pytest.approx(returns.evaluation[:, 1].mean())
+
+
+@pytest.mark.slow
+def test_an_interrupted_experiment_makes_only_what_is_missing(experiment: Experiment, tmp_path: Path) -> None:
+    table = make_table(experiment, tmp_path, runs=1)
+    whole = table.read_bytes()
+    lost, *kept = sorted((tmp_path / "runs").iterdir())
+    lost.rename(tmp_path / "elsewhere")
+    before = [files(run) for run in kept]
+    assert make_table(experiment, tmp_path, runs=1).read_bytes() == whole
+    assert [files(run) for run in kept] == before
+    make_table(experiment, tmp_path, runs=2, jobs=2)
+    assert load_table(table)["right", "longer"].runs == 2
+    assert [files(run) for run in kept] == before
+
+
+@pytest.mark.slow
+def test_a_run_that_is_not_whole_is_made_again(experiment: Experiment, tmp_path: Path) -> None:
+    whole = make_table(experiment, tmp_path, runs=1).read_bytes()
+    curve = min((tmp_path / "runs").iterdir()) / "curve.csv"
+    curve.write_bytes(curve.read_bytes()[:-9])
+    assert make_table(experiment, tmp_path, runs=1).read_bytes() == whole
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("left", [b"", b"iteration,episodes\n", b"\xff\n"], ids=["empty", "header", "no text"])
+def test_a_run_whose_curve_is_damaged_is_named(experiment: Experiment, tmp_path: Path, left: bytes) -> None:
+    make_table(experiment, tmp_path, runs=1)
+    curve = min((tmp_path / "runs").iterdir()) / "curve.csv"
+    curve.write_bytes(left)
+    with pytest.raises(RunError, match=rf"{curve}: .* \(1 of 3 runs failed; the same command goes on\)"):
+        make_table(experiment, tmp_path, runs=1)
+    assert curve.read_bytes() == left
+
+
+@pytest.mark.slow
+def test_a_run_that_was_cut_off_goes_on_from_its_checkpoint(
+    experiment: Experiment, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = make_table(experiment, tmp_path, runs=1).read_bytes()
+    runs = (tmp_path / "runs").iterdir()
+    run = next(run for run in runs if not (run / "checkpoints" / "0000003.npz").exists())  # which has its first, too
+    curve = LearningCurve(run / "curve.csv")
+    first, *_ = curve.rows()
+    curve.begin([first])
+    for path in sorted((run / "checkpoints").glob("*.npz"))[1:]:
+        path.unlink()
+    assert make_table(experiment, tmp_path, runs=1).read_bytes() == whole
+    assert str(curve.rows()[0]) == str(first)  # its seconds, too
+    assert "no checkpoint" not in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_runs_that_fail_are_told_of_after_the_others_are_made(experiment: Experiment, tmp_path: Path) -> None:
+    whole = make_table(experiment, tmp_path, runs=1).read_bytes()
+    bad = min((tmp_path / "runs").iterdir())
+    shutil.rmtree(bad)
+    bad.write_text("in the way")
+    with pytest.raises(RunError, match=rf"{bad}: \w+: .*1 of 3 runs failed; the same command goes on"):
+        make_table(experiment, tmp_path, runs=1)
+    bad.unlink()
+    assert make_table(experiment, tmp_path, runs=1).read_bytes() == whole
+
+
+@pytest.mark.slow
+def test_runs_of_other_code_are_made_anew(
+    experiment: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def made() -> int:
+        make_table(experiment, tmp_path, runs=1)
+        return len(list((tmp_path / "runs").iterdir()))
+
+    assert [made(), made()] == [3, 3]
+    other_code = ("code_digest", lambda packages: "other")
+    for name, value in (("__version__", "9.9.9"), other_code, ("LIBRARIES", {"numpy": "1"})):
+        monkeypatch.setattr(provenance, name, value)
+        before = made()
+    assert before == 12
+
+
+@pytest.mark.slow
+def test_the_number_of_processes_changes_nothing(experiment: Experiment, tmp_path: Path) -> None:
+    one, two = (make_table(experiment, tmp_path / str(j), runs=2, jobs=j) for j in (1, 2))
+    assert one.read_bytes() == two.read_bytes()
+
+
+@pytest.mark.slow
+def test_a_figure_shows_its_curves(experiment: Experiment, tmp_path: Path) -> None:
+    table = load_table(make_table(experiment, tmp_path, runs=2))
+    pictures = [tmp_path / "one.png", tmp_path / "other.png"]
+    draw_experiment(pictures[0], experiment, table)
+    key = ("right", "longer")
+    changed = {**table, key: replace(table[key], evaluation=table[key].evaluation + 1.0)}
+    draw_experiment(pictures[1], experiment, changed)
+    one, other = (picture.read_bytes() for picture in pictures)
+    assert one[:8] == b"\x89PNG\r\n\x1a\n"
+    assert one != other
+
+
+def test_a_file_that_is_no_table_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "fig1.csv"
+    file.write_text("a,b\n1,2\n")
+    with pytest.raises(ValueError, match="expected the table of an experiment"):
+        load_table(file)
+
+
+def test_the_page_of_results_is_up_to_date() -> None:
+    page = ROOT / "docs" / "results.md"
+    assert results(ROOT / "docs" / "results", page) == page.read_text()
+
+
+def test_a_claim_fails_where_its_returns_do() -> None:
+    (claim,) = (claim for claim in CLAIMS if "insensitive" not in claim.paper and "covariant" in claim.paper)
+    table = load_table(ROOT / "docs" / "results" / "fig2.csv")
+    assert claim.judge(table).holds
+    panel, curve = next(key for key in table if key[1] == "RKHS-NAC c = 1")
+    returns = table[panel, curve]
+    worse = replace(returns, evaluation=returns.evaluation - np.linspace(0, 1, returns.evaluation.shape[1]))
+    assert not claim.judge({**table, (panel, curve): worse}).holds
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (("reproduce", "fig22"), "unknown experiment 'fig22', did you mean 'fig2'?"),
+        (("reproduce", "fig3"), "unknown experiment 'fig3', did you mean 'fig3-pendulum' or 'fig3-toy'?"),
+        (("reproduce", "fig1", "--runs", "0"), "--runs: expected at least 1, got 0"),
+        (("reproduce", "fig1", "--jobs", "0"), "--jobs: expected at least 1, or -1 for all cores, got 0"),
+        (("results", "nowhere"), "'rkhs reproduce fig1' makes it"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(
+    arguments: tuple[str, ...], reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ending:
+        main(arguments)
+    assert ending.value.code == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert reason in error

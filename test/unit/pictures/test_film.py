@@ -1,0 +1,274 @@
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+from matplotlib.figure import Figure
+from PIL import Image
+
+from rkhs_ros.pictures import film_files, headless
+from rkhs_ros.pictures.film import Film, shoot
+from rkhs_ros.pictures.film_files import animate, draw_strip
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.storage import Task, save_policy
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from sim_nodes.envs.pendulum import Pendulum
+from sim_nodes.envs.toy import Toy
+from test.unit.conftest import Result, assert_refused, command_line
+
+pytestmark = pytest.mark.slow
+
+TOY = Task("rkhs/Toy-v0", {}, 20, 0.99)
+Make = Callable[..., GaussianPolicy]
+Run = Callable[..., Result]
+
+
+class Grey(gymnasium.Env[Any, Any]):
+    """Three steps an episode, each drawn as a grey of its own."""
+
+    metadata = {"render_modes": ["rgb_array"]}
+    observation_space = Box(-9.0, 9.0, (1,), np.float64)
+    action_space = Box(-1.0, 1.0, (1,), np.float64)
+
+    def __init__(self, render_mode: str | None = None, installed: bool = True) -> None:
+        self.render_mode = render_mode
+        self.installed = installed
+
+    def reset(self, **kwargs: Any) -> Any:
+        self.made = 0
+        return np.zeros(1), {}
+
+    def step(self, action: Any) -> Any:
+        self.made += 1
+        return np.full(1, float(self.made)), 0.0, self.made == 3, False, {}
+
+    def render(self) -> Any:
+        if not self.installed:
+            raise gymnasium.error.DependencyNotInstalled("pip install paint")
+        return np.full((20, 30, 3), 80 * self.made, dtype=np.uint8)
+
+
+class Dark(Grey):
+    metadata = {"render_modes": []}
+
+
+@pytest.fixture
+def foreign() -> Iterator[None]:
+    for name, entry in (("Grey", Grey), ("Dark", Dark)):
+        gymnasium.register(f"test/{name}-v0", entry)
+    yield
+    for name in ("Grey", "Dark"):
+        gymnasium.registry.pop(f"test/{name}-v0")
+
+
+@pytest.fixture
+def rkhs(capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Run the command line; what libraries print past Python is captured too."""
+    monkeypatch.chdir(tmp_path)
+    return command_line(capfd)
+
+
+def constant(*action: float, d: int = 1) -> GaussianPolicy:
+    """Return a policy that does nearly the same everywhere."""
+    mean = Function(RBF((1e4,)), np.zeros((1, d)), np.array([action]))
+    return GaussianPolicy(mean, ConstantVariance(np.full(len(action), 0.25)))
+
+
+def film(policy: GaussianPolicy, task: Task = TOY, **options: int) -> Film:
+    return shoot(policy, task, InlineRunner(Simulation(task.environment, task.options)), **options)
+
+
+def striped(frames: int, cameras: tuple[str, ...] = ("",)) -> Film:
+    noise = np.random.default_rng(0).integers(0, 256, (frames, 40, 60, 3)).astype(np.uint8)
+    return Film(dict.fromkeys(cameras, noise), [f"step {k}" for k in range(frames)])
+
+
+# What is seen
+
+
+@pytest.mark.parametrize(
+    ("environment", "d", "horizon"),
+    [("rkhs/Toy-v0", 1, 20), ("rkhs/Pendulum-v0", 2, 30), ("rkhs/PendulumPOMDP-v0", 1, 30)],
+)
+def test_our_tasks_draw_themselves_and_move(environment: str, d: int, horizon: int) -> None:
+    seen = film(constant(0.15, d=d), Task(environment, {}, horizon, 0.99), frames=6)
+    (pictures,) = seen.pictures.values()
+    assert pictures.shape == (6, 360, 480, 3)
+    assert pictures.dtype == np.uint8
+    assert len({picture.tobytes() for picture in pictures}) == 6
+    assert seen.captions[0] == "step 0"
+    assert seen.captions[-1] == f"step {horizon - 1}"
+
+
+@pytest.mark.parametrize("scale", [1.0, 20.0])  # with the greater one most actions are beyond their bounds
+def test_the_film_shows_the_states_and_actions_of_the_evaluation_episode(
+    random_policy: Make, monkeypatch: pytest.MonkeyPatch, scale: float
+) -> None:
+    drawn: list[tuple[float, float]] = []
+    monkeypatch.setattr(Toy, "draw", lambda task, axes, state, action: drawn.append((state[0], action[0])))
+    made = random_policy(d=1, n=1)
+    mean = Function(made.mean.kernel, made.mean.centres, scale * made.mean.weights)
+    policy = GaussianPolicy(mean, made.variance)
+    film(policy, seed=4, frames=200)
+    episodes = InlineRunner(Simulation("rkhs/Toy-v0")).collect(policy, Batch(4, 0, 1, 20, explore=False))
+    np.testing.assert_array_equal([state for state, _ in drawn], episodes.observations[0, :, 0])
+    np.testing.assert_array_equal([action for _, action in drawn], np.clip(episodes.actions[0, :, 0], -1.0, 1.0))
+
+
+@pytest.mark.parametrize("frames", [2, 7, 20, 200])
+def test_moments_are_spread_over_the_episode(frames: int) -> None:
+    seen = film(constant(0.1), frames=frames)
+    steps = [int(caption.split()[1]) for caption in seen.captions]
+    assert len(steps) == len(seen.pictures[""]) == min(frames, 20)
+    assert (steps[0], steps[-1]) == (0, 19)
+    assert np.ptp(np.diff(steps)) <= 1
+
+
+@pytest.mark.parametrize(("theta", "tip"), [(0.0, (0.0, 1.0)), (np.pi / 2, (1.0, 0.0)), (-np.pi, (0.0, -1.0))])
+def test_the_rod_stands_at_angle_zero(theta: float, tip: tuple[float, float]) -> None:
+    axes = Figure().subplots()
+    Pendulum().draw(axes, np.array([theta, 0.0]), np.array([1.0]))
+    ends = [line.get_xydata()[-1] for line in axes.lines]
+    assert any(np.allclose(end, tip, atol=1e-9) for end in ends)
+
+
+def test_another_environment_is_seen_as_it_draws_itself_until_its_end(foreign: None) -> None:
+    seen = film(constant(0.1), Task("test/Grey-v0", {}, 10, 0.9))
+    assert [int(picture[0, 0, 0]) for picture in seen.pictures[""]] == [0, 80, 160]
+    assert seen.captions == ["step 0", "step 1", "step 2"]
+
+
+# What is written
+
+
+@pytest.mark.parametrize(("frames", "cameras"), [(1, ("",)), (5, ("",)), (30, ("room", "hand"))])
+def test_a_strip_and_an_animation_are_images_of_their_sizes(
+    tmp_path: Path, frames: int, cameras: tuple[str, ...]
+) -> None:
+    draw_strip(tmp_path / "film.png", striped(frames, cameras))
+    animate(tmp_path / "film.gif", striped(frames, cameras))
+    with Image.open(tmp_path / "film.png") as strip:
+        assert strip.format == "PNG"
+        assert strip.width == 240 * min(frames, 6)
+        assert abs(strip.height - 160 * len(cameras) - 36) <= 1
+    with Image.open(tmp_path / "film.gif") as animation:
+        assert animation.format == "GIF"
+        assert getattr(animation, "n_frames", 1) == frames
+        assert animation.size == (60 * len(cameras), 40)
+
+
+def test_a_large_animation_is_made_smaller_not_shorter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(film_files, "LIMIT", 20_000)
+    animate(tmp_path / "film.gif", striped(30))
+    assert (tmp_path / "film.gif").stat().st_size <= 20_000
+    with Image.open(tmp_path / "film.gif") as animation:
+        assert animation.n_frames == 30
+        assert animation.width < 60
+
+
+def test_films_begin_at_the_first_motion(tmp_path: Path) -> None:
+    moving = striped(9).pictures[""]
+    still = np.repeat(moving[:1], 4, axis=0)
+    seen = Film({"room": np.concatenate([still, moving])}, [f"{k} s" for k in range(13)])
+    assert film_files.first_motion(seen) == 4  # the last of five that are alike
+    animate(tmp_path / "film.gif", seen)
+    with Image.open(tmp_path / "film.gif") as animation:
+        assert animation.n_frames == 9
+    assert film_files.first_motion(Film({"": still}, ["0", "1", "2", "3"])) == 0
+
+
+# Without a display
+
+
+@pytest.mark.parametrize(
+    ("given", "libraries", "chosen"),
+    [
+        ({}, {"EGL", "OSMesa"}, "egl"),
+        ({}, {"OSMesa"}, "osmesa"),
+        ({}, set(), None),
+        ({"DISPLAY": ":0"}, {"EGL"}, None),
+        ({"WAYLAND_DISPLAY": "wayland-0"}, {"EGL"}, None),
+        ({"MUJOCO_GL": "glfw"}, {"EGL"}, "glfw"),
+    ],
+)
+def test_mujoco_draws_off_screen_where_there_is_no_display_and_nobody_chose(
+    monkeypatch: pytest.MonkeyPatch, given: dict[str, str], libraries: set[str], chosen: str | None
+) -> None:
+    monkeypatch.setattr(headless, "find_library", lambda name: name if name in libraries else None)
+    monkeypatch.setattr(sys, "platform", "linux")
+    headless.choose_renderer(given)
+    assert given.get("MUJOCO_GL") == chosen
+
+
+def test_what_to_install_is_told_to_those_who_use_mujoco(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "mujoco", raising=False)
+    assert headless.remedy({"MUJOCO_GL": "glfw"}) == ""
+    monkeypatch.setitem(sys.modules, "mujoco", headless)
+    assert headless.remedy({"MUJOCO_GL": "glfw"}).startswith(" (MUJOCO_GL is glfw; MuJoCo without a display needs EGL")
+    assert "libosmesa6" in headless.remedy({})
+
+
+# The command
+
+
+def test_render_writes_beside_the_policy_or_where_it_is_told(rkhs: Run, tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    save_policy(tmp_path / "run" / "policy.npz", constant(0.4), TOY)
+    assert rkhs("render", "run/policy.npz", "--frames", 9) == (0, "run/film.png\nrun/film.gif\n", "")
+    with Image.open("run/film.gif") as animation:
+        assert animation.n_frames == 9
+    told = rkhs("render", "run/policy.npz", "--frames", 9, "--seed", 1, "--out", "a/b")
+    assert told == (0, "a/b/film.png\na/b/film.gif\n", "")
+    assert Path("a/b/film.gif").read_bytes() != Path("run/film.gif").read_bytes()
+    rkhs("render", "run/policy.npz", "--frames", 9, "--out", "again")
+    for name in ("film.png", "film.gif"):
+        assert Path("again", name).read_bytes() == Path("run", name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--frames", 1), "frames: expected 2 to 200, got 1"),
+        (("--frames", 201), "frames: expected 2 to 200, got 201"),
+        (("--seed", -1), "seed: expected a number in"),
+        (("--out", "toy.npz"), "toy.npz"),
+    ],
+)
+def test_options_out_of_range_end_with_one_line(rkhs: Run, arguments: tuple[object, ...], message: str) -> None:
+    save_policy(Path("toy.npz"), constant(0.4), TOY)
+    assert_refused(rkhs("render", "toy.npz", *arguments), message)
+    assert [path.name for path in Path().iterdir()] == ["toy.npz"]
+
+
+def test_a_missing_a_damaged_and_a_misfit_policy_end_with_one_line(rkhs: Run, random_policy: Make) -> None:
+    assert_refused(rkhs("render", "none.npz"), "none.npz")
+    Path("bad.npz").write_bytes(b"PK\x03\x04 no archive")
+    assert_refused(rkhs("render", "bad.npz"), "bad.npz: expected a whole policy file")
+    save_policy(Path("wide.npz"), random_policy(d=3, n=1), TOY)
+    assert_refused(rkhs("render", "wide.npz"), "expected a policy from 1 to 1 dimensions, as rkhs/Toy-v0 has")
+    assert sorted(path.name for path in Path().iterdir()) == ["bad.npz", "wide.npz"]
+
+
+@pytest.mark.parametrize(
+    ("task", "message"),
+    [
+        (Task("test/Dark-v0", {}, 5, 0.9), "test/Dark-v0: expected an environment that draws itself (render mode"),
+        (Task("test/Grey-v0", {"installed": False}, 5, 0.9), "what draws it to be installed, got: pip install paint"),
+        (Task("rkhs/None-v0", {}, 5, 0.9), "unknown environment 'rkhs/None-v0'"),
+    ],
+)
+def test_an_environment_that_cannot_be_seen_ends_with_one_line(
+    rkhs: Run, foreign: None, task: Task, message: str
+) -> None:
+    save_policy(Path("p.npz"), constant(0.4), task)
+    assert_refused(rkhs("render", "p.npz"), message)
+    assert [path.name for path in Path().iterdir()] == ["p.npz"]

@@ -1,0 +1,417 @@
+"""Every picture at its worst: no text is cut off or lies on another, and no legend covers a line."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import matplotlib as mpl
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.paper.experiment import Curve, Experiment, Panel
+from rkhs_ros.paper.figures import experiment_figure
+from rkhs_ros.paper.table import Returns, Table
+from rkhs_ros.pictures.attempts_figure import attempts_figure
+from rkhs_ros.pictures.comparison import comparison_figure
+from rkhs_ros.pictures.film import Film
+from rkhs_ros.pictures.film_files import strip_figure
+from rkhs_ros.pictures.known import names_of, success_reward
+from rkhs_ros.pictures.policy_figure import policy_figure
+from rkhs_ros.pictures.run_pictures import curve_figure
+from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.input_names import Names, input_names
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.storage import Task
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.informative_inputs import most_informative_inputs
+from rkhs_ros.rkhs.kernels import RBF, Array
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.sketches.policy_coordinates import PolicyCoordinates
+from rkhs_ros.studies.comparison import Comparison, LearningCurve
+from rkhs_ros.view.board import Choice, Subject, board_figure
+from rkhs_ros.view.timeline import Timeline
+from sim_nodes.envs.pendulum import Pendulum
+
+pytestmark = pytest.mark.slow
+
+LONG = "somebodys_package.environments.quadrupeds:VeryLongNamed/QuadrupedOnUnevenGround-v12"
+PENDULUM = Task("rkhs/Pendulum-v0", {}, 100, 0.99)
+SIZES = pytest.mark.parametrize("size", [1e-3, 1.0, 1e6])
+TOUCHING = 0.5  # pixels by which boxes may overlap
+LEAST_PLOT = 80  # pixels
+CONFIG = Path(__file__).parents[3] / "config" / "pendulum_nac.yaml"
+# Machado, Oliveira and Fernandes (2009): linear RGB as seen without one kind of cone.
+EYES = {
+    "all cones": np.eye(3),
+    "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+    "deuteranopia": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.01182, 0.04294, 0.968881]],
+    "tritanopia": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.3039]],
+}
+
+
+def texts(figure: Figure) -> dict[str, Bbox]:
+    """Return the boxes of all texts that are seen, in pixels."""
+    seen = list(figure.texts)
+    for axes in figure.axes:
+        seen += [axes.title, *axes.texts]
+        for axis in (axes.xaxis, axes.yaxis):
+            seen += [axis.label, axis.get_offset_text()]
+            seen += [tick.label1 for tick in axis._update_ticks()]  # those that Matplotlib itself draws
+        if legend := axes.get_legend():
+            seen += [legend.get_title(), *legend.get_texts()]
+    drawn = [text for text in seen if text.get_visible() and text.get_text().strip()]
+    return {f"{k}: {text.get_text()!r}": text.get_window_extent() for k, text in enumerate(drawn)}
+
+
+def overlap(a: Bbox, b: Bbox) -> bool:
+    both = Bbox.intersection(a, b)
+    return both is not None and min(both.width, both.height) > TOUCHING
+
+
+def assert_clear(figure: Figure, *, within: bool = True, least: float = LEAST_PLOT) -> None:
+    """Fail where a text is cut off, lies on another, or a legend lies on what is drawn."""
+    FigureCanvasAgg(figure)
+    figure.draw_without_rendering()
+    boxes = texts(figure)
+    assert boxes
+    edge = figure.bbox.padded(TOUCHING)
+    for name, box in boxes.items():
+        inside = edge.x0 <= box.x0 and box.x1 <= edge.x1 and edge.y0 <= box.y0 and box.y1 <= edge.y1
+        assert inside or not within, f"cut off: {name}"
+    for (one, a), (other, b) in combinations(boxes.items(), 2):
+        assert not overlap(a, b), f"{one} lies on {other}"
+    for axes in figure.axes:
+        assert_legend_covers_nothing(axes)
+        room = axes.get_window_extent()
+        assert min(room.width, room.height) > least or axes.get_label() == "<colorbar>", "no room for the plot"
+
+
+def assert_legend_covers_nothing(axes: Axes) -> None:
+    legend = axes.get_legend()
+    if legend is not None:
+        assert not overlap(legend.get_window_extent(), axes.get_window_extent())
+
+
+PLAIN = Inputs()
+
+
+def policy(d: int, n: int, inputs: Inputs = PLAIN, size: float = 1.0) -> GaussianPolicy:
+    rng = np.random.default_rng(d)
+    width = inputs.dimension(d, n)
+    mean = Function(RBF((2.0,)), rng.normal(size=(30, width)), size * rng.normal(size=(30, n)))
+    return GaussianPolicy(mean, ConstantVariance(np.full(n, size**2)), inputs)
+
+
+def episodes(rows: int, steps: int, d: int, n: int, size: float = 1.0) -> Episodes:
+    rng = np.random.default_rng(1)
+    shape = (rows, steps)
+    observations, actions = rng.normal(size=(*shape, d)), rng.normal(size=(*shape, n))
+    return Episodes.without_ends(observations, actions, size * rng.uniform(size=shape), np.ones(shape, dtype=bool))
+
+
+def long_names(d: int, n: int) -> Names:
+    seen = tuple(f"angular velocity of the left front ankle joint {i} (rad/s)" for i in range(d))
+    return Names(seen, tuple(f"torque of the right rear shoulder joint {i} (N m)" for i in range(n)))
+
+
+def bounded(d: int, n: int, size: float) -> Spaces:
+    return Spaces((d,), np.full(n, -size), np.full(n, size))
+
+
+def curve(iterations: int, size: float) -> dict[str, Array]:
+    rng = np.random.default_rng(0)
+    mean = size * (1.0 + 0.1 * rng.normal(size=iterations))
+    mean[1::2] = np.nan
+    return {
+        "iteration": np.arange(1.0, iterations + 1),
+        "exploration_return": size * rng.normal(size=iterations),
+        "evaluation_return": mean,
+    }
+
+
+# Nothing is cut off, nothing lies on something else
+
+
+@SIZES
+@pytest.mark.parametrize(("task", "iterations"), [(PENDULUM, 1), (PENDULUM, 1000), (Task(LONG, {}, 1, 0.9), 2)])
+def test_the_learning_curve_is_clear(task: Task, iterations: int, size: float) -> None:
+    assert_clear(curve_figure(curve(iterations, size), task))
+
+
+@SIZES
+@pytest.mark.parametrize(
+    ("d", "n", "steps"), [(1, 1, 1), (1, 1, 1000), (2, 1, 1), (2, 3, 1000), (17, 6, 1), (17, 1, 1000)]
+)
+def test_the_policy_is_clear(d: int, n: int, steps: int, size: float) -> None:
+    made = episodes(2, steps, d, n)
+    assert_clear(policy_figure(policy(d, n, size=size), bounded(d, n, size), long_names(d, n), made, LONG))
+
+
+def test_a_policy_of_windows_without_bounds_that_does_nothing_is_clear() -> None:
+    inputs = Inputs(history=4, angles=(0.0,), degree=2)
+    mean = Function.zero(RBF((1.0,)), inputs.dimension(1, 1), 1)
+    still, names = GaussianPolicy(mean, ConstantVariance(np.ones(1)), inputs), Names(("angle (rad)",), ("torque",))
+    assert_clear(policy_figure(still, Spaces.unbounded(1, 1), names, episodes(1, 30, 1, 1), "t"))
+
+
+@SIZES
+@pytest.mark.parametrize(("n", "count"), [(1, 1000), (2, 1), (6, 1000)])
+def test_attempts_are_clear(count: int, n: int, size: float) -> None:
+    tried, learnt, spaces = episodes(count, 1, 3, n, size), episodes(1, 1, 3, n, size), bounded(3, n, 1e-3)
+    for success in (None, 0.5 * size):
+        assert_clear(attempts_figure(tried, learnt, spaces, long_names(3, n), LONG, success))
+
+
+@SIZES
+@pytest.mark.parametrize(("count", "runs"), [(1, 1), (9, 20)])
+def test_a_comparison_is_clear(count: int, runs: int, size: float) -> None:
+    rng = np.random.default_rng(0)
+    returns = size * rng.normal(size=(count, runs, 5))
+    curves = (
+        LearningCurve(f"{LONG} {k}", 1e4 * np.arange(1.0, 6), r, is_evaluation=True) for k, r in enumerate(returns)
+    )
+    assert_clear(comparison_figure(Comparison(PENDULUM, tuple(curves), ())), within=False)  # it grows to its legend
+
+
+@SIZES
+@pytest.mark.parametrize(("panels", "runs", "iterations"), [(1, 1, 1), (2, 20, 1000)])
+def test_an_experiment_is_clear(panels: int, runs: int, iterations: int, size: float) -> None:
+    experiment, table = experiment_of(panels, 6, runs, iterations, size)
+    assert_clear(experiment_figure(experiment, table))
+
+
+def experiment_of(panels: int, curves: int, runs: int, iterations: int, size: float) -> tuple[Experiment, Table]:
+    rng, table = np.random.default_rng(0), {}
+    made = []
+    for p in range(panels):
+        title = f"window of 20 and 150 centres; eNAC of 3 and 4096 features, and more beside it {p}"
+        labels = [f"RKHS-NAC with a trajectory critic {k}" for k in range(curves)]
+        made.append(Panel(title, tuple(Curve(label, CONFIG, ()) for label in labels)))
+        for label in labels:
+            earned = size * rng.gamma(0.1, size=(runs, iterations))
+            table[title, label] = Returns(10.0 * np.arange(1, iterations + 1), earned, earned)
+    return Experiment("fig9", "Inverted pendulum, partially observed", runs, "sd", tuple(made)), table
+
+
+@pytest.mark.parametrize(("frames", "shape", "cameras"), [(1, (30, 40), 1), (1000, (12, 16), 2), (6, (64, 20), 1)])
+def test_a_strip_of_a_film_is_clear(frames: int, shape: tuple[int, int], cameras: int) -> None:
+    pictures = np.zeros((frames, *shape, 1), dtype=np.uint8) + np.arange(3, dtype=np.uint8)
+    film = Film({f"camera {k}": pictures for k in range(cameras)}, [f"step {k}" for k in range(frames)])
+    assert_clear(strip_figure(film), least=20)
+
+
+# The pictures of the page
+
+
+@SIZES
+@pytest.mark.parametrize(
+    ("d", "n", "rows", "steps"),
+    [(1, 1, 1, 1), (1, 1, 20, 1000), (2, 1, 1, 1), (2, 3, 20, 1000), (17, 6, 1, 1), (17, 1, 20, 1000)],
+)
+@pytest.mark.parametrize("is_known", [True, False])
+def test_the_policy_on_the_page_is_clear(d: int, n: int, rows: int, steps: int, size: float, is_known: bool) -> None:
+    made = episodes(rows, steps, d, n, size)
+    made = replace(made, observations=size * made.observations)
+    coordinates = PolicyCoordinates(policy(d, n, size=size) if is_known else None, long_names(d, n))
+    each = [made.take(slice(row, row + 1)) for row in range(rows)]
+    for spaces in (bounded(d, n, size), None):
+        subject = Subject("Policy after iteration 100000", coordinates, each, spaces, 0.9)
+        assert_clear(board_figure(subject, Choice(0, d - 1, n - 1))[0])
+
+
+@SIZES
+@pytest.mark.parametrize(("d", "n", "steps"), [(1, 1, 1), (2, 3, 1000), (17, 6, 1), (17, 6, 1000)])
+def test_numbers_over_time_are_clear(d: int, n: int, steps: int, size: float) -> None:
+    made = episodes(1, steps, d, n)
+    figure = Timeline(long_names(d, n)).figure(size * made.observations[0], made.actions[0])
+    assert_clear(figure, least=20)
+
+
+def test_texts_that_lie_on_each_other_or_are_cut_off_are_seen() -> None:
+    figure = Figure(figsize=(3, 2))
+    axes = figure.add_axes((0.3, 0.3, 0.6, 0.6))
+    axes.plot([0, 1], label="a line")
+    assert_clear(figure)
+    legend = axes.legend(loc="center")
+    with pytest.raises(AssertionError):
+        assert_clear(figure)
+    legend.remove()
+    late = figure.text(0.99, 0.5, "cut")
+    with pytest.raises(AssertionError, match="cut off"):
+        assert_clear(figure)
+    late.set_position((0.5, 0.02))
+    figure.text(0.52, 0.02, "on it")
+    with pytest.raises(AssertionError, match="lies on"):
+        assert_clear(figure)
+
+
+# What is drawn is what is
+
+
+def test_colours_and_lines_show_what_the_robot_can_do() -> None:
+    spaces = Spaces((2,), np.array([-0.5]), np.array([0.25]))
+    figure = policy_figure(policy(2, 1, size=9.0), spaces, Names(("x", "y"), ("a",)), episodes(1, 50, 2, 1), "t")
+    (mesh,) = figure.axes[0].collections
+    values = np.asarray(mesh.get_array())
+    assert values.min() == -0.5
+    assert values.max() <= 0.25
+    assert mesh.get_clim() == (-0.5, 0.5)  # white is no action
+    figure = policy_figure(policy(1, 1, size=9.0), spaces, Names(("x",), ("a",)), episodes(1, 50, 1, 1), "t")
+    axes = figure.axes[0]
+    drawn = [line.get_ydata() for line in axes.lines] + [
+        band.get_paths()[0].vertices[:, 1] for band in axes.collections
+    ]
+    assert all((np.asarray(y, dtype=float) >= -0.5).all() and (np.asarray(y, dtype=float) <= 0.25).all() for y in drawn)
+
+
+def test_bands_stay_among_the_runs() -> None:
+    experiment, table = experiment_of(1, 1, 3, 40, 1.0)
+    (returns,) = table.values()
+    figure = experiment_figure(experiment, table)
+    for axes in figure.axes:
+        (band,) = axes.collections
+        drawn = band.get_paths()[0].vertices[:, 1]
+        assert drawn.min() >= returns.evaluation.min()
+        assert drawn.max() <= returns.evaluation.max()
+    deviation = returns.evaluation.std(axis=0, ddof=1)
+    assert (returns.evaluation.mean(axis=0) - deviation).min() < 0.0  # what the band would be otherwise
+
+
+def test_the_slice_is_over_the_inputs_that_matter() -> None:
+    points = np.random.default_rng(0).normal(size=(500, 17))
+    columns, explained = most_informative_inputs(lambda x: np.sin(x[:, 3]) + 2.0 * x[:, 11] + 0.01 * x[:, 5], points)
+    assert columns == (3, 11)
+    assert explained == pytest.approx(1.0, abs=0.01)
+    wide = points * np.where(np.arange(17) == 5, 1e3, 1.0)  # the policy looks at it hardly, but it is seen to vary
+    assert most_informative_inputs(lambda x: x[:, 3] * x[:, 11] + x[:, 3] + 1e-5 * x[:, 5], wide).columns == (3, 11)
+    columns, explained = most_informative_inputs(lambda x: np.ones(len(x)), points)
+    assert np.isnan(explained)
+
+
+def test_pictures_are_opaque_whatever_the_style() -> None:
+    with mpl.rc_context({"savefig.transparent": True, "figure.facecolor": "black", "axes.facecolor": "black"}):
+        figure = curve_figure(curve(9, 1.0), PENDULUM)
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+    seen = np.asarray(canvas.buffer_rgba())
+    assert (seen[..., 3] == 255).all()
+    assert (seen[..., :3] == 255).all(axis=2).mean() > 0.5
+
+
+# Names
+
+
+class Named(gymnasium.Env[Any, Any]):
+    observation_names = ("height (m)", "speed (m/s)")
+    action_names = ["thrust (N)"]
+    success_reward = 2
+    observation_space, action_space = Box(-1.0, 1.0, (2,)), Box(-1.0, 1.0, (1,))
+
+
+@pytest.fixture
+def named() -> Iterator[Task]:
+    gymnasium.register("test/Named-v0", Named)
+    yield Task("test/Named-v0", {}, 1, 0.9)
+    gymnasium.registry.pop("test/Named-v0")
+
+
+def test_a_task_names_its_numbers(named: Task) -> None:
+    assert names_of(named, 2, 1) == Names(("height (m)", "speed (m/s)"), ("thrust (N)",))
+    assert success_reward(named) == 2.0
+    spaces = Simulation(named.environment).spaces  # which go into files and messages
+    assert Names(spaces.observation_names, spaces.action_names) == names_of(named, 2, 1)
+    assert names_of(PENDULUM, 2, 1) == Names(Pendulum.observation_names, Pendulum.action_names)
+
+
+def test_names_that_the_spaces_tell_as_of_a_robot_come_first(named: Task) -> None:
+    spaces = replace(Spaces.unbounded(2, 1), observation_names=("a (m)", "b (m)"))
+    assert names_of(named, 2, 1, spaces) == Names(("a (m)", "b (m)"), ("thrust (N)",))
+
+
+def test_others_have_numbers_for_names(named: Task) -> None:
+    assert names_of(named, 3, 1).observations == ("observation 0", "observation 1", "observation 2")
+    for environment in ("", "gone:Task-v0", "CartPole-v1"):
+        task = Task(environment, {}, 1, 0.9)
+        assert names_of(task, 1, 2) == Names(("observation",), ("action 0", "action 1"))
+        assert success_reward(task) is None
+
+
+def test_names_of_inputs_stand_for_their_columns() -> None:
+    """Each column follows the numbers that its name names, and no other."""
+    names = Names(("angle (rad)", "speed"), ("push",))
+    inputs = Inputs(history=3, angles=(0.0,))
+    told = input_names(inputs, names)
+    assert told[:4] == (
+        "sine of angle, 2 steps ago",
+        "cosine of angle, 2 steps ago",
+        "speed, 2 steps ago",
+        "push, 3 steps ago",
+    )
+    assert told[-4:] == ("sine of angle", "cosine of angle", "speed", "push, 1 step ago")
+    made = episodes(1, 9, 2, 1)
+    (point,) = inputs.at(np.array([8]), made.observations, made.actions)[0]
+    o, a = made.observations[0], made.actions[0]
+    by_name = {
+        "sine of angle, 1 step ago": np.sin(o[7, 0]),
+        "speed, 2 steps ago": o[6, 1],
+        "push, 2 steps ago": a[6, 0],
+    }
+    for name, value in by_name.items():
+        assert point[told.index(name)] == pytest.approx(value)
+
+
+def test_monomials_are_named_by_their_factors() -> None:
+    names, inputs = Names(("x", "y"), ("a",)), Inputs(degree=2)
+    assert input_names(inputs, names) == ("x · x", "x · y", "x", "y · y", "y", "constant")
+    x = np.array([[[2.0, 3.0]]])
+    np.testing.assert_allclose(
+        inputs.unfold(x, x)[0, 0] / [1, np.sqrt(2), np.sqrt(2), 1, np.sqrt(2), 1], [4, 6, 2, 9, 3, 1]
+    )
+
+
+# Colours
+
+
+def lab(rgb: Any, eye: Any) -> Array:
+    """Return colours, shape (k, 3), as somebody sees them, in CIELAB."""
+    rgb = np.asarray(rgb, dtype=float)
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    seen = np.clip(linear @ np.asarray(eye).T, 0.0, 1.0)
+    to_xyz = np.array(
+        [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.072175], [0.0193339, 0.119192, 0.9503041]]
+    )
+    xyz = seen @ to_xyz.T / [0.95047, 1.0, 1.08883]
+    f = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116)
+    return np.stack([116 * f[:, 1] - 16, 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])], axis=1)
+
+
+@pytest.mark.parametrize("eye", EYES)
+def test_steps_of_signed_colours_look_alike_and_signs_differ(eye: str) -> None:
+    seen = lab(mpl.colormaps[SIGNED](np.linspace(0.0, 1.0, 33))[:, :3], EYES[eye])
+    steps = np.linalg.norm(np.diff(seen, axis=0), axis=1)
+    assert steps.max() < 2.5 * steps.min()
+    halves = np.linalg.norm(seen[:16] - seen[:16:-1], axis=1)
+    assert (np.diff(halves) < 2.0).all()  # but for the darkest shades
+    assert halves[8] > 50.0  # half of the least action from half of the greatest
+
+
+@pytest.mark.parametrize("eye", EYES)
+def test_rewards_are_told_by_lightness_and_lines_by_colour(eye: str) -> None:
+    lightness = lab(mpl.colormaps[UNSIGNED](np.linspace(0.0, 1.0, 33))[:, :3], EYES[eye])[:, 0]
+    assert (np.diff(lightness) > 0.0).all()
+    colours = [[int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)] for colour in COLOURS]
+    seen = lab(colours, EYES[eye])
+    assert min(np.linalg.norm(a - b) for a, b in combinations(seen[:3], 2)) > 15.0
+    assert min(np.linalg.norm(a - b) for a, b in combinations(seen, 2)) > 8.0

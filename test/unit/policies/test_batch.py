@@ -1,0 +1,131 @@
+"""The episodes that run side by side: their numbers, and how they are shared out."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
+from rkhs_ros.policies.streams import Batch, stream, stream_seed
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from test.unit.rollouts.test_inline_runner import ARRAYS, MakePolicy
+
+numbers = st.integers(0, 2**63 - 1)
+
+
+@st.composite
+def batches(draw: st.DrawFn) -> Batch:
+    """Batches of one kind and of both."""
+    exploring = Batch(5, draw(numbers), draw(st.integers(1, 20)), 3, explore=True)
+    num_evaluation = Batch(5, draw(numbers), draw(st.integers(1, 20)), 3, explore=False)
+    return draw(st.sampled_from([exploring, num_evaluation, exploring.beside(num_evaluation)]))
+
+
+def rows_of(parts: list[Batch]) -> Iterator[tuple[bool, int, int]]:
+    for part in parts:
+        yield from ((*key, seed) for key, seed in zip(part.keys, part.environment_seeds(), strict=True))
+
+
+@given(batches(), st.integers(1, 50))
+def test_batches_are_shared_out_in_order_each_episode_with_its_own_seed(batch: Batch, count: int) -> None:
+    whole = list(rows_of([batch]))
+    assert len(whole) == len(set(whole)) == batch.num_envs
+    for parts in (batch.split(count), batch.parts(count), [kind for kind, _ in batch.kinds]):
+        assert list(rows_of(parts)) == whole
+    assert max(part.num_envs for part in batch.parts(count)) <= count
+    sizes = [part.num_envs for part in batch.split(count)]
+    assert max(sizes) - min(sizes) <= 1
+
+
+@given(batches())
+def test_the_kinds_of_a_batch_are_its_rows(batch: Batch) -> None:
+    for kind, rows in batch.kinds:
+        assert kind.keys == batch.keys[rows]
+        assert {explore for explore, _ in kind.keys} == {kind.explore}
+        assert kind.num_evaluation == 0
+    draws = [kind.exploration(2) for kind, _ in batch.kinds]
+    assert np.concatenate(draws).tobytes() == batch.exploration(2).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"num_evaluation": 4}, "num_evaluation: expected at most 3 rows, got 4"),
+        ({"num_evaluation": -1}, "num_evaluation: expected at most 3 rows, got -1"),
+        ({"explore": False, "num_evaluation": 1}, "num_evaluation: expected at most 0 rows, got 1"),
+        ({"first_evaluation": 1}, "first_evaluation: expected 0 to 0, got 1"),
+        ({"num_evaluation": 1, "first_evaluation": 2**63}, f"first_evaluation: expected 0 to {2**63 - 1}, got {2**63}"),
+    ],
+)
+def test_rows_of_a_second_kind_that_cannot_be_are_refused(changes: dict[str, int], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Batch(**({"seed": 0, "first_episode": 0, "rows": 4, "horizon": 5, "explore": True} | changes))  # type: ignore[arg-type]
+
+
+def test_the_streams_of_an_episode_are_named_by_what_they_are_of() -> None:
+    # Recordings are replayed by these names: another one would draw other actions.
+    exploring, num_evaluation = Batch(5, 10, 2, 3, explore=True), Batch(5, 7, 2, 3, explore=False)
+    draws = [stream(5, "training/exploration", number).standard_normal((3, 2)) for number in (10, 11)]
+    assert np.array_equal(exploring.exploration(2), draws)
+    for batch, kind in ((exploring, "training"), (num_evaluation, "evaluation")):
+        seeds = [stream_seed(5, f"{kind}/environment", number) for number in batch.episodes]
+        assert batch.environment_seeds() == seeds
+
+
+@pytest.mark.parametrize(
+    ("name", "least", "most"),
+    [("seed", 0, 2**64 - 1), ("first_episode", 0, 2**63 - 1), ("rows", 1, 10_000), ("horizon", 1, 1_000_000)],
+)
+def test_each_number_of_a_batch_has_borders(name: str, least: int, most: int) -> None:
+    batch = {"seed": 0, "first_episode": 0, "rows": 1, "horizon": 1, "explore": True}
+    for value in (least, most):
+        assert getattr(Batch(**{**batch, name: value}), name) == value
+    for value in (least - 1, most + 1):
+        with pytest.raises(ValueError, match=rf"^{name}: expected .*, got {value}$"):
+            Batch(**{**batch, name: value})
+
+
+def test_a_batch_has_ten_million_samples_at_most() -> None:
+    assert Batch(0, 0, 10_000, 1000, explore=True).horizon == 1000
+    with pytest.raises(ValueError, match="rows and horizon: expected at most 10000000 samples in all, got 10010000"):
+        Batch(0, 0, 10_000, 1001, explore=True)
+
+
+@pytest.mark.parametrize("learnt", [False, True], ids=["constant variance", "learnt variance"])
+@pytest.mark.parametrize("num_envs", [0, 1, 4])
+def test_episodes_of_both_kinds_side_by_side_have_the_bits_of_each_alone(
+    random_policy: MakePolicy, learnt: bool, num_envs: int
+) -> None:
+    runner = InlineRunner(Simulation("rkhs/Pendulum-v0", num_envs=num_envs))
+    policy = random_policy(n=1, m=40, learnt=learnt)
+    told: list[Batch] = []
+    runner.record = lambda batch, episodes, _: told.append(batch)
+    exploring, num_evaluation = Batch(0, 10, 3, 30, explore=True), Batch(0, 7, 4, 30, explore=False)
+    both = runner.collect(policy, exploring.beside(num_evaluation))
+    assert {key for batch in told for key in batch.keys} == {*num_evaluation.keys, *exploring.keys}
+    assert all(batch.num_evaluation == 0 for batch in told)
+    first, last = runner.collect(policy, exploring), runner.collect(policy, num_evaluation)
+    for name in ARRAYS:
+        apart = np.concatenate([getattr(first, name), getattr(last, name)])
+        assert apart.tobytes() == getattr(both, name).tobytes()
+
+
+def test_the_evaluation_episodes_of_a_batch_are_recorded_before_those_that_ran_ahead(random_policy: MakePolicy) -> None:
+    runner = InlineRunner(Simulation("rkhs/Pendulum-v0"))
+    recorded: list[Batch] = []
+    runner.record = lambda batch, episodes, _: recorded.append(batch)
+    exploring, num_evaluation = Batch(0, 10, 3, 2, explore=True), Batch(0, 7, 4, 2, explore=False)
+    runner.collect(random_policy(n=1), exploring.beside(num_evaluation))
+    assert recorded == [num_evaluation, exploring]
+
+
+def test_who_does_not_explore_acts_by_the_mean_in_all_rows(random_policy: MakePolicy) -> None:
+    policy: GaussianPolicy = random_policy(d=2, n=1)
+    both = Batch(0, 0, 2, 3, explore=True).beside(Batch(0, 0, 2, 3, explore=False))
+    seen = np.ones((4, 2))
+    still, moving = (Acting(policy, both, explore=explore)(0, seen) for explore in (False, True))
+    assert still.tobytes() == policy.mean(seen).tobytes()
+    assert (still == moving).ravel().tolist() == [False, False, True, True]

@@ -1,0 +1,166 @@
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import Polynomial
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+
+MakePolicy = Callable[..., GaussianPolicy]
+over_inputs = pytest.mark.parametrize(
+    "inputs",
+    [
+        Inputs(),
+        Inputs(history=4),
+        Inputs(angles=(1.0,)),
+        Inputs(history=3, angles=(1.0, 0.0)),
+        Inputs(degree=2, offset=0.3),
+        Inputs(history=2, angles=(0.0,), degree=2),
+    ],
+    ids=["plain", "window", "angle", "window of angles", "monomials", "all"],
+)
+
+
+def window(inputs: Inputs, observations: np.ndarray, actions: np.ndarray, t: int) -> list[float]:
+    """Return the last observations before step t, each with the action before it, by the definition."""
+    numbers: list[float] = []
+    for k in range(t - inputs.history + 1, t + 1):
+        o = observations[max(k, 0)]
+        numbers += [np.sin(o[c]) for c in inputs.columns] + [np.cos(o[c]) for c in inputs.columns]
+        numbers += [o[c] for c in range(len(o)) if c not in inputs.columns]
+        if inputs.history > 1:
+            numbers += list(actions[k - 1]) if k > 0 else [0.0] * actions.shape[1]
+    return numbers
+
+
+@given(
+    history=st.sampled_from([1, 2, 5]),
+    angles=st.sampled_from([(), (0,), (2,), (2, 0)]),
+    horizon=st.integers(1, 8),
+    rows=st.integers(1, 3),
+    n=st.integers(1, 2),
+    seed=st.integers(0, 999),
+)
+def test_the_points_are_the_windows_of_the_definition(
+    history: int, angles: tuple[int, ...], horizon: int, rows: int, n: int, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    inputs = Inputs(history=history, angles=tuple(map(float, angles)) or "none")
+    observations, actions = rng.normal(size=(rows, horizon, 3)), rng.normal(size=(rows, horizon, n))
+    expected = [[window(inputs, o, a, t) for t in range(horizon)] for o, a in zip(observations, actions, strict=True)]
+    points = inputs.unfold(observations, actions)
+    assert points.shape == (rows, horizon, inputs.dimension(3, n))
+    np.testing.assert_array_equal(points, expected)
+
+
+@given(history=st.integers(1, 5), degree=st.integers(0, 2), horizon=st.integers(1, 8), seed=st.integers(0, 999))
+def test_all_steps_at_once_are_each_step_alone_from_its_past_alone(
+    history: int, degree: int, horizon: int, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    inputs = Inputs(history=history, angles=(1.0,), degree=degree)
+    observations, actions = rng.normal(size=(3, horizon, 2)), rng.normal(size=(3, horizon, 1))
+    together = inputs.unfold(observations, actions)
+    for t in range(horizon):
+        seen, done = observations.copy(), actions.copy()
+        seen[:, t + 1 :] = np.nan  # what comes later must not matter
+        done[:, t:] = np.nan
+        for row in range(3):
+            alone = inputs.at(np.array([t]), seen[row : row + 1], done[row : row + 1])
+            assert np.array_equal(alone[0, 0], together[row, t])
+
+
+@over_inputs
+def test_a_policy_acts_on_the_points_that_the_learner_sees(inputs: Inputs, random_policy: MakePolicy) -> None:
+    policy = replace(random_policy(d=inputs.dimension(2, 1), n=1), inputs=inputs)
+    batch = Batch(3, 20, 4, 9, explore=True)
+    episodes = InlineRunner(Simulation("rkhs/Pendulum-v0")).collect(policy, batch)
+    points, exploration = episodes.seen_through(inputs).observations, batch.exploration(1)
+    for t in range(9):
+        assert np.array_equal(policy.act(points[:, t], exploration[:, t]), episodes.actions[:, t])
+
+
+@over_inputs
+def test_a_step_asked_for_twice_is_answered_alike(
+    inputs: Inputs, random_policy: MakePolicy, rng: np.random.Generator
+) -> None:
+    policy = replace(random_policy(d=inputs.dimension(2, 1), n=1), inputs=inputs)
+    acting = Acting(policy, Batch(0, 0, 3, 6, explore=True), explore=True)
+    seen = rng.normal(size=(6, 3, 2))
+    first = [acting(t, seen[t]) for t in range(6)]
+    for t in (4, 5, 5, 2):
+        assert np.array_equal(acting(t, seen[t]), first[t])
+
+
+def test_what_acting_returned_does_not_change_its_memory(random_policy: MakePolicy, rng: np.random.Generator) -> None:
+    policy = replace(random_policy(d=6, n=1), inputs=Inputs(history=2))
+    seen = rng.normal(size=(2, 3, 2))
+    answers = []
+    for spoil in (False, True):
+        acting = Acting(policy, Batch(0, 0, 3, 2, explore=True), explore=True)
+        actions = acting(0, seen[0])
+        if spoil:
+            actions[:] = 7.0
+        answers.append(acting(1, seen[1]))
+    assert np.array_equal(*answers)
+
+
+@given(
+    d=st.integers(1, 4),
+    degree=st.integers(1, 6),
+    offset=st.sampled_from([1e-9, 0.01, 0.2, 1.0, 7.0]),
+    seed=st.integers(0, 999),
+)
+def test_inner_products_of_monomials_are_the_polynomial_kernel(d: int, degree: int, offset: float, seed: int) -> None:
+    x, y = np.random.default_rng(seed).normal(size=(2, 5, d))
+    inputs = Inputs(degree=degree, offset=offset)
+    phi, psi = inputs.features(x), inputs.features(y)
+    assert phi.shape[1] == inputs.dimension(d, 1)
+    scale = (np.abs(x) @ np.abs(y).T + offset) ** degree  # what is rounded, where terms cancel
+    assert np.all(np.abs(phi @ psi.T - Polynomial(offset, degree)(x, y)) <= 1e-12 * scale)
+
+
+def test_the_monomials_of_one_number_are_its_binomial_terms() -> None:
+    phi = Inputs(degree=3, offset=0.5).features(np.array([[2.0]]))[0]
+    expected = [np.sqrt(c * 0.5**k) * 2.0 ** (3 - k) for k, c in enumerate((1, 3, 3, 1))]
+    np.testing.assert_allclose(phi, expected, rtol=1e-14)
+
+
+def test_an_angle_and_whole_turns_of_it_are_the_same_point(rng: np.random.Generator) -> None:
+    inputs, x = Inputs(angles=(0.0,)), rng.normal(size=(6, 2))
+    turned = x + np.array([2 * np.pi, 0.0])
+    np.testing.assert_allclose(inputs.features(turned), inputs.features(x), atol=1e-14)
+    assert np.array_equal(inputs.features(x), np.stack([np.sin(x[:, 0]), np.cos(x[:, 0]), x[:, 1]], axis=1))
+
+
+@pytest.mark.parametrize(
+    ("angles", "message"),
+    [
+        ((0.5,), r"inputs\.angles: expected whole numbers, got \(0\.5,\)"),
+        ((2.0,), r"inputs\.angles: expected columns from 0 to 1, got \(2\.0,\)"),
+        ((0.0, 0.0), r"inputs\.angles: expected each column once"),
+    ],
+)
+def test_angles_that_are_no_columns_are_refused(angles: tuple[float, ...], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Inputs(angles=angles).dimension(2, 1)
+
+
+@pytest.mark.parametrize("degree", [0, 2])
+@pytest.mark.parametrize("history", [1, 2])
+def test_a_row_alone_is_acted_upon_as_beside_others(rng: np.random.Generator, history: int, degree: int) -> None:
+    inputs = Inputs(history=history, angles=(1.0, 2.0), degree=degree)
+    size = inputs.dimension(3, 1)
+    mean = Function(Polynomial(0.5, 3), rng.normal(size=(1, size)), np.ones((1, 1)))
+    seen, done = rng.normal(size=(50, 4, 3)), rng.normal(size=(50, 4, 1))
+    together = mean(inputs.at(np.array([3]), seen, done)[:, 0])
+    alone = [mean(inputs.at(np.array([3]), seen[row : row + 1], done[row : row + 1])[:, 0])[0] for row in range(50)]
+    assert np.array_equal(together, alone)

@@ -1,0 +1,51 @@
+"""A run whose messages cannot be written learns as one whose messages can."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rkhs_ros.runs.curve import Curve
+
+pytestmark = pytest.mark.slow
+
+CONFIG = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
+COMMAND = (sys.executable, "-m", "rkhs_ros.app.cli")
+RUN = ("train", str(CONFIG), "--runner", "inline", "--simulators", "1", "--iterations", "3", "--out")
+
+
+@pytest.mark.parametrize(
+    "streams", ["2>/dev/full", "2>&-", ">/dev/full", ">&-", "2>&- >&- <&-", "2>/dev/full >/dev/full"]
+)
+def test_a_run_ends_well_without_its_streams(tmp_path: Path, streams: str) -> None:
+    command = ["bash", "-c", f'"$@" {streams}', "bash", *COMMAND, *RUN, str(tmp_path / "run")]
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "note:" not in done.stdout  # closed, standard error is not standard output
+    assert len(Curve(tmp_path / "run" / "curve.csv").rows()) == 3
+
+
+def test_a_reader_that_goes_away_does_not_end_a_run(tmp_path: Path) -> None:
+    reading, writing = os.pipe()
+    process = subprocess.Popen([*COMMAND, *RUN, str(tmp_path / "run")], stdout=writing, stderr=writing)
+    os.close(writing)
+    os.close(reading)
+    assert process.wait() == 0
+    assert len(Curve(tmp_path / "run" / "curve.csv").rows()) == 3
+
+
+def test_what_a_command_is_asked_for_must_not_be_lost(tmp_path: Path) -> None:
+    command = ["bash", "-c", '"$@" >/dev/full', "bash", *COMMAND, "list"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (1, "error: [Errno 28] No space left on device: '<stdout>'\n")
+
+
+@pytest.mark.parametrize("arguments", [("list",), ("train", "--help"), ("--version",)])
+def test_a_reader_that_has_seen_enough_is_no_error(arguments: tuple[str, ...]) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run([*COMMAND, *arguments], stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (0, "")

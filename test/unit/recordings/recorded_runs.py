@@ -1,0 +1,138 @@
+"""Recorded runs to test with, short ones of the toy, and what is the same in two recordings."""
+
+from collections import deque
+from collections.abc import Collection
+from dataclasses import fields, replace
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.execution import Execution, Record, discard
+from rkhs_ros.learning.messages import episodes_message
+from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.recordings.batches import RecordedBatch
+from rkhs_ros.recordings.definitions import PACKAGE, Types, encoded, store
+from rkhs_ros.recordings.recording import Recording
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.config import Config, Environment
+from rkhs_ros.runs.run import run_training
+
+TRAINING = Training(name="short", iterations=4, episodes_per_iteration=3, evaluation_episodes=2, horizon=5)
+CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
+ARRAYS = [f.name for f in fields(Episodes)]
+SECONDS = count(10**18, 10**9)  # at which the attempts at episodes begin, in nanoseconds
+
+
+def longer(iterations: int, **changes: Any) -> Config:
+    return replace(CONFIG, training=replace(TRAINING, iterations=iterations, **changes))
+
+
+class Robot:
+    """Runs one episode at a time, reports how it went, has every third one void at first, and counts; may be stopped.
+
+    Args:
+        episodes: after which it is stopped.
+        void_every: how many episodes there are for a void one.
+        vetoed: whether an episode explores, and its number, of those that are vetoed once they are finished, and run
+            again after the others of their batch.
+        period: of a step, in nanoseconds.
+    """
+
+    def __init__(
+        self,
+        episodes: float = float("inf"),
+        void_every: int = 3,
+        vetoed: Collection[tuple[bool, int]] = (),
+        period: int = 50_000_000,
+    ) -> None:
+        self.runner = InlineRunner(Simulation("rkhs/Toy-v0", None, 1))
+        self.spaces = self.runner.spaces
+        self.record: Record = discard
+        self.moved: list[tuple[bool, int]] = []
+        self._left = episodes
+        self._void_every = void_every
+        self._to_veto = set(vetoed)
+        self._period = period
+
+    def capacity(self, num_envs: int) -> int:
+        return 1
+
+    def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
+        parts, done = deque(batch.parts(1)), {}
+        while parts:
+            part = parts.popleft()
+            if self._left <= 0:
+                raise KeyboardInterrupt
+            self._left -= 1
+            episodes = self.runner.collect(policy, part)
+            spoilt = replace(episodes, rewards=episodes.rewards - 7.0)
+            if part.first_episode % self._void_every == 1:
+                self.record(part, spoilt, [execution(part, self._period, "stopped")])
+            number = part.explore, part.first_episode
+            self.moved.append(number)
+            if number in self._to_veto:
+                self._to_veto.remove(number)
+                finished = execution(part, self._period)
+                self.record(part, spoilt, [finished])
+                self.record(part, spoilt, [replace(finished, discard_reason="vetoed by a person")])
+                parts.append(part)
+            else:
+                self.record(part, episodes, [execution(part, self._period)])
+                done[part] = episodes
+        return Episodes.concatenate(done[part] for part in batch.parts(1))
+
+
+def execution(batch: Batch, period: int, reason: str = "") -> Execution:
+    stamps = next(SECONDS) + np.arange(batch.horizon + 1) * period
+    return Execution(
+        stamps=stamps,
+        executed=np.full((batch.horizon, 2), 0.5),
+        flags=np.arange(batch.horizon, dtype=np.uint32),
+        discard_reason=reason,
+    )
+
+
+def recorded_run(folder: Path, config: Config = CONFIG, runner: Any = None, **more: Any) -> Path:
+    """Record a run, or go on with it, and return its file."""
+    runner = runner or InlineRunner(Simulation(config.environment.id, config.environment.options))
+    return run_training(config, runner, folder, quiet=True, record=True, **more) / "recording.mcap"
+
+
+def same_batch(one: RecordedBatch, other: RecordedBatch) -> bool:
+    return one.batch == other.batch and all(
+        np.array_equal(getattr(one.episodes, name), getattr(other.episodes, name)) for name in ARRAYS
+    )
+
+
+def bag(folder: Path, *recordings: Recording, plugin: StoragePlugin = StoragePlugin.MCAP, namespace: str = "") -> Path:
+    """Record the topics of runs as `ros2 bag record` does: no head, no policies, some messages heard twice."""
+    numbers: dict[Any, int] = {}
+    with Writer(folder, version=9, storage_plugin=plugin) as writer:
+        topics = {
+            name: writer.add_connection(f"{namespace}/{name}", f"{PACKAGE}{kind}", typestore=store())
+            for name, kind in {"observation": "Observation", "episodes": "Episodes"}.items()
+        }
+        for run, recording in enumerate(recordings):
+            for each in recording.batches:  # in an order that nobody keeps
+                identity = numbers.setdefault((run, each.attempt), 1000 + len(numbers))
+                shown = Types().Observation(batch=identity, **vars(each.batch))
+                message = episodes_message(Types(), identity, each.version, each.episodes, each.executions)
+                for _ in range(2):
+                    writer.write(topics["episodes"], each.time, encoded(message))
+                    writer.write(topics["observation"], each.time, encoded(shown))
+    return folder
+
+
+def content(recording: Recording) -> list[Any]:
+    """Return all but times and the head, for comparison."""
+    batches = [
+        (b.batch, b.version, *(getattr(b.episodes, name).tobytes() for name in ARRAYS)) for b in recording.batches
+    ]
+    return [batches, sorted(recording.policies), [repr(update) for update in recording.updates]]

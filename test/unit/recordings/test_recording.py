@@ -1,0 +1,377 @@
+import os
+import resource
+import signal
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.messages import policy_message, policy_of
+from rkhs_ros.recordings.container import MessageFile, Stored, read_messages
+from rkhs_ros.recordings.definitions import FOLDER, Types, decoded, definition, encoded
+from rkhs_ros.recordings.recording import read_recording
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.run import run_training
+from test.unit.conftest import Result, assert_refused
+from test.unit.recordings.recorded_runs import CONFIG, Robot, content, longer, recorded_run, same_batch
+
+pytestmark = pytest.mark.usefixtures("quick_disk")
+ROOT = Path(__file__).parents[3]
+KIND = "rkhs_interfaces/msg/NodeInstance"
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded_run(tmp_path_factory.mktemp("whole") / "run")
+
+
+def noted(texts: list[str]) -> list[Stored]:
+    """Messages with a text each."""
+    contents = [encoded(Types().NodeInstance(node=text)) for text in texts]
+    return [Stored("noted", KIND, definition(KIND), each, 10 + i, i) for i, each in enumerate(contents)]
+
+
+def texts(path: Path) -> list[str]:
+    return [decoded(each.content, each.kind, each.definition).node for each in read_messages(path).messages]
+
+
+def test_the_definitions_are_those_of_the_interfaces_and_all_are_known() -> None:
+    assert FOLDER.resolve() == (ROOT / "rkhs_interfaces" / "msg").resolve()
+    listed = (ROOT / "rkhs_interfaces" / "CMakeLists.txt").read_text()
+    assert len(list(FOLDER.glob("*.msg"))) > 10
+    for path in FOLDER.glob("*.msg"):
+        assert f"msg/{path.name}\n" in listed
+        message = getattr(Types(), path.stem)()
+        if "Time" not in path.read_text():  # of builtin_interfaces
+            kind = f"rkhs_interfaces/msg/{path.stem}"
+            assert encoded(decoded(encoded(message), kind, definition(kind))) == encoded(message)
+
+
+def test_a_field_that_a_message_has_not_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"NodeInstance: expected its fields, got year"):
+        Types().NodeInstance(year=3)
+
+
+@pytest.mark.parametrize("learnt", [False, True])
+def test_a_policy_comes_back_with_the_same_bits(
+    random_policy: Callable[..., GaussianPolicy], arrays_of: Callable[[Any], dict[str, np.ndarray]], *, learnt: bool
+) -> None:
+    policy = random_policy(learnt=learnt)
+    message = encoded(policy_message(Types(), policy, 7))
+    back = policy_of(decoded(message, "rkhs_interfaces/msg/Policy", ""))
+    before, after = arrays_of(policy), arrays_of(back)
+    assert before.keys() == after.keys()
+    assert all(np.array_equal(before[name], after[name]) for name in before)
+    assert (back.inputs, back.noise, back.mean.kernel) == (policy.inputs, policy.noise, policy.mean.kernel)
+
+
+def test_another_reader_finds_the_same_numbers(whole: Path) -> None:
+    recording = read_recording(whole)
+    with whole.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        read = [(channel.topic, message) for _, channel, _, message in reader.iter_decoded_messages()]
+        statistics = reader.get_summary().statistics
+    assert statistics.message_count == len(read) == len(read_messages(whole).messages)
+    batches = [message for topic, message in read if topic == "recorded_episodes"]
+    assert len(batches) == len(recording.batches) == 8
+    for mine, other in zip(recording.batches, batches, strict=True):
+        assert (mine.batch.first_episode, mine.batch.explore) == (other.first_episode, other.explore)
+        for name in ("observations", "actions", "rewards", "final_observations"):
+            assert getattr(mine.episodes, name).ravel().tolist() == list(getattr(other.episodes, name))
+        assert mine.episodes.mask.sum(axis=1).tolist() == list(other.episodes.lengths)
+    policies = {message.version: message for topic, message in read if topic == "policy"}
+    for version, policy in recording.policies.items():
+        assert policy.mean.weights.ravel().tolist() == list(policies[version].weights)
+    task = next(message for topic, message in read if topic == "task")
+    assert (task.environment, task.seed, task.horizon) == ("rkhs/Toy-v0", 0, 5)
+    assert (whole.parent / "config.yaml").read_text() == task.configuration
+
+
+def test_what_is_recorded_is_what_the_run_learnt_from(whole: Path) -> None:
+    recording = read_recording(whole)
+    curve = [line.split(",") for line in (whole.parent / "curve.csv").read_text().splitlines()[1:]]
+    assert [str(update.exploration_return) for update in recording.updates] == [line[3] for line in curve]
+    for update in recording.updates:
+        batch = next(b for b in recording.batches if b.batch.explore and b.batch.first_episode == update.episodes - 3)
+        assert np.array_equal(batch.episodes.returns(CONFIG.training.discount), update.exploration_returns)
+    assert len(recording.policies) == 5
+
+
+def test_what_was_cut_anywhere_is_read_up_to_the_last_whole_record(
+    whole: Path, tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = whole.read_bytes()
+    everything = read_messages(whole)
+    assert everything.faults == []
+    ends = [content.index(message.content) + len(message.content) for message in everything.messages]
+    cut = tmp_path / "cut.mcap"
+    for size in sorted(rng.integers(len(b"magic..."), len(content), 50)):
+        cut.write_bytes(content[:size])
+        found = read_messages(cut)
+        expected = sum(end <= size for end in ends)
+        assert found.messages == everything.messages[:expected]
+        assert len(found.faults) == (size < content.index(everything.messages[-1].content) + 1000) or not found.faults
+    cut.write_bytes(content[: ends[6] - 1])
+    recording = read_recording(cut)
+    assert sum(map(len, (recording.batches, recording.policies, recording.updates))) == 5
+    line = capsys.readouterr().err
+    assert line.startswith(f"warning: {cut}: cut after 6 messages: ")
+    assert line.count("\n") == 1
+
+
+def test_a_flipped_bit_is_never_believed(whole: Path, tmp_path: Path, rng: np.random.Generator) -> None:
+    content, everything = bytearray(whole.read_bytes()), read_messages(whole).messages
+    damaged, lost = tmp_path / "damaged.mcap", 0
+    for at, bit in zip(rng.integers(8, len(content), 200), rng.integers(0, 8, 200), strict=True):
+        content[at] ^= 1 << bit
+        damaged.write_bytes(content)
+        found = read_messages(damaged)
+        assert [message for message in found.messages if message not in everything] == []
+        assert len(found.messages) == len(everything) or found.faults
+        lost += len(found.messages) < len(everything)
+        content[at] ^= 1 << bit
+    assert 100 < lost < 200
+
+
+def test_what_follows_a_damaged_message_is_still_read(tmp_path: Path) -> None:
+    file = MessageFile(tmp_path / "a.mcap", noted(["first", "second", "third"]))
+    file.close()
+    content = (tmp_path / "a.mcap").read_bytes()
+    assert content.count(b"second") == 1
+    (tmp_path / "b.mcap").write_bytes(content.replace(b"second", b"secord"))
+    assert texts(tmp_path / "b.mcap") == ["first", "third"]
+    assert any("damaged" in fault for fault in read_messages(tmp_path / "b.mcap").faults)
+    assert "1 messages are missing" in read_messages(tmp_path / "b.mcap").faults
+
+
+def test_a_damaged_opcode_of_an_index_loses_no_message(tmp_path: Path) -> None:
+    file = MessageFile(tmp_path / "a.mcap", noted(["first", "second", "third"]))
+    file.close()
+    content = bytearray((tmp_path / "a.mcap").read_bytes())
+    for begin in chunks(content):
+        index = begin + 9 + int.from_bytes(content[begin + 1 : begin + 9], "little")
+        assert content[index] == Opcode.MESSAGE_INDEX
+        content[index] ^= 8  # the opcode of the record that ends the data
+        (tmp_path / "b.mcap").write_bytes(content)
+        assert texts(tmp_path / "b.mcap") == ["first", "second", "third"]
+        content[index] ^= 8
+
+
+def test_each_message_is_there_for_others_as_soon_as_it_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    file = MessageFile(path)
+    for count, message in enumerate(noted(["a", "b", "c"])):
+        file.write(message)
+        assert len(read_messages(path).messages) == count + 1
+    assert [message.time for message in read_messages(path).messages] == [10, 11, 12]
+    file.close()
+
+
+def test_a_full_disk_leaves_what_was_recorded_before(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    file = MessageFile(path, noted(["a", "b"]))
+    size = path.stat().st_size
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size + 50, hard))
+        with pytest.raises(OSError, match=r"a\.mcap"):
+            file.write(noted(["c" * 1000])[0])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        signal.signal(signal.SIGXFSZ, handler)
+    file.close()
+    assert texts(path) == ["a", "b"]
+    assert path.stat().st_size == size
+
+
+def test_a_robots_record_is_on_the_disk_before_the_learner_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: list[int] = []
+    monkeypatch.setattr("os.fsync", lambda descriptor: synced.append(descriptor))
+    file = MessageFile(tmp_path / "a.mcap", sync=True)
+    for message in noted(["a", "b"]):
+        before = len(synced)
+        file.write(message)
+        assert len(synced) == before + 1
+    file.close()
+
+
+@pytest.mark.parametrize("episodes", [1, 4, 5, 6, 7, 11, 14, 19])
+def test_a_run_on_a_robot_that_is_interrupted_runs_no_episode_twice(
+    tmp_path: Path, episodes: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    never_stopped = read_recording(recorded_run(tmp_path / "whole", runner=Robot()))
+    stopped, goes_on = Robot(episodes), Robot()
+    with pytest.raises(KeyboardInterrupt):
+        recorded_run(tmp_path / "run", runner=stopped)
+    file = recorded_run(tmp_path / "run", runner=goes_on, resume=True)
+    assert len(stopped.moved) == episodes
+    assert len(set(stopped.moved + goes_on.moved)) == len(stopped.moved) + len(goes_on.moved) == 20
+    assert content(read_recording(file)) == content(never_stopped)
+    assert "warning" not in capsys.readouterr().err
+
+
+def test_a_discarded_episode_is_recorded_and_not_counted(tmp_path: Path) -> None:
+    recording = read_recording(recorded_run(tmp_path / "run", runner=Robot()))
+    void = [batch for batch in recording.batches if batch.is_discarded]
+    assert {batch.executions[0].discard_reason for batch in void} == {"stopped"}
+    assert len(recording.batches) == len(recording.finished) + len(void) == 20 + 7
+    assert len(recording.episodes()) == 20
+    assert recording.episodes().rewards.min() >= 0
+    first = recording.batches[0]
+    assert np.diff(first.executions[0].stamps).tolist() == [50_000_000] * 5
+    assert first.executions[0].executed.shape == (5, 2)
+    assert first.executions[0].flags.tolist() == [0, 1, 2, 3, 4]
+    published = [
+        m.published for m in read_messages(tmp_path / "run" / "recording.mcap").messages if "Recorded" in m.kind
+    ]
+    assert published[0] == first.executions[0].stamps[-1]
+
+
+@pytest.mark.parametrize("kept", [0.05, 0.2, 0.4, 0.6, 0.7])
+def test_a_run_goes_on_with_the_whole_part_of_its_recording(
+    whole: Path, tmp_path: Path, kept: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = recorded_run(tmp_path / "run", longer(3))
+    content_before = file.read_bytes()
+    file.write_bytes(content_before[: int(kept * len(content_before))])
+    recorded_run(tmp_path / "run", CONFIG, resume=True)
+    warning = capsys.readouterr().err
+    assert warning.startswith(f"warning: {file}: cut after ")
+    there = read_recording(file)
+    assert all(any(same_batch(batch, other) for other in read_recording(whole).batches) for batch in there.batches)
+    assert there.updates[-1].iteration == 4
+    assert (file.parent / "policy.npz").read_bytes() == (whole.parent / "policy.npz").read_bytes()
+
+
+def test_a_run_that_is_done_goes_on_with_its_recording(whole: Path, tmp_path: Path) -> None:
+    file = recorded_run(tmp_path / "run", longer(2))
+    run_training(CONFIG, InlineRunner(Simulation("rkhs/Toy-v0")), tmp_path / "run", quiet=True, resume=True)
+    assert content(read_recording(file)) == content(read_recording(whole))
+    assert read_messages(file).faults == []
+
+
+def test_the_recording_of_another_run_is_refused(whole: Path, tmp_path: Path) -> None:
+    recorded_run(tmp_path / "run", longer(1))
+    (tmp_path / "run" / "recording.mcap").write_bytes(whole.read_bytes())
+    other = replace(CONFIG, training=replace(CONFIG.training, seed=1))
+    recorded_run(tmp_path / "other", other)
+    (tmp_path / "other" / "recording.mcap").write_bytes(whole.read_bytes())
+    before = {path: path.read_bytes() for path in (tmp_path / "other").rglob("*") if path.is_file()}
+    with pytest.raises(ValueError, match=r"expected the recording of this run, with the same settings"):
+        recorded_run(tmp_path / "other", longer(6, seed=1), resume=True)
+    assert {path: path.read_bytes() for path in (tmp_path / "other").rglob("*") if path.is_file()} == before
+
+
+def test_recording_changes_no_bit_of_the_run(whole: Path, tmp_path: Path) -> None:
+    folder = run_training(CONFIG, InlineRunner(Simulation("rkhs/Toy-v0")), tmp_path / "run", quiet=True)
+    assert not (folder / "recording.mcap").exists()
+    for name in ("policy.npz", "config.yaml", "episodes.npz", "best_policy.npz"):
+        assert (folder / name).read_bytes() == (whole.parent / name).read_bytes()
+
+
+def test_the_command_records(rkhs: Callable[..., Result]) -> None:
+    short = ("--runner", "inline", "--iterations", 1, "--quiet", "--record")
+    assert rkhs("train", ROOT / "config" / "toy_nac.yaml", *short, "--out", "one").code == 0
+    assert len(read_recording(Path("one")).updates) == 1
+    assert rkhs("train", ROOT / "config" / "toy_nac.yaml", *short, "--seeds", "3,5", "--out", "two").code == 0
+    assert [read_recording(Path("two") / f"seed_{seed}").head.seed for seed in (3, 5)] == [3, 5]
+
+
+def test_topics_are_not_recorded_where_there_are_none(rkhs: Callable[..., Result]) -> None:
+    toy = ROOT / "config" / "toy_nac.yaml"
+    for more in (("--runner", "inline"), ("--seeds", "0-1")):
+        assert_refused(rkhs("train", toy, "--record", "raw", "--out", "run", *more), "--record: expected episodes")
+    assert not Path("run").exists()
+
+
+def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.mcap").write_bytes(b"no such thing")
+    with pytest.raises(ValueError, match=r"a\.mcap: expected an MCAP file"):
+        read_recording(tmp_path / "a.mcap")
+    with pytest.raises(FileNotFoundError, match=r"rkhs train --record"):
+        read_recording(tmp_path)
+    MessageFile(tmp_path / "b.mcap", noted(["a"])).close()
+    with pytest.raises(ValueError, match=r"b\.mcap: expected a recording of a run"):
+        read_recording(tmp_path / "b.mcap")
+
+
+def chunks(content: bytes | bytearray) -> list[int]:
+    """Where the records begin that hold a message each."""
+    found, at = [], len(b"magic...")
+    while content[at] != Opcode.DATA_END:
+        found += [at] if content[at] == Opcode.CHUNK else []
+        at += 9 + int.from_bytes(content[at + 1 : at + 9], "little")
+    return found
+
+
+@pytest.mark.parametrize("damaged", [0, 2])
+def test_a_run_that_goes_on_keeps_what_it_cannot_read_of_its_recording(tmp_path: Path, damaged: int) -> None:
+    file = recorded_run(tmp_path / "run", longer(2))
+    content = bytearray(file.read_bytes())
+    content[chunks(content)[damaged] + 6] ^= 1  # a length beyond the end, so that all after it seems cut
+    file.write_bytes(content)
+    recorded_run(tmp_path / "run", CONFIG, resume=True)
+    assert (file.parent / "recording_damaged_1.mcap").read_bytes() == content
+
+
+def test_a_recorded_run_without_its_recording_goes_on_only_with_another_one(
+    tmp_path: Path, rkhs: Callable[..., Result]
+) -> None:
+    file = recorded_run(tmp_path / "run", longer(2))
+    file.unlink()
+    more = ("train", "--resume", "run", "--runner", "inline", "--quiet", "--iterations", 3)
+    before = {path: path.read_bytes() for path in file.parent.rglob("*") if path.is_file()}
+    assert_refused(rkhs(*more), "run/recording.mcap: expected the recording that this run began with")
+    assert {path: path.read_bytes() for path in file.parent.rglob("*") if path.is_file()} == before
+    assert rkhs(*more, "--record").code == 0
+    assert [update.iteration for update in read_recording(file).updates] == [3]
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")], ids=["pipe", "device"])
+def test_a_pipe_or_a_device_in_place_of_a_recording_is_refused(
+    tmp_path: Path, rkhs: Callable[..., Result], make: Callable[[Path], None]
+) -> None:
+    file = recorded_run(tmp_path / "run", longer(2))
+    file.unlink()
+    make(file)
+    for record in ((), ("--record",)):
+        command = ("train", "--resume", "run", "--runner", "inline", "--quiet", "--iterations", 3, *record)
+        assert_refused(rkhs(*command), "run/recording.mcap: expected a regular file, got a pipe, a device or a socket")
+
+
+def test_a_recording_with_a_damaged_head_or_episode_is_refused_as_damaged(
+    tmp_path: Path, rkhs: Callable[..., Result]
+) -> None:
+    file = recorded_run(tmp_path / "run", longer(1, episodes_per_iteration=1, evaluate_every=0))
+    whole = file.read_bytes()
+    for command, damaged, message in (
+        ("replay", 0, "expected the recording of a run, got a damaged one, whose head cannot be read"),
+        ("learn", 0, "expected a configuration beside a recording whose head is damaged"),
+        ("learn", 2, "expected at least one finished episode, got none, as the file is damaged"),
+    ):
+        content = bytearray(whole)
+        content[chunks(whole)[damaged] + 100] ^= 1
+        file.write_bytes(content)
+        code, out, err = rkhs(command, "run")
+        assert (code, out) == (2, "")
+        assert message in err.splitlines()[-1]
+
+
+def test_of_a_run_that_was_killed_nothing_is_kept_aside(tmp_path: Path) -> None:
+    file = recorded_run(tmp_path / "run", longer(2))
+    content = file.read_bytes()
+    file.write_bytes(content[: chunks(content)[-1]])
+    recorded_run(tmp_path / "run", CONFIG, resume=True)
+    assert not list(file.parent.glob("*damaged*"))

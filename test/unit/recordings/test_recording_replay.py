@@ -1,0 +1,176 @@
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rkhs_ros.policies.storage import save_policy
+from rkhs_ros.recordings.container import MessageFile, Stored, read_messages
+from rkhs_ros.recordings.definitions import decoded, encoded
+from rkhs_ros.recordings.recording import read_recording
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.config import Config, load_config
+from rkhs_ros.runs.replay import DifferenceError, replay
+from rkhs_ros.runs.report import FIRST_POLICY
+from test.unit.conftest import Result, assert_refused
+from test.unit.recordings.recorded_runs import CONFIG, TRAINING, Robot, longer, recorded_run
+
+pytestmark = pytest.mark.usefixtures("quick_disk")
+ROOT = Path(__file__).parents[3]
+
+
+def config(name: str, *changes: str) -> Config:
+    return load_config(ROOT / "config" / f"{name}.yaml", changes)
+
+
+def changed(file: Path, kind: str, place: int, change: Callable[[Any], None]) -> Path:
+    """Write a recording again with another content of the message of a type at a place, its checksum right."""
+    messages: list[Stored] = read_messages(file).messages
+    places = [i for i, stored in enumerate(messages) if stored.kind.endswith(f"/{kind}")]
+    old = messages[places[place]]
+    message = decoded(memoryview(bytearray(old.content)), old.kind, old.definition)  # that can be written to
+    change(message)
+    messages[places[place]] = old._replace(content=encoded(message))
+    copy = file.with_name("changed.mcap")
+    MessageFile(copy, messages).close()
+    return copy
+
+
+def flip(values: np.ndarray, place: int) -> None:
+    """Change the last bit of a number."""
+    values.view(np.uint64)[place] ^= 1
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded_run(tmp_path_factory.mktemp("whole") / "run")
+
+
+@pytest.mark.parametrize(
+    "run",
+    [
+        config("toy_nac", "iterations=10"),  # 100 exploring episodes
+        config("toy_npg", "iterations=3"),
+        config("toy_ac", "iterations=3", "algorithm.step={rule: line_search, choices: 3, episodes: 2}"),
+        config("toy_power", "iterations=4", "evaluate_every=3"),
+        config("pendulum_pomdp_power", "iterations=2", "horizon=20"),
+        config("pendulum_model_nac", "iterations=3", "horizon=30", "model.updates=3", "model.rollouts=10"),
+    ],
+    ids=lambda run: run.training.name,
+)
+def test_what_is_recorded_replays_to_the_same_bits(run: Config, tmp_path: Path) -> None:
+    recording = read_recording(recorded_run(tmp_path / "run", run))
+    again = list(replay(recording))
+    assert len(again) == run.training.iterations == len(recording.updates)
+    explored = sum(batch.batch.num_envs for batch in recording.batches if batch.batch.explore)
+    assert explored == again[-1].episodes_used
+    assert again[-1].episodes_used >= 100 or run.training.name != "toy_nac"
+
+
+def test_a_robots_recording_replays_past_discarded_episodes(tmp_path: Path) -> None:
+    recording = read_recording(recorded_run(tmp_path / "run", runner=Robot()))
+    assert len(recording.finished) < len(recording.batches)
+    assert len(list(replay(recording))) == 4
+
+
+def test_a_run_that_went_on_replays(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        recorded_run(tmp_path / "run", runner=Robot(8))
+    file = recorded_run(tmp_path / "run", runner=Robot(), resume=True)
+    assert len(list(replay(read_recording(file)))) == 4
+
+
+def test_a_run_that_began_from_a_policy_replays(whole: Path, tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    given = read_recording(whole)
+    spaces = InlineRunner(Simulation("rkhs/Toy-v0")).spaces
+    save_policy(tmp_path / "run" / FIRST_POLICY, given.policies[3], CONFIG.task, spaces)
+    recording = read_recording(recorded_run(tmp_path / "run", longer(2, seed=9)))
+    assert len(recording.policies[1].mean.centres) > 0
+    assert len(list(replay(recording))) == 2
+
+
+def test_a_run_that_was_cut_replays_as_far_as_it_goes(whole: Path, tmp_path: Path) -> None:
+    content = whole.read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(content[: len(content) // 2])
+    recording = read_recording(tmp_path / "cut.mcap")
+    assert 0 < len(recording.updates) < 4
+    assert len(list(replay(recording))) == len(recording.updates)
+
+
+EXPLORING, NOISE_FREE = 2, 3  # places of the second update's batches
+
+
+@pytest.mark.parametrize("name", ["observations", "actions", "rewards"])
+@pytest.mark.parametrize(("place", "kind"), [(EXPLORING, "exploring"), (NOISE_FREE, "noise-free")])
+def test_a_changed_bit_in_an_episode_is_found(whole: Path, name: str, place: int, kind: str) -> None:
+    copy = changed(whole, "RecordedEpisodes", place, lambda message: flip(getattr(message.episodes, name), 6))
+    with pytest.raises(DifferenceError, match=r"^update 2, ") as found:
+        list(replay(read_recording(copy)))
+    if name == "actions":
+        assert f"update 2, {kind} row 0 (episode" in str(found.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "where"),
+    [
+        (lambda policy: flip(policy.weights, 1), r"policy 2, weights\[1\]: recorded .*, made again "),
+        (lambda policy: flip(policy.centres, 0), r"policy 2, centres\[0\]: "),
+        (lambda policy: flip(policy.variance.values, 0), r"policy 2, variance, values\[0\]: "),
+        (lambda policy: flip(policy.kernel[0].parameters, 0), r"policy 2, kernel\[0\], parameters\[0\]: "),
+    ],
+)
+def test_a_changed_bit_in_a_policy_is_found(whole: Path, change: Callable[[Any], None], where: str) -> None:
+    copy = changed(whole, "Policy", 1, change)
+    with pytest.raises(DifferenceError, match="^update 1, evaluation episode 0: " + where):
+        list(replay(read_recording(copy)))
+
+
+@pytest.mark.parametrize("name", ["kl", "step_size", "sparsification_error", "exploration_return"])
+def test_a_changed_bit_in_an_update_is_found(whole: Path, name: str) -> None:
+    def change(update: Any) -> None:
+        setattr(update, name, float(np.nextafter(getattr(update, name), np.inf)))
+
+    copy = changed(whole, "Update", 2, change)
+    with pytest.raises(DifferenceError, match=f"^update 3, {name}: recorded .*, made again "):
+        list(replay(read_recording(copy)))
+
+
+def test_episodes_that_are_missing_are_named(whole: Path) -> None:
+    recording = read_recording(whole)
+    del recording.batches[4]
+    with pytest.raises(ValueError, match=r"^update 3: expected the exploring episode 6, which is not recorded"):
+        list(replay(recording))
+
+
+def test_the_command_says_what_is_equal_and_what_is_not(whole: Path, rkhs: Callable[..., Result]) -> None:
+    assert rkhs("replay", whole.parent, "--quiet") == (0, "all 4 updates equal to the bit\n", "")
+    copy = changed(whole, "Update", 2, lambda update: setattr(update, "kl", 0.5))
+    result = rkhs("replay", copy, "--quiet")
+    assert (result.code, result.err) == (1, "")
+    assert result.out.startswith("update 3, kl: recorded 0.5, made again ")
+    assert result.out.endswith("; 2 of 4 updates before it equal to the bit\n")
+
+
+def test_the_command_names_other_versions(whole: Path, rkhs: Callable[..., Result]) -> None:
+    copy = changed(whole, "Task", 0, lambda task: task.versions.__setitem__(1, "numpy 0.1"))
+    assert rkhs("replay", copy, "--quiet").out == "all 4 updates equal to the bit\n"
+    copy = changed(copy, "Update", 0, lambda update: setattr(update, "kl", 0.5))
+    assert "(recorded with numpy 0.1)" in rkhs("replay", copy, "--quiet").out
+
+
+def test_what_cannot_be_replayed_is_refused(whole: Path, tmp_path: Path, rkhs: Callable[..., Result]) -> None:
+    assert_refused(rkhs("replay", tmp_path / "none.mcap"), "none.mcap: no such recording")
+    messages = [message for message in read_messages(whole).messages if not message.kind.endswith("/Update")]
+    MessageFile(tmp_path / "a.mcap", messages).close()
+    assert_refused(rkhs("replay", tmp_path / "a.mcap"), "expected one of a run, with updates")
+
+
+def test_the_number_of_iterations_asked_for_does_not_matter(tmp_path: Path) -> None:
+    stopped = replace(CONFIG, training=replace(TRAINING, iterations=9))
+    with pytest.raises(KeyboardInterrupt):
+        recorded_run(tmp_path / "run", stopped, Robot(11))
+    assert len(list(replay(read_recording(tmp_path / "run")))) == 2

@@ -1,0 +1,240 @@
+"""Learning from recordings, bags that others recorded, and the export."""
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin
+
+from rkhs_ros.policies.storage import load_policy
+from rkhs_ros.recordings.recording import read_recording
+from rkhs_ros.runs.config import Config, load_config
+from test.unit.conftest import Result, assert_refused
+from test.unit.recordings.recorded_runs import ARRAYS, CONFIG, Robot, bag, longer, recorded_run, same_batch
+
+pytestmark = pytest.mark.usefixtures("quick_disk")
+ROOT = Path(__file__).parents[3]
+EXPLORE = ("model.exploration_noise=pink", "model.updates=1", "model.rollouts=1", "evaluate_every=0", "iterations=1")
+
+
+def exploring(episodes: int, *changes: str) -> Config:
+    """A run whose policy acts in all its episodes before it learns."""
+    settings = (*EXPLORE, f"episodes_per_iteration={episodes}", *changes)
+    return load_config(ROOT / "config" / "pendulum_model_nac.yaml", settings)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded_run(tmp_path_factory.mktemp("whole") / "run")
+
+
+@pytest.fixture(scope="module")
+def of_a_robot(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded_run(tmp_path_factory.mktemp("robot") / "run", runner=Robot())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 3])  # of ten seeds, of which all reach 45, a good one and the worst
+def test_a_pendulum_is_learnt_from_ten_episodes_that_only_explored(
+    tmp_path: Path, rkhs: Callable[..., Result], seed: int
+) -> None:
+    recorded_run(tmp_path / f"explored{seed}", exploring(10, f"seed={seed}"))
+    assert len(read_recording(tmp_path / f"explored{seed}").episodes()) == 10
+    out = tmp_path / f"learnt{seed}"
+    learnt = rkhs(
+        "learn", f"explored{seed}", ROOT / "config/pendulum_model_nac.yaml", "--seed", seed, "--out", out, "--quiet"
+    )
+    assert learnt.code == 0, learnt.err
+    assert "from 10 recorded episodes, none ran" in learnt.out
+    assert json.loads(rkhs("evaluate", out).out)["mean"] > 45  # of 51.8
+
+
+SHORT = ("--iterations", 2, "--set", "model.updates=2", "model.rollouts=5", "--quiet")
+
+
+def test_what_was_learnt_is_evaluated_and_begun_from(whole: Path, rkhs: Callable[..., Result]) -> None:
+    done = rkhs("learn", whole, *SHORT, "--out", "learnt")
+    assert (done.code, done.err) == (0, "")
+    made = {path.name for path in Path("learnt").iterdir()}
+    assert {"policy.npz", "best_policy.npz", "config.yaml", "curve.csv", "curve.png"} <= made
+    assert rkhs("evaluate", "learnt", "--episodes", 2).code == 0
+    policy, task = load_policy(Path("learnt/policy.npz"))
+    assert task == CONFIG.task
+    began = rkhs(
+        "train", whole.parent / "config.yaml", "--policy", "learnt/policy.npz", "--runner", "inline", "--iterations", 1,
+        "--record", "--quiet", "--out", "on",
+    )  # fmt: skip
+    assert began.code == 0
+    assert np.array_equal(read_recording(Path("on")).policies[1].mean.weights, policy.mean.weights)
+
+
+def test_the_same_recordings_give_the_same_policy_and_more_another(whole: Path, rkhs: Callable[..., Result]) -> None:
+    other = recorded_run(Path("other"), longer(2, seed=5))
+    for name, recordings in {"a": [whole], "b": [whole.parent], "c": [whole, other]}.items():
+        assert rkhs("learn", *recordings, *SHORT, "--out", name).code == 0
+    a, b, c = (Path(name, "policy.npz").read_bytes() for name in "abc")
+    assert a == b != c
+    assert f"from {20 + 10} recorded episodes" in rkhs("learn", whole, other, *SHORT, "--out", "d").out
+
+
+def test_recordings_of_several_tasks_are_refused(whole: Path, rkhs: Callable[..., Result]) -> None:
+    other = recorded_run(Path("other"), longer(1, horizon=7))
+    assert_refused(rkhs("learn", whole, other, *SHORT), "other/recording.mcap: task: expected that of")
+    pendulum = ROOT / "config" / "pendulum_nac.yaml"
+    assert_refused(rkhs("learn", whole, pendulum), "pendulum_nac.yaml: environment: expected that of")
+    assert_refused(rkhs("learn", pendulum), "learn: expected at least one recording, got none")
+
+
+def test_discarded_episodes_are_not_learnt_from(of_a_robot: Path, whole: Path, rkhs: Callable[..., Result]) -> None:
+    assert len(read_recording(of_a_robot).batches) > 20
+    for name, recording in {"robot": of_a_robot, "simulation": whole}.items():
+        assert rkhs("learn", recording, *SHORT, "--out", name).code == 0
+    found = [read_recording(each).episodes() for each in (of_a_robot, whole)]
+    assert [len(each) for each in found] == [20, 20]
+    assert np.sort(found[0].rewards, axis=None).tolist() == np.sort(found[1].rewards, axis=None).tolist()
+
+
+def test_a_recording_is_imitated(whole: Path, rkhs: Callable[..., Result]) -> None:
+    done = rkhs("imitate", whole, "--set", "centres=5", "--out", "shown.npz")
+    assert done.code == 0
+    assert "Imitated 100 steps of 20 episodes by 5 centres" in done.out
+
+
+@pytest.mark.parametrize("plugin", list(StoragePlugin))
+def test_a_bag_of_the_topics_is_read(of_a_robot: Path, tmp_path: Path, plugin: StoragePlugin) -> None:
+    recording = read_recording(of_a_robot)
+    read = read_recording(bag(tmp_path / "bag", recording, plugin=plugin, namespace="/simulator_1"))
+    assert len(read.batches) == len(recording.batches)
+    assert read.head is None
+    for one, other in zip(read.batches, recording.batches, strict=True):
+        assert same_batch(one, other)
+        assert one.is_discarded == other.is_discarded
+    for name in ARRAYS:
+        assert np.array_equal(getattr(read.episodes(), name), getattr(recording.episodes(), name))
+
+
+@pytest.mark.parametrize("plugin", list(StoragePlugin))
+def test_a_bag_is_seen_by_its_episodes(of_a_robot: Path, tmp_path: Path, plugin: StoragePlugin) -> None:
+    pytest.importorskip("viser")
+    from rkhs_ros.view.recorded import Recorded
+    from rkhs_ros.view.serving import source_of
+    from rkhs_ros.view.source import FINISHED, state_of
+
+    folder = bag(tmp_path / "bag", read_recording(of_a_robot), plugin=plugin, namespace="/simulator_1")
+    run = Recorded(of_a_robot)
+    sources = [source_of(folder), *map(source_of, folder.glob("*.mcap"))]
+    assert len(sources) == 1 + (plugin == StoragePlugin.MCAP)
+    for seen in sources:
+        assert list(seen.iterations) == list(run.iterations)
+        assert state_of(seen) == FINISHED
+        for number in run.iterations:
+            ours, theirs = seen.seen(number), run.seen(number)
+            assert ours.policy is None
+            assert np.array_equal(ours.exploration.rewards, theirs.exploration.rewards)
+            assert (ours.evaluation is None) == (theirs.evaluation is None)
+        assert [row.episodes for row in seen.rows] == [row.episodes for row in run.rows]
+        assert seen.rows[0].exploration_return == pytest.approx(seen.seen(1).exploration.returns(1.0).mean())
+
+
+def test_a_bag_is_learnt_from_with_a_configuration(whole: Path, rkhs: Callable[..., Result]) -> None:
+    bag(Path("bag"), read_recording(whole))
+    assert_refused(rkhs("learn", "bag", *SHORT), "bag: expected a configuration beside a bag")
+    config = Path("same.yaml")
+    config.write_text((whole.parent / "config.yaml").read_text())
+    assert rkhs("learn", "bag", config, *SHORT, "--out", "learnt").code == 0
+    assert rkhs("learn", whole, config, *SHORT, "--out", "as_well").code == 0
+    assert Path("learnt/policy.npz").read_bytes() == Path("as_well/policy.npz").read_bytes()
+    assert_refused(rkhs("replay", "bag"), "bag: expected the recording of a run, got a bag, which holds no policies")
+
+
+class TestLeRobot:
+    def test_the_numbers_come_back(self, of_a_robot: Path, rkhs: Callable[..., Result]) -> None:
+        parquet = pytest.importorskip("pyarrow.parquet")
+        assert (
+            rkhs("export", of_a_robot, "--lerobot", "out").out == "Exported 20 episodes at 20 steps per second: out\n"
+        )
+        frames = parquet.read_table("out/data/chunk-000/file-000.parquet").to_pydict()
+        finished = read_recording(of_a_robot).finished
+        seen = np.concatenate([each.episodes.observations[0] for each in finished]).astype(np.float32)
+        acted = np.concatenate([each.episodes.actions[0] for each in finished]).astype(np.float32)
+        assert np.array_equal(np.array(frames["observation.state"], dtype=np.float32).reshape(seen.shape), seen)
+        assert np.array_equal(np.array(frames["action"], dtype=np.float32).reshape(acted.shape), acted)
+        assert frames["action.executed"][0] == [0.5, 0.5]
+        assert frames["frame_index"] == list(range(5)) * 20
+        assert frames["index"] == list(range(100))
+        assert np.allclose(frames["timestamp"], np.tile(0.05 * np.arange(5), 20))
+        assert frames["next.done"] == [False, False, False, False, True] * 20
+
+    def test_the_description_fits(self, of_a_robot: Path, rkhs: Callable[..., Result]) -> None:
+        parquet = pytest.importorskip("pyarrow.parquet")
+        assert rkhs("export", of_a_robot, "--lerobot", "out", "--task", "reach").code == 0
+        info, stats = (json.loads(Path("out/meta", name).read_text()) for name in ("info.json", "stats.json"))
+        assert (info["codebase_version"], info["fps"], info["total_frames"]) == ("v3.0", 20, 100)
+        table = parquet.read_table("out/data/chunk-000/file-000.parquet")
+        assert set(info["features"]) == set(table.column_names) == set(stats)
+        rewards = np.array(table["next.reward"])
+        assert np.isclose(stats["next.reward"]["mean"][0], rewards.mean())
+        assert stats["next.reward"]["count"] == [100]
+        episodes = parquet.read_table("out/meta/episodes/chunk-000/file-000.parquet").to_pylist()
+        assert [(e["dataset_from_index"], e["dataset_to_index"]) for e in episodes[:2]] == [(0, 5), (5, 10)]
+        assert episodes[7]["tasks"] == ["reach"]
+        assert np.isclose(episodes[1]["stats/next.reward/max"][0], rewards[5:10].max())
+        tasks = parquet.read_table("out/meta/tasks.parquet")
+        assert json.loads(tasks.schema.metadata[b"pandas"])["index_columns"] == ["__index_level_0__"]
+        assert tasks.to_pydict() == {"task_index": [0], "__index_level_0__": ["reach"]}
+
+    def test_its_own_reader_reads_it(self, of_a_robot: Path, rkhs: Callable[..., Result]) -> None:
+        datasets = pytest.importorskip("lerobot.datasets.lerobot_dataset")
+        assert rkhs("export", of_a_robot, "--lerobot", "out").code == 0
+        dataset = datasets.LeRobotDataset("local/out", root=Path("out"))
+        assert (dataset.num_episodes, len(dataset)) == (20, 100)
+        assert dataset[7]["next.reward"].item() == np.float32(
+            read_recording(of_a_robot).finished[1].episodes.rewards[0, 2]
+        )
+
+    def test_a_simulation_wants_to_be_told_of_its_time(self, whole: Path, rkhs: Callable[..., Result]) -> None:
+        assert_refused(rkhs("export", whole, "--lerobot", "out"), "--fps: expected the steps per second")
+        assert rkhs("export", whole, "--lerobot", "out", "--fps", 10).code == 0
+        assert json.loads(Path("out/meta/info.json").read_text())["fps"] == 10
+        assert_refused(rkhs("export", whole, "--lerobot", "out", "--fps", 10), "out: expected a new folder")
+
+    @pytest.mark.parametrize("rate", [2.5, 0.4, 33.3])
+    def test_a_rate_that_is_no_whole_number_is_refused(
+        self, tmp_path: Path, rate: float, rkhs: Callable[..., Result]
+    ) -> None:
+        parquet = pytest.importorskip("pyarrow.parquet")
+        recording = recorded_run(tmp_path / "run", longer(1), Robot(period=round(1e9 / rate)))
+        refused = rkhs("export", recording, "--lerobot", "out")
+        assert_refused(refused, "recording: expected a whole number of steps per second")
+        assert f"got {rate} by the time stamps. Choose a rate with --fps N" in refused.err
+        assert not Path("out").exists()
+        told = rkhs("export", recording, "--lerobot", "out", "--fps", 4).out
+        assert told == "Exported 5 episodes at 4 steps per second: out\n"
+        frames = parquet.read_table("out/data/chunk-000/file-000.parquet").to_pydict()
+        assert frames["timestamp"] == [0.0, 0.25, 0.5, 0.75, 1.0] * 5
+        assert json.loads(Path("out/meta/info.json").read_text())["fps"] == 4
+
+    def test_a_robots_clock_may_be_a_little_slow(self, tmp_path: Path, rkhs: Callable[..., Result]) -> None:
+        parquet = pytest.importorskip("pyarrow.parquet")
+        recording = recorded_run(tmp_path / "run", longer(1), Robot(period=50_200_000))  # of 50 ms
+        assert "at 20 steps per second" in rkhs("export", recording, "--lerobot", "out").out
+        frames = parquet.read_table("out/data/chunk-000/file-000.parquet").to_pydict()
+        assert np.allclose(frames["timestamp"], np.tile(0.0502 * np.arange(5), 5))
+
+    @pytest.mark.parametrize("fps", ["2.5", "0.4", "0", "-3", "nan", "inf"])
+    def test_what_lerobot_cannot_store_is_refused(self, whole: Path, fps: str, rkhs: Callable[..., Result]) -> None:
+        refused = rkhs("export", whole, "--lerobot", "out", f"--fps={fps}")
+        assert_refused(refused, f"--fps: expected a whole number of 1 or more, as LeRobot stores it, got {fps}")
+
+    def test_what_is_missing_is_named(
+        self, whole: Path, rkhs: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setitem(sys.modules, "pyarrow", None)
+        assert_refused(rkhs("export", whole, "--lerobot", "out", "--fps", 10), "pip install pyarrow")
+
+
+def test_settings_that_do_not_fit_are_refused(whole: Path, rkhs: Callable[..., Result]) -> None:
+    assert_refused(rkhs("learn", whole, "--set", "model.centers=3", "--quiet"), "did you mean 'model.centres'?")

@@ -1,0 +1,97 @@
+"""Axes are stretched along which functions change, where the evidence prefers it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rkhs_ros.rkhs import metric_learning as metric_learning
+from rkhs_ros.rkhs.evidence import best_fit
+from rkhs_ros.rkhs.metric_learning import fit_metric, slopes
+from rkhs_ros.rkhs.posterior import Posterior
+from rkhs_ros.rkhs.standardizer import Coordinates, Standardizer
+
+D, N = 8, 150
+
+
+def along(x: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    return np.sin(2.0 * x @ direction)[:, None]
+
+
+@pytest.fixture
+def direction(rng: np.random.Generator) -> np.ndarray:
+    return rng.normal(size=D) / np.sqrt(D)
+
+
+def test_slopes_are_those_of_finite_differences(rng: np.random.Generator) -> None:
+    x = rng.normal(size=(60, D))
+    y = np.column_stack([np.sin(x[:, 0]) * x[:, 1], x[:, 2] ** 2 + x[:, 3]])
+    fit = best_fit(x, y, np.ones((60, 1)), 40)
+    posterior = Posterior(
+        Coordinates(Standardizer(np.zeros(D), np.ones(D))),
+        Standardizer(np.zeros(2), np.ones(2)),
+        *fit[:1],
+        *fit[3:],
+        0.0,
+    )
+    at, step = rng.normal(size=(5, D)), 1e-5
+    found = slopes(fit, at)
+    for j, e in enumerate(step * np.eye(D)):
+        expected = (posterior.mean(at + e) - posterior.mean(at - e)) / (2 * step)
+        np.testing.assert_allclose(found[:, j], expected, atol=1e-6 * np.abs(found).max())
+
+
+def test_a_function_of_one_direction_is_found_to_be_one(rng: np.random.Generator, direction: np.ndarray) -> None:
+    x = rng.normal(size=(N, D))
+    coordinates, _ = fit_metric(Coordinates(Standardizer.of(x)), x, along(x, direction), np.ones((N, 1)), 100)
+    assert coordinates.axes is not None
+    squares, axes = np.linalg.eigh(coordinates.axes @ coordinates.axes.T)
+    assert squares.sum() == pytest.approx(D)
+    assert squares[-1] > 0.95 * D  # of noise-free values the rest is what a finite fit leaves
+    cosine = axes[:, -1] @ (direction * Standardizer.of(x).scale)
+    assert abs(cosine) > 0.99 * np.linalg.norm(direction * Standardizer.of(x).scale)
+
+
+def test_of_such_a_function_it_predicts_more_from_as_little(
+    rng: np.random.Generator, direction: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    x, elsewhere = rng.normal(size=(N, D)), rng.normal(size=(300, D))
+
+    def error() -> float:
+        fitted = Posterior.fit(x, along(x, direction), 100)
+        return float(np.sqrt(np.mean((fitted.mean(elsewhere) - along(elsewhere, direction)) ** 2)))
+
+    with_axes = error()
+    monkeypatch.setattr(metric_learning, "ROUNDS", 0)
+    assert with_axes < 0.5 * error()
+
+
+def test_a_function_that_changes_alike_everywhere_is_left_alone(rng: np.random.Generator) -> None:
+    x = rng.normal(size=(300, 2))
+    y = np.exp(-0.5 * np.sum(x**2, axis=1))[:, None] + 0.01 * rng.normal(size=(300, 1))
+    coordinates, _ = fit_metric(Coordinates(Standardizer.of(x)), x, y, np.ones((300, 1)), 50)
+    if coordinates.axes is not None:
+        np.testing.assert_allclose(np.linalg.eigvalsh(coordinates.axes @ coordinates.axes.T), 1.0, atol=0.3)
+
+
+def test_the_evidence_is_never_less_than_without(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+    x = rng.normal(size=(100, 5))
+    y = rng.normal(size=(100, 2)) + x[:, :1]
+    with_axes = Posterior.fit(x, y, 50).evidence
+    monkeypatch.setattr(metric_learning, "ROUNDS", 0)
+    assert with_axes >= Posterior.fit(x, y, 50).evidence
+
+
+@pytest.mark.parametrize("seed", [2, 4, 6])
+def test_axes_that_lower_the_evidence_are_left(seed: int) -> None:
+    x = np.random.default_rng(seed).normal(size=(60, 3))
+    y, roots, plain = np.sin(2.0 * x).sum(axis=1, keepdims=True), np.ones((60, 1)), Coordinates(Standardizer.of(x))
+    coordinates, fit = fit_metric(plain, x, y, roots, 40)
+    assert coordinates == plain
+    assert fit.evidence == best_fit(plain.of(x), y, roots, 40).evidence
+
+
+def test_constant_values_stretch_nothing(rng: np.random.Generator) -> None:
+    x = rng.normal(size=(20, 3))
+    plain = Coordinates(Standardizer.of(x))
+    assert fit_metric(plain, x, np.zeros((20, 1)), np.ones((20, 1)), 10)[0] == replace(plain)

@@ -1,0 +1,242 @@
+"""The posterior is that of scikit-learn's Gaussian process, and does not depend on units."""
+
+from collections.abc import Callable
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, WhiteKernel
+
+from rkhs_ros.rkhs import evidence, metric_learning
+from rkhs_ros.rkhs.evidence import BANDWIDTHS, LINEAR_SD, regress
+from rkhs_ros.rkhs.posterior import Posterior
+
+N, D = 200, 5
+FULL = BANDWIDTHS[:3]  # with which the test's points are all chosen as centres
+FitWith = Callable[..., Posterior]
+
+
+def points_of(rng: np.random.Generator, n: int = N) -> np.ndarray:
+    return 5.0 + rng.normal(size=(n, D)) * np.geomspace(0.3, 3.0, D)
+
+
+def targets_of(rng: np.random.Generator, x: np.ndarray, columns: int = 1) -> np.ndarray:
+    """Return noisy values of functions that are neither linear nor alike."""
+    clean = np.sin(np.arange(1, columns + 1) * x[:, :1]) + 2.0 * (x[:, 1:2] - 5.0) ** 2 + 0.1 * x[:, 2:3]
+    return 100.0 + clean + 0.3 * rng.normal(size=clean.shape)
+
+
+def oracle(fitted: Posterior, x: np.ndarray, y: np.ndarray, column: int = 0) -> GaussianProcessRegressor:
+    """Return scikit-learn's process of a target with the hyper-parameters that were chosen, in standard units."""
+    signal, noise = (float(values[column]) ** 2 for values in (fitted.coefficients.signal, fitted.coefficients.noise))
+    kernel = (
+        ConstantKernel(signal) * RBF(fitted.basis.kernel.terms()[0].parameters[0])
+        + ConstantKernel(signal * LINEAR_SD**2) * DotProduct(sigma_0=1.0)
+        + WhiteKernel(noise)
+    )
+    process = GaussianProcessRegressor(kernel, alpha=0.0, optimizer=None)
+    return process.fit(fitted.points.of(x), fitted.targets.standardise(y)[:, column])
+
+
+def predicted(
+    process: GaussianProcessRegressor, fitted: Posterior, x: np.ndarray, column: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and covariance of the function itself, without noise, in the target's units."""
+    mean, covariance = process.predict(fitted.points.of(x), return_cov=True)
+    scale = fitted.targets.scale[column]
+    without_noise = covariance - np.eye(len(x)) * fitted.coefficients.noise[column] ** 2
+    return fitted.targets.centre[column] + scale * mean, scale**2 * without_noise
+
+
+@pytest.fixture
+def plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave coordinates as they are: along stretched axes fewer points than all may be enough."""
+    monkeypatch.setattr(metric_learning, "ROUNDS", 0)
+
+
+@pytest.fixture
+def fit_with(monkeypatch: pytest.MonkeyPatch, plain: None) -> FitWith:
+    """Fit with one bandwidth and all points as centres."""
+
+    def fit(bandwidth: float, x: np.ndarray, y: np.ndarray) -> Posterior:
+        monkeypatch.setattr(evidence, "BANDWIDTHS", (bandwidth,))
+        return Posterior.fit(x, y, len(x))
+
+    return fit
+
+
+@pytest.mark.parametrize("bandwidth", FULL)
+def test_with_all_points_as_centres_it_is_the_process_of_scikit_learn(
+    fit_with: FitWith, rng: np.random.Generator, bandwidth: float
+) -> None:
+    x, elsewhere = points_of(rng), points_of(rng, 100)
+    y = targets_of(rng, x, 2)
+    fitted = fit_with(bandwidth, x, y)
+    assert len(fitted.basis.centres) == N
+    for column in range(2):
+        mean, covariance = predicted(oracle(fitted, x, y, column), fitted, elsewhere, column)
+        np.testing.assert_allclose(fitted.mean(elsewhere)[:, column], mean, rtol=1e-8)
+        np.testing.assert_allclose(fitted.sd(elsewhere)[:, column], np.sqrt(np.diag(covariance)), rtol=1e-6)
+
+
+def test_along_stretched_axes_it_is_that_process_too(monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
+    x, elsewhere = points_of(rng), points_of(rng, 100)
+    y = targets_of(rng, x)
+    monkeypatch.setattr(evidence, "BANDWIDTHS", (0.25,))
+    fitted = Posterior.fit(x, y, len(x))
+    assert fitted.points.axes is not None
+    assert len(fitted.basis.centres) == N
+    mean, covariance = predicted(oracle(fitted, x, y), fitted, elsewhere)
+    np.testing.assert_allclose(fitted.mean(elsewhere)[:, 0], mean, rtol=1e-6)
+    np.testing.assert_allclose(fitted.sd(elsewhere)[:, 0], np.sqrt(np.diag(covariance)), rtol=1e-2)
+
+
+def test_the_evidence_is_scikit_learns_but_for_a_constant(fit_with: FitWith, rng: np.random.Generator) -> None:
+    x = points_of(rng)
+    y = targets_of(rng, x)
+    differences = []
+    for bandwidth in FULL:
+        fitted = fit_with(bandwidth, x, y)
+        features, targets = fitted.features(x), fitted.targets.standardise(y)
+        ours = regress(features, targets, np.ones((len(features), 1)))[0]
+        differences.append(oracle(fitted, x, y).log_marginal_likelihood_value_ - ours)
+    # At the best signal the quadratic form of the density is n.
+    np.testing.assert_allclose(differences, -0.5 * N * (1.0 + np.log(2.0 * np.pi)), rtol=1e-9)
+
+
+def test_the_bandwidth_and_the_noise_of_the_greatest_evidence_are_chosen(
+    fit_with: FitWith, rng: np.random.Generator
+) -> None:
+    x = points_of(rng)
+    y = targets_of(rng, x)
+    chosen = oracle(Posterior.fit(x, y, N), x, y)
+    others = [oracle(fit_with(bandwidth, x, y), x, y) for bandwidth in BANDWIDTHS]
+    best = max(other.log_marginal_likelihood_value_ for other in others)
+    assert chosen.log_marginal_likelihood_value_ == pytest.approx(best, abs=1e-6)
+    noise = chosen.kernel_.theta[-1]
+    for factor in (0.4, 2.5):  # the next noises tried are 2.15 times as large and as small
+        worse = chosen.log_marginal_likelihood([*chosen.kernel_.theta[:-1], noise + np.log(factor)])
+        assert worse < chosen.log_marginal_likelihood_value_
+
+
+def test_the_noise_of_the_values_is_found(rng: np.random.Generator) -> None:
+    x = points_of(rng, 2000)
+    # The noises tried are 1.47 times apart in standard deviation: the margin is one of them.
+    assert Posterior.fit(x, targets_of(rng, x), 100).noise[0] == pytest.approx(0.3, rel=0.5)
+
+
+def test_draws_have_the_mean_and_covariance_of_the_process(fit_with: FitWith, rng: np.random.Generator) -> None:
+    x, rows = points_of(rng), 4000
+    y = targets_of(rng, x)
+    fitted = fit_with(FULL[-1], x, y)
+    drawn = fitted.draw(rng.standard_normal((rows, 1, 1 + D + N)))
+    at = x[:8]  # in the centres' span
+    values = np.stack([drawn.of_row(row, at)[:, 0] for row in range(rows)])
+    mean, covariance = predicted(oracle(fitted, x, y), fitted, at)
+    sd = np.sqrt(np.diag(covariance))
+    # Margins of 4.5 standard errors: among 8 means and 36 covariances one in 3000 draws would exceed them.
+    np.testing.assert_allclose((values.mean(axis=0) - mean) / sd, 0.0, atol=4.5 / np.sqrt(rows))
+    correlation = covariance / np.outer(sd, sd)
+    found = np.cov(values.T) / np.outer(sd, sd)
+    assert (np.abs(found - correlation) < 4.5 * np.sqrt((1.0 + correlation**2) / rows)).all()
+
+
+@pytest.mark.parametrize("centres", [1, 20, N])
+def test_a_draw_of_zeros_is_the_mean_in_every_row(rng: np.random.Generator, centres: int) -> None:
+    x = points_of(rng)
+    fitted = Posterior.fit(x, targets_of(rng, x, 3), centres)
+    drawn = fitted.draw(np.zeros((len(x), *fitted.coefficients.mean.T.shape)))
+    np.testing.assert_allclose(drawn(x), fitted.mean(x), rtol=1e-9)
+    np.testing.assert_allclose(drawn.of_row(3, x), fitted.mean(x), rtol=1e-9)
+
+
+@given(first=st.integers(0, 6), size=st.integers(1, 6), seed=st.integers(0, 99))
+def test_what_a_row_draws_depends_on_no_other_row(first: int, size: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    x = points_of(rng, 40)
+    fitted = Posterior.fit(x, targets_of(rng, x, 3), 20)
+    normals, at = rng.standard_normal((12, *fitted.coefficients.mean.T.shape)), points_of(rng, 12)
+    part = slice(first, first + size)
+    np.testing.assert_array_equal(fitted.draw(normals[part])(at[part]), fitted.draw(normals)(at)[part])
+
+
+def test_far_from_all_points_the_kernel_part_is_as_uncertain_as_before(
+    fit_with: FitWith, rng: np.random.Generator
+) -> None:
+    x = points_of(rng)
+    y = targets_of(rng, x)
+    fitted = fit_with(FULL[-1], x, y)
+    far = points_of(rng, 20) + 100.0
+    np.testing.assert_allclose(fitted.basis(fitted.points.of(far)), 0.0, atol=1e-12)
+    _, covariance = predicted(oracle(fitted, x, y), fitted, far)
+    np.testing.assert_allclose(fitted.sd(far)[:, 0], np.sqrt(np.diag(covariance)), rtol=0.01)
+    few = Posterior.fit(x, y, 5)
+    for posterior in (fitted, few):
+        prior = posterior.coefficients.signal * posterior.targets.scale
+        assert (posterior.sd(far) >= prior).all()
+
+
+def test_points_that_weigh_twice_count_as_repeated_ones(plain: None, rng: np.random.Generator) -> None:
+    x, elsewhere = points_of(rng, 60), points_of(rng)
+    y, times = targets_of(rng, x, 2), rng.integers(1, 4, len(x))
+    weighted = Posterior.fit(x, y, 30, times.astype(float))
+    repeated = Posterior.fit(np.repeat(x, times, axis=0), np.repeat(y, times, axis=0), 30)
+    np.testing.assert_allclose(weighted.mean(elsewhere), repeated.mean(elsewhere), rtol=1e-8)
+    np.testing.assert_allclose(weighted.sd(elsewhere), repeated.sd(elsewhere), rtol=1e-6)
+    np.testing.assert_allclose(weighted.noise, repeated.noise, rtol=1e-8)
+
+
+@pytest.mark.parametrize(("of_points", "of_targets"), [(1024.0, 1.0), (1 / 1024, 1.0), (1.0, 1024.0), (1 / 1024, 1024)])
+def test_in_units_of_a_power_of_two_it_is_the_same_to_the_bit(
+    rng: np.random.Generator, of_points: float, of_targets: float
+) -> None:
+    x = points_of(rng, 50)
+    y = targets_of(rng, x, 2)
+    fitted, scaled = Posterior.fit(x, y, 20), Posterior.fit(of_points * x, of_targets * y, 20)
+    for ours, theirs in zip(fitted.coefficients, scaled.coefficients, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    for f in fields(fitted.basis):
+        assert np.array_equal(getattr(fitted.basis, f.name), getattr(scaled.basis, f.name))
+    np.testing.assert_array_equal(scaled.mean(of_points * x), of_targets * fitted.mean(x))
+    np.testing.assert_array_equal(scaled.sd(of_points * x), of_targets * fitted.sd(x))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("value", [0.0, 0.1, -1e8 / 3])
+def test_constant_columns_change_nothing(rng: np.random.Generator, value: float) -> None:
+    x = points_of(rng, 100)
+    y = targets_of(rng, x)
+    still = np.column_stack([x, np.full(len(x), value)])
+    fitted = Posterior.fit(still, y, 50)
+    assert fitted.points.units.scale[-1] == 1.0
+    process = oracle(fitted, still, y)
+    mean, covariance = predicted(process, fitted, still)
+    np.testing.assert_allclose(fitted.mean(still)[:, 0], mean, atol=0.3)  # of a hundred points half are centres
+    assert np.isfinite(fitted.sd(still)).all()
+    assert (fitted.sd(still)[:, 0] < 2.0 * np.sqrt(np.diag(covariance))).all()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("value", [0.0, 0.1, -1e8 / 3])
+def test_constant_targets_are_the_mean_without_any_doubt(rng: np.random.Generator, value: float) -> None:
+    x, still = points_of(rng, 100), np.full((100, 40), value)
+    y = targets_of(rng, x)
+    fitted, alone = Posterior.fit(x, np.column_stack([still, y]), 50), Posterior.fit(x, y, 50)
+    drawn = fitted.draw(rng.standard_normal((3, *fitted.coefficients.mean.T.shape)))
+    margin = 1e-9 * abs(value) + 1e-99
+    np.testing.assert_allclose(fitted.mean(x)[:, :40], value, atol=margin)
+    np.testing.assert_allclose(drawn.of_row(0, x)[:, :40], value, atol=margin)
+    assert (fitted.sd(x)[:, :40] <= margin).all()
+    np.testing.assert_allclose(fitted.mean(x)[:, 40:], alone.mean(x), rtol=1e-12)  # they choose no bandwidth
+
+
+@pytest.mark.filterwarnings("error")
+def test_of_a_single_point_the_mean_is_its_value_everywhere(rng: np.random.Generator) -> None:
+    fitted = Posterior.fit(points_of(rng, 1), np.array([[3.0, -1.0]]), 10)
+    x = points_of(rng, 20)
+    np.testing.assert_allclose(fitted.mean(x), np.tile([3.0, -1.0], (20, 1)))
+    assert np.isfinite(fitted.sd(x)).all()
+    assert np.isfinite(fitted.draw(rng.standard_normal((20, *fitted.coefficients.mean.T.shape)))(x)).all()

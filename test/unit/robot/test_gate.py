@@ -1,0 +1,461 @@
+"""What a gate does, state by state."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rkhs_ros.robot.gate import is_at_rest, leave
+from rkhs_ros.robot.gate_state import Flags, Mode
+from rkhs_ros.robot.limits import EFFORT, KINDS, POSITION, VELOCITY
+from rkhs_ros.robot.motion import braking
+from test.unit.robot.gate_streams import PERIOD, World, rules_of
+
+over_kinds = pytest.mark.parametrize("kind", KINDS)
+
+
+def armed_world(kind: str, **options: Any) -> World:
+    world = World(rules_of(kind, **options))
+    assert world.arm() == ""
+    return world
+
+
+@over_kinds
+def test_a_command_moves_an_armed_gate_until_it_is_to_hold(kind: str) -> None:
+    world = armed_world(kind)
+    for _ in range(20):
+        report = world.command([0.4, -0.4])
+        assert not report.reason
+        world.wait(0.05)
+    assert world.state.mode == Mode.MOVING
+    np.testing.assert_allclose(world.outputs[-1], [0.4, -0.4])
+    np.testing.assert_allclose(report.executed, [0.4, -0.4])
+    assert not report.flags
+    assert world.command(None).executed.size == 0
+    assert world.state.mode == Mode.HOLDING
+    world.wait(3.0)
+    assert is_at_rest(world.state, world.rules, world.now)
+    assert not world.moves() or kind == EFFORT
+    assert (world.state.mode, world.state.counts.stops) == (Mode.HOLDING, 0)  # silence is no fault any more
+    assert world.state.counts.commands == 21
+
+
+@over_kinds
+def test_before_it_is_armed_it_tells_what_would_be_sent(kind: str) -> None:
+    world = World(rules_of(kind))
+    world.tick()
+    report = world.command([99.0, 0.0])
+    assert report.flags & Flags.NOT_ARMED
+    assert report.flags & Flags.CLAMPED_VALUE
+    assert 0 < report.executed[0] <= 3.0
+    world.wait(0.5)
+    assert world.outputs == []
+    assert (world.state.mode, world.state.counts.stops) == (Mode.DISARMED, 0)
+    assert world.arm() == ""
+    world.wait(0.1)
+    assert not world.moves()
+
+
+@over_kinds
+@pytest.mark.parametrize("sender", ["dies", "hangs_and_repeats", "sends_nan"])
+def test_silence_stops_within_the_timeout_and_a_period(kind: str, sender: str) -> None:
+    world = armed_world(kind)
+    world.command([0.5, 0.5])
+    begun, timeout = world.now, world.rules.command_timeout
+    while world.state.mode == Mode.MOVING and world.now < begun + 1.0:
+        world.tick()
+        if sender == "hangs_and_repeats":
+            assert world.command([0.5, 0.5], number=1).flags == Flags.REFUSED
+        if sender == "sends_nan":
+            assert world.command([np.nan, 0.5]).flags == Flags.REFUSED
+    assert world.state.mode == Mode.STOPPED
+    assert timeout < world.now - begun <= timeout + PERIOD + 1e-9
+    assert world.state.reason == "no command for 0.2 s"
+    world.wait(2.0)
+    assert world.state.mode == Mode.STOPPED
+    assert len(world.outputs) > 200  # it holds; it does not fall silent
+    assert world.arm() == ""
+    assert (world.state.mode, world.state.reason) == (Mode.HOLDING, "")
+
+
+@over_kinds
+def test_a_stale_sensor_stops_and_it_cannot_be_armed_before_it_is_back(kind: str) -> None:
+    world = armed_world(kind)
+    world.command([0.5, 0.5])
+    world.wait(0.1)
+    world.senses = False
+    world.command([0.5, 0.5])
+    world.wait(0.1 + 2 * PERIOD)
+    assert world.state.mode == Mode.STOPPED
+    assert "nothing was sensed" in world.state.reason
+    assert "nothing was sensed" in world.arm()
+    count = len(world.outputs)
+    world.wait(1.0)
+    assert len(world.outputs) == count + 100
+    assert np.isfinite(world.outputs).all()
+    world.senses = True
+    world.wait(0.1)
+    assert world.state.mode == Mode.STOPPED
+    assert world.arm() == ""
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [({"position": [0.0, 1.6]}, "position"), ({"velocity": [-4.0, 0.0]}, "velocity"), ({"effort": [7, 0]}, "effort")],
+)
+@over_kinds
+def test_a_limit_of_what_is_sensed_stops_and_it_cannot_be_armed_beyond(
+    kind: str, changes: dict[str, Any], word: str
+) -> None:
+    world = armed_world(kind, sensed={"minimum": -1.5, "maximum": 1.5, "velocity": 3.0, "effort": 6.0})
+    world.command([0.1, 0.1])
+    beyond = {name: np.array(values, dtype=float) for name, values in changes.items()}
+    world.sense(**beyond)
+    assert world.state.mode == Mode.STOPPED
+    assert world.state.reason.startswith(f"{word} of joint {np.flatnonzero(beyond[word])[0]}: expected from -")
+    assert word in world.arm()
+    world.tick()
+    assert world.arm() == ""
+
+
+@over_kinds
+def test_a_stop_that_is_still_asked_for_keeps_it_from_being_armed(kind: str) -> None:
+    world = armed_world(kind)
+    world.ask_stop(True)
+    assert (world.state.mode, world.state.reason) == (Mode.STOPPED, "a stop is requested")
+    assert world.arm() == "cannot arm while a stop is requested"
+    world.ask_stop(False)
+    assert world.state.mode == Mode.STOPPED
+    assert world.arm() == ""
+    unarmed = World(rules_of(kind))
+    unarmed.ask_stop(True)
+    assert "stop" in unarmed.arm()
+    assert unarmed.state.mode == Mode.DISARMED
+
+
+@pytest.mark.parametrize(
+    ("message", "options"),
+    [
+        ("finite", {"values": [np.nan, 0.0]}),
+        ("finite", {"values": [0.0, -np.inf]}),
+        ("2 values", {"values": [0.0]}),
+        ("2 values", {"values": []}),
+        ("stamp", {"values": [0.0, 0.0], "age": 0.3}),
+        ("stamp", {"values": [0.0, 0.0], "age": -0.3}),
+        ("stamp", {"values": None, "age": np.nan}),
+        ("number above 5", {"values": [0.0, 0.0], "number": 5}),
+        ("number above 5", {"values": None, "number": 4}),
+        ("process 1 until it holds", {"values": [0.0, 0.0], "instance": 2}),
+        ("process 1 until it holds", {"values": None, "instance": 2}),
+    ],
+)
+@over_kinds
+def test_what_is_refused_is_counted_and_changes_nothing(kind: str, message: str, options: dict[str, Any]) -> None:
+    world = armed_world(kind)
+    world.command([0.2, 0.2], number=5)
+    world.wait(0.1)
+    goal, newest = world.state.goal, world.state.motion
+    report = world.command(**options)
+    assert report.flags == Flags.REFUSED
+    assert message in report.reason
+    assert newest is not None
+    assert np.array_equal(report.executed, newest.value)
+    assert (world.state.goal is goal, world.state.motion is newest) == (True, True)
+    assert (world.state.counts.refusals, world.state.counts.commands) == (1, 2)
+
+
+def test_a_sender_may_follow_another_that_holds_but_none_that_is_younger() -> None:
+    world = armed_world(VELOCITY)
+    world.command([0.1, 0.1], instance=1)
+    world.command(None, instance=1)
+    assert not world.command([0.1, 0.1], instance=2).reason
+    world.command(None, instance=2)
+    assert "a process not before 2" in world.command([0.1, 0.1], instance=1).reason
+
+
+@over_kinds
+@pytest.mark.parametrize("moves", [True, False])
+def test_arming_lets_a_robot_in_whatever_numbers_were_heard_before(kind: str, moves: bool) -> None:
+    world = armed_world(kind)
+    for name in ("instance", "number"):
+        assert "at most 9223372036854775807" in world.command([0.1, 0.1], **{name: 2**63}).reason
+    assert not world.command([0.1, 0.1], instance=2**63 - 1, number=2**63 - 1).reason
+    if moves:
+        assert "until it holds" in world.command([0.1, 0.1], number=1).reason
+        world.stop()
+    else:
+        world.state = replace(world.state, goal=None, mode=Mode.HOLDING)  # no greater number is left for a hold
+    assert "not before" in world.command([0.1, 0.1], number=1).reason
+    assert world.arm() == ""
+    assert not world.command([0.1, 0.1], number=1).reason
+
+
+@pytest.mark.parametrize(
+    ("kind", "limit", "value", "flag"),
+    [
+        (POSITION, "maximum", 0.3, Flags.CLAMPED_VALUE),
+        (POSITION, "velocity", 1.0, Flags.CLAMPED_VELOCITY),
+        (POSITION, "acceleration", 2.0, Flags.CLAMPED_ACCELERATION),
+        (POSITION, "step", 0.1, Flags.CLAMPED_STEP),
+        (VELOCITY, "maximum", 0.3, Flags.CLAMPED_VALUE),
+        (VELOCITY, "velocity", 0.3, Flags.CLAMPED_VALUE),
+        (VELOCITY, "acceleration", 1.0, Flags.CLAMPED_ACCELERATION),
+        (VELOCITY, "step", 0.1, Flags.CLAMPED_STEP),
+        (EFFORT, "minimum", -0.3, Flags.CLAMPED_VALUE),
+        (EFFORT, "velocity", 1.0, Flags.CLAMPED_VELOCITY),
+        (EFFORT, "step", 0.1, Flags.CLAMPED_STEP),
+    ],
+)
+def test_the_report_tells_which_limit_changed_a_command(kind: str, limit: str, value: float, flag: Flags) -> None:
+    generous = {"minimum": -5.0, "maximum": 5.0, "velocity": 100.0, "acceleration": 1e4}
+    if kind == EFFORT:
+        del generous["acceleration"]
+    free, bound = armed_world(kind, **generous), armed_world(kind, **(generous | {limit: value}))
+    asked = np.full(2, 0.5 if value > 0 else -0.5)
+    assert not free.command(asked).flags
+    first = bound.command(asked)
+    assert first.flags == flag
+    assert (np.abs(first.executed) < 0.5).all()
+    assert bound.state.counts.clamps == 1
+    bound.wait(0.05)
+    second = bound.command(asked)
+    bound.wait(0.05)
+    np.testing.assert_allclose(bound.outputs[-1], second.executed)  # it came to what was foretold
+
+
+@pytest.mark.parametrize(
+    ("kind", "limit"),
+    [
+        (POSITION, "velocity"),
+        (POSITION, "acceleration"),
+        (POSITION, "step"),
+        (VELOCITY, "velocity"),
+        (VELOCITY, "acceleration"),
+        (VELOCITY, "step"),
+        (VELOCITY, "maximum"),
+        (EFFORT, "velocity"),
+        (EFFORT, "step"),
+        (EFFORT, "maximum"),
+    ],
+)
+def test_a_limit_of_zero_is_a_limit(kind: str, limit: str) -> None:
+    world = armed_world(kind, **{limit: [0.0, LIMIT_OF_OTHER[limit]]})
+    for _ in range(20):
+        world.command([0.5, 0.5])
+        world.wait(0.05)
+    assert not np.array(world.outputs)[:, 0].any()
+    assert np.array(world.outputs)[:, 1].max() > 0.4
+
+
+LIMIT_OF_OTHER = {"velocity": 10.0, "acceleration": 10.0, "step": 1.0, "maximum": 1.0}
+
+
+def test_a_range_of_zero_holds_where_it_is() -> None:
+    world = armed_world(POSITION, minimum=0.0, maximum=0.0)
+    world.command([0.5, -0.5])
+    world.wait(0.2)
+    assert not np.array(world.outputs).any()
+
+
+def test_a_joint_at_speed_comes_to_rest_before_its_range_ends_however_it_is_stopped() -> None:
+    world = armed_world(POSITION, velocity=1.5, acceleration=2.0)  # braking takes 0.56 rad
+    top = 0.0
+    while world.state.mode == Mode.HOLDING or world.position[0] < 1.2:
+        world.command([9.0, -9.0])
+        world.tick()
+        top = max(top, world.velocity[0])
+    assert top > 1.2
+    world.stop()
+    world.wait(2.0)
+    assert not world.protection.trips
+    assert is_at_rest(world.state, world.rules, world.now)
+    assert 1.3 < world.position[0] <= 2.0
+
+
+@over_kinds
+@pytest.mark.parametrize("moment", ["at rest", "in motion", "at a turning point"])
+def test_a_gate_leaves_a_robot_at_rest_that_keeps_the_last_command(kind: str, moment: str) -> None:
+    world = armed_world(kind)
+    while moment != "at rest" and world.position[0] < 0.3:
+        world.command([1.0, -1.0])
+        world.tick()
+    while moment == "at a turning point" and world.velocity[0] > 0:
+        world.command([-1.0, 1.0])
+        world.tick()
+    world.leave()
+    world.protection.take(world.outputs[-1])
+    assert not world.protection.trips
+    assert np.abs(world.velocity).max() <= 0.02
+    if kind != POSITION:
+        assert not world.outputs[-1].any()
+    place = world.position
+    world.coast(1.0)
+    assert np.abs(world.velocity).max() <= 0.02
+    np.testing.assert_allclose(world.position, place, atol=0.02)
+
+
+@pytest.mark.parametrize("fault", ["senses nothing", "timeout"])
+def test_efforts_end_in_none_even_where_rest_cannot_be_seen(fault: str) -> None:
+    world = armed_world(EFFORT)
+    while world.position[0] < 0.5:
+        world.command([3.0, 3.0])
+        world.tick()
+    world.senses = fault != "senses nothing"
+    assert world.leave(timeout=0.3) >= 0.3 - 1e-9
+    assert not world.outputs[-1].any()
+
+
+def test_efforts_that_bear_a_load_go_to_none_within_their_limits() -> None:
+    world = armed_world(EFFORT, velocity=20.0)
+    world.load = 1.0
+    world.wait(4.0)
+    assert world.outputs[-1].min() > 0.9
+    begun = len(world.outputs)
+    world.leave()
+    assert len(world.outputs) > begun + 3
+    assert not world.outputs[-1].any()
+    assert not world.protection.trips
+    world.protection.take(world.outputs[-1])
+    assert not world.protection.trips
+
+
+def test_a_robot_is_at_rest_when_no_reading_for_the_time_of_rest_was_of_a_motion() -> None:
+    world = armed_world(EFFORT)
+    world.command([1.0, 1.0])
+    world.tick()
+    world.stop()
+    world.senses = False
+    for speed, ticks, rests in (
+        (1.0, 5, False),
+        (0.01, 15, False),
+        (-1.0, 1, False),
+        (0.01, 15, False),
+        (0.01, 9, True),
+    ):
+        for _ in range(ticks):
+            for each in (speed, 0.01):  # two readings a period
+                world.sense(velocity=np.array([0.0, each]))
+            world.tick()
+        assert is_at_rest(world.state, world.rules, world.now) == rests
+        assert leave(world.state, world.rules, world.now)[0].lets_go == rests
+
+
+@over_kinds
+def test_a_gate_that_ends_is_not_armed_again(kind: str) -> None:
+    world = armed_world(kind)
+    world.command([0.5, 0.5])
+    world.tick()
+    world.state, is_left = leave(world.state, world.rules, world.now)
+    assert (world.state.mode, is_left) == (Mode.STOPPED, False)
+    assert "one that ends" in world.arm()
+    unarmed = World(rules_of(kind))
+    assert unarmed.leave() == 0.0
+    assert not unarmed.outputs
+
+
+def test_joints_that_brake_by_effort_are_held_where_they_first_turn() -> None:
+    world = armed_world(EFFORT)
+    while world.velocity[0] < 3.0:
+        world.command([3.0, -3.0])
+        world.tick()
+    world.stop()
+    place, speeds = world.position, []
+    for _ in range(300):
+        world.tick()
+        speeds.append(world.velocity[0])
+    assert min(speeds) > -0.2  # the spring, wound up by more than a radian, does not pull back
+    assert abs(world.position[0] - place[0]) > 1.0
+    assert np.abs(world.outputs[-1]).max() < 0.01
+    assert not world.protection.trips
+
+
+def test_positions_begin_where_the_joints_are_and_not_far_outside_of_the_range() -> None:
+    world = World(rules_of(POSITION), start=[0.7, -0.2])
+    assert world.arm() == ""
+    world.wait(0.05)
+    np.testing.assert_array_equal(world.outputs, np.tile([0.7, -0.2], (5, 1)))
+    outside = World(rules_of(POSITION), start=[2.5, 0.0])
+    assert "joints within their limits" in outside.arm()
+    assert outside.state.mode == Mode.DISARMED
+    noisy = World(rules_of(POSITION), start=[2.001, 0.0])
+    assert noisy.arm() == ""
+    noisy.tick()
+    assert noisy.outputs[0][0] == 2.0
+
+
+def test_nothing_is_armed_or_taken_before_the_joints_are_sensed() -> None:
+    world = World(rules_of(POSITION))
+    world.state = type(world.state)()
+    assert "sensed" in world.arm()
+    assert "sensed" in world.command([0.0, 0.0]).reason
+
+
+def test_efforts_hold_against_a_load_and_bear_it_on_when_nothing_is_sensed() -> None:
+    world = armed_world(EFFORT)
+    world.load = 1.0  # N m, by which the joints sag until the springs bear it
+    world.wait(3.0)
+    np.testing.assert_allclose(world.outputs[-1], 1.0, atol=0.05)
+    np.testing.assert_allclose(world.position, -1.0 / 20.0, atol=0.01)
+    world.senses = False
+    world.wait(0.5)
+    assert world.state.mode == Mode.STOPPED
+    np.testing.assert_allclose(world.outputs[-1], 1.0, atol=0.1)
+
+
+@pytest.mark.parametrize("bad", ["nan", "age", "order", "large"])
+def test_what_is_sensed_badly_is_refused_and_what_was_sensed_grows_old(bad: str) -> None:
+    world = armed_world(POSITION)
+    changes: dict[str, Any] = {
+        "nan": {"position": np.array([np.nan, 0.0])},
+        "age": {"stamp": world.now - 1.0},
+        "order": {"stamp": world.now - 0.05},
+        "large": {"position": np.array([1e300, 0.0])},
+    }[bad]
+    assert world.sense(**changes)
+    assert world.state.counts.refusals == 1
+    world.senses = False
+    for _ in range(12):
+        world.sense(**(changes if bad != "order" else {"stamp": 99.0}))
+        world.tick()
+    assert world.state.mode == Mode.STOPPED
+
+
+def test_effort_that_is_not_sensed_matters_only_where_it_is_limited() -> None:
+    nothing = {"effort": np.full(2, np.nan)}
+    assert World(rules_of(POSITION)).sense(**nothing) == ""
+    assert "effort" in World(rules_of(POSITION, sensed={"effort": 5.0})).sense(**nothing)
+
+
+@over_kinds
+def test_a_gate_that_did_not_run_for_long_stops_and_says_so(kind: str) -> None:
+    world = armed_world(kind)
+    world.tick()
+    world.command([0.5, 0.5])
+    world.tick(late=0.05)
+    assert world.state.mode == Mode.MOVING
+    world.tick(late=0.15)
+    assert (world.state.mode, world.state.reason) == (Mode.STOPPED, "the gate itself was late by 0.15 s")
+
+
+def test_braking_is_what_a_stop_does() -> None:
+    world = armed_world(POSITION, acceleration=[3.0, 8.0])
+    for _ in range(6):
+        world.command([2.0, -1.0])
+        world.wait(0.1)
+    motion = world.state.motion
+    assert motion is not None
+    assert motion.rate.any()
+    foretold = braking(world.rules.limits, PERIOD, motion, 10)
+    assert 2 <= len(foretold) <= 10
+    begun = len(world.outputs) - 1
+    world.stop()
+    world.wait(1.0)
+    for seconds, values in foretold:
+        np.testing.assert_allclose(world.outputs[begun + round(seconds / PERIOD)], values, atol=1e-12)
+    np.testing.assert_allclose(world.outputs[-1], foretold[-1][1], atol=1e-12)
+    at_rest = world.state.motion
+    assert at_rest is not None
+    ((seconds, values),) = braking(world.rules.limits, PERIOD, at_rest, 10)
+    assert seconds == 0.0
+    assert np.array_equal(values, at_rest.value)

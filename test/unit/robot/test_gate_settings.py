@@ -1,0 +1,202 @@
+"""What a gate's settings refuse, and what follows from them and from a robot's description."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from rkhs_ros.base.settings import build, entries
+from rkhs_ros.robot.gate_settings import FLOATS, TRAJECTORY, TWIST, GateSettings, rules
+from rkhs_ros.robot.gate_state import Rules
+from rkhs_ros.robot.urdf import located
+
+URDF = """<robot name="arm">
+  <link name="base"/>
+  <joint name="turn" type="revolute"><limit lower="-1.5" upper="2.5" effort="30" velocity="2"/></joint>
+  <joint name="wheel" type="continuous"><limit effort="5" velocity="10"/></joint>
+  <joint name="bolt" type="prismatic"><limit effort="5" velocity="1"/></joint>
+  <joint name="fixed" type="fixed"/>
+  <joint name="bad" type="revolute"><limit lower="-1" upper="x" effort="5" velocity="1"/></joint>
+</robot>"""
+EFFORT = {
+    "joints": ["motor"],
+    "command": {"topic": "effort_controller/commands", "kind": "effort"},
+    "limits": {"minimum": [-3.0], "maximum": [3.0]},
+    "hold": {"stiffness": 20.0, "damping": 5.0},
+}
+POSITION = {
+    "joints": ["turn", "wheel"],
+    "command": {"topic": "commands", "kind": "position"},
+    "limits": {"minimum": -1.0, "maximum": [1.0, 2.0], "velocity": 1.0, "acceleration": 5.0},
+}
+
+BASE = {
+    "joints": ["linear.x", "angular.z"],
+    "sensor": {"topic": ""},
+    "command": {"topic": "cmd_vel", "type": TWIST, "kind": "velocity"},
+    "limits": {"minimum": [-0.2, -1.0], "maximum": [0.5, 1.0], "acceleration": [0.5, 2.0]},
+}
+ROOT = Path(__file__).parents[3]
+
+
+def merged(tree: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a tree with some values changed; None takes one away."""
+    result = dict(tree)
+    for name, value in changes.items():
+        result[name] = merged(result.get(name, {}), value) if isinstance(value, dict) else value
+    return {name: value for name, value in result.items() if value is not None}
+
+
+def rules_from(tree: Mapping[str, Any], **changes: Any) -> Rules:
+    return rules(build(GateSettings, merged(tree, changes)))
+
+
+@pytest.fixture
+def urdf(tmp_path: Path) -> str:
+    file = tmp_path / "arm.urdf"
+    file.write_text(URDF)
+    return str(file)
+
+
+def test_a_number_stands_for_all_joints_and_what_is_not_given_is_no_limit() -> None:
+    limits = rules_from(POSITION).limits
+    np.testing.assert_array_equal(limits.minimum, [-1.0, -1.0])
+    np.testing.assert_array_equal(limits.maximum, [1.0, 2.0])
+    np.testing.assert_array_equal(limits.step, [np.inf, np.inf])
+    made = rules_from(EFFORT, limits={"step": 0.0}, sensed={"velocity": 0.0})
+    assert (made.limits.step[0], made.sensed.velocity[0]) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("tree", "changes", "message"),
+    [
+        (EFFORT, {"joints": None}, "joints: expected the names of the joints, got none"),
+        (EFFORT, {"joints": ["a", "a"], "limits": {"minimum": -1.0}}, "joints: expected names that differ"),
+        (EFFORT, {"command": {"topic": None}}, "command.topic: expected the topic"),
+        (EFFORT, {"command": {"topic": "joint_states"}}, "command.topic: expected a topic that the gate does not use"),
+        (EFFORT, {"command": {"topic": "stop"}}, "command.topic: expected a topic that the gate does not use"),
+        (EFFORT, {"command": {"topic": "command"}}, "command.topic: expected a topic that the gate does not use"),
+        (EFFORT, {"limits": None}, "limits.minimum: expected a limit for each joint, for commands of effort, got none"),
+        (EFFORT, {"limits": {"maximum": None}}, "limits.maximum: expected a limit"),
+        (EFFORT, {"limits": {"minimum": 4.0}}, "limits: expected minimum <= maximum"),
+        (EFFORT, {"limits": {"minimum": 1.0}}, "limits: expected minimum <= 0 <= maximum"),
+        (EFFORT, {"limits": {"step": -1.0}}, "limits.step: expected a number in [0.0, 1000000000.0], got -1.0"),
+        (EFFORT, {"limits": {"step": float("nan")}}, "limits.step: expected a number"),
+        (EFFORT, {"limits": {"step": 1e-12}}, "limits.step: expected 0, or from 1e-09"),
+        (EFFORT, {"limits": {"step": [1.0, 2.0]}}, "limits.step: expected 1 number, got 2"),
+        (EFFORT, {"limits": {"acceleration": 1.0}}, "limits.acceleration: expected none for commands of effort"),
+        (EFFORT, {"limits": {"maximun": 1.0}}, "did you mean 'limits.maximum'?"),
+        (EFFORT, {"limits": {"minimum": "low"}}, "limits.minimum: expected a list of numbers, got 'low'"),
+        (EFFORT, {"hold": None}, "hold.stiffness: expected gains"),
+        (EFFORT, {"hold": {"damping": -1.0}}, "hold.damping: expected a number"),
+        (EFFORT, {"sensor": {"topic": ""}}, "sensor: expected a topic that tells position, velocity"),
+        (EFFORT, {"sensed": {"minimum": 1.0, "maximum": 0.0}}, "sensed: expected minimum <= maximum"),
+        (EFFORT, {"period": 0.5}, "period: expected at most command_timeout"),
+        (EFFORT, {"period": 0.0}, "period: expected a number"),
+        (EFFORT, {"command_timeout": float("inf")}, "command_timeout: expected a number"),
+        (EFFORT, {"command": {"kind": "torque"}}, "command.kind: unknown choice 'torque'"),
+        (EFFORT, {"command": {"kind": None}}, "command.kind: expected position or velocity or effort"),
+        (EFFORT, {"command": {"type": TRAJECTORY}}, "command.kind: expected position, got 'effort'"),
+        (EFFORT, {"command": {"type": "Float64"}}, "unknown choice 'Float64', known: geometry_msgs/msg/Twist, "),
+        (POSITION, {"limits": {"velocity": None}}, "limits.velocity: expected a limit for each joint"),
+        (POSITION, {"limits": {"acceleration": None}}, "limits.acceleration: expected a limit for each joint"),
+        (POSITION, {"limits": {"maximum": [1.0] * 3}}, "limits.maximum: expected 1 or 2 numbers, got 3"),
+        (POSITION, {"hold": {"damping": 1.0}}, "hold.damping: expected gains of joints commanded by effort"),
+        (POSITION, {"joints": [1, 2]}, "joints: expected a list of texts, got [1, 2]"),
+        (POSITION, {"command": {"type": TWIST, "kind": "velocity"}}, "joints: expected of linear.x"),
+        (BASE, {"sensor": None}, "sensor.topic: expected none for a Twist, which has no joints, got joint_states"),
+        (BASE, {"sensed": {"velocity": 1.0}}, "sensor: expected a topic that tells velocity, got none"),
+        (POSITION, {"limits": {"urdf": "nowhere.urdf"}}, "nowhere.urdf"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_one_line(
+    tree: Mapping[str, Any], changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises((ValueError, FileNotFoundError)) as refusal:
+        rules_from(tree, **changes)
+    assert message in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_base_goes_by_velocities_and_needs_no_joints_sensed() -> None:
+    assert rules_from(BASE).fields == []
+    assert rules_from(BASE).stale_after == np.inf
+
+
+def test_the_parameters_of_the_documentation_are_good() -> None:
+    (block,) = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "gate.md").read_text(), flags=re.DOTALL)
+    made = rules_from(yaml.safe_load(block)["/**/gate"]["ros__parameters"])
+    assert made.limits.step[0] == 6.0
+
+
+def test_a_description_limits_positions_and_may_be_tightened_but_not_widened(urdf: str) -> None:
+    urdf_range = {"urdf": urdf, "minimum": None, "maximum": None}
+    given = urdf_range | {"maximum": [1.0, 0.0], "velocity": None}
+    limits = rules_from(POSITION, joints=["turn", "bolt"], limits=given).limits
+    np.testing.assert_array_equal(limits.minimum, [-1.5, 0.0])
+    np.testing.assert_array_equal(limits.maximum, [1.0, 0.0])  # of the bolt no range is told, which is one of 0
+    np.testing.assert_array_equal(limits.velocity, [2.0, 1.0])
+    with pytest.raises(ValueError, match=r"limits.velocity: expected limits no wider than the URDF's, \[2. 1.\]"):
+        rules_from(POSITION, joints=["turn", "bolt"], limits=urdf_range | {"velocity": 1.5})
+    with pytest.raises(ValueError, match=r"limits.minimum: expected a limit"):  # the wheel turns freely
+        rules_from(POSITION, limits=given)
+
+
+def test_a_description_is_found_in_a_package_of_ros_or_of_python(
+    urdf: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    share = tmp_path / "prefix" / "share" / "my_robot"
+    share.mkdir(parents=True)
+    (share / "arm.urdf").write_text(Path(urdf).read_text())
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere:{tmp_path / 'prefix'}")
+    assert located("package://my_robot/arm.urdf") == share / "arm.urdf"
+    assert located(urdf) == Path(urdf)
+    assert located("package://sim_nodes/robots/arm.py").is_file()
+    with pytest.raises(ValueError, match="urdf: expected a package 'your_robot' that is installed"):
+        located("package://your_robot/arm.urdf")
+
+
+def test_a_description_limits_what_is_sensed_where_commands_do_not(urdf: str) -> None:
+    none = {"urdf": urdf, "minimum": None, "maximum": None}
+    made = rules_from(EFFORT, joints=["turn", "wheel"], limits=none)
+    np.testing.assert_array_equal(made.limits.maximum, [30.0, 5.0])
+    np.testing.assert_array_equal(made.limits.minimum, [-30.0, -5.0])
+    np.testing.assert_array_equal(made.sensed.minimum, [-1.5, -np.inf])
+    np.testing.assert_array_equal(made.sensed.velocity, [2.0, 10.0])
+    assert not np.isfinite(made.sensed.effort).any()
+    assert not rules_from(POSITION, joints=["turn", "bolt"], limits=none).sensed.fields
+    with pytest.raises(ValueError, match=r"sensed.maximum: expected limits no wider"):
+        rules_from(EFFORT, joints=["turn", "wheel"], limits=none, sensed={"maximum": 3.0})
+
+
+@pytest.mark.parametrize(
+    ("joint", "message"),
+    [
+        ("turm", "unknown joint of .*, did you mean 'turn'"),
+        ("fixed", "expected a limit, got none"),
+        ("bad", "expected a number for upper, got x"),
+    ],
+)
+def test_a_description_without_a_joints_limits_is_refused(urdf: str, joint: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message.split(",")[0]):
+        rules_from(POSITION, joints=["turn", joint], limits={"urdf": urdf})
+
+
+@pytest.mark.parametrize("content", ["", "<robot", "<model/>"])
+def test_a_file_that_is_no_description_is_refused(tmp_path: Path, content: str) -> None:
+    file = tmp_path / "bad.urdf"
+    file.write_text(content)
+    with pytest.raises(ValueError, match=r"bad.urdf: expected a URDF") as refusal:
+        rules_from(POSITION, limits={"urdf": str(file)})
+    assert "\n" not in str(refusal.value)
+
+
+def test_every_setting_says_what_it_is() -> None:
+    names = {entry.name: entry.about["description"] for entry in entries(GateSettings())}
+    assert {"joints", "sensor.topic", "command.type", "limits.urdf", "sensed.effort", "hold.damping"} <= set(names)
+    assert all(names.values())
+    assert GateSettings().command.type == FLOATS

@@ -1,0 +1,137 @@
+"""Whatever is sent to a gate, a robot's own protective check finds nothing to stop for in what comes out."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rkhs_ros.robot.gate_state import Mode, Rules
+from rkhs_ros.robot.limits import EFFORT, KINDS, POSITION, VELOCITY
+from test.unit.robot.gate_streams import NASTY, PERIOD, World, play, rules_of
+
+pytestmark = pytest.mark.slow
+
+STREAMS = 100  # of each kind of command
+seeds = st.integers(0, 2**63)
+over_kinds = pytest.mark.parametrize("kind", KINDS)
+
+
+def random_rules(kind: str, stream: np.random.Generator) -> Rules:
+    """Return rules of random limits, some of them 0, some of them none."""
+    joints = int(stream.integers(1, 4))
+
+    def some(low: float, high: float, others: tuple[float, ...]) -> np.ndarray:
+        values = np.exp(stream.uniform(np.log(low), np.log(high), joints))
+        return np.where(stream.random(joints) < 0.15, stream.choice(others, joints), values)
+
+    limits: dict[str, Any] = {"minimum": -some(0.01, 5, (0.0,)), "maximum": some(0.01, 5, (0.0,))}
+    limits["velocity"] = some(0.01, 100, (0.0,) if kind == POSITION else (0.0, np.inf))
+    if kind != EFFORT:
+        limits["acceleration"] = some(0.01, 1000, (0.0,))
+    return rules_of(kind, joints, sensed={"velocity": 50.0}, **limits, step=some(0.001, 10, (0.0, np.inf)))
+
+
+@over_kinds
+@settings(max_examples=STREAMS)
+@given(seed=seeds)
+def test_no_stream_trips_the_robots_protection(kind: str, seed: int) -> None:
+    stream = np.random.default_rng(seed)
+    world = play(random_rules(kind, stream), stream)
+    assert not world.protection.trips
+    assert all(later - earlier >= PERIOD for earlier, later in zip(world.times, world.times[1:], strict=False))
+
+
+@over_kinds
+def test_streams_move_the_robot_and_would_trip_it_without_the_gate(kind: str) -> None:
+    worlds = [play(rules_of(kind), np.random.default_rng(seed)) for seed in range(30)]
+    assert not any(world.protection.trips for world in worlds)
+    assert all(world.bare.trips for world in worlds)
+    assert sum(np.ptp(world.outputs, axis=0).min() > 0.1 for world in worlds if world.outputs) > 5
+    modes = {world.state.mode for world in worlds}
+    assert {Mode.HOLDING, Mode.MOVING, Mode.STOPPED} <= modes
+
+
+@pytest.mark.parametrize(
+    ("kind", "limit", "jump"),
+    [
+        (POSITION, "velocity", 0.5),
+        (POSITION, "acceleration", 0.012),
+        (VELOCITY, "acceleration", 1.0),
+        (EFFORT, "velocity", 2.0),
+    ],
+)
+def test_the_protection_sees_each_limit_passed(kind: str, limit: str, jump: float) -> None:
+    world = World(rules_of(kind))
+    world.protection.take(np.full(2, jump))
+    assert limit in {name for name, _ in world.protection.trips}
+    stepwise = World(rules_of(kind, step=0.1)).protection
+    stepwise.take(np.full(2, 0.11))
+    assert "step" in {name for name, _ in stepwise.trips}
+    for value, name in {np.nan: "not finite", 9.0: "range"}.items():
+        protection = World(rules_of(kind)).protection
+        protection.take(np.array([0.0, value]))
+        assert name in {trip for trip, _ in protection.trips}
+
+
+@over_kinds
+@settings(max_examples=50)
+@given(values=st.lists(st.tuples(st.floats() | st.sampled_from(NASTY), st.integers(0, 4)), max_size=40))
+def test_any_numbers_at_all_come_out_finite_and_within_limits(kind: str, values: list[tuple[float, int]]) -> None:
+    world = World(rules_of(kind, joints=1, step=0.3))
+    assert world.arm() == ""
+    for value, ticks in values:
+        report = world.command([value])
+        assert np.isfinite(report.executed).all()
+        world.wait(ticks * PERIOD)
+    world.wait(0.5)
+    assert np.isfinite(world.outputs).all()
+    assert not world.protection.trips
+
+
+@over_kinds
+@given(seed=seeds)
+def test_the_same_inputs_give_the_same_outputs(kind: str, seed: int) -> None:
+    first, second = (play(rules_of(kind), np.random.default_rng(seed)) for _ in range(2))
+    assert np.array_equal(first.outputs, second.outputs)
+    assert first.state.counts == second.state.counts
+
+
+@over_kinds
+@given(seed=seeds)
+def test_a_gate_that_nobody_arms_sends_nothing(kind: str, seed: int) -> None:
+    class Unarmed(World):
+        def arm(self) -> str:
+            return "nobody does"
+
+    stream = np.random.default_rng(seed)
+    world = Unarmed(rules_of(kind))
+    for _ in range(30):
+        world.command(stream.choice([*NASTY, *stream.uniform(-2, 2, 9)], 2))
+        world.ask_stop(bool(stream.integers(2)))
+        world.wait(stream.uniform(0, 0.1))
+    assert not world.outputs
+    assert world.state.mode == Mode.DISARMED
+
+
+@over_kinds
+@given(seed=seeds, seconds=st.floats(0.0, 0.5))
+def test_after_a_stop_it_comes_to_rest_and_stays_there_whatever_comes(kind: str, seed: int, seconds: float) -> None:
+    world, alone = World(rules_of(kind)), World(rules_of(kind))
+    for each in (world, alone):
+        stream = np.random.default_rng(seed)
+        each.arm()
+        for _ in range(round(seconds / 0.05)):
+            each.command(stream.uniform(-3, 3, 2))
+            each.wait(0.05)
+        each.stop()
+    for _ in range(40):
+        world.command(stream.uniform(-3, 3, 2), instance=int(stream.integers(1, 3)))
+        for each in (world, alone):
+            each.wait(0.05)
+    assert world.state.mode == Mode.STOPPED
+    assert np.array_equal(world.outputs, alone.outputs)  # commands make no difference
+    assert not world.protection.trips
+    assert np.abs(world.velocity).max() < 0.02
+    assert np.ptp(world.outputs[-10:], axis=0).max() < 0.02

@@ -1,0 +1,140 @@
+"""Configurations with a robot in place of a simulator."""
+
+from pathlib import Path
+
+import pytest
+
+from rkhs_ros.app.cli import main
+from rkhs_ros.app.launcher import for_all
+from rkhs_ros.app.robots import check_robot
+from rkhs_ros.base.yaml_text import loaded
+from rkhs_ros.nodes.core.names import node_names
+from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.report import resolved
+
+PENDULUM = Path(__file__).parents[3] / "config" / "robot_pendulum.yaml"
+
+
+def code_of(*arguments: object) -> object:
+    with pytest.raises(SystemExit) as end:
+        main([str(argument) for argument in arguments])
+    return end.value.code
+
+
+def test_the_environment_is_the_robots_task_and_its_spaces_follow() -> None:
+    config = load_config(PENDULUM)
+    assert (config.environment.id, config.environment.num_envs) == ("motor_pendulum", 1)
+    assert list(config.environment.nodes) == ["robot", "gate", "simulated_robot"]
+    spaces = check_robot(config)
+    assert (spaces.observation_shape, spaces.action_high.tolist()) == ((2,), [3.0])
+    assert config.task.environment == "motor_pendulum"
+
+
+def test_settings_of_the_robot_are_changed_as_others_are_and_are_settings_of_the_run() -> None:
+    config = load_config(PENDULUM, ["robot.period=0.04", "simulated_robot.speed=5.0", "seed=3"])
+    assert config.settings["robot.period"] == 0.04
+    assert config.environment.nodes["simulated_robot"]["speed"] == 5.0
+    assert "simulated_robot.speed" not in config.settings  # what is practised on may be another the next day
+    assert config.training.seed == 3
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("robot.perod=1", "robot: unknown key 'perod', did you mean 'period'?"),
+        ("robot=3", "robot: expected a section of keys"),
+        ("gate.limits={}", "gate: "),
+        ("gate.limits={minimum: [1.0], maximum: [-1.0]}", "gate: "),
+        ("simulated_robot.sped=2", "simulated_robot: unknown key 'sped'"),
+        ("simulated_robot.robot=motor_pendulun", "simulated_robot: unknown robot 'motor_pendulun', did you mean"),
+        ("robot.misses_allowed=9", "less than gate.command_timeout, 0.3 s, got 0.525 s"),
+        ("robot.action={minimum: [0.0, 0.0], maximum: [1.0, 1.0], kind: effort}", "reset.home.joints: expected 2"),
+        ("robot.action.kind=velocity", "robot.action.kind: expected the gate's, effort"),
+        ("robot.reset.home.joints=[shoulder]", "robot.reset.home.joints: expected the gate's, motor, got shoulder"),
+        ("robot.sensors.motor.topic='a b'", "robot.sensors.motor.topic: Invalid topic name: topic name must not"),
+        ("robot.reset.trigger.service=1st", "robot.reset.trigger.service: Invalid topic name"),
+        ("gate.command.topic='a b'", "gate.command.topic: Invalid topic name"),
+        ("robot.reward={topic: score, type: std_msgs/msg/Float65}", "unknown type of messages 'std_msgs/msg/Float65'"),
+        ("robot.sensors.motor={topic: a, type: sensor_msgs/msg/Imu, fields: [speed]}", "unknown field 'speed' of Imu"),
+        ("simulators=2", "simulators: expected 1, as there is one robot"),
+    ],
+)
+def test_sections_that_do_not_fit_are_refused_before_anything_is_started(
+    change: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = code_of("train", PENDULUM, "--out", tmp_path / "run", "--set", change)
+    err = capsys.readouterr().err
+    assert (code, len(err.splitlines())) == (2, 1)
+    assert message in err
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("section", "message"),
+    [
+        ("/**/gate", "expected sections /**/robot and /**/gate, got no gate"),
+        ("/**/robot", "expected sections /**/robot and /**/gate, got no robot"),
+        ("/**/learner", "expected a section /**/learner, for a robot moves by what it says, got none"),
+    ],
+)
+def test_a_robot_needs_its_gate(section: str, message: str, tmp_path: Path) -> None:
+    document = loaded(PENDULUM.read_text())
+    del document[section]
+    (tmp_path / "robot.yaml").write_text(str(document))
+    with pytest.raises(ValueError, match="expected") as refusal:
+        load_config(tmp_path / "robot.yaml")
+    assert message in str(refusal.value)
+
+
+def test_a_robot_is_not_learnt_on_in_this_process(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code = code_of("train", PENDULUM, "--runner", "inline", "--out", tmp_path / "run")
+    expected = "error: motor_pendulum: expected an environment of this process, not a robot"
+    assert (code, capsys.readouterr().err.startswith(expected)) == (2, True)
+    assert not (tmp_path / "run").exists()
+
+
+def test_all_nodes_of_a_robot_are_started_and_told_what_they_need() -> None:
+    config = load_config(PENDULUM)
+    assert node_names(1, config.environment.nodes) == ["simulated_robot", "gate", "robot", "policy", "learner"]
+    document = loaded(for_all(resolved(config), 1, {"robot": {"journal": "/somewhere"}}))
+    robot = document["/**/robot"]["ros__parameters"]
+    assert (robot["journal"], robot["simulated"]) == ("/somewhere", True)
+    learner = document["/**/learner"]["ros__parameters"]
+    assert learner["environment"]["nodes"] == {**config.environment.nodes}
+    assert learner["environment"]["id"] == "motor_pendulum"
+
+
+def test_the_gate_of_a_real_robot_is_armed_by_a_person_alone() -> None:
+    document = loaded(resolved(load_config(PENDULUM)))
+    del document["/**/simulated_robot"]
+    robot = loaded(for_all(str(document), 1, {"robot": {"journal": "/somewhere"}}))["/**/robot"]["ros__parameters"]
+    assert robot["simulated"] is False
+
+
+def test_a_file_in_the_place_of_the_journal_is_told_before_anything_starts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = tmp_path / "run" / "checkpoints" / "episodes"
+    place.parent.mkdir(parents=True)
+    place.write_text("")
+    code = code_of("train", PENDULUM, "--out", tmp_path / "run")
+    err = capsys.readouterr().err
+    assert (code, len(err.splitlines())) == (2, 1)
+    assert str(place) in err
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        ("minimum: [0.0], maximum: [0.0]", "allow commands from 0 to 0;"),
+        ("minimum: [-3.0], maximum: [3.0], step: [0.0]", "allow changes of 0;"),
+        ("minimum: [-3.0], maximum: [3.0], step: [0.1]", ""),
+    ],
+)
+def test_an_action_that_the_gate_lets_have_no_effect_is_told_in_a_line(
+    limits: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    check_robot(load_config(PENDULUM, [f"gate.limits={{{limits}}}"]))
+    err = capsys.readouterr().err
+    assert len(err.splitlines()) == bool(words)
+    assert words in err

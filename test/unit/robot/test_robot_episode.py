@@ -1,0 +1,293 @@
+"""An episode on a robot as a state machine: the clock, deadlines, misses, and what makes it void."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rkhs_ros.base.endings import RunError
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.robot.clock import SLACK, ElasticClock
+from rkhs_ros.robot.episode import LATE, MISSED, NO_REPORT, NOT_ARMED, Reading, RobotEpisode
+from rkhs_ros.robot.journal import Journal
+from rkhs_ros.robot.rules import End, Reward, Rules
+from rkhs_ros.robot.sensors import SensingError
+from rkhs_ros.robot.task import RobotTask, robot_task_from
+
+PERIOD, DEADLINE = 0.1, 0.05
+BATCH = Batch(seed=3, first_episode=7, num_envs=1, horizon=5, explore=True)
+TASK = robot_task_from(
+    {
+        "period": PERIOD,
+        "sensors": {"position": {"topic": "position", "type": "std_msgs/msg/Float64", "fields": ["data"]}},
+        "action": {"minimum": [-1.0], "maximum": [1.0], "scale": [2.0], "offset": [0.5]},
+        "reward": {"function": "test.unit.robot.robot_rules:told"},
+        "end": {"function": "test.unit.robot.robot_rules:high"},
+    }
+)
+
+
+def sensed(value: float) -> Callable[[], Reading]:
+    return lambda: Reading(np.array([value]), 0.0, round(1e9 * value))
+
+
+def begun(task: RobotTask = TASK) -> RobotEpisode:
+    episode = RobotEpisode(BATCH, task, stamp=0)
+    episode.begin(sensed(0.0)())
+    return episode
+
+
+def play(
+    episode: RobotEpisode, delays: list[float | None], reports: bool = True, lateness: list[float] | None = None
+) -> list[tuple[float, float]]:
+    """Play an episode from time 0, and return when each command was sent, and what.
+
+    Args:
+        episode: that begins.
+        delays: of each action after its observation, seconds; None for never. The first one starts the clock.
+        reports: whether the gate reports each command, as half of what was asked for.
+        lateness: of each tick, seconds.
+    """
+    sent: list[tuple[float, float]] = []
+    observed_at = now = 0.0
+    waiting = {step: delay for step, delay in enumerate(delays) if delay is not None}
+    came = {0: 0.0}
+    while not episode.over:
+        arrivals = {step: came[step] + delay for step, delay in waiting.items() if step in came}
+        step, arrival = min(arrivals.items(), key=lambda item: item[1], default=(-1, np.inf))
+        late = [*(lateness or [0.0] * BATCH.horizon), 0.0][episode.step]
+        due = episode.due + late if episode.due > observed_at + DEADLINE + 1e-9 else episode.due
+        if arrival <= due:
+            now = arrival
+            del waiting[step]
+            command = episode.act(step, np.array([0.1 * (step + 1)]), now)
+            if command is not None:
+                sent.append((now, float(command[0])))
+                if reports:
+                    episode.report(step, command / 2, 0)
+        else:
+            now = max(due, now) + 1e-9
+            if episode.proceed(now, sensed(episode.step + 1.0)):
+                observed_at = came[episode.step] = now
+    return sent
+
+
+def test_actions_in_time_are_sent_when_they_come_and_all_is_recorded() -> None:
+    episode = begun()
+    sent = play(episode, [0.01] * 5)
+    np.testing.assert_allclose(
+        [at for at, _ in sent], 0.01 + PERIOD * np.arange(5) + [0, 0.01, 0.01, 0.01, 0.01], atol=1e-6
+    )
+    commands = 0.5 + 2 * 0.1 * np.arange(1, 6)
+    np.testing.assert_allclose([value for _, value in sent], commands)
+    ended = episode.ended()
+    np.testing.assert_allclose(ended.episodes.actions[0, :, 0], 0.1 * np.arange(1, 6))
+    np.testing.assert_allclose(ended.execution.executed[:, 0], commands / 2)
+    executed = (commands / 2 - 0.5) / 2
+    np.testing.assert_allclose(ended.episodes.rewards[0], 1e4 * np.arange(5) + 1e2 * executed + np.arange(1, 6))
+    assert ended.episodes.final_observations == [[5.0]]
+    np.testing.assert_array_equal(ended.execution.stamps, 1e9 * np.arange(6))
+    assert not ended.execution.flags.any()
+    assert ended.execution.discard_reason == ""
+
+
+def test_the_clock_waits_for_the_first_action() -> None:
+    episode = begun()
+    assert episode.due == np.inf
+    assert not episode.proceed(1000.0, sensed(1.0))
+    assert episode.act(0, np.zeros(1), 2000.0) is not None
+    assert episode.due == pytest.approx(2000.0 + PERIOD)
+
+
+def test_an_action_after_the_deadline_is_recorded_but_not_sent() -> None:
+    episode = begun()
+    sent = play(episode, [0.0, 0.06, 0.01, 0.14, 0.01])
+    assert len(sent) == 3
+    ended = episode.ended()
+    assert ended.execution.discard_reason == ""
+    assert [bool(flags & MISSED) for flags in ended.execution.flags] == [False, True, False, True, False]
+    np.testing.assert_allclose(ended.episodes.actions[0, :, 0], 0.1 * np.arange(1, 6))  # what was drawn
+    executed = ended.execution.executed[:, 0]
+    assert (executed[1], executed[3]) == (executed[0], executed[2])  # what was held
+
+
+def test_more_misses_than_allowed_make_it_void_before_a_third_period_is_over() -> None:
+    episode = begun()
+    sent = play(episode, [0.0, 0.01, None, None, None])
+    assert episode.discard_reason == "3 actions came too late, the last one of step 4"
+    assert len(sent) == 2
+    assert len(episode.ended().execution.flags) == 4
+
+
+def test_the_last_action_may_come_late_as_well() -> None:
+    episode = begun()
+    sent = play(episode, [0.0, 0.01, 0.01, 0.01, 0.4])
+    assert (episode.discard_reason, len(sent)) == ("", 4)
+    np.testing.assert_allclose(episode.ended().episodes.actions[0, :, 0], 0.1 * np.arange(1, 6))
+
+
+def test_an_action_that_never_comes_makes_it_void_at_its_end() -> None:
+    episode = begun()
+    play(episode, [0.0, 0.01, None, 0.01, 0.01])
+    assert episode.discard_reason == "the action of step 2 did not come"
+
+
+@given(st.lists(st.floats(0.0, 0.3), min_size=1, max_size=50), st.floats(0.01, 1.0))
+def test_no_step_is_shortened_to_make_up_for_a_late_one(lateness: list[float], period: float) -> None:
+    clock, ticks = ElasticClock(period, due=10.0), [10.0 - period]
+    for late in lateness:
+        ticks.append(clock.due + late)
+        clock = clock.ticked(ticks[-1])
+    assert min(np.diff(ticks)) >= (1 - SLACK) * period - 1e-9
+    if max(lateness) <= SLACK * period:  # small delays do not add up
+        assert clock.due == pytest.approx(10.0 + period * len(lateness))
+
+
+@given(
+    st.lists(st.floats(0.0, 0.3) | st.none(), min_size=5, max_size=5),
+    st.lists(st.floats(0.0, 0.04), min_size=5, max_size=5),
+)
+def test_whatever_comes_when_the_count_of_misses_decides(delays: list[float | None], lateness: list[float]) -> None:
+    episode = begun()
+    delays[0] = delays[0] or 0.0
+    sent = play(episode, delays, lateness=lateness)
+    ended = episode.ended()
+    missed = int((ended.execution.flags & MISSED > 0).sum())
+    assert missed <= TASK.misses_allowed
+    assert (episode.misses > TASK.misses_allowed) == ("too late" in episode.discard_reason)
+    steps = len(ended.execution.flags)
+    assert steps == ended.episodes.mask.sum() == len(ended.execution.stamps) - 1
+    assert len(sent) >= steps - missed
+    gaps = np.diff([at for at, _ in sent])
+    assert (gaps > 0).all()
+    if not episode.discard_reason:
+        np.testing.assert_allclose(ended.episodes.actions[0, :, 0], 0.1 * np.arange(1, 6))
+
+
+def test_a_late_tick_is_flagged() -> None:
+    episode = begun()
+    play(episode, [0.01] * 5, lateness=[0.0, 0.03, 0.0, 0.0, 0.0])
+    assert [bool(flags & LATE) for flags in episode.ended().execution.flags] == [False, True, False, False, False]
+    assert episode.pace.worst == pytest.approx(PERIOD + 0.03, abs=1e-6)
+
+
+def test_a_silent_gate_makes_it_void() -> None:
+    episode = begun()
+    play(episode, [0.01] * 5, reports=False)
+    assert episode.discard_reason == "the gate did not report what it made of 3 commands"
+    assert (episode.ended().execution.flags == NO_REPORT).all()
+
+
+def test_a_command_that_the_gate_refused_makes_it_void() -> None:
+    episode = begun()
+    episode.act(0, np.zeros(1), 0.0)
+    episode.report(0, np.zeros(1), NOT_ARMED)
+    assert episode.over
+    assert episode.discard_reason == "the gate refused the command of step 0"
+
+
+def test_a_stale_sensor_makes_it_void() -> None:
+    episode = begun()
+    episode.act(0, np.zeros(1), 0.0)
+
+    def stale() -> Reading:
+        raise SensingError("sensor position: stale")
+
+    assert not episode.proceed(PERIOD, stale)
+    assert episode.discard_reason == "sensor position: stale"
+    assert not episode.ended().episodes.mask.any()
+
+
+def test_the_task_ends_it_before_the_horizon() -> None:
+    episode = begun()
+    episode.act(0, np.zeros(1), 0.0)
+    episode.report(0, np.zeros(1), 0)
+    assert episode.proceed(PERIOD, sensed(51.0))
+    ended = episode.ended()
+    assert episode.over
+    assert (ended.episodes.terminated.tolist(), ended.episodes.mask.sum()) == ([True], 1)
+
+
+def test_a_reward_that_fails_ends_the_run() -> None:
+    task = replace(TASK, reward=Reward(function="math:gcd"))
+    episode = begun(task)
+    episode.act(0, np.zeros(1), 0.0)
+    with pytest.raises(RunError, match="reward function: TypeError"):
+        episode.proceed(PERIOD, sensed(1.0))
+
+
+def test_actions_of_no_step_that_is_awaited_are_passed_over() -> None:
+    episode = RobotEpisode(BATCH, TASK, stamp=0)
+    assert episode.act(0, np.zeros(1), 0.0) is None  # nothing was observed yet
+    episode.begin(sensed(0.0)())
+    assert episode.act(1, np.zeros(1), 0.0) is None
+    assert episode.act(0, np.zeros(1), 0.0) is not None
+    assert episode.act(0, np.ones(1), 0.01) is None
+    episode.void("stopped")
+    assert episode.act(0, np.ones(1), 0.01) is None
+
+
+def test_the_journal_knows_finished_episodes_again_and_keeps_void_ones_beside(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / "journal")
+    assert journal.find(BATCH) is None
+    void = begun()
+    void.void("stopped by a person")
+    journal.add(void.ended())
+    assert journal.find(BATCH) is None
+    episode = begun()
+    play(episode, [0.01] * 5)
+    journal.add(episode.ended())
+    found = Journal(tmp_path / "journal").find(BATCH)
+    assert found is not None
+    for kind in ("episodes", "execution"):
+        for name, value in vars(getattr(episode.ended(), kind)).items():
+            np.testing.assert_array_equal(getattr(getattr(found, kind), name), value)
+    assert journal.find(replace(BATCH, explore=False)) is None
+    assert journal.find(replace(BATCH, first_episode=8)) is None
+    assert journal.find(replace(BATCH, seed=4)) is None
+    journal.forget(BATCH)
+    assert journal.find(BATCH) is None
+    assert len(list((tmp_path / "journal").iterdir())) == 2
+
+
+def test_a_damaged_file_of_the_journal_is_passed_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    journal = Journal(tmp_path)
+    episode = begun()
+    play(episode, [0.01] * 5)
+    journal.add(episode.ended())
+    (file,) = tmp_path.iterdir()
+    file.write_bytes(file.read_bytes()[:200])
+    assert journal.find(BATCH) is None
+    assert "passed over, damaged" in capsys.readouterr().err
+
+
+def test_a_vetoed_episode_is_void_and_forgotten(tmp_path: Path) -> None:
+    journal = Journal(tmp_path)
+    episode = begun()
+    play(episode, [0.01] * 5)
+    ended = episode.ended()
+    journal.add(ended)
+    journal.discard_finished(replace(ended, execution=replace(ended.execution, discard_reason="vetoed")))
+    assert journal.find(BATCH) is None
+    assert len(list(tmp_path.glob("*void*"))) == 1
+
+
+def test_without_functions_a_topic_alone_tells_the_reward() -> None:
+    rules = Rules.of(Reward(topic="reward"), End())
+    assert rules.earned(np.zeros(1), np.zeros(1), np.zeros(1), 2.5) == 2.5
+
+
+@pytest.mark.parametrize("rule", ["reward", "end"])
+def test_where_a_rule_fails_the_steps_before_are_whole(rule: str) -> None:
+    breaking = "test.unit.robot.robot_rules:breaks"
+    changes = {"reward": Reward(function=breaking)} if rule == "reward" else {"end": End(function=breaking)}
+    episode = begun(replace(TASK, **changes))
+    with pytest.raises(RunError, match=f"{rule} function: ZeroDivisionError"):
+        play(episode, [0.01] * 5)
+    ended = episode.ended()
+    assert len(ended.execution.flags) == 2
+    assert len(ended.execution.stamps) == 3

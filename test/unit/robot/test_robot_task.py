@@ -1,0 +1,221 @@
+"""The settings of a robot's task: commands, rules and what is refused."""
+
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rkhs_ros.base.endings import RunError
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.messages import spaces_fields, spaces_of
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.storage import Task, read_policy, save_policy
+from rkhs_ros.robot.commands import Commands
+from rkhs_ros.robot.rules import End, Reward, Rules
+from rkhs_ros.robot.task import robot_task_from
+
+HERE = "test.unit.robot.test_robot_task"
+SECTION: dict[str, Any] = {
+    "task": "arm",
+    "sensors": {"joints": {"topic": "joint_states", "joints": ["a", "b"]}},
+    "action": {"minimum": [-1.0, -2.0], "maximum": [1.0, 2.0]},
+    "reward": {"function": f"{HERE}:squares"},
+}
+FINITE = st.floats(-1e3, 1e3)
+
+
+def squares(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
+    return float(before @ before + action @ action + after @ after)
+
+
+def broken(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
+    raise ZeroDivisionError("by nothing")
+
+
+def spoilt(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
+    before[:] = np.nan
+    return float(before[0])
+
+
+def leaves(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
+    sys.exit(0)
+
+
+def interrupts(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
+    raise KeyboardInterrupt
+
+
+def hangs(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
+    with suppress(Exception):
+        threading.Event().wait(60.0)
+    return 0.0
+
+
+def beyond(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> int:
+    return 10**400
+
+
+def giant(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
+    return -1e200
+
+
+def several(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> np.ndarray:
+    return after > 0.0
+
+
+def changed(path: str, value: object) -> dict[str, Any]:
+    """Return the section with one value replaced; a None leaves it out."""
+
+    def replaced(tree: Mapping[str, Any], names: list[str]) -> dict[str, Any]:
+        head, *rest = names
+        new = replaced(tree.get(head, {}), rest) if rest else value
+        return {**{k: v for k, v in tree.items() if k != head}, **({} if new is None else {head: new})}
+
+    return replaced(SECTION, path.split("."))
+
+
+def test_the_spaces_follow_from_the_section() -> None:
+    task = robot_task_from(SECTION)
+    assert task.spaces.observation_shape == (4,)
+    np.testing.assert_array_equal(task.spaces.action_low, [-1.0, -2.0])
+    np.testing.assert_array_equal(task.spaces.action_high, [1.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        ("perod", 0.1, "unknown key 'perod', did you mean 'period'"),
+        ("period", "fast", "period: expected a number"),
+        ("period", 0.0, "period: expected a number in"),
+        ("task", "a task", "task: expected a name"),
+        ("sensors", None, "sensors: expected a section for each sensor"),
+        ("sensors.joints.topik", "x", "unknown key 'sensors.joints.topik'"),
+        ("sensors.joints.topic", "", "sensors.joints: topic: expected the name of a topic"),
+        ("sensors.joints.fields", ["posit"], "sensors.joints: fields: expected some of position"),
+        ("sensors.joints.fields", [], "sensors.joints: fields: expected at least one, got none"),
+        ("sensors.joints.type", "Imu", "sensors.joints: type: expected PACKAGE/msg/TYPE"),
+        ("action.minimum", [1.0, 0.0], "action.minimum: expected less than action.maximum"),
+        ("action.minimum", [1.0], "action.maximum: expected 1 number, got 2"),
+        ("action.scale", [0.0, 1.0], "action.scale: expected no 0"),
+        ("action.scale", [1.0, 1.0, 1.0], "action.scale: expected 1 or 2 numbers, got 3"),
+        ("reward.function", None, "reward: expected a function or a topic"),
+        ("reward.function", "nowhere:f", "reward.function: expected a module 'nowhere' to import, "),
+        ("reward.function", f"{HERE}:squarez", "reward.function: no function 'squarez' in"),
+        ("reward.function", HERE, "reward.function: expected MODULE:FUNCTION"),
+        ("end.function", f"{HERE}:SECTION", "end.function: no function 'SECTION' in"),
+        ("reset.steps", ["hom"], "unknown choice 'hom', did you mean 'home'"),
+        ("reset.steps", ["home"], "reset.home.joints: expected names of joints"),
+        ("reset.steps", ["trigger"], "reset.trigger.service: expected the name of a service"),
+        ("reset", {"steps": ["home"], "home": {"joints": ["a"]}}, "reset.home.joints: expected 2, one for each"),
+        ("reset.home.speed", [1.0, 2.0, 3.0], "reset.home.speed: expected 1 number, got 3"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_one_line(path: str, value: object, message: str) -> None:
+    with pytest.raises(ValueError, match=r"expected|unknown|no function") as refusal:
+        robot_task_from(changed(path, value))
+    assert message in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+@given(st.lists(FINITE, min_size=2, max_size=2), st.lists(st.floats(0.1, 10.0), min_size=2, max_size=2))
+def test_commands_stay_within_the_images_of_the_bounds(action: list[float], scale: list[float]) -> None:
+    commands = Commands((-1.0, -2.0), (1.0, 2.0), tuple(scale), (0.5,))
+    low, high = (commands.command(np.array(bound)) for bound in (commands.minimum, commands.maximum))
+    command = commands.command(np.array(action))
+    assert (low <= command).all()
+    assert (command <= high).all()
+    np.testing.assert_allclose(commands.action(command), np.clip(action, [-1, -2], [1, 2]), atol=1e-9)
+
+
+def test_the_reward_is_the_functions_plus_the_topics() -> None:
+    rules = Rules.of(Reward(function=f"{HERE}:squares"), End())
+    ones = np.ones(2)
+    assert rules.earned(ones, ones, ones, 10.0) == 16.0
+    assert not rules.ended(ones, ones, ones)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("broken", "ZeroDivisionError: by nothing"),
+        ("spoilt", "finite"),
+        ("leaves", "SystemExit"),
+        ("beyond", "expected a number, got 1000"),
+        ("giant", "at most 1e.100 in size"),
+    ],
+)
+def test_a_reward_that_fails_is_told_and_what_it_edits_is_its_own(name: str, message: str) -> None:
+    rules, ones = Rules.of(Reward(function=f"{HERE}:{name}"), End()), np.ones(2)
+    with pytest.raises(RunError, match=message):
+        rules.earned(ones, ones, ones, 0.0)
+    np.testing.assert_array_equal(ones, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"), [("several", "expected True or False, got array"), ("leaves", "end function: SystemExit: 0")]
+)
+def test_an_end_that_is_neither_true_nor_false_is_told(name: str, message: str) -> None:
+    rules, ones = Rules.of(Reward(topic="score"), End(function=f"{HERE}:{name}")), np.ones(2)
+    with pytest.raises(RunError, match=message):
+        rules.ended(ones, ones, ones)
+
+
+def test_a_reward_that_hangs_is_told_and_an_alarm_that_was_set_before_still_comes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("rkhs_ros.robot.rules.ANSWER_TIMEOUT_S", 0.05)
+    rules, ones, alarms = Rules.of(Reward(function=f"{HERE}:hangs"), End()), np.ones(2), []
+    handler = signal.signal(signal.SIGALRM, lambda number, frame: alarms.append(number))
+    left, _ = signal.setitimer(signal.ITIMER_REAL, 2.0)
+    try:
+        with pytest.raises(RunError, match=r"reward function: did not return within 0\.05 s"):
+            rules.earned(ones, ones, ones, 0.0)
+        assert not alarms
+        while not alarms:
+            time.sleep(0.01)
+    finally:
+        signal.signal(signal.SIGALRM, handler)
+        signal.setitimer(signal.ITIMER_REAL, left)
+
+
+def test_an_interrupt_that_no_person_made_is_an_error_of_the_function() -> None:
+    rules, ones = Rules.of(Reward(function=f"{HERE}:interrupts"), End()), np.ones(2)
+    handler = signal.signal(signal.SIGINT, lambda number, frame: None)  # as of a node
+    try:
+        with pytest.raises(RunError, match="reward function: KeyboardInterrupt"):
+            rules.earned(ones, ones, ones, 0.0)
+    finally:
+        signal.signal(signal.SIGINT, handler)
+    with pytest.raises(KeyboardInterrupt):
+        rules.earned(ones, ones, ones, 0.0)
+
+
+def test_actions_are_called_by_joint_kind_and_what_1_stands_for() -> None:
+    action = Commands(minimum=(-1.0, -1.0), maximum=(1.0, 1.0), kind="velocity")
+    assert action.names(("a", "b")) == ("a velocity (rad/s)", "b velocity (rad/s)")
+    scaled = replace(action, scale=(1.0, 0.5), unit=("m/s",))
+    assert scaled.names(("a", "b")) == ("a velocity (m/s)", "b velocity (0.5 m/s)")
+
+
+@pytest.mark.parametrize("names", [((), ()), (("angle (rad)", "speed (rad/s)"), ("torque (N m)",))])
+def test_names_of_spaces_travel_in_messages_and_files(
+    names: tuple[tuple[str, ...], ...], tmp_path: Path, random_policy: Callable[..., GaussianPolicy]
+) -> None:
+    spaces = Spaces((2,), np.array([-1.0]), np.array([1.0]), *names)
+    assert spaces_of(SimpleNamespace(**spaces_fields(spaces))) == spaces
+    save_policy(tmp_path / "p.npz", random_policy(2, 1), Task("robot", {}, 3, 0.9), spaces)
+    assert read_policy(tmp_path / "p.npz").spaces == spaces
+    without = vars(SimpleNamespace(**spaces_fields(spaces)))
+    old = SimpleNamespace(**{name: value for name, value in without.items() if not name.endswith("_names")})
+    assert spaces_of(old).observation_names == ()  # as in recordings of before

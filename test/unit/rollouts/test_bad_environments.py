@@ -1,0 +1,162 @@
+"""An environment that fails ends the run in one line that says where; what was learnt is kept, and gone on with."""
+
+import shutil
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+
+from rkhs_ros.base.endings import RunError
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.curve import Curve
+from test.unit.conftest import Result
+
+pytestmark = pytest.mark.slow
+
+TASKS = Path(__file__).parents[2] / "faults" / "bad_tasks.py"
+ARGUMENTS = (
+    *("train", "--env", "bad_tasks:Bad-v0", "--runner", "inline", "--quiet", "--iterations", 5, "--out", "run"),
+    *("--set", "episodes_per_iteration=2", "evaluation_episodes=2", "model.updates=2", "model.rollouts=5"),
+)
+FAULTS = {
+    "nan reward": "reward of row 0 in step 11: expected finite numbers of at most 1e+100 in size, got nan",
+    "huge reward": "reward of row 0 in step 11: expected finite numbers of at most 1e+100 in size, got 1e+300",
+    "nan observation": "observation of row 0 in step 11: expected finite numbers of at most 1e+100 in size, got nan in "
+    "column 0",
+    "wrong shape": "step 11 of row 0: expected an observation of shape (2,), got one of (3,)",
+    "complex": "step 11 of row 0: expected an observation of real numbers, got complex128",
+    "too large": "observation of row 0 in step 11: expected finite numbers of at most 1e+100 in size, got inf in "
+    "column 1",
+    "stop iteration": "step 11 of row 0: StopIteration: ",
+    "no exception": "step 11 of row 0: Stranger: who",
+    "raise": "step 11 of row 0: RuntimeError: the motor is hot",
+    "raise in reset": "reset of row 0: RuntimeError: there is no way back",
+    "sys.exit": "step 11 of row 0: SystemExit: 3",
+}
+
+
+@pytest.fixture(autouse=True)
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.delitem(sys.modules, "bad_tasks", raising=False)
+    shutil.copy(TASKS, tmp_path)
+    yield
+    gymnasium.registry.pop("Bad-v0", None)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_bad_environment_ends_the_run_in_one_line_and_mended_it_goes_on(
+    rkhs: Callable[..., Result], fault: str
+) -> None:
+    result = rkhs(*ARGUMENTS, f"environment.options.fault={fault}")
+    assert result == (1, "", f"error: bad_tasks:Bad-v0: {FAULTS[fault]}\n")
+    assert len(Curve(Path("run/curve.csv")).rows()) == 2
+    assert Path("run/policy.npz").is_file()
+    Path("mended").touch()
+    assert rkhs("train", "--resume", "run", "--runner", "inline", "--quiet").code == 0
+    assert len(Curve(Path("run/curve.csv")).rows()) == 5
+
+
+def test_infinite_bounds_of_observations_are_no_fault(rkhs: Callable[..., Result]) -> None:
+    assert rkhs(*ARGUMENTS, "environment.options.fault=infinite bounds").code == 0
+
+
+def test_an_action_that_is_not_finite_ends_the_run_by_row_and_step(
+    random_policy: Callable[..., GaussianPolicy],
+) -> None:
+    policy = random_policy(d=1, n=1)
+    loud = policy.with_mean(type(policy.mean)(policy.mean.kernel, policy.mean.centres, np.full((5, 1), 1e308)))
+    runner, message = InlineRunner(Simulation("rkhs/Toy-v0")), "the policy's action in row 0, step 1: expected finite"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # which would be more lines than one
+        with pytest.raises(RunError, match=f"rkhs/Toy-v0: {message}"):
+            runner.collect(loud, Batch(0, 0, 2, 5, explore=False))
+
+
+@pytest.mark.parametrize("how", ["raise RuntimeError('no licence')", "raise SystemExit(4)", "raise GeneratorExit"])
+def test_an_environment_that_cannot_be_made_is_refused(rkhs: Callable[..., Result], how: str) -> None:
+    Path("unmade.py").write_text(f"import gymnasium\ndef make():\n    {how}\ngymnasium.register('Unmade-v0', make)\n")
+    result = rkhs("train", "--env", "unmade:Unmade-v0", "--runner", "inline")
+    assert result.code == 2
+    assert result.err.startswith("error: unmade:Unmade-v0: expected an environment that can be made, got ")
+    assert result.err.count("\n") == 1
+
+
+class Still(gymnasium.Env[np.ndarray, np.ndarray]):
+    """Stays where it is."""
+
+    observation_space, action_space = Box(-1.0, 1.0, (1,)), Box(-1.0, 1.0, (1,))
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[np.ndarray, dict[str, Any]]:
+        return np.zeros(1, np.float32), {}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        return np.zeros(1, np.float32), 0.0, False, False, {}
+
+
+@pytest.mark.parametrize("metadata", [None, {"render_fps": "many"}, {"render_fps": 0}])
+def test_metadata_that_say_nothing_are_no_fault(monkeypatch: pytest.MonkeyPatch, metadata: Any) -> None:
+    monkeypatch.setattr(Still, "metadata", metadata)
+    assert Simulation(Still).step_seconds == 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("metadata", {"num_envs": -3}, "metadata: num_envs: expected a whole number, 0 for any number, got -3"),
+        ("metadata", {"num_envs": "x"}, "metadata: num_envs: expected a whole number"),
+        ("observation_space", Box(-1.0, 1.0, (0,)), r"Still observations: expected at least one number, got the shape"),
+        (
+            "action_space",
+            Box(-1.0, 1.0, (2, 0)),
+            r"Still actions: expected at least one number, got the shape \(2, 0\)",
+        ),
+    ],
+)
+def test_spaces_and_metadata_that_cannot_be_served_are_refused(
+    monkeypatch: pytest.MonkeyPatch, name: str, value: Any, message: str
+) -> None:
+    monkeypatch.setattr(Still, name, value)
+    with pytest.raises(ValueError, match=message):
+        Simulation(Still)
+
+
+SELFISH = """
+import gymnasium, numpy as np, os
+from test.unit.rollouts.test_bad_environments import Still
+
+class Selfish(Still):
+    def __init__(self):
+        self.change()
+    def reset(self, *, seed=None, options=None):
+        self.change()
+        return super().reset()
+    def change(self):
+        np.seterr(all="raise")
+        os.chdir("/")
+
+np.seterr(all="raise")
+gymnasium.register("Selfish-v0", Selfish, max_episode_steps=3)
+"""
+
+
+def test_what_an_environment_sets_for_itself_is_put_back(tmp_path: Path) -> None:
+    Path("selfish.py").write_text(SELFISH)
+    before = np.geterr()
+    try:
+        simulation = Simulation("selfish:Selfish-v0")
+        assert Path.cwd() == tmp_path
+        simulation.start(Batch(0, 0, 2, 3, explore=False))
+        assert np.geterr() == before
+    finally:
+        np.seterr(**before)

@@ -1,0 +1,186 @@
+"""An environment of one's own on the command line, without any file; demonstrations; a policy to begin from."""
+
+import json
+import re
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rkhs_ros.base.settings import build
+from rkhs_ros.learning.algorithms.rkhs_power import RKHSPoWER
+from rkhs_ros.learning.training import Training
+from rkhs_ros.policies.policy import load
+from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.curve import Curve
+from rkhs_ros.runs.defaults import settings_for
+from rkhs_ros.runs.episode_files import load_episodes
+from test.unit.conftest import assert_refused
+
+pytestmark = pytest.mark.slow
+
+Rkhs = Callable[..., Any]
+INLINE = ("--runner", "inline", "--quiet")
+SHORT = ("episodes_per_iteration=3", "evaluation_episodes=2", "model.updates=2", "model.rollouts=5")
+MODULE = """
+import gymnasium, numpy as np
+from gymnasium.spaces import Box
+
+class Slide(gymnasium.Env):
+    observation_space, action_space = Box(-2.0, 2.0, (2,)), Box(-1.0, 1.0, (1,))
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.x = np.array([1.0, 0.0], np.float32)
+        return self.x, {}
+    def step(self, action):
+        v = self.x[1] + 0.1 * action[0]
+        self.x = np.clip(np.array([self.x[0] + 0.1 * v, v], np.float32), -2, 2)
+        return self.x, float(np.exp(-4 * self.x[0] ** 2)), False, False, {}
+
+gymnasium.register("Slide-v0", Slide, max_episode_steps=30)
+gymnasium.register("Endless-v0", Slide)
+"""
+
+
+@pytest.fixture(autouse=True)
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    Path("my_slide.py").write_text(MODULE)
+
+
+def test_an_id_is_enough_to_learn_and_the_horizon_is_its_own(rkhs: Rkhs) -> None:
+    result = rkhs("train", "--env", "my_slide:Slide-v0", *INLINE, "--iterations", 3, "--out", "run", "--set", *SHORT)
+    assert (result.code, result.err) == (0, "")
+    config = load_config(Path("run/config.yaml"))
+    assert config.environment.id == "my_slide:Slide-v0"
+    assert (config.training.name, config.training.horizon) == ("slide_v0", 30)
+    assert len(Curve(Path("run/curve.csv")).rows()) == 3
+    told = json.loads(rkhs("evaluate", "run", "--episodes", 2).out)
+    assert told["environment"] == "my_slide:Slide-v0"
+    assert told["undiscounted"]["mean"] > told["mean"]
+    policy = load("run/policy.npz")
+    assert policy(np.zeros(2)).shape == (1,)
+
+
+@pytest.mark.parametrize("source", ["--env", "file"])
+def test_without_a_time_limit_the_default_horizon_is_noted_once(rkhs: Rkhs, source: str) -> None:
+    Path("endless.yaml").write_text(
+        '/**/simulator: {ros__parameters: {environment: {id: "my_slide:Endless-v0"}}}\n'
+        "/**/learner: {ros__parameters: {practice: {form: model}}}\n"
+    )
+    what = ("endless.yaml",) if source == "file" else ("--env", "my_slide:Endless-v0")
+    arguments = ("train", *what, "--runner", "inline", "--iterations", 1)
+    note = "note: horizon: my_slide:Endless-v0 has no time limit; episodes end after 100 steps. Set horizon=N to change"
+    assert rkhs(*arguments, "--out", "run", "--set", *SHORT).err.count(note) == 1
+    assert "note:" not in rkhs(*arguments, "--out", "set", "--set", *SHORT, "horizon=7").err
+    assert "note:" not in rkhs("train", "--resume", "run", "--runner", "inline", "--iterations", 2).err
+
+
+def test_an_algorithm_is_named_and_a_horizon_set(rkhs: Rkhs) -> None:
+    arguments = ("train", "--env", "my_slide:Slide-v0", *INLINE, "--iterations", 1, "--algorithm", "rkhs_power")
+    assert rkhs(*arguments, "--out", "run", "--set", *SHORT, "horizon=7", "algorithm.centres=9").code == 0
+    training = load_config(Path("run/config.yaml")).training
+    assert type(training.algorithm).__name__ == "RKHSPoWER"
+    assert training.horizon == 7
+    assert rkhs("train", "--resume", "run", *INLINE, "--iterations", 2).code == 0
+    assert len(Curve(Path("run/curve.csv")).rows()) == 2
+
+
+def test_an_algorithm_that_is_named_has_the_settings_for_a_task_that_nobody_tuned(rkhs: Rkhs) -> None:
+    arguments = ("train", "--env", "my_slide:Slide-v0", *INLINE, "--iterations", 1, "--algorithm", "rkhs_power")
+    assert rkhs(*arguments, "--out", "run", "--set", *SHORT).code == 0
+    algorithm = build(Training, settings_for("rkhs_power")).algorithm
+    assert load_config(Path("run/config.yaml")).training.algorithm == algorithm != RKHSPoWER()
+
+
+@pytest.mark.parametrize("change", ["model.form=none", "model={}", "model={form: none}"])
+def test_without_practice_the_settings_are_those_for_learning_without_a_model(rkhs: Rkhs, change: str) -> None:
+    arguments = ("train", "--env", "my_slide:Slide-v0", *INLINE, "--iterations", 1, "--out", "run")
+    assert rkhs(*arguments, "--set", change, "horizon=7", "evaluation_episodes=2").code == 0
+    training = load_config(Path("run/config.yaml")).training
+    expected = build(Training, {**settings_for(model="none"), "name": training.name, "horizon": 7})
+    assert training == replace(expected, iterations=1, evaluation_episodes=2)
+    assert expected.algorithm != build(Training, settings_for()).algorithm
+
+
+def test_an_environment_runs_one_row_at_a_time_if_told_so(rkhs: Rkhs) -> None:
+    curves = []
+    for rows in (0, 1, 2):
+        out = f"rows{rows}"
+        changes = (*SHORT, f"environment.num_envs={rows}")
+        run = rkhs("train", "--env", "my_slide:Slide-v0", *INLINE, "--iterations", 2, "--out", out, "--set", *changes)
+        assert run.code == 0
+        curves.append([str(row._replace(seconds=0.0)) for row in Curve(Path(out, "curve.csv")).rows()])
+        assert load_config(Path(out, "config.yaml")).environment.num_envs == rows
+    assert curves[0] == curves[1] == curves[2]
+
+
+def test_what_was_shown_is_imitated_measured_and_learnt_on_from(rkhs: Rkhs) -> None:
+    train = ("train", "--env", "my_slide:Slide-v0", *INLINE, "--set", *SHORT)
+    assert rkhs(*train, "--iterations", 8, "--out", "shown").code == 0
+    result = rkhs("imitate", "shown", "--out", "imitated.npz", "--set", "centres=20")
+    assert (result.code, result.err) == (0, "")
+    (centres,) = re.findall(r"^Imitated 60 steps of 2 episodes by (\d+) centres, to within", result.out)
+    assert 0 < int(centres) <= 20
+    shown, imitated = (
+        json.loads(rkhs("evaluate", file, "--episodes", 1).out)["mean"] for file in ("shown", "imitated.npz")
+    )
+    assert abs(shown - imitated) < 0.1 * shown
+    assert rkhs(*train, "exploration_sd=1e-6", "--iterations", 1, "--out", "warm", "--policy", "imitated.npz").code == 0
+    (row,) = Curve(Path("warm/curve.csv")).rows()
+    assert abs(row.exploration_return - imitated) < 0.1 * imitated
+    assert Path("warm/first_policy.npz").read_bytes() == Path("imitated.npz").read_bytes()
+    before = Path("warm/curve.csv").read_text().rpartition(",")[0]
+    Path("warm/checkpoints").rename("aside")  # begun again, it begins from the same policy
+    assert rkhs("train", "--resume", "warm", *INLINE).code == 0
+    assert Path("warm/curve.csv").read_text().rpartition(",")[0] == before
+
+
+def test_episodes_of_others_need_to_say_of_what_environment_they_are(rkhs: Rkhs) -> None:
+    rng = np.random.default_rng(0)
+    np.savez("demo.npz", observations=rng.normal(size=(2, 30, 2)), actions=rng.normal(size=(2, 30, 1)))
+    assert rkhs("imitate", "demo.npz", "--env", "my_slide:Slide-v0").code == 0
+    assert json.loads(rkhs("evaluate", "imitated.npz", "--episodes", 1).out)["environment"] == "my_slide:Slide-v0"
+    assert load_episodes(Path("demo.npz")).task is None
+    assert rkhs("imitate", "demo.npz", "--out", "nowhere.npz").code == 0
+    assert load("nowhere.npz")(np.zeros(2)).shape == (1,)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ("train", "--env", "my_slide:Slid-v0"),
+            "unknown environment 'my_slide:Slid-v0', did you mean 'my_slide:Slide-v0'?",
+        ),
+        (("train", "--env", "Xyzzy-v0"), " is like it; one of a module of your own is named MODULE:Xyzzy-v0"),
+        (("train", "Pendulum-v1"), "; an environment is given as --env Pendulum-v1"),
+        (("train", "my_slide:Slide-v0"), "; an environment is given as --env my_slide:Slide-v0"),
+        (
+            ("train", "--env", "no_slide:Slide-v0"),
+            "expected a module 'no_slide' to import, installed or in this folder, got ModuleNotFoundError",
+        ),
+        (
+            ("train", "--env", "my_slide:Slide-v0", "--algorithm", "nac"),
+            "unknown algorithm 'nac', did you mean 'rkhs_nac' or 'enac'?",
+        ),
+        (("train", "x.yaml", "--env", "Slide-v0"), "expected one of CONFIG, --env ID and --resume DIR, got CONFIG and"),
+        (("train", "--env", "my_slide:Slide-v0", "--policy", "none.npz"), "none.npz"),
+        (("imitate", "none.npz"), "none.npz"),
+        (
+            ("imitate", "few.npz", "--env", "Pendulum-v1"),
+            "observations: expected 3 numbers, as Pendulum-v1 has",
+        ),
+        (("imitate", "few.npz", "--set", "centers=3"), "unknown key 'centers', did you mean 'centres'?"),
+        (("evaluate", "nowhere.npz"), "expected a policy that names its environment"),
+    ],
+)
+def test_bad_input_ends_with_one_line(rkhs: Rkhs, arguments: tuple[str, ...], message: str) -> None:
+    np.savez("few.npz", observations=np.zeros((1, 5, 2)), actions=np.zeros((1, 5, 1)))
+    rkhs("imitate", "few.npz", "--out", "nowhere.npz")
+    assert_refused(rkhs(*arguments), message)

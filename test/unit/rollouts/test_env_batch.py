@@ -1,0 +1,269 @@
+"""Rows of any kind of environment: by id, as they are, in copies, one at a time, flattened."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.spaces import Box, Dict, Tuple
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+import rkhs_ros
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rollouts.environments import env_batch_of, name_of, own_horizon, spec_of
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+
+Observation = np.ndarray[Any, Any]
+FIELDS = ("observations", "actions", "rewards", "mask", "final_observations", "terminated")
+
+
+class Countdown(gymnasium.Env[Any, Any]):
+    """Ends after some steps, by the task if those were drawn even, otherwise cut off; every call is counted."""
+
+    observation_space: Any = Box(-100.0, 100.0, (2,), np.float32)
+    action_space = Box(-1.0, 1.0, (1,), np.float32)
+    made: list["Countdown"] = []
+    most = 100
+    strict = True  # about being begun anew
+
+    def __init__(self) -> None:
+        if len(self.made) >= self.most:
+            raise RuntimeError("there is only one robot")
+        self.made.append(self)
+        self.steps = 0
+        self.going = False
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+        super().reset(seed=seed)
+        if self.going and self.strict:
+            raise RuntimeError("reset during an episode")
+        self.lasts = self.left = int(self.np_random.integers(1, 9))
+        self.going = True
+        return self.seen(), {}
+
+    def step(self, action: Observation) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        self.steps += 1
+        self.left -= 1
+        self.going = self.left > 0
+        even = self.lasts % 2 == 0
+        return self.seen(), float(action[0]), not self.going and even, not self.going and not even, {}
+
+    def seen(self) -> Any:
+        return np.array([self.left, self.lasts], dtype=np.float32)
+
+
+@pytest.fixture(autouse=True)
+def countdown() -> Iterator[None]:
+    Countdown.made = []
+    gymnasium.register("test/Countdown-v0", Countdown, max_episode_steps=12)
+    yield
+    del gymnasium.registry["test/Countdown-v0"]
+
+
+@pytest.fixture
+def policy(random_policy: Callable[..., GaussianPolicy]) -> GaussianPolicy:
+    return random_policy(d=2, n=1)
+
+
+BATCH = Batch(3, 0, 10, 12, explore=True)
+
+
+def test_episodes_keep_their_last_observation_and_how_they_ended(policy: GaussianPolicy) -> None:
+    episodes = InlineRunner(Simulation("test/Countdown-v0")).collect(policy, BATCH)
+    lasts = episodes.observations[:, 0, 1].astype(int)
+    assert len(set(lasts)) > 3
+    assert np.array_equal(episodes.mask.sum(axis=1), lasts)
+    assert np.array_equal(episodes.final_observations, np.stack([np.zeros(10), lasts], axis=1))
+    assert np.array_equal(episodes.terminated, lasts % 2 == 0)
+    for name in ("observations", "actions", "rewards"):
+        assert not getattr(episodes, name)[~episodes.mask].any()
+
+
+def test_a_horizon_cuts_episodes_off_at_their_last_observation(policy: GaussianPolicy) -> None:
+    batch = Batch(3, 0, 10, 3, explore=True)
+    episodes = InlineRunner(Simulation("test/Countdown-v0")).collect(policy, batch)
+    lasts = episodes.observations[:, 0, 1].astype(int)
+    longer = lasts > 3
+    assert longer.any()
+    assert not episodes.terminated[longer].any()
+    assert np.array_equal(episodes.final_observations[:, 0], np.maximum(lasts - 3, 0))
+
+
+def test_rows_are_not_stepped_beyond_their_end_and_copies_are_made_as_needed(policy: GaussianPolicy) -> None:
+    runner = InlineRunner(Simulation("test/Countdown-v0"))
+    assert len(Countdown.made) == 1
+    episodes = runner.collect(policy, BATCH)
+    assert len(Countdown.made) == 10
+    assert sum(env.steps for env in Countdown.made) == episodes.mask.sum()
+    runner.collect(policy, Batch(3, 10, 4, 12, explore=False))
+    assert len(Countdown.made) == 10
+
+
+def sources() -> dict[str, Callable[[], Any]]:
+    modes = {mode.name: lambda mode=mode: SyncVectorEnv([Countdown] * 4, autoreset_mode=mode) for mode in AutoresetMode}
+    return {
+        "an environment": Countdown,
+        "a class": lambda: Countdown,
+        "an environment with a time limit": lambda: gymnasium.make("test/Countdown-v0"),
+        "a function": lambda: lambda: gymnasium.make("test/Countdown-v0"),
+        "a function of a vector environment": lambda: lambda: SyncVectorEnv([Countdown] * 3),
+        **modes,
+    }
+
+
+@pytest.mark.parametrize("source", sources())
+def test_every_kind_of_environment_gives_the_same_episodes(
+    policy: GaussianPolicy, source: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = InlineRunner(Simulation("test/Countdown-v0")).collect(policy, BATCH)
+    whole = "vector" in source or source in AutoresetMode.__members__  # which begins rows anew
+    monkeypatch.setattr(Countdown, "strict", not whole)
+    episodes = InlineRunner(Simulation(sources()[source]())).collect(policy, BATCH)
+    for name in FIELDS:
+        assert np.array_equal(getattr(episodes, name), getattr(expected, name)), name
+
+
+@pytest.mark.parametrize("how", ["setting", "metadata", "found out"])
+def test_an_environment_of_which_there_is_one_runs_its_episodes_one_by_one(
+    policy: GaussianPolicy, how: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = InlineRunner(Simulation("test/Countdown-v0")).collect(policy, BATCH)
+    Countdown.made = []
+    monkeypatch.setattr(Countdown, "most", 1)
+    if how == "metadata":
+        monkeypatch.setattr(Countdown, "metadata", {"num_envs": 1, "render_modes": []})
+    simulation = Simulation("test/Countdown-v0", num_envs=1 if how == "setting" else 0)
+    episodes = InlineRunner(simulation).collect(policy, BATCH)
+    for name in FIELDS:
+        assert np.array_equal(getattr(episodes, name), getattr(expected, name)), name
+    said = capsys.readouterr().err
+    assert said.count("\n") == (how == "found out")
+    assert ("test/Countdown-v0: no more than 1 at a time" in said) == (how == "found out")
+
+
+@pytest.mark.parametrize("vector", [False, True])
+@pytest.mark.parametrize("kind", ["dict", "tuple"])
+def test_composed_observations_are_flat(policy: GaussianPolicy, kind: str, vector: bool) -> None:
+    class Composed(Countdown):
+        observation_space = (
+            Dict(left=Box(-100.0, 100.0, (), np.float32), zlasts=Box(-100.0, 100.0, (1,), np.float32))
+            if kind == "dict"
+            else Tuple([Box(-100.0, 100.0, (1,), np.float32), Box(-100.0, 100.0, (1,), np.float32)])
+        )
+
+        def seen(self) -> Any:
+            left, lasts = super().seen().reshape(2, 1)
+            return {"left": np.float32(left[0]), "zlasts": lasts} if kind == "dict" else (left, lasts)
+
+        strict = False
+
+    expected = InlineRunner(Simulation("test/Countdown-v0")).collect(policy, BATCH)
+    source = (lambda: SyncVectorEnv([Composed] * 3)) if vector else Composed
+    episodes = InlineRunner(Simulation(source)).collect(policy, BATCH)
+    assert np.array_equal(episodes.observations, expected.observations)
+
+
+class Scalar(gymnasium.Env[Any, Any]):
+    """Takes a number without a dimension, and shows one; its reward is an array of one."""
+
+    observation_space = Box(-2.0, 2.0, (), np.float64)
+    action_space = Box(-1.0, 1.0, (), np.float32)
+    taken: list[Any] = []
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+        super().reset(seed=seed)
+        return self.np_random.uniform(-2.0, 2.0), {}
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        self.taken.append(action)
+        return np.float64(action), np.array([-float(action)]), False, False, {}
+
+
+def test_an_action_without_a_dimension_is_an_array_as_its_space_has_it() -> None:
+    (result,) = rkhs_ros.learn(Scalar, iterations=1, horizon=3, discount=1.0, episodes_per_iteration=10, model="none")
+    played = result.policy(1.0)
+    Scalar.taken.append(played)
+    assert {type(action) for action in Scalar.taken} == {np.ndarray}
+    assert {(action.shape, action.dtype) for action in Scalar.taken} == {((), np.dtype(np.float32))}
+    assert all(Scalar.action_space.contains(action) for action in Scalar.taken)
+    exploring = np.array(Scalar.taken[: 10 * 3]).reshape(3, 10)
+    assert np.allclose(result.iteration.exploration_returns, -exploring.sum(axis=0))
+
+
+MODULE = """
+import gymnasium, numpy as np
+from gymnasium.spaces import Box
+
+class Still(gymnasium.Env):
+    observation_space, action_space = Box(-1.0, 1.0, (3,)), Box(-1.0, 1.0, (2,))
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return np.zeros(3, np.float32), {}
+    def step(self, action):
+        return np.zeros(3, np.float32), 0.0, False, False, {}
+
+gymnasium.register("Still-v0", "%s:Still", max_episode_steps=7)
+"""
+
+
+def test_a_module_beside_is_imported_for_its_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", list(__import__("sys").path))
+    (tmp_path / "still_life.py").write_text(MODULE % "still_life")
+    simulation = Simulation("still_life:Still-v0")
+    assert (simulation.spaces.observation_dim, simulation.spaces.action_dim) == (3, 2)
+    assert simulation.environment == "still_life:Still-v0"
+    assert own_horizon("still_life:Still-v0") == 7
+    with pytest.raises(
+        ValueError, match=r"unknown environment 'still_life:Stil-v0', did you mean 'still_life:Still-v0'\?"
+    ):
+        spec_of("still_life:Stil-v0")
+    (tmp_path / "broken_life.py").write_text("import nothing_such")
+    with pytest.raises(
+        ValueError,
+        match=r"expected a module 'broken_life' to import, .* got ModuleNotFoundError: No module",
+    ):
+        Simulation("broken_life:Still-v0")
+
+
+def test_environments_are_named_by_id_or_class() -> None:
+    assert name_of("test/Countdown-v0") == "test/Countdown-v0"
+    assert name_of(gymnasium.make("test/Countdown-v0")) == "test/Countdown-v0"
+    assert name_of(Countdown()) == name_of(Countdown) == "Countdown"
+    assert own_horizon(Countdown()) is None
+    assert env_batch_of(Countdown()).capacity(5) == 1
+
+
+def test_a_function_that_gives_the_same_again_runs_one_row(
+    policy: GaussianPolicy, capsys: pytest.CaptureFixture[str]
+) -> None:
+    expected = InlineRunner(Simulation("test/Countdown-v0")).collect(policy, BATCH)
+    only = Countdown()
+    episodes = InlineRunner(Simulation(lambda: only)).collect(policy, BATCH)
+    for name in FIELDS:
+        assert np.array_equal(getattr(episodes, name), getattr(expected, name)), name
+    assert "got the same again" in capsys.readouterr().err
+
+
+def test_an_instance_says_how_it_was_made_and_a_wrapped_one_is_no_id() -> None:
+    made = Simulation(gymnasium.make("MountainCarContinuous-v0", goal_velocity=0.01))
+    assert (made.environment, made.options) == ("MountainCarContinuous-v0", {"goal_velocity": 0.01})
+    wrapped = gymnasium.wrappers.TransformReward(gymnasium.make("Pendulum-v1"), lambda reward: 2 * reward)
+    assert Simulation(wrapped).environment == "PendulumEnv"
+
+
+@pytest.mark.parametrize("rows", [-1, 2.5, "2", None, True])
+def test_a_number_of_rows_is_a_whole_number(rows: Any) -> None:
+    with pytest.raises(ValueError, match="num_envs: expected a whole number"):
+        Simulation("test/Countdown-v0", num_envs=rows)
+
+
+def test_options_belong_to_an_id() -> None:
+    with pytest.raises(ValueError, match="options: expected a mapping"):
+        Simulation("test/Countdown-v0", [1])  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="options: expected them with an id"):
+        Simulation(Countdown, {"a": 1})

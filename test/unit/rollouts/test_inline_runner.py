@@ -1,0 +1,86 @@
+from collections.abc import Callable
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from sim_nodes.envs.pendulum import Pendulum
+
+MakePolicy = Callable[..., GaussianPolicy]
+ARRAYS = ("observations", "actions", "rewards", "mask")
+
+
+@pytest.fixture
+def runner() -> InlineRunner:
+    return InlineRunner(Simulation("rkhs/Pendulum-v0"))
+
+
+def test_episodes_pair_what_was_seen_with_what_was_done_and_earned(
+    runner: InlineRunner, random_policy: MakePolicy
+) -> None:
+    policy, batch = random_policy(n=1), Batch(3, 20, 2, 6, explore=True)
+    episodes = runner.collect(policy, batch)
+    task, exploration = Pendulum(2), batch.exploration(1)
+    observations = task.reset(seed=batch.environment_seeds())[0]
+    for t in range(6):
+        assert np.array_equal(episodes.observations[:, t], observations)
+        actions = policy.act(observations, exploration[:, t])
+        assert np.array_equal(episodes.actions[:, t], actions)  # as drawn, not clipped
+        observations, rewards, *_ = task.step(actions)
+        assert np.array_equal(episodes.rewards[:, t], rewards)
+    assert episodes.mask.all()
+
+
+@pytest.mark.parametrize("kernel", [RBF((1.0, 2.0)), Polynomial(1.0, 2)], ids=str)
+@pytest.mark.parametrize("learnt", [False, True], ids=["constant variance", "learnt variance"])
+@pytest.mark.parametrize("sizes", [(1,) * 7, (3, 4), (5, 2)], ids=str)
+def test_episodes_do_not_depend_on_the_split_into_batches(
+    runner: InlineRunner, random_policy: MakePolicy, kernel: Kernel, learnt: bool, sizes: tuple[int, ...]
+) -> None:
+    policy = random_policy(n=1, m=40, kernel=kernel, learnt=learnt)
+    together = runner.collect(policy, Batch(0, 10, 7, 30, explore=True))
+    starts = np.cumsum([10, *sizes])
+    parts = [
+        runner.collect(policy, Batch(0, int(start), size, 30, explore=True))
+        for start, size in zip(starts, sizes, strict=False)
+    ]
+    for name in ARRAYS:
+        assert np.array_equal(np.concatenate([getattr(part, name) for part in parts]), getattr(together, name))
+
+
+def test_evaluation_episodes_follow_the_mean(runner: InlineRunner, random_policy: MakePolicy) -> None:
+    policy = random_policy(n=1)
+    episodes = runner.collect(policy, Batch(0, 0, 3, 5, explore=False))
+    for t in range(5):
+        assert np.array_equal(episodes.actions[:, t], policy.mean(episodes.observations[:, t]))
+
+
+def test_steps_after_the_end_of_an_episode_are_masked(random_policy: MakePolicy) -> None:
+    class Fading(gymnasium.Env[np.ndarray, np.ndarray]):
+        observation_space, action_space = Box(-9.0, 9.0, (1,), np.float64), Box(-1.0, 1.0, (1,), np.float64)
+
+        def reset(self, *, seed: int | None = None, options: object = None) -> tuple[np.ndarray, dict[str, object]]:
+            super().reset(seed=seed)
+            self.left = int(self.np_random.integers(1, 6))
+            return np.array([float(self.left)]), {}
+
+        def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, object]]:
+            self.left -= 1
+            return np.array([float(self.left)]), 2.0, self.left == 0, False, {}
+
+    gymnasium.register("test/Fading-v0", Fading)
+    try:
+        runner = InlineRunner(Simulation("test/Fading-v0"))
+        episodes = runner.collect(random_policy(d=1, n=1), Batch(0, 0, 20, 7, explore=True))
+    finally:
+        del gymnasium.registry["test/Fading-v0"]
+    lengths = episodes.observations[:, 0, 0].astype(int)
+    assert len(set(lengths)) > 1
+    assert np.array_equal(episodes.mask, np.arange(7) < lengths[:, None])
+    assert np.array_equal(episodes.rewards, np.where(episodes.mask, 2.0, 0.0))

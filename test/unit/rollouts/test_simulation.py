@@ -1,0 +1,277 @@
+from collections.abc import Iterator
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.spaces import Box, Dict, Discrete, Tuple
+from gymnasium.vector import SyncVectorEnv
+
+import rkhs_ros
+from rkhs_ros.base.endings import RunError
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rollouts.env_batch import GOES_ON, KEPT, MOST_VECTORS
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+
+
+class Walk(gymnasium.Env[np.ndarray, np.ndarray]):
+    """Ends when the sum of the actions passes 3; an observation of two by two numbers."""
+
+    observation_space = Box(-100.0, 100.0, (2, 2), np.float32)
+    action_space = Box(-1.0, 2.0, (1, 2), np.float32)
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[np.ndarray, dict[str, Any]]:
+        super().reset(seed=seed)
+        self.position, self.offset = 0.0, float(self.np_random.uniform())
+        return self._observation(), {}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        assert action.shape == (1, 2)
+        assert action.dtype == np.float32
+        self.position += float(action.sum())
+        return self._observation(), 1.0, self.position > 3.0, False, {}
+
+    def _observation(self) -> np.ndarray:
+        return np.array([[self.position, self.offset], [0, 1]], dtype=np.float32)
+
+
+@pytest.fixture
+def walk() -> Iterator[Simulation]:
+    gymnasium.register("test/Walk-v0", Walk)
+    yield Simulation("test/Walk-v0")
+    del gymnasium.registry["test/Walk-v0"]
+
+
+def batch(rows: int, horizon: int, first: int = 0) -> Batch:
+    return Batch(0, first, rows, horizon, explore=True)
+
+
+def test_any_environment_is_flat_rows_of_numbers(walk: Simulation) -> None:
+    assert (walk.spaces.observation_dim, walk.spaces.action_dim) == (4, 2)
+    assert (walk.spaces.action_low.tolist(), walk.spaces.action_high.tolist()) == ([[-1, -1]], [[2, 2]])
+    frame = walk.start(batch(3, 5))
+    assert frame.observations.shape == (3, 4)
+    assert frame.observations.dtype == np.float64
+    assert frame.active.all()
+
+
+def test_an_episode_that_ended_earns_nothing_more_and_stays_over(walk: Simulation) -> None:
+    walk.start(batch(3, 8))
+    pace = np.array([[1.0, 0.0], [0.0, 0.0], [2.0, 2.0]])  # over after four steps, never, at once
+    frames = [walk.step(pace) for _ in range(8)]
+    active = np.array([frame.active for frame in frames]).T.tolist()
+    rewards = np.array([frame.rewards for frame in frames]).T.tolist()
+    assert active[0] == [True] * 3 + [False] * 5
+    assert active[1] == [True] * 7 + [False]
+    assert active[2] == [False] * 8
+    assert rewards == [[1.0] * 4 + [0.0] * 4, [1.0] * 8, [1.0] + [0.0] * 7]
+
+
+def test_actions_are_clipped_to_the_environments_space(walk: Simulation) -> None:
+    walk.start(batch(1, 3))
+    frame = walk.step(np.array([[9.0, -9.0]]))
+    assert frame.observations[0, 0] == 2.0 - 1.0
+
+
+def test_an_episode_follows_from_its_number_alone(walk: Simulation) -> None:
+    offsets = walk.start(batch(4, 3)).observations[:, 1]
+    assert len(set(offsets)) == 4
+    walk.step(np.zeros((4, 2)))
+    assert np.array_equal(walk.start(batch(2, 3, first=2)).observations[:, 1], offsets[2:])
+    assert np.array_equal(walk.start(batch(4, 3)).observations[:, 1], offsets)
+
+
+def test_an_environment_of_gymnasium_is_served() -> None:
+    simulation = Simulation("Pendulum-v1", {"g": 9.0})
+    spaces = simulation.spaces
+    assert (spaces.observation_dim, spaces.action_dim, spaces.action_high.tolist()) == (3, 1, [2.0])
+    simulation.start(batch(2, 210))  # longer than its own time limit of 200
+    frames = [simulation.step(np.zeros((2, 1))) for _ in range(210)]
+    assert [frame.active.all() for frame in frames] == [True] * 209 + [False]
+    assert all((frame.rewards < 0).all() for frame in frames)
+
+
+@pytest.mark.parametrize(
+    ("environment", "message"),
+    [
+        ("CartPole-v1", r"CartPole-v1 actions: expected a continuous space \(a Box of numbers\), got Discrete\(2\)"),
+        ("FrozenLake-v1", "FrozenLake-v1 actions: expected a continuous space"),
+        ("Taxi-v4", "Taxi-v4 actions: expected a continuous space"),
+        ("rkhs/Pendulm-v0", r"unknown environment 'rkhs/Pendulm-v0', did you mean 'rkhs/Pendulum-v0'\?"),
+        ("Pendulum-v77", "unknown environment 'Pendulum-v77', did you mean 'Pendulum-v1'"),
+        ("no_such_module:Pendulum-v1", "unknown environment"),
+        ("", "unknown environment ''"),
+    ],
+)
+def test_an_environment_that_is_unknown_or_not_continuous_is_refused_in_one_line(
+    environment: str, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message) as refusal:
+        Simulation(environment)
+    assert "\n" not in str(refusal.value)
+
+
+def test_discrete_observations_are_refused() -> None:
+    class Counting(Walk):
+        observation_space = gymnasium.spaces.Discrete(3)  # type: ignore[assignment]
+
+    gymnasium.register("test/Counting-v0", Counting)
+    try:
+        with pytest.raises(ValueError, match="Counting-v0 observations: expected a continuous space"):
+            Simulation("test/Counting-v0")
+    finally:
+        del gymnasium.registry["test/Counting-v0"]
+
+
+@pytest.mark.parametrize(
+    ("environment", "options", "message"),
+    [
+        ("rkhs/Toy-v0", {"angle": "clip"}, r"environment\.options: expected what rkhs/Toy-v0 takes, got \{'angle'"),
+        ("rkhs/Pendulum-v0", {"angle": "warp"}, "angle: expected one of clip, wrap, got 'warp'"),
+        ("Pendulum-v1", {"gravity": 1}, r"environment\.options: expected what Pendulum-v1 takes"),
+        ("FrozenLake-v1", {"map_name": "zzz"}, r"environment\.options: expected what FrozenLake-v1 takes"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused_in_one_line(
+    environment: str, options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message) as refusal:
+        Simulation(environment, options)
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("environment", "seconds"),
+    [("rkhs/Toy-v0", 1.0), ("rkhs/Pendulum-v0", 0.1), ("Pendulum-v1", 0.05), ("MountainCarContinuous-v0", 1 / 30)],
+)
+def test_a_step_stands_for_seconds_of_the_task(environment: str, seconds: float) -> None:
+    assert Simulation(environment).step_seconds == seconds
+
+
+class Camera(Walk):
+    observation_space = Box(0, 255, (8, 8, 3), np.uint8)
+
+
+def test_images_are_said_not_to_be_supported() -> None:
+    with pytest.raises(ValueError, match=r"Camera observations: expected a continuous .* got images, which"):
+        Simulation(Camera)
+
+
+class CameraInside(Walk):
+    observation_space = Dict(arm=Box(-1.0, 1.0, (2,)), head=Tuple([Dict(camera=Camera.observation_space)]))  # type: ignore[assignment]
+
+
+def test_images_within_a_dictionary_are_named_and_not_supported() -> None:
+    where = r"^CameraInside observations: 'head': 0: 'camera': expected a continuous space .* got images, which are not"
+    with pytest.raises(ValueError, match=where):
+        Simulation(CameraInside)
+
+
+class Robot(Walk):
+    """Of which there is one only at a time, as of a robot."""
+
+    is_in_use = False
+    metadata: ClassVar[dict[str, Any]] = {"num_envs": 1, "render_modes": []}
+
+    def __init__(self, actions: int = 1) -> None:
+        if Robot.is_in_use:
+            raise RuntimeError("in use")
+        Robot.is_in_use = True
+        if actions != 1:
+            self.action_space = Discrete(actions)  # type: ignore[assignment]
+
+    def close(self) -> None:
+        Robot.is_in_use = False
+
+
+@pytest.fixture
+def robot() -> Iterator[str]:
+    gymnasium.register("test/Robot-v0", Robot, max_episode_steps=3)
+    yield "test/Robot-v0"
+    del gymnasium.registry["test/Robot-v0"]
+    Robot.is_in_use = False
+
+
+SHORT: dict[str, Any] = {"iterations": 2, "episodes_per_iteration": 2, "evaluation_episodes": 1, "horizon": 3}
+SHORT |= {"model": "none", "progress": False}
+
+
+@pytest.mark.parametrize("source", [None, Robot, lambda: SyncVectorEnv([Robot])], ids=["id", "class", "function"])
+def test_what_training_makes_it_closes(robot: str, source: Any) -> None:
+    rkhs_ros.train(source or robot, **SHORT)
+    gymnasium.make(robot).close()
+    with pytest.raises(ValueError, match=r"^iterations: "):
+        rkhs_ros.train(source or robot, **SHORT | {"iterations": -1})
+    for _ in rkhs_ros.learn(source or robot, **{k: v for k, v in SHORT.items() if k != "progress"}):
+        break
+    gymnasium.make(robot)
+
+
+def test_what_cannot_be_learnt_in_is_closed_again(robot: str) -> None:
+    with pytest.raises(ValueError, match="actions: expected a continuous space"):
+        Simulation(robot, {"actions": 2})
+    assert not Robot.is_in_use
+
+
+@pytest.mark.parametrize("batches", [2, MOST_VECTORS + 2])
+@pytest.mark.parametrize("is_vector", [False, True])
+def test_an_environment_that_is_passed_stays_open(robot: str, is_vector: bool, batches: int) -> None:
+    passed: Any = SyncVectorEnv([Robot]) if is_vector else gymnasium.make(robot)
+    with InlineRunner(Simulation(passed)) as runner:
+        for horizon in range(1, batches + 1):
+            runner.simulation.start(batch(1, horizon))
+    assert Robot.is_in_use
+    rkhs_ros.train(passed, **SHORT)
+    assert Robot.is_in_use
+
+
+def test_an_environment_that_fails_to_close_is_reported_and_keeps_the_result(
+    robot: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def close(robot: Robot) -> None:
+        raise OSError("it hangs on")
+
+    monkeypatch.setattr(Robot, "close", close)
+    assert len(rkhs_ros.train(robot, **SHORT).rows) == 2
+    assert capsys.readouterr().err == "warning: test/Robot-v0: close: OSError: it hangs on\n"
+
+
+def test_rows_go_on_beside_others_that_begin_anew(walk: Simulation) -> None:
+    single = Walk()
+    seeds = [4, 5]
+    first = walk.start(batch(2, 6), seeds)
+    for row, seed in enumerate(seeds):
+        np.testing.assert_array_equal(first.observations[row], single.reset(seed=seed)[0].ravel())
+    pace = np.array([[1.0, 0.0], [0.5, 0.0]])
+    walk.step(pace)
+    walk.step(pace)
+    single.reset(seed=4)
+    begun = walk.start(batch(2, 6), [GOES_ON, KEPT])
+    assert begun.observations[0].tolist() == single.reset()[0].ravel().tolist()
+    assert begun.observations[1, 0] == 1.0
+    frames = [walk.step(pace) for _ in range(4)]
+    assert [frame.truncated.tolist() for frame in frames] == [[False, False]] * 3 + [[False, True]]
+    assert [frame.terminated.tolist() for frame in frames] == [[False, False]] * 3 + [[True, False]]
+
+
+def test_seeds_that_do_not_fit_are_refused(walk: Simulation) -> None:
+    with pytest.raises(ValueError, match="environment_seeds: expected episodes under way to go on with, got none"):
+        walk.start(batch(2, 6), [1, KEPT])
+    walk.start(batch(2, 6), [1, 2])
+    for other in (batch(3, 6), Batch(1, 0, 2, 6, explore=True)):
+        with pytest.raises(ValueError, match="environment_seeds: expected episodes under way to go on with, got none"):
+            walk.start(other, [KEPT] * other.num_envs)
+    with pytest.raises(ValueError, match="environment_seeds: expected 2, one for each row, got 3"):
+        walk.start(batch(2, 6), [1, 2, 3])
+    with pytest.raises(ValueError, match="environment_seeds: expected whole numbers >= -2"):
+        walk.start(batch(2, 6), [1, -3])
+
+
+def test_rows_that_are_stepped_together_begin_anew_together() -> None:
+    toy = Simulation("rkhs/Toy-v0")
+    toy.start(batch(2, 6), [1, 2])
+    with pytest.raises(RunError, match="expected all rows to begin anew together"):
+        toy.start(batch(2, 6), [GOES_ON, KEPT])
+    with pytest.raises(ValueError, match="episodes under way"):
+        toy.start(batch(2, 6), [GOES_ON, KEPT])

@@ -1,0 +1,29 @@
+"""A runner that is interrupted after a number of batches."""
+
+from typing import Any, ClassVar
+
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.config import Environment
+
+
+class Stopping:
+    """Run a number of batches, two for each iteration if none run ahead, and then raise an error."""
+
+    environment: ClassVar = Environment("rkhs/Toy-v0", {})
+
+    def __init__(self, batches: float = float("inf"), error: BaseException | None = None, num_envs: int = 1) -> None:
+        self._runner = InlineRunner(Simulation(self.environment.id, self.environment.options))
+        self.spaces = self._runner.spaces
+        self._batches = batches
+        self._error = error or KeyboardInterrupt()
+        self._num_envs = num_envs
+
+    def capacity(self, num_envs: int) -> int:
+        return min(num_envs, self._num_envs)
+
+    def collect(self, *arguments: Any) -> Any:
+        self._batches -= 1
+        if self._batches < 0:
+            raise self._error
+        return self._runner.collect(*arguments)

@@ -1,0 +1,74 @@
+"""What was tried in tasks of one step is kept, once, for their picture."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+
+from rkhs_ros.learning.algorithms.registry import ALGORITHMS
+from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.pictures.run_pictures import draw_run
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.attempts import ATTEMPTS
+from rkhs_ros.runs.config import Config, Environment
+from rkhs_ros.runs.episode_files import load_episodes
+from rkhs_ros.runs.run import run_training
+
+pytestmark = pytest.mark.usefixtures("quick_disk")
+TRAINING = Training(iterations=4, episodes_per_iteration=3, horizon=1, algorithm=ALGORITHMS["rkhs_power"](centres=5))
+CONFIG = Config(Environment("test/Throw-v0", {}), TRAINING)
+
+
+class Throw(gymnasium.Env[Any, Any]):
+    """One throw at a basket."""
+
+    observation_space, action_space = Box(-1.0, 1.0, (1,)), Box(-1.0, 1.0, (2,))
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed)
+        return self.np_random.uniform(-1.0, 1.0, 1), {}
+
+    def step(self, action: Any) -> Any:
+        return np.zeros(1), float(np.exp(-np.sum((action - 0.5) ** 2))), True, False, {}
+
+
+@pytest.fixture
+def runner() -> Iterator[InlineRunner]:
+    gymnasium.register("test/Throw-v0", Throw)
+    yield InlineRunner(Simulation("test/Throw-v0"))
+    gymnasium.registry.pop("test/Throw-v0")
+
+
+def test_every_attempt_is_kept_and_drawn(tmp_path: Path, runner: InlineRunner) -> None:
+    explored = []
+    runner.record = lambda batch, episodes, _: explored.append(episodes) if batch.explore else None
+    folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
+    kept = load_episodes(folder / ATTEMPTS).episodes
+    np.testing.assert_array_equal(kept.actions, np.concatenate([episodes.actions for episodes in explored]))
+    np.testing.assert_array_equal(kept.rewards, np.concatenate([episodes.rewards for episodes in explored]))
+    with_attempts = draw_run(folder)[1].read_bytes()
+    (folder / ATTEMPTS).unlink()
+    assert draw_run(folder)[1].read_bytes() != with_attempts
+
+
+@pytest.mark.parametrize(
+    ("damage", "left"), [(lambda path: None, 12), (lambda path: path.write_bytes(b"PK"), 6), (Path.unlink, 6)]
+)
+def test_a_run_that_goes_on_keeps_each_attempt_once(
+    tmp_path: Path, runner: InlineRunner, damage: Any, left: int
+) -> None:
+    whole = run_training(CONFIG, runner, tmp_path / "whole", quiet=True)
+    begun = replace(CONFIG, training=replace(TRAINING, iterations=2))
+    run_training(begun, runner, tmp_path / "begun", quiet=True)
+    damage(tmp_path / "begun" / ATTEMPTS)
+    run_training(CONFIG, runner, tmp_path / "begun", quiet=True, resume=True)
+    kept, all_of_them = (load_episodes(folder / ATTEMPTS).episodes for folder in (tmp_path / "begun", whole))
+    np.testing.assert_array_equal(kept.actions, all_of_them.actions[-len(kept) :])
+    assert len(kept) == left
+    assert (tmp_path / "begun" / "policy.npz").read_bytes() == (whole / "policy.npz").read_bytes()

@@ -1,0 +1,419 @@
+import os
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from rkhs_ros import __version__
+from rkhs_ros.learning.algorithms.function_spaces import GridSettings
+from rkhs_ros.learning.algorithms.registry import ALGORITHMS
+from rkhs_ros.learning.state import State
+from rkhs_ros.learning.training import train
+from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.storage import packed, unpacked
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs import provenance as provenance
+from rkhs_ros.runs.checkpoint import Checkpoints
+from rkhs_ros.runs.config import Config, Environment
+
+ROOT = Path(__file__).parents[3]
+TINY = Training(iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=3)
+CONFIG = Config(Environment("rkhs/Toy-v0", {}), TINY)
+TOY = InlineRunner(Simulation("rkhs/Toy-v0"))
+WAYS: list[Any] = [
+    *ALGORITHMS,
+    {"name": "rkhs_nac", "step": {"rule": "line_search", "choices": 3, "episodes": 2}},
+    {"name": "rkhs_nac", "exploration_decay": 0.9, "critic": "trajectory"},
+    {"name": "rkhs_nac", "variance": "learnt", "reuse": 4},
+    {"name": "rkhs_power", "reuse": 3},
+    {"name": "rkhs_power", "variance": "printed"},
+    {"name": "power", "reuse": 3, "variance": "constant", "exploration_decay": 0.9},
+]
+
+ArraysOf = Callable[[Any], dict[str, np.ndarray]]
+
+
+def config_of(way: Any) -> Config:
+    way = {"name": way} if isinstance(way, str) else way
+    on_grid = issubclass(ALGORITHMS[way["name"]], GridSettings)
+    size = {"grid_counts": 3, "grid_low": [-4.0], "grid_high": [4.0]} if on_grid else {"centres": 6}
+    tree = {"iterations": 4, "episodes_per_iteration": 3, "evaluation_episodes": 2, "horizon": 6}
+    kernel = {"bandwidth": 4.0} if on_grid else {}
+    return Config(Environment("rkhs/Toy-v0", {}), training_from({**tree, "kernel": kernel, "algorithm": size | way}))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "checkpoints").mkdir()
+    (tmp_path / "curve.csv").touch()
+    return tmp_path
+
+
+@pytest.fixture
+def states() -> list[State]:
+    """The states after the iterations of a tiny run, and the first one."""
+    return [iteration.state for iteration in train(TINY, TOY)]
+
+
+def files(folder: Path) -> list[str]:
+    return sorted(path.name for path in (folder / "checkpoints").iterdir())
+
+
+def assert_same_bits(one: Any, other: Any, arrays_of: ArraysOf) -> None:
+    a, b = arrays_of(one), arrays_of(other)
+    assert a.keys() == b.keys()
+    for name in a:
+        assert (a[name].dtype, a[name].shape) == (b[name].dtype, b[name].shape)
+        assert a[name].tobytes() == b[name].tobytes()
+
+
+def assert_same_state(one: State, other: State, arrays_of: ArraysOf) -> None:
+    assert_same_bits(one, other, arrays_of)
+    assert (one.iterations, one.explored, one.evaluated) == (other.iterations, other.explored, other.evaluated)
+    assert one.policy.mean.kernel == other.policy.mean.kernel
+    assert one.policy.inputs == other.policy.inputs
+
+
+@pytest.mark.parametrize("inputs", [Inputs(), Inputs(history=2, angles=(0.0,), degree=2)], ids=["plain", "inputs"])
+@pytest.mark.parametrize("way", WAYS, ids=str)
+def test_every_algorithm_goes_on_from_each_checkpoint_to_the_same_bits(
+    folder: Path, way: Any, inputs: Inputs, arrays_of: ArraysOf
+) -> None:
+    config = config_of(way)
+    if isinstance(config.training.algorithm, GridSettings) and inputs != Inputs():
+        inputs = Inputs(angles=(0.0,))
+    config = replace(config, training=replace(config.training, inputs=inputs))
+    whole = list(train(config.training, TOY))
+    for k, iteration in enumerate(whole[:-1], 1):
+        Checkpoints(folder, config).write(iteration.state)
+        state = Checkpoints(folder, config).newest(k)
+        assert state is not None
+        assert_same_state(state, iteration.state, arrays_of)
+        rest = list(train(config.training, TOY, state))
+        assert len(rest) == len(whole) - k
+        for one, other in zip(whole[k:], rest, strict=True):
+            assert_same_bits(one, other, arrays_of)
+            assert one.metrics == other.metrics
+            assert_same_state(one.state, other.state, arrays_of)
+
+
+def test_the_memory_is_in_the_checkpoint(folder: Path) -> None:
+    *_, last = train(config_of({"name": "power", "reuse": 3}).training, TOY)
+    assert len(last.state.memory) == 3  # else the test above would be none of it
+
+
+def write(folder: Path, *states: State, config: Config = CONFIG) -> list[Path]:
+    checkpoints = Checkpoints(folder, config)
+    for state in states:
+        checkpoints.write(state)
+    return [folder / "checkpoints" / f"{state.iterations:07}.npz" for state in states]
+
+
+def newest(folder: Path, config: Config = CONFIG, lines: int = 99) -> int | None:
+    state = Checkpoints(folder, config).newest(lines)
+    return None if state is None else state.iterations
+
+
+@pytest.mark.faults
+@pytest.mark.slow
+@pytest.mark.usefixtures("quick_disk")
+def test_a_checkpoint_cut_short_anywhere_is_passed_over_by_name(
+    folder: Path, states: list[State], capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, path = write(folder, *states[:2])
+    whole = path.read_bytes()
+    for length in range(len(whole)):
+        path.write_bytes(whole[:length])
+        assert newest(folder) == 1
+        err = capsys.readouterr().err
+        assert err.startswith(f"warning: {path}: passed over (damaged, ")
+        assert err.count("\n") == 1
+    path.write_bytes(whole)
+    assert newest(folder) == 2
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.usefixtures("quick_disk")
+@settings(max_examples=400, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_a_flipped_bit_is_seen_or_changes_nothing(
+    folder: Path, states: list[State], arrays_of: ArraysOf, capsys: pytest.CaptureFixture[str], data: st.DataObject
+) -> None:
+    _, path = write(folder, *states[:2])
+    content = bytearray(path.read_bytes())
+    content[data.draw(st.integers(0, len(content) - 1))] ^= 1 << data.draw(st.integers(0, 7))
+    path.write_bytes(content)
+    state = Checkpoints(folder, CONFIG).newest(2)
+    assert state is not None
+    assert_same_state(state, states[state.iterations - 1], arrays_of)
+    assert (f"warning: {path}: passed over" in capsys.readouterr().err) is (state.iterations == 1)
+
+
+@pytest.mark.usefixtures("quick_disk")
+def test_a_flipped_bit_in_an_array_is_always_seen(folder: Path, states: list[State]) -> None:
+    _, path = write(folder, *states[:2])
+    whole = path.read_bytes()
+    for array in (states[1].policy.mean.weights, states[1].policy.mean.centres):
+        begin = whole.index(array.tobytes())
+        for place in range(begin, begin + array.nbytes):
+            path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
+            assert newest(folder) == 1
+
+
+@pytest.mark.parametrize("content", [b"", b"PK", b"text\n", packed({"about": np.array(b"{}")}), packed({})])
+def test_what_is_no_checkpoint_is_passed_over(
+    folder: Path, states: list[State], content: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, path = write(folder, *states[:2])
+    path.write_bytes(content)
+    assert newest(folder) == 1
+    assert f"warning: {path}: passed over (damaged, " in capsys.readouterr().err
+
+
+def test_none_at_all_is_no_state_but_damaged_ones_only_are_refused(
+    folder: Path, states: list[State], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert newest(folder) is None
+    for path in write(folder, *states[:2]):
+        path.write_bytes(b"")
+    with pytest.raises(ValueError, match=r"2\.npz: expected a whole checkpoint to resume from, got damaged ones only"):
+        newest(folder)
+    assert capsys.readouterr().err.count("passed over") == 2
+
+
+def test_a_checkpoint_with_too_few_lines_in_the_curve_is_passed_over(
+    folder: Path, states: list[State], capsys: pytest.CaptureFixture[str]
+) -> None:
+    one, two = write(folder, *states[:2])
+    assert [newest(folder, lines=lines) for lines in (3, 2)] == [2, 2]
+    assert capsys.readouterr().err == ""
+    assert newest(folder, lines=1) == 1
+    assert (
+        capsys.readouterr().err == f"warning: {two}: passed over (curve.csv has the lines of 1 iterations, not of 2)\n"
+    )
+    with pytest.raises(ValueError, match=r"curve\.csv: lines are missing; expected those of 2 iterations"):
+        newest(folder, lines=0)
+    assert one.exists()
+
+
+def test_the_last_iteration_is_made_again(folder: Path, states: list[State]) -> None:
+    write(folder, *states)
+    assert files(folder) == ["0000003.npz", "0000004.npz"]
+    longer, shorter = (replace(CONFIG, training=replace(TINY, iterations=n)) for n in (9, 3))
+    assert [newest(folder, config) for config in (CONFIG, longer, shorter)] == [3, 4, None]
+
+
+def test_names_are_in_the_order_of_iterations(folder: Path, states: list[State]) -> None:
+    config = replace(CONFIG, training=replace(TINY, iterations=10**6))
+    write(folder, *(replace(states[0], iterations=n) for n in (99_999, 100_000)), config=config)
+    assert newest(folder, config, lines=10**6) == 100_000
+
+
+def changed(**changes: Any) -> Config:
+    return replace(CONFIG, training=replace(TINY, **changes))
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        (changed(seed=1), "seed: expected 0, with which the run began, got 1; "),
+        (changed(horizon=4, discount=0.5), "horizon: expected 3, with which the run began, got 4; "),
+        (changed(exploration_sd=(0.5,)), r"exploration_sd: expected \[1.0\], with which the run began, got \[0.5\]; "),
+        (changed(algorithm=ALGORITHMS["power"]()), "algorithm.name: expected rkhs_nac, with .* got power; "),
+        (
+            replace(CONFIG, environment=Environment("rkhs/Pendulum-v0", {"angle": "clip"})),
+            "environment.id: expected rkhs/Toy-v0, with which the run began, got rkhs/Pendulum-v0; ",
+        ),
+        (
+            replace(CONFIG, environment=Environment("rkhs/Toy-v0", {"start": 1})),
+            "environment.options.start: expected no such setting, with which the run began, got 1; ",
+        ),
+    ],
+)
+def test_a_checkpoint_of_other_settings_is_refused_by_the_first_of_them(
+    folder: Path, states: list[State], config: Config, message: str
+) -> None:
+    *_, path = write(folder, *states)  # the last iteration's too, which is not gone on from
+    with pytest.raises(ValueError, match=message) as refusal:
+        newest(folder, config)
+    assert str(refusal.value).startswith(f"{path}: ")
+    assert "\n" not in str(refusal.value)
+
+
+def test_an_option_that_is_gone_is_refused(folder: Path, states: list[State]) -> None:
+    write(folder, *states, config=replace(CONFIG, environment=Environment("rkhs/Toy-v0", {"start": [1, {"a": 2.5}]})))
+    with pytest.raises(ValueError, match=r"environment\.options\.start: expected .* got no such setting"):
+        newest(folder)
+
+
+def test_what_no_result_depends_on_may_differ(folder: Path, states: list[State]) -> None:
+    write(folder, *states)
+    assert newest(folder, changed(iterations=5, simulators=3, timeout=1.0)) == 4
+
+
+def test_a_checkpoint_of_another_schema_is_refused(folder: Path, states: list[State]) -> None:
+    path, *_ = write(folder, states[0])
+    arrays = unpacked(path.read_bytes())
+    about = arrays["about"].item().replace(b'"schema": 4', b'"schema": 5').replace(__version__.encode(), b"9.8.7")
+    path.write_bytes(packed({"about": np.array(about)}))
+    with pytest.raises(ValueError, match=r"a checkpoint of schema 4, got schema 5; go on with rkhs_ros 9\.8\.7"):
+        newest(folder)
+
+
+@pytest.mark.parametrize("count", [b'"3"', b"null", b"-1", b"3.0"])
+def test_a_checkpoint_with_no_numbers_for_counts_is_passed_over(
+    folder: Path, states: list[State], capsys: pytest.CaptureFixture[str], count: bytes
+) -> None:
+    *_, path = write(folder, *states[:3])
+    for name in (b"iterations", b"explored"):
+        arrays = unpacked(path.read_bytes())
+        about = re.sub(b'("%s": )\\d+([,}](?!.*"%s"))' % (name, name), rb"\g<1>%s\g<2>" % count, arrays["about"].item())
+        assert about != arrays["about"].item()
+        path.write_bytes(packed({**arrays, "about": np.array(about)}))
+        assert newest(folder) == 2
+        assert "counts: expected whole numbers >= 0, got" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("__version__", "9.9.9", r"rkhs_ros: expected .*, with which the run began, got 9\.9\.9\+"),
+        ("code_digest", lambda packages: "other", r"rkhs_ros: expected .*, with which the run began, got .*\+other; "),
+        ("LIBRARIES", {"numpy": "1.2.3"}, r"numpy: expected .*, with which the run began, got 1\.2\.3; "),
+        ("use_one_thread", lambda: 2, "threads of linear algebra: expected 1, with which the run began, got 2; "),
+    ],
+)
+def test_a_checkpoint_of_other_code_or_threads_is_refused(
+    folder: Path, states: list[State], monkeypatch: pytest.MonkeyPatch, name: str, value: Any, message: str
+) -> None:
+    write(folder, *states[:2])
+    monkeypatch.setattr(provenance, name, value)
+    with pytest.raises(ValueError, match=message) as refusal:
+        newest(folder)
+    assert "--allow-provenance-change goes on regardless" in str(refusal.value)
+    checkpoints = Checkpoints(folder, CONFIG, provenance_may_change=True)
+    state = checkpoints.newest(99)
+    assert state is not None
+    assert state.iterations == 2
+    checkpoints.write(state)
+    assert newest(folder) == 2  # from now on it is a run of this code
+
+
+def test_settings_may_not_change_with_the_provenance(folder: Path, states: list[State]) -> None:
+    write(folder, *states[:2])
+    with pytest.raises(
+        ValueError, match=r"seed: expected 0, with which the run began, got 1; begin another run for that$"
+    ):
+        Checkpoints(folder, changed(seed=1), provenance_may_change=True).newest(99)
+
+
+def test_the_code_is_told_by_its_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = tmp_path / "a_package"
+    package.mkdir()
+    (package / "__init__.py").write_text("x = 1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def told(text: str) -> str:
+        (package / "module.py").write_text(text)
+        provenance.code_digest.cache_clear()
+        return provenance.provenance("a_package")["rkhs_ros"]
+
+    code = 'class A:\n    def f(self):\n        return """one"""\n'
+    documented = '"""About."""\n\nclass A:\n    """One."""\n\n    def f(self):\n        # why\n        """Two."""\n'
+    documented += '        return """one"""\n'
+    assert told(code) == told(documented) == told(documented.replace("Two", "Too"))
+    others = [code.replace("one", "two"), code.replace("f(", "g("), code.replace("return ", ""), f"{code}x = 1\n"]
+    assert len({told(text) for text in (code, *others)}) == 5
+    assert provenance.provenance()["rkhs_ros"] not in map(told, (code, *others))
+
+
+def test_the_version_written_is_that_of_the_package() -> None:
+    for path in ("package.xml", "setup.py"):
+        text = (ROOT / path).read_text()
+        assert f"<version>{__version__}</version>" in text or f'version="{__version__}"' in text
+
+
+class Clock:
+    """Tells the time that it is set to."""
+
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def synced(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What the disk was waited for, in order, by name."""
+    names: list[str] = []
+    fsync = os.fsync
+
+    def watched(descriptor: int) -> None:
+        names.append(Path(f"/proc/self/fd/{descriptor}").readlink().name)
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", watched)
+    return names
+
+
+def test_the_disk_is_waited_for_once_a_second(folder: Path, states: list[State], synced: list[str]) -> None:
+    clock = Clock()
+    checkpoints = Checkpoints(folder, CONFIG, clock=clock)
+    due = []
+    for k, clock.now in enumerate((0.2, 0.99, 1.0, 1.5, 1.99, 2.0, 2.5, 7.0, 7.5), 1):
+        checkpoints.write(replace(states[0], iterations=k))
+        if synced:
+            assert synced == ["curve.csv", f"{k:07}.npz.part", "checkpoints"]
+            due.append(clock.now)
+        synced.clear()
+    assert due == [1.0, 2.0, 7.0]
+
+
+def test_the_last_two_and_the_newest_on_the_disk_are_kept(folder: Path, states: list[State]) -> None:
+    clock = Clock()
+    checkpoints = Checkpoints(folder, CONFIG, clock=clock)
+    kept = []
+    for k, clock.now in enumerate((0.0, 0.1, 0.2, 1.0, 1.1, 1.2, 1.3, 2.1, 3.2, 3.3), 1):
+        checkpoints.write(replace(states[0], iterations=k))
+        kept.append([int(name[:7]) for name in files(folder)])
+    assert kept == [[1], [1, 2], [2, 3], [3, 4], [4, 5], [4, 5, 6], [4, 6, 7], [7, 8], [8, 9], [9, 10]]
+
+
+def test_what_is_gone_on_from_is_on_the_disk_and_kept(folder: Path, states: list[State], synced: list[str]) -> None:
+    write(folder, *states[:2])
+    checkpoints = Checkpoints(folder, CONFIG, clock=Clock())
+    state = checkpoints.newest(1)
+    assert state is not None
+    checkpoints.go_on_from(state)
+    assert synced == ["0000001.npz", "checkpoints"]
+    assert files(folder) == ["0000001.npz"]  # later ones know of lines with other seconds
+    for k in (2, 3, 4, 5):
+        checkpoints.write(replace(states[0], iterations=k))
+    assert files(folder) == ["0000001.npz", "0000004.npz", "0000005.npz"]
+
+
+def test_what_a_write_cut_short_left_is_ignored_and_removed(folder: Path, states: list[State]) -> None:
+    (one,) = write(folder, states[0])
+    for name in ("0000001.npz.part", "0000002.npz.part", "0000009.npz.part"):
+        (folder / "checkpoints" / name).write_bytes(one.read_bytes())
+    checkpoints = Checkpoints(folder, CONFIG)
+    state = checkpoints.newest(9)
+    assert state is not None
+    assert state.iterations == 1
+    checkpoints.go_on_from(state)
+    checkpoints.write(states[1])
+    assert files(folder) == ["0000001.npz", "0000002.npz"]
+
+
+def test_nothing_in_a_checkpoint_is_a_pickle(folder: Path, states: list[State]) -> None:
+    (path,) = write(folder, states[0])
+    with np.load(path, allow_pickle=False) as file:
+        assert all(file[name].dtype != object for name in file.files)

@@ -1,0 +1,221 @@
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from rkhs_ros.app.robots import check_robot
+from rkhs_ros.base.parameter_files import is_for
+from rkhs_ros.base.settings import entries
+from rkhs_ros.base.yaml_text import dumped
+from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.algorithms.step_rules import KLStep
+from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.config import Config, Environment, load_config
+from rkhs_ros.runs.report import resolved
+
+CONFIGS = sorted((Path(__file__).parents[3] / "config").glob("*.yaml"))
+MINIMAL = "simulator: {ros__parameters: {environment: {id: rkhs/Toy-v0}}}\n"
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Any:
+    def make(text: str) -> Path:
+        path = tmp_path / "my_run.yaml"
+        path.write_text(text)
+        return path
+
+    return make
+
+
+def test_there_are_configurations() -> None:
+    assert len(CONFIGS) >= 5
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_every_configuration_loads_and_comes_back_from_its_resolved_text(path: Path, write: Any) -> None:
+    config = load_config(path)
+    assert config.training.name == path.stem
+    assert load_config(write(resolved(config))) == config
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_the_task_of_every_configuration_can_be_served(path: Path) -> None:
+    environment = load_config(path).environment
+    if "PR2" in environment.id or "pybullet_data" in path.read_text():
+        pytest.importorskip("pybullet", reason="PyBullet is not installed: make pr2")
+    if environment.nodes:
+        check_robot(load_config(path))
+    else:
+        Simulation(environment.id, environment.options)
+
+
+def test_the_resolved_text_holds_every_setting_of_the_learner(write: Any) -> None:
+    config = load_config(write(MINIMAL))
+    learner = yaml.safe_load(resolved(config))["/**/learner"]["ros__parameters"]
+    for name, value, _ in entries(config.training):
+        found = learner
+        for part in name.split("."):
+            found = found[part]
+        assert found == (list(value) if isinstance(value, tuple) else value)
+
+
+def test_what_is_not_given_has_its_default(write: Any) -> None:
+    assert load_config(write(MINIMAL)) == Config(Environment("rkhs/Toy-v0", {}), Training(name="my_run"))
+
+
+def test_changes_replace_the_files_settings_and_nothing_else(write: Any) -> None:
+    path = write(MINIMAL + "learner: {ros__parameters: {seed: 3, algorithm: {name: rkhs_nac, ridge: 0.5}}}\n")
+    config = load_config(
+        path, ["seed=4", "algorithm.step.rule=kl", "algorithm.step.cap=2", "exploration_sd=[1, 2]", "environment.id=X"]
+    )
+    algorithm = RKHSNAC(ridge=0.5, step=KLStep(cap=2.0))
+    expected = Training(name="my_run", seed=4, exploration_sd=(1.0, 2.0), algorithm=algorithm)
+    assert config == Config(Environment("X", {}), expected)
+    assert load_config(path).training == replace(expected, seed=3, exploration_sd=(1.0,), algorithm=RKHSNAC(ridge=0.5))
+
+
+def test_a_later_change_wins(write: Any) -> None:
+    assert load_config(write(MINIMAL), ["seed=1", "seed=2"]).training.seed == 2
+
+
+def test_options_reach_the_environment(write: Any) -> None:
+    config = load_config(write(MINIMAL), ["environment.options.angle=wrap"])
+    assert config.environment.options == {"angle": "wrap"}
+    assert config.task.options == {"angle": "wrap"}
+    assert load_config(write(resolved(config))) == config
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("seed", "--set: expected KEY=VALUE, got 'seed'"),
+        ("=1", "--set: expected KEY=VALUE"),
+        ("seed=[1", "--set: expected a value in YAML"),
+        ("seed=x", "seed: expected a whole number, got 'x'"),
+        ("sead=1", r"unknown key 'sead', did you mean 'seed'\?"),
+        ("seed.x=1", "seed: expected"),
+        ("environment=1", "environment: expected a section of keys, got 1"),
+        ("environment.idd=a", r"unknown key 'environment\.idd', did you mean 'environment\.id'\?"),
+        ("environment.id=5", r"environment\.id: expected text, got 5"),
+        ("environment.options=5", r"environment\.options: expected a section of keys, got 5"),
+        ("kernel.form=rbff", r"unknown kernel 'rbff', did you mean 'rbf'\?"),
+        ("kernel.bandwidth=mean", r"kernel\.bandwidth: unknown choice 'mean'"),
+        ("discount=1.5", r"discount: expected a number in \[0\.0, 1\.0\], got 1\.5"),
+    ],
+)
+def test_a_bad_change_is_refused(write: Any, change: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        load_config(write(MINIMAL + "learner: {ros__parameters: {seed: 0}}\n"), [change])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a: [1", "expected a YAML file, got one that cannot be parsed"),
+        ("\x00", "expected a YAML file"),
+        ("", "expected sections 'simulator' and 'learner', got NoneType"),
+        ("- 1", "expected sections 'simulator' and 'learner', got list"),
+        ("simulater: {ros__parameters: {}}", r"unknown section 'simulater', did you mean 'simulator'\?"),
+        ("simulator: {}", "simulator: expected ros__parameters"),
+        ("simulator: {ros__parameters: 3}", "simulator: expected ros__parameters"),
+        ("learner: {ros__parameters: {}}", "environment: expected a key 'id'"),
+        ("simulator: {ros__parameters: {enviroment: {}}}", "simulator: expected the key 'environment', got enviroment"),
+        (MINIMAL + "learner: {ros__parameters: {seeds: 1}}", r"unknown key 'seeds', did you mean 'seed'\?"),
+    ],
+)
+def test_a_file_that_is_no_configuration_is_refused_in_one_line(write: Any, text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message) as refusal:
+        load_config(write(text))
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("simulator", "learner"),
+    [
+        ("/simulator", "/learner"),
+        ("/**/simulator", "/**/learner"),
+        ("/a/simulator", "a/learner"),
+        ("/*/simulator", "learner"),
+    ],
+)
+def test_the_sections_may_name_the_nodes_in_any_namespace(write: Any, simulator: str, learner: str) -> None:
+    text = MINIMAL.replace("simulator", simulator) + learner + ": {ros__parameters: {seed: 5}}\n"
+    assert load_config(write(text)) == load_config(write(MINIMAL), ["seed=5"])
+
+
+def test_sections_within_that_of_a_namespace_are_found(write: Any) -> None:
+    inner = MINIMAL + "learner: {ros__parameters: {seed: 5}}\n"
+    text = "robot:\n  left:\n" + "".join(f"    {line}\n" for line in inner.splitlines())
+    assert load_config(write(text)) == load_config(write(inner))
+
+
+def test_several_simulators_are_of_one_task(write: Any) -> None:
+    two = "".join(MINIMAL.replace("simulator", f"/simulator_{k}/simulator") for k in (1, 2))
+    assert load_config(write(two)) == load_config(write(MINIMAL))
+    with pytest.raises(ValueError, match="simulator: expected one task for all, got several"):
+        load_config(write(two.replace("Toy", "Pendulum", 1)))
+
+
+def test_what_a_running_node_dumps_is_a_configuration(write: Any) -> None:
+    of_any = {"use_sim_time": False, "start_type_description_service": True, "restarts": 0}
+    of_any |= {"qos_overrides": {"/parameter_events": {"publisher": {"depth": 1000}}}}
+    config = load_config(CONFIGS[0])
+    document = yaml.safe_load(resolved(config))
+    learner = {**document["/**/learner"]["ros__parameters"], **of_any, "output": "", "quiet": True, "resume": False}
+    simulator = {**document["/**/simulator"]["ros__parameters"], **of_any, "robot_state": False}
+    policy = {**of_any, "simulators": 1, "policy_file": ""}
+    nodes = {"/learner": learner, "/simulator": simulator, "/policy": policy}
+    dump = {name: {"ros__parameters": parameters} for name, parameters in nodes.items()}
+    assert load_config(write(dumped(dump))) == config
+
+
+def test_a_learner_may_say_the_environment_that_it_expects(write: Any) -> None:
+    told = MINIMAL.replace("simulator", "learner")
+    assert load_config(write(told)) == load_config(write(MINIMAL))
+    rows = told.replace("v0}", "v0, num_envs: 0}")  # as it is anyway
+    assert load_config(write(MINIMAL + rows)) == load_config(write(MINIMAL))
+
+
+@pytest.mark.parametrize(
+    ("learner", "message"),
+    [
+        ("{id: rkhs/Pendulum-v0}", "learner: environment: expected the simulator's, .*Toy-v0.*, got .*Pendulum-v0"),
+        ("{id: rkhs/Toy-v0, options: {a: 1}}", "learner: environment: expected the simulator's"),
+        ("rkhs/Toy-v0", "environment: expected a section of keys, got 'rkhs/Toy-v0'"),
+        ("{ids: 3}", "unknown key 'environment.ids', did you mean 'environment.id'"),
+    ],
+)
+def test_a_learner_that_expects_another_environment_is_refused(write: Any, learner: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message) as refusal:
+        load_config(write(f"{MINIMAL}learner: {{ros__parameters: {{environment: {learner}}}}}\n"))
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("section", "node", "expected"),
+    [
+        ("simulator", "/simulator", True),
+        ("simulator", "/a/simulator", False),
+        ("/a/simulator", "/a/simulator", True),
+        ("/*/simulator", "/a/simulator", True),
+        ("/*/simulator", "/simulator", False),
+        ("/*/simulator", "/a/b/simulator", False),
+        ("/**/simulator", "/simulator", True),
+        ("/**/simulator", "/a/b/simulator", True),
+        ("/**/simulator", "/a/learner", False),
+        ("/**", "/a/learner", True),
+        ("/a.c/simulator", "/abc/simulator", False),
+    ],
+)
+def test_a_section_is_for_the_nodes_that_its_name_fits(section: str, node: str, expected: bool) -> None:
+    assert is_for(section, node) is expected
+
+
+def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "c.yaml"
+    path.write_bytes(b"\xff\xfe\xff")
+    with pytest.raises(ValueError, match=r"c\.yaml: expected a YAML file"):
+        load_config(path)

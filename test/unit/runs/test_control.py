@@ -1,0 +1,133 @@
+"""What may be asked of a run from outside: it pauses, goes on and stops between two iterations, and at nothing else."""
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from threading import Thread
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rkhs_ros.app.inline import runner_of
+from rkhs_ros.base.lock import PROBES, is_locked, locked
+from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.control import ASKED, PAUSE, RESUME, STOP, WORDS, Control, ask, is_pausing
+from rkhs_ros.runs.run import run_training
+
+TOY = Path(__file__).parents[3] / "config" / "toy_few_nac.yaml"
+
+
+class Rest:
+    """Stands for the time that a run pauses: at each rest the next word is asked, or its bytes are put there."""
+
+    def __init__(self, folder: Path, *then: str | bytes) -> None:
+        self.folder, self.then = folder, list(then)
+        self.paused: list[bool] = []
+
+    def __call__(self, seconds: float) -> None:
+        self.paused.append(is_pausing(self.folder))
+        word = self.then.pop(0)
+        ask(self.folder, word) if isinstance(word, str) else (self.folder / ASKED).write_bytes(word)
+
+
+def test_a_run_that_nobody_asks_goes_on(tmp_path: Path) -> None:
+    Control(tmp_path, rest=Rest(tmp_path)).obey()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_pause_lasts_until_it_is_resumed_whatever_else_is_put_there(tmp_path: Path) -> None:
+    rest = Rest(tmp_path, PAUSE, b"\xff\x00garbage" * 1000, b"", RESUME)
+    control = Control(tmp_path, rest=rest)
+    ask(tmp_path, PAUSE)
+    assert not is_pausing(tmp_path)
+    control.obey()
+    assert rest.paused == [True] * 4
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_run_is_stopped_also_while_it_pauses(tmp_path: Path) -> None:
+    for first, rest in ((STOP, Rest(tmp_path)), (PAUSE, Rest(tmp_path, STOP))):
+        control = Control(tmp_path, rest=rest)
+        ask(tmp_path, first)
+        with pytest.raises(KeyboardInterrupt):
+            control.obey()
+        assert not is_pausing(tmp_path)
+
+
+def test_a_run_does_not_do_what_an_earlier_one_was_asked(tmp_path: Path) -> None:
+    ask(tmp_path, STOP)
+    Control(tmp_path).obey()
+
+
+@given(st.binary(max_size=100).filter(lambda content: content not in {word.encode() for word in WORDS}))
+def test_garbage_is_ignored(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
+    folder = tmp_path_factory.mktemp("run")
+    control = Control(folder, rest=Rest(folder))
+    (folder / ASKED).write_bytes(content)
+    control.obey()
+    assert not list(folder.iterdir())
+
+
+def test_only_what_there_is_can_be_asked(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="unknown word 'arm'"):
+        ask(tmp_path, "arm")
+
+
+def test_a_stopped_run_keeps_what_it_learnt_and_goes_on_to_the_same_bits(tmp_path: Path) -> None:
+    config = load_config(TOY, ["iterations=4"])
+    whole = run_training(config, runner_of(config.environment), tmp_path / "whole", quiet=True)
+    stopped = tmp_path / "stopped"
+    with pytest.raises(KeyboardInterrupt):
+        run_training(config, asking(stopped, STOP), stopped, quiet=True)
+    assert (stopped / "policy.npz").exists()
+    run_training(config, runner_of(config.environment), stopped, quiet=True, resume=True)
+    assert (stopped / "policy.npz").read_bytes() == (whole / "policy.npz").read_bytes()
+
+
+def asking(folder: Path, word: str) -> object:
+    """Return a runner during whose first episodes somebody asks something of the run."""
+    config = load_config(TOY)
+    runner = runner_of(config.environment)
+    collect = runner.collect
+
+    def ask_first(*arguments: object) -> object:
+        ask(folder, word)
+        return collect(*arguments)
+
+    runner.collect = ask_first
+    return runner
+
+
+@pytest.fixture
+def looking(tmp_path: Path) -> Iterator[Callable[[], None]]:
+    """Somebody who looks whether a run is under way, all the time."""
+    (tmp_path / "checkpoints").mkdir()
+    (tmp_path / "checkpoints" / "lock").touch()
+    ended: list[bool] = []
+
+    def look() -> None:
+        while not ended:
+            is_locked(tmp_path)
+
+    thread = Thread(target=look)
+    thread.start()
+    yield
+    ended.append(True)
+    thread.join()
+
+
+@pytest.mark.usefixtures("looking")
+def test_looking_at_a_run_does_not_keep_it_from_beginning(tmp_path: Path) -> None:
+    assert PROBES > 1
+    for _ in range(200):
+        with locked(tmp_path):
+            assert is_locked(tmp_path)
+    time.sleep(0.01)
+
+
+def test_a_folder_without_a_run_is_not_locked(tmp_path: Path) -> None:
+    assert not is_locked(tmp_path)
+    with locked(tmp_path):
+        pass
+    assert not is_locked(tmp_path)

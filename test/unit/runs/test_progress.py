@@ -1,0 +1,110 @@
+"""The progress bar of a run on a terminal: it shows the time left, and is there once, after a Ctrl-C too."""
+
+import fcntl
+import os
+import pty
+import signal
+import struct
+import subprocess
+import sys
+import termios
+from dataclasses import replace
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from rkhs_ros.app.inline import iterations
+from rkhs_ros.learning.training import train
+from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs import progress
+from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.progress import ECHO, progress_bar
+
+CONFIG = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
+COLUMNS = 80
+
+
+def lines_on_terminal(text: str) -> list[str]:
+    """Return what a terminal shows of a text: without escapes, a carriage return begins the line again."""
+    plain = "".join(part[part.find("m") + 1 :] if k else part for k, part in enumerate(text.split("\x1b[")))
+    return [line.rpartition("\r")[2] for line in plain.replace("\r\n", "\n").splitlines()]
+
+
+def test_a_bar_leaves_room_for_the_echo_of_ctrl_c_and_shows_the_time_left(tmp_path: Path) -> None:
+    master, slave = pty.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 30, COLUMNS, 0, 0))
+    command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", str(CONFIG), "--runner", "inline"]
+    environment = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "NO_COLOR")} | {"TERM": "xterm"}
+    process = subprocess.Popen(
+        [*command, "--iterations", "100000", "--out", str(tmp_path / "run")],
+        stdout=subprocess.DEVNULL, stderr=slave, env=environment,
+    )  # fmt: skip
+    os.close(slave)
+    seen = ""
+    while "noise-free 1" not in seen:
+        seen += os.read(master, 65536).decode()
+    process.send_signal(signal.SIGINT)
+    process.wait()
+    bars = [part for part in seen.split("\x1b[2K") if "noise-free" in part]
+    widths = [len(line) for bar in bars for line in lines_on_terminal(bar)]
+    assert max(widths) <= COLUMNS - len(ECHO)
+    assert bars[-1].count(":") == 4  # the time that it took, and the time left
+    os.close(master)
+
+
+def test_name_bar_iteration_times_and_returns_of_a_run_with_a_model_fit_80_columns(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    out = StringIO()
+    console = Console(file=out, force_terminal=True, color_system=None, width=COLUMNS - len(ECHO) - 1)
+    monkeypatch.setattr(progress, "bar_console", lambda *, quiet: console)
+    training = Training(name="n" * 40, iterations=300, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
+    (iteration,) = train(replace(training, iterations=1), InlineRunner(Simulation("rkhs/Toy-v0")))
+    with progress_bar(training, done=298) as show:
+        show(replace(iteration, model_return=-1234.5, model_error=0.0123))
+    bar, returns = lines_on_terminal(out.getvalue().rpartition("\x1b[2K")[2])[:2]
+    assert "…" in bar  # only the name is cut
+    assert "━━━━━━━━━" in bar
+    assert "299/300" in bar
+    assert bar.count(":") == 4  # the time that it took, and the time left
+    assert returns.startswith("return ")
+    assert returns.endswith(", imagined -1234 (model error 0.012)")
+
+
+def test_a_return_of_any_size_fits_the_bar(capsys: pytest.CaptureFixture[str]) -> None:
+    training = Training(name="short", iterations=1, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
+    (iteration,) = train(training, InlineRunner(Simulation("rkhs/Toy-v0")))
+    with progress_bar(training) as show:
+        show(replace(iteration, exploration_returns=np.array([1.25e30]), evaluation_returns=np.array([-1e-30])))
+    assert "return 1.25e+30, noise-free -1e-30" in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize(("period", "numbers"), [(0.0, ["1", "2", "3", "4"]), (1000.0, ["1", "4"])])
+def test_without_a_terminal_a_line_comes_every_few_seconds_and_with_the_last_iteration(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, period: float, numbers: list[str]
+) -> None:
+    monkeypatch.setattr(progress, "LINE_PERIOD_S", period)
+    config = load_config(CONFIG, ["iterations=4", "episodes_per_iteration=2"])
+    with progress_bar(config.training) as show:
+        returns = []
+        for iteration in iterations(config):
+            show(iteration)
+            returns.append(iteration.exploration_return)
+    out, err = capsys.readouterr()
+    lines = err.splitlines()
+    assert out == ""
+    assert [line.split()[2] for line in lines] == numbers
+    assert f"toy_nac: iteration 4 of 4, return {returns[-1]:.4g}, noise-free " in lines[-1]
+
+
+def test_nothing_is_shown_of_a_quiet_run(capsys: pytest.CaptureFixture[str]) -> None:
+    config = load_config(CONFIG, ["iterations=1", "episodes_per_iteration=2"])
+    with progress_bar(config.training, quiet=True) as show:
+        for iteration in iterations(config):
+            show(iteration)
+    assert capsys.readouterr() == ("", "")

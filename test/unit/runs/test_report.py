@@ -1,0 +1,149 @@
+import csv
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rkhs_ros.learning.training import train
+from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.pictures.run_pictures import draw_run
+from rkhs_ros.policies.storage import load_policy
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.config import Config, Environment, load_config
+from rkhs_ros.runs.episode_files import load_episodes, save_episodes
+from rkhs_ros.runs.report import Report, new_folder, summary
+from rkhs_ros.runs.run import run_training
+
+TRAINING = Training(name="short", iterations=2, episodes_per_iteration=3, evaluation_episodes=2, horizon=8)
+CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
+COLUMNS = [
+    *(
+        "iteration",
+        "episodes",
+        "evaluation_episodes",
+        "exploration_return",
+        "exploration_return_sd",
+        "evaluation_return",
+    ),
+    *("centres", "step_size", "kl", "sparsification_error", "model_return", "model_error", "seconds"),
+]
+
+
+@pytest.fixture
+def runner() -> InlineRunner:
+    return InlineRunner(Simulation("rkhs/Toy-v0"))
+
+
+def rows_of(folder: Path) -> list[dict[str, str]]:
+    with (folder / "curve.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_run_leaves_what_happened_in_it(
+    tmp_path: Path, runner: InlineRunner, arrays_of: Callable[[Any], dict[str, np.ndarray]]
+) -> None:
+    folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
+    assert sorted(p.name for p in folder.iterdir()) == [
+        *("best_policy.npz", "checkpoints", "config.yaml", "curve.csv", "episodes.npz", "policy.npz")
+    ]
+    assert draw_run(folder) == [folder / "curve.png", folder / "policy.png"]
+    assert all((folder / name).read_bytes().startswith(b"\x89PNG") for name in ("curve.png", "policy.png"))
+    assert load_config(folder / "config.yaml") == CONFIG
+
+    iterations, rows = list(train(TRAINING, runner)), rows_of(folder)
+    assert list(rows[0]) == COLUMNS
+    for iteration, row in zip(iterations, rows, strict=True):
+        assert int(row["iteration"]) == iteration.number
+        assert int(row["episodes"]) == 3 * iteration.number
+        assert float(row["exploration_return"]) == iteration.exploration_returns.mean()
+        assert float(row["exploration_return_sd"]) == iteration.exploration_returns.std()
+        assert float(row["evaluation_return"]) == iteration.evaluation_returns.mean()
+        assert int(row["centres"]) == iteration.metrics.centres
+        assert float(row["step_size"]) == iteration.metrics.step_size
+        assert float(row["kl"]) == iteration.metrics.kl
+        assert float(row["sparsification_error"]) == iteration.metrics.sparsification_error
+    assert 0 < float(rows[0]["seconds"]) <= float(rows[1]["seconds"])
+
+    policy, task = load_policy(folder / "policy.npz")
+    assert task == CONFIG.task
+    saved, learnt = arrays_of(policy), arrays_of(iterations[-1].policy)
+    assert all(saved[name].tobytes() == learnt[name].tobytes() for name in learnt)
+
+
+def test_a_run_cut_short_keeps_what_was_learnt(tmp_path: Path, runner: InlineRunner) -> None:
+    class Interrupted:
+        spaces = runner.spaces
+        batches = 0
+
+        def capacity(self, num_envs: int) -> int:
+            return num_envs
+
+        def collect(self, *arguments: Any) -> Any:
+            self.batches += 1
+            if self.batches == 3:  # the second evaluation
+                raise KeyboardInterrupt
+            return runner.collect(*arguments)
+
+    with pytest.raises(KeyboardInterrupt):
+        run_training(CONFIG, Interrupted(), tmp_path / "run", quiet=True)
+    assert len(rows_of(tmp_path / "run")) == 1
+    policy, _ = load_policy(tmp_path / "run" / "policy.npz")
+    first = next(iter(train(TRAINING, runner)))
+    assert np.array_equal(policy.mean.weights, first.policy.mean.weights)
+
+
+def test_without_episodes_nothing_is_drawn_and_that_is_said(tmp_path: Path, runner: InlineRunner) -> None:
+    folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
+    episodes = load_episodes(folder / "episodes.npz").episodes
+    over = replace(episodes, mask=np.zeros_like(episodes.mask))
+    for none in (episodes.take(slice(0)), over):
+        save_episodes(folder / "episodes.npz", none, CONFIG.task)
+        with pytest.raises(ValueError, match=r"episodes\.npz: expected an episode of at least one step, got none"):
+            draw_run(folder)
+    wide = replace(episodes, observations=np.zeros((2, 8, 3)), final_observations=np.zeros((2, 3)))
+    save_episodes(folder / "episodes.npz", wide, CONFIG.task)
+    with pytest.raises(ValueError, match="expected episodes of a policy from 1 to 1 dimensions, got"):
+        draw_run(folder)
+    assert not (folder / "curve.png").exists()
+
+
+def test_the_curve_grows_line_by_line(tmp_path: Path, runner: InlineRunner) -> None:
+    report = Report(tmp_path, CONFIG, runner.spaces)
+    for iteration in train(TRAINING, runner):
+        assert len(rows_of(tmp_path)) == iteration.number - 1
+        report.add(iteration)
+    assert not (tmp_path / "policy.npz").exists()
+
+
+def test_the_summary_tells_first_and_last_return(tmp_path: Path, runner: InlineRunner) -> None:
+    for iterations in (1, 2):
+        config = replace(CONFIG, training=replace(TRAINING, iterations=iterations))
+        folder = run_training(config, runner, tmp_path / str(iterations), quiet=True)
+        rows = rows_of(folder)
+        before, after = float(rows[0]["exploration_return"]), float(rows[-1]["evaluation_return"])
+        told = summary(folder, config)
+        assert f"Learnt rkhs/Toy-v0 in {3 * iterations} episodes, and {2 * iterations} noise-free ones" in told
+        assert (
+            f"Discounted return: {before:.4g} of the first exploring episodes, {after:.4g} noise-free at the end"
+            in told
+        )
+
+
+def test_a_folder_is_new_or_empty(tmp_path: Path) -> None:
+    assert new_folder(tmp_path / "a" / "b", "x").is_dir()
+    assert new_folder(tmp_path / "a" / "b", "x") == tmp_path / "a" / "b"
+    (tmp_path / "a" / "b" / "file").write_text("kept")
+    for used in (tmp_path / "a" / "b", tmp_path / "a" / "b" / "file"):
+        with pytest.raises(ValueError, match="expected a new or empty folder"):
+            new_folder(used, "x")
+
+
+def test_without_a_folder_results_go_by_name_and_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    first, second = new_folder(None, "pendulum"), new_folder(None, "pendulum")
+    assert first != second
+    assert first.parent == Path("results/pendulum")

@@ -1,0 +1,595 @@
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from importlib.machinery import ModuleSpec
+from itertools import chain, repeat
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rkhs_ros import __version__
+from rkhs_ros.app.commands import train
+from rkhs_ros.base import ros
+from rkhs_ros.base.lock import locked
+from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.policies.storage import read_policy, unpacked
+from rkhs_ros.recordings.recording import read_recording
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs import provenance, report
+from rkhs_ros.runs.config import Config, Environment, load_config
+from rkhs_ros.runs.curve import Curve, Row
+from rkhs_ros.runs.run import run_training
+from rkhs_ros.view.recorded import Recorded
+from test.unit.conftest import Result, assert_refused
+from test.unit.runs.stopping import Stopping
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).parents[3]
+CONFIG_FILE = ROOT / "config" / "toy_nac.yaml"
+TRAINING = Training(name="short", iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
+CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
+RESULTS = ("best_policy.npz", "config.yaml", "curve.csv", "episodes.npz", "policy.npz")
+DRAWN = {"curve.png", "policy.png"}  # by the command
+INLINE = ("--runner", "inline", "--quiet")
+COMMAND = (sys.executable, "-m", "rkhs_ros.app.cli", "train")
+
+Cli = Callable[..., Result]
+
+
+def longer(iterations: int, **changes: Any) -> Config:
+    return replace(CONFIG, training=replace(TRAINING, iterations=iterations, **changes))
+
+
+def stopped(folder: Path, batches: int, config: Config = CONFIG, num_envs: int = 1) -> Path:
+    with pytest.raises(KeyboardInterrupt):
+        run_training(config, Stopping(batches, num_envs=num_envs), folder, quiet=True)
+    return folder
+
+
+def resumed(folder: Path, config: Config = CONFIG) -> Path:
+    return run_training(config, Stopping(), folder, quiet=True, resume=True)
+
+
+def results(folder: Path) -> dict[str, object]:
+    """What a run left, to the last bit, less the seconds that it took."""
+    assert {path.name for path in folder.iterdir()} - DRAWN == {*RESULTS, "checkpoints"}
+    found: dict[str, object] = {name: (folder / name).read_bytes() for name in RESULTS}
+    lines = (folder / "curve.csv").read_text().splitlines()
+    found["curve.csv"] = [line.rpartition(",")[0] for line in lines]
+    return found
+
+
+def contents(folder: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
+    return results(run_training(CONFIG, Stopping(), tmp_path_factory.mktemp("whole") / "run", quiet=True))
+
+
+@pytest.mark.parametrize("batches", range(8))
+def test_a_run_stopped_anywhere_goes_on_to_the_same_bits(
+    tmp_path: Path, whole: dict[str, object], batches: int
+) -> None:
+    folder = stopped(tmp_path / "run", batches)
+    assert len(Curve(folder / "curve.csv").rows()) == batches // 2
+    left = Stopping(8 - batches // 2 * 2)  # no iteration that was done is made again
+    assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
+
+
+@pytest.mark.parametrize("batches", range(5))
+def test_exploring_episodes_that_ran_ahead_when_a_run_stopped_cost_time_only(
+    tmp_path: Path, whole: dict[str, object], batches: int
+) -> None:
+    folder = stopped(tmp_path / "run", batches, num_envs=3)
+    done = max(batches - 1, 0)
+    assert len(Curve(folder / "curve.csv").rows()) == done
+    left = Stopping(5 - done, num_envs=3)  # the exploring episodes, and a batch for each iteration
+    assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
+
+
+def test_a_run_stopped_again_and_again_goes_on_to_the_same_bits(tmp_path: Path, whole: dict[str, object]) -> None:
+    folder = stopped(tmp_path / "run", 3)
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            run_training(CONFIG, Stopping(3), folder, quiet=True, resume=True)
+    assert results(resumed(folder)) == whole
+
+
+@pytest.mark.parametrize("content", [b"damaged", None])
+def test_a_best_policy_that_is_lost_is_named_and_another_takes_its_place(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None
+) -> None:
+    folder = stopped(tmp_path / "run", 4)
+    best = folder / "best_policy.npz"
+    best.unlink()
+    if content is not None:
+        best.write_bytes(content)
+    resumed(folder)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"warning: {best}: expected ")
+    assert line.endswith("; the best policy of the iterations to come replaces it")
+    assert read_policy(best).task == CONFIG.task
+    resumed(folder)
+    assert capsys.readouterr().err == ""
+
+
+def test_a_run_that_is_done_makes_its_last_iteration_again(tmp_path: Path, whole: dict[str, object]) -> None:
+    folder = run_training(CONFIG, Stopping(), tmp_path / "run", quiet=True)
+    for name in ("policy.npz", "episodes.npz"):  # as a run that is killed before its end
+        (folder / name).unlink()
+    run_training(CONFIG, Stopping(2), folder, quiet=True, resume=True)
+    assert results(folder) == whole
+
+
+def test_more_iterations_are_those_of_a_run_begun_with_them(tmp_path: Path) -> None:
+    folder = run_training(CONFIG, Stopping(), tmp_path / "run", quiet=True)
+    more = longer(6, timeout=1.0)
+    assert results(resumed(folder, more)) == results(run_training(more, Stopping(), tmp_path / "more", quiet=True))
+    assert load_config(folder / "config.yaml") == more
+
+
+def test_fewer_iterations_than_were_made_are_refused(tmp_path: Path) -> None:
+    folder = run_training(CONFIG, Stopping(), tmp_path / "run", quiet=True)
+    before = contents(folder)
+    with pytest.raises(ValueError, match="iterations: expected at least 4, which the run has made, got 2"):
+        resumed(folder, longer(2))
+    assert contents(folder) == before
+
+
+def test_damaged_checkpoints_cost_time_only(
+    tmp_path: Path, whole: dict[str, object], capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = stopped(tmp_path / "run", 6)
+    for number, path in enumerate(sorted((folder / "checkpoints").glob("*.npz"), reverse=True), 1):
+        copy = tmp_path / f"copy{number}"
+        subprocess.run(["cp", "-r", folder, copy], check=True)
+        capsys.readouterr()
+        assert results(resumed(copy)) == whole
+        assert capsys.readouterr().err.count(": passed over (damaged, ") == number - 1
+        path.write_bytes(path.read_bytes()[:-1])
+    assert number >= 2  # one more if the disk was waited for before these
+
+
+def test_a_run_without_a_whole_checkpoint_is_refused_and_nothing_is_replaced(rkhs: Cli, tmp_path: Path) -> None:
+    folder = stopped(tmp_path / "run", 6)
+    checkpoints = list((folder / "checkpoints").glob("*.npz"))
+    for path in checkpoints:
+        path.write_bytes(path.read_bytes()[:-1])
+    before = contents(folder)
+    code, out, err = rkhs("train", "--resume", "run", *INLINE)
+    *warnings, refusal = err.splitlines()
+    assert (code, out, len(warnings)) == (2, "", len(checkpoints))
+    assert "run/checkpoints/0000003.npz: expected a whole checkpoint to resume from, got damaged ones only" in refusal
+    assert contents(folder) == before
+
+
+def test_a_run_whose_checkpoints_are_gone_is_refused_and_nothing_is_replaced(rkhs: Cli, tmp_path: Path) -> None:
+    folder = stopped(tmp_path / "run", 6)
+    for path in (folder / "checkpoints").glob("*.npz"):
+        path.unlink()
+    before = contents(folder)
+    assert_refused(rkhs("train", "--resume", "run", *INLINE), "run/checkpoints: expected a whole checkpoint")
+    assert contents(folder) == before
+
+
+def test_seconds_and_the_bar_go_on_where_they_were(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(report.time, "monotonic", chain([0.0], repeat(1000.0)).__next__)
+        folder = stopped(tmp_path / "run", 5)
+    curve = Curve(folder / "curve.csv")
+    capsys.readouterr()
+    run_training(CONFIG, Stopping(), folder, resume=True)
+    assert "short: iteration 4 of 4, " in capsys.readouterr().err
+    assert [row.seconds for row in curve.rows()[:2]] == [1000.0] * 2
+    assert 1000.0 < curve.rows()[2].seconds < curve.rows()[3].seconds < 1100.0
+
+
+def test_a_refused_resume_touches_nothing(tmp_path: Path) -> None:
+    folder = stopped(tmp_path / "run", 5)
+    before = contents(folder)
+    with pytest.raises(ValueError, match="seed: expected 0, with which the run began, got 1"):
+        resumed(folder, longer(6, seed=1))
+    assert contents(folder) == before
+    for no_run in (None, tmp_path / "none", tmp_path):
+        with pytest.raises(ValueError, match=r"expected the folder of a run, got none with a config\.yaml"):
+            run_training(CONFIG, Stopping(), no_run, quiet=True, resume=True)
+    assert list(tmp_path.iterdir()) == [folder]
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda rows: [rows[0]._replace(evaluation_return=99.0), *rows[1:]],
+        lambda rows: [*rows[:-1], rows[-1]._replace(kl=0.5)],
+        lambda rows: [rows[0]._replace(exploration_return=rows[1].exploration_return), *rows[1:]],
+    ],
+    ids=["greater return", "last line", "another's value"],
+)
+def test_a_curve_that_was_edited_is_refused(
+    tmp_path: Path, edit: Callable[[list[Row]], list[Row]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = stopped(tmp_path / "run", 6)
+    curve = Curve(folder / "curve.csv")
+    curve.begin(edit(curve.rows()))
+    before = contents(folder)
+    with pytest.raises(ValueError, match=r"run/curve\.csv: expected the 3 lines that 0000003\.npz was written after"):
+        resumed(folder)
+    assert contents(folder) == before
+
+
+def test_configuration_and_checkpoints_of_another_run_are_refused(tmp_path: Path) -> None:
+    one, other = stopped(tmp_path / "one", 6), stopped(tmp_path / "other", 6, longer(4, seed=1))
+    for name in ("config.yaml", "checkpoints"):
+        subprocess.run(["cp", "-rT", other / name, one / name], check=True)
+    with pytest.raises(ValueError, match=r"one/curve\.csv: expected the 3 lines"):
+        resumed(one, longer(4, seed=1))
+
+
+ROWS = [
+    Row(k, 3 * k, 2 * k, -1.5 / k, 0.1, 1e-17 * k, k, 1.0, float("nan"), 0.0, 7.5, 0.1 * k, 0.25 * k) for k in (1, 2, 3)
+]
+
+
+@pytest.mark.usefixtures("quick_disk")
+def test_a_curve_torn_at_any_byte_has_its_whole_lines(tmp_path: Path) -> None:
+    curve = Curve(tmp_path / "curve.csv")
+    assert curve.rows() == []
+    curve.begin(ROWS[:1])
+    for row in ROWS[1:]:
+        curve.append(row)
+    whole = curve.path.read_bytes()
+    assert whole.count(b"\r\n") == 4
+    for length in range(len(whole) + 1):
+        curve.path.write_bytes(whole[:length])
+        rows = curve.rows()
+        assert len(rows) == max(whole[:length].count(b"\r\n") - 1, 0)
+        assert str(rows) == str(ROWS[: len(rows)])
+        curve.begin(rows[:2])
+        assert curve.path.read_bytes() == b"".join(whole.splitlines(keepends=True)[: min(len(rows), 2) + 1])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line"),
+    [
+        (b"\r\n2,", b"\r\n3,", 3),
+        (b"\r\n2,6,", b"\r\n2,x,", 3),
+        (b"\r\n2,6,", b"\r\n2,6,0.0,", 3),
+        (b"\r\n2,6,", b"\r\n2,+6,", 3),
+        (b"\r\n3,", b"\r\n\xff,", 4),
+        (b"\r\n3,9,", b"\r\n3,\0,", 4),
+        (b"iteration,", b"iterations,", 1),
+        (b"0.75\r\n", b"0.75\rx", 4),
+    ],
+)
+def test_a_damaged_line_of_a_curve_is_refused_by_its_number(tmp_path: Path, old: bytes, new: bytes, line: int) -> None:
+    curve = Curve(tmp_path / "curve.csv")
+    curve.begin(ROWS)
+    content = curve.path.read_bytes()
+    assert content.count(old) == 1
+    curve.path.write_bytes(content.replace(old, new))
+    with pytest.raises(ValueError, match=rf"curve\.csv: line {line} is damaged or was edited; expected "):
+        curve.rows()
+
+
+def test_a_run_whose_curve_has_a_changed_byte_is_not_gone_on_with(rkhs: Cli, tmp_path: Path) -> None:
+    folder = stopped(tmp_path / "run", 6)
+    whole = (folder / "curve.csv").read_bytes()
+    before = contents(folder)
+
+    def refused(content: bytes) -> None:
+        (folder / "curve.csv").write_bytes(content)
+        with pytest.raises(ValueError, match=r"run/curve\.csv: "):
+            resumed(folder)
+        assert contents(folder) == before | {folder / "curve.csv": content}
+
+    for place, byte in enumerate(whole):
+        refused(whole[:place] + bytes([byte ^ 1]) + whole[place + 1 :])
+    for end in (b"\n", b"\r", b"\r\n\r\n"):
+        refused(whole.replace(b"\r\n", end))
+    refused(b"")
+    result = rkhs("train", "--resume", "run", *INLINE)
+    assert_refused(
+        result, "curve.csv: lines are missing; expected those of 3 iterations, which 0000003.npz was written"
+    )
+
+
+def test_a_run_of_other_code_goes_on_where_that_is_allowed_and_it_is_noted(
+    rkhs: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runner = InlineRunner(Simulation("rkhs/Toy-v0"))
+    folder = run_training(longer(2), runner, tmp_path / "run", quiet=True, record=True)
+    longer_by_two = ("train", "--resume", "run", *INLINE, "--iterations", 4)
+    monkeypatch.setattr(provenance, "code_digest", lambda packages: "other")
+    before = contents(folder)
+    assert_refused(rkhs(*longer_by_two), "rkhs_ros: expected ")
+    assert contents(folder) == before
+    assert rkhs(*longer_by_two, "--allow-provenance-change").code == 0
+    began, went_on, *_ = (folder / "config.yaml").read_text().splitlines()
+    assert began.startswith("# Python 3.")
+    assert went_on.startswith("# from iteration 3: Python 3.")
+    assert "+other, " in went_on
+    first, second = read_recording(folder).heads
+    assert first.versions != second.versions
+    assert f"rkhs_ros {__version__}+other" in second.versions
+    assert rkhs("train", "--resume", "run", *INLINE, "--iterations", 5).code == 0  # it is noted, and asked for once
+    assert (folder / "config.yaml").read_text().splitlines()[:2] == [began, went_on]
+    assert rkhs("replay", "run", "--quiet").out == "all 5 updates equal to the bit\n"
+    assert [row.iteration for row in Recorded(folder).rows] == [1, 2, 3, 4, 5]
+
+
+def test_a_torn_curve_costs_time_only(
+    tmp_path: Path, whole: dict[str, object], capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = stopped(tmp_path / "run", 6)
+    content = (folder / "curve.csv").read_bytes()
+    for lines, named in ((3, 0), (2, 1)):
+        end = len(b"\r\n".join(content.split(b"\r\n")[: lines + 1]) + b"\r\n")
+        copy = tmp_path / str(lines)
+        subprocess.run(["cp", "-r", folder, copy], check=True)
+        (copy / "curve.csv").write_bytes(content[: end + 5])
+        assert results(resumed(copy)) == whole
+        assert capsys.readouterr().err.count(f"passed over (curve.csv has the lines of {lines}") == named
+
+
+def test_a_second_error_does_not_hide_the_first(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError, match="first"):
+        run_training(CONFIG, Blocking(tmp_path / "run" / "policy.npz"), tmp_path / "run", quiet=True)
+    (tmp_path / "run" / "policy.npz").rmdir()
+    assert {path.name for path in (tmp_path / "run").iterdir()} == {
+        "best_policy.npz",
+        "checkpoints",
+        "config.yaml",
+        "curve.csv",
+    }
+
+
+class Blocking(Stopping):
+    """Puts a folder where a file shall be, in the third iteration, and raises."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(4, RuntimeError("first"))
+        self._path = path
+
+    def collect(self, *arguments: Any) -> Any:
+        if self._batches == 0:
+            self._path.mkdir()
+        return super().collect(*arguments)
+
+
+def test_results_that_cannot_be_written_are_named(tmp_path: Path, whole: dict[str, object]) -> None:
+    folder = stopped(tmp_path / "run", 5)
+    (folder / "episodes.npz").unlink()
+    (folder / "episodes.npz").mkdir()
+    with pytest.raises(OSError, match=r"Is a directory: .*episodes\.npz"):
+        resumed(folder)
+    assert not list(folder.rglob("*.part"))
+    (folder / "episodes.npz").rmdir()
+    assert results(resumed(folder)) == whole
+
+
+@pytest.fixture
+def disk() -> Iterator[Callable[[int], None]]:
+    """Let no file grow beyond a number of bytes, as on a full disk; until the test is over."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (soft if size < 0 else size, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def assert_whole(folder: Path) -> None:
+    """No file under its final name is a part of one."""
+    assert not list(folder.rglob("*.part"))
+    for path in folder.rglob("*.npz"):
+        assert unpacked(path.read_bytes())
+    for path in folder.glob("*.png"):
+        assert path.read_bytes().endswith(b"IEND\xaeB`\x82")
+    for path in folder.glob("curve.csv"):
+        assert path.read_bytes().endswith(b"\r\n")
+    for path in folder.glob("config.yaml"):
+        assert load_config(path)
+
+
+@pytest.mark.parametrize("size", [0, 100, 500, 1000, 3000, 20_000])
+def test_without_room_a_run_ends_with_one_line_and_goes_on_later(
+    rkhs: Cli, tmp_path: Path, size: int, disk: Callable[[int], None]
+) -> None:
+    arguments = ("train", CONFIG_FILE, *INLINE, "--iterations", 12, "--set", "horizon=5")
+    assert rkhs(*arguments, "--out", "whole")[0] == 0
+    disk(size)
+    assert_refused(rkhs(*arguments, "--out", "run"), "File too large: 'run/", code=1)
+    assert_whole(tmp_path / "run")
+    disk(-1)
+    if size > 1000:
+        code, _, err = rkhs("train", "--resume", "run", *INLINE)
+        begins_again = "note: run: no checkpoint to go on from: the run begins again\n"
+        assert (code, err) == (0, "" if size > 3000 else begins_again)
+        assert results(tmp_path / "run") == results(tmp_path / "whole")
+
+
+class Filling(Stopping):
+    """Fills the disk in the third iteration, and is as it should be."""
+
+    def __init__(self, fill: Callable[[], None]) -> None:
+        super().__init__()
+        self._fill = fill
+        self._asked = 0
+
+    def collect(self, *arguments: Any) -> Any:
+        self._asked += 1
+        if self._asked == 5:
+            self._fill()
+        return super().collect(*arguments)
+
+
+@pytest.mark.parametrize("beyond", [-100, 1, 60, 2000])
+def test_the_last_good_checkpoint_is_there_when_there_is_room_again(
+    tmp_path: Path, whole: dict[str, object], disk: Callable[[int], None], beyond: int
+) -> None:
+    folder = tmp_path / "run"
+    runner = Filling(lambda: disk((folder / "curve.csv").stat().st_size + beyond))
+    with pytest.raises(OSError, match="File too large") as error:
+        run_training(CONFIG, runner, folder, quiet=True)
+    assert Path(error.value.filename).name in (("curve.csv",) if beyond < 100 else ("best_policy.npz", "0000003.npz"))
+    disk(-1)
+    assert_whole(folder)
+    assert len(Curve(folder / "curve.csv").rows()) == (2 if beyond < 100 else 3)
+    assert results(run_training(CONFIG, Stopping(4), folder, quiet=True, resume=True)) == whole
+
+
+@pytest.mark.parametrize("out", ["/proc/run", "file/below", "file"])
+def test_a_folder_that_cannot_be_made_ends_with_one_line(rkhs: Cli, tmp_path: Path, out: str) -> None:
+    (tmp_path / "file").touch()
+    assert_refused(rkhs("train", CONFIG_FILE, *INLINE, "--out", out), out)
+
+
+def test_a_folder_that_cannot_be_written_ends_with_one_line(rkhs: Cli, tmp_path: Path) -> None:
+    stopped(tmp_path / "run", 5)
+    (tmp_path / "run" / "checkpoints").rename(tmp_path / "aside")
+    (tmp_path / "run" / "checkpoints").touch()
+    before = contents(tmp_path / "run")
+    assert_refused(rkhs("train", "--resume", "run", *INLINE), "run/checkpoints")
+    assert contents(tmp_path / "run") == before
+
+
+def test_the_command_goes_on_with_a_run(rkhs: Cli, tmp_path: Path, whole: dict[str, object]) -> None:
+    stopped(tmp_path / "run", 5)
+    code, out, err = rkhs("train", "--resume", "run", *INLINE)
+    assert (code, err) == (0, "")
+    assert out.startswith("Learnt rkhs/Toy-v0 in 8 episodes")
+    assert results(tmp_path / "run") == whole
+    assert rkhs("train", "--resume", "run", *INLINE, "--iterations", 5, "--simulators", 2)[0] == 0
+    assert load_config(tmp_path / "run" / "config.yaml") == longer(5, simulators=2)
+    assert len(Curve(tmp_path / "run" / "curve.csv").rows()) == 5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "train: expected one of CONFIG, --env ID and --resume DIR, got none"),
+        ((CONFIG_FILE, "--resume", "run"), "--resume DIR, got CONFIG and --resume"),
+        (("--resume", "run", "--seed", "0"), "--resume: expected the settings and the folder that"),
+        (("--resume", "run", "--set", "horizon=5"), "that the run began with, got --set"),
+        (("--resume", "run", "--out", "other", "--seed", "1"), "got --seed, --out"),
+        (("--resume", "run", "--iterations", "0"), "iterations: expected a number in"),
+        (("--resume", "none"), "none: expected the folder of a run, got none with a config.yaml"),
+        (("--resume", "run/config.yaml"), "run/config.yaml: expected the folder of a run"),
+    ],
+)
+def test_a_resume_that_does_not_fit_ends_with_one_line(
+    rkhs: Cli, tmp_path: Path, arguments: tuple[object, ...], message: str
+) -> None:
+    before = contents(stopped(tmp_path / "run", 5))
+    assert_refused(rkhs("train", *INLINE, *arguments), message)
+    assert contents(tmp_path) == before
+
+
+def test_settings_changed_since_are_refused_by_the_command(rkhs: Cli, tmp_path: Path) -> None:
+    file = stopped(tmp_path / "run", 5) / "config.yaml"
+    file.write_text(file.read_text().replace("horizon: 4", "horizon: 5"))
+    before = contents(tmp_path)
+    assert_refused(rkhs("train", "--resume", "run", *INLINE), "horizon: expected 4, with which the run began, got 5")
+    assert contents(tmp_path) == before
+
+
+def test_over_topics_the_learner_is_told_to_go_on(rkhs: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = stopped(tmp_path / "run", 5)
+    told: list[Any] = []
+
+    def launched(*arguments: Any, **keywords: Any) -> int:
+        told.extend([*arguments, keywords])
+        return 0
+
+    monkeypatch.setattr(train, "launch", launched)
+    monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))  # as if it were built
+    assert rkhs("train", "--resume", "run", "--runner", "ros", "--quiet", "--simulators", 2)[0] == 0
+    parameters, more, keywords = told
+    (tmp_path / "given.yaml").write_text(parameters)
+    assert load_config(tmp_path / "given.yaml") == longer(4, simulators=2)
+    learner = {"output": str(folder), "quiet": True, "resume": True, "provenance_may_change": False, "record": False}
+    assert more == {"learner": learner}
+    assert keywords == {"simulators": 2, "composed": False}
+
+
+def test_a_folder_in_use_is_refused_and_free_again_after(rkhs: Cli, tmp_path: Path) -> None:
+    folder = stopped(tmp_path / "run", 5)
+    before = contents(folder)
+    with locked(folder):
+        assert_refused(rkhs("train", "--resume", "run", *INLINE), "in use by another process")
+        assert contents(folder) == before
+    assert rkhs("train", "--resume", "run", *INLINE)[0] == 0
+
+
+def lines(folder: Path) -> int:
+    return len(Curve(folder / "curve.csv").rows())
+
+
+def started(*arguments: object) -> subprocess.Popen[str]:
+    return subprocess.Popen([*COMMAND, *map(str, arguments), *INLINE], stderr=subprocess.PIPE, text=True)
+
+
+def killed(process: subprocess.Popen[str], folder: Path, line: int, delay: float) -> str:
+    """Kill a run some time after a line of its curve."""
+    while lines(folder) < line:
+        assert process.poll() is None
+        time.sleep(0.002)
+    time.sleep(delay)
+    process.kill()
+    said = process.communicate()[1]
+    assert process.returncode == -signal.SIGKILL
+    return said
+
+
+@pytest.mark.faults
+@pytest.mark.slow
+def test_a_run_killed_at_any_moment_goes_on_to_the_same_bits(tmp_path: Path, rng: np.random.Generator) -> None:
+    run, settings = tmp_path / "run", ("--iterations", 400, "--set", "algorithm.reuse=4")
+    file = ROOT / "config" / "toy_power.yaml"
+    whole = started(file, *settings, "--out", tmp_path / "whole")
+    process = started(file, *settings, "--out", run)
+    for _ in range(5):
+        assert killed(process, run, lines(run) + 10, rng.uniform(0.0, 0.1)) == ""
+        process = started("--resume", run)
+    assert killed(process, run, lines(run), 0.0) == ""
+    assert lines(run) < 400
+    again = started("--resume", run)
+    assert (again.communicate()[1], again.returncode) == ("", 0)
+    assert (whole.communicate()[1], whole.returncode) == ("", 0)
+    assert results(run) == results(tmp_path / "whole")
+
+
+@pytest.mark.faults
+@pytest.mark.slow
+def test_a_second_process_is_kept_out_until_the_first_was_killed(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    first = started(CONFIG_FILE, "--iterations", 100_000, "--out", run)
+    while lines(run) < 3:
+        time.sleep(0.01)
+    second = started("--resume", run, "--iterations", 5)
+    assert second.communicate()[1].endswith("got one in use by another process\n")
+    assert second.returncode == 2
+    killed(first, run, 5, 0.0)
+    third = started("--resume", run, "--iterations", lines(run) + 5)
+    assert (third.communicate()[1], third.returncode) == ("", 0)
+
+
+def test_a_run_without_checkpoints_is_not_begun_again_in_another_environment(tmp_path: Path) -> None:
+    folder = stopped(tmp_path / "run", 4)
+    for path in (folder / "checkpoints").iterdir():
+        path.unlink()
+    before = {path: path.read_bytes() for path in folder.glob("*.*")}
+    other = replace(CONFIG, environment=Environment("rkhs/Pendulum-v0", {"angle": "wrap"}))
+    expected = r"environment: expected rkhs/Toy-v0 with options \{\}, in which the run began, got rkhs/Pendulum-v0"
+    with pytest.raises(ValueError, match=expected):
+        run_training(other, Stopping(), folder, quiet=True, resume=True)
+    assert {path: path.read_bytes() for path in folder.glob("*.*")} == before

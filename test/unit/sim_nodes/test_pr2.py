@@ -1,0 +1,527 @@
+import hashlib
+import math
+import subprocess
+import sys
+import warnings
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from scipy.spatial.transform import Rotation
+
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rollouts.simulation import Simulation
+from sim_nodes.pr2 import demonstration, door, robot
+from sim_nodes.pr2.demonstration import TORSO, minimum_jerk
+from sim_nodes.pr2.kinematics import arm_chain, rotation_about
+from sim_nodes.pr2.motion import Motion, adapted
+
+pytest.importorskip("pybullet", reason="PyBullet is not installed: make pr2")
+
+from sim_nodes.pr2.environment import POSE_SD, PR2Door
+from sim_nodes.pr2.world import EFFORT, VELOCITY, Trajectory, World
+
+pytestmark = pytest.mark.slow
+
+TASK = "rkhs/PR2Door-v0"
+STRAIGHT = np.zeros(3)
+CHAIN = arm_chain(TORSO)
+
+
+@pytest.fixture(scope="module")
+def task() -> Iterator[PR2Door]:
+    made = PR2Door()
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def shown(task: PR2Door) -> Trajectory:
+    """What becomes of the demonstration when nothing is changed."""
+    return trajectory(task, STRAIGHT, [0.0, 0.0])
+
+
+@pytest.fixture
+def angles(rng: np.random.Generator) -> np.ndarray:
+    """Angles of the arm within its limits, shape (20, 7)."""
+    return rng.uniform(np.maximum(CHAIN.lower, -3.0), np.minimum(CHAIN.upper, 3.0), (20, 7))
+
+
+def trajectory(task: PR2Door, pose: np.ndarray, action: list[float]) -> Trajectory:
+    done = task.attempt(pose, np.array(action)).trajectory
+    assert done is not None
+    return done
+
+
+def digest(done: Trajectory) -> str:
+    """Return a hash of every bit."""
+    return hashlib.sha256(b"".join(getattr(done, field.name).tobytes() for field in fields(done))).hexdigest()
+
+
+def digests_of_some_episodes(task: PR2Door) -> list[str]:
+    cases = [([0.0, 0.0], [0.0, 0.0, 0.0]), ([-0.03, 0.01], [0.01, -0.03, 0.02]), ([0.05, -0.06], [-0.01, 0.0, 0.05])]
+    return [digest(trajectory(task, np.array(pose), action)) for action, pose in cases]
+
+
+def hold(seconds: float = 1.0) -> Motion:
+    """Return a motion that stays where the demonstration begins, clear of the door."""
+    start = demonstration.load()
+    knots = round(demonstration.RATE * seconds) + 1
+    return Motion(np.tile(start.arm[0], (knots, 1)), np.full(knots, start.openings[0]))
+
+
+# Kinematics
+
+
+def test_the_arm_is_where_turning_joint_by_joint_puts_it(angles: np.ndarray) -> None:
+    position, rotation = CHAIN.forward(angles)
+    for q, p, r in zip(angles, position, rotation, strict=True):
+        place, turn = np.array([-0.05, 0.0, 0.051 + 0.739675 + TORSO]), Rotation.identity()
+        for joint, angle in zip(robot.ARM, q, strict=True):
+            place, turn = place + turn.apply(joint.origin), turn * Rotation.from_rotvec(angle * np.array(joint.axis))
+        np.testing.assert_allclose(p, place + turn.apply([0.18, 0.0, 0.0]), atol=1e-12)
+        np.testing.assert_allclose(r, turn.as_matrix(), atol=1e-12)
+
+
+def test_the_jacobian_is_the_derivative(angles: np.ndarray) -> None:
+    jacobian, h = CHAIN.jacobian(angles), 1e-6
+    for joint, step in enumerate(h * np.eye(7)):
+        (ahead, turned_ahead), (behind, turned_behind) = CHAIN.forward(angles + step), CHAIN.forward(angles - step)
+        np.testing.assert_allclose(jacobian[:, :3, joint], (ahead - behind) / (2 * h), atol=1e-8)
+        turned = Rotation.from_matrix(turned_ahead @ turned_behind.swapaxes(1, 2)).as_rotvec() / (2 * h)
+        np.testing.assert_allclose(jacobian[:, 3:, joint], turned, atol=1e-8)
+
+
+def test_the_tool_is_where_the_solution_was_to_put_it(rng: np.random.Generator) -> None:
+    goal = demonstration.load()
+    q, errors = CHAIN.solve(goal.arm + rng.normal(scale=0.2, size=goal.arm.shape), goal.positions, goal.rotations)
+    position, rotation = CHAIN.forward(q)
+    np.testing.assert_allclose(position, goal.positions, atol=1e-5)
+    np.testing.assert_allclose(rotation, goal.rotations, atol=1e-5)
+    assert np.all(errors < 1e-5)
+    assert np.all((q >= CHAIN.lower) & (q <= CHAIN.upper))
+
+
+def test_a_solution_does_not_depend_on_the_rows_beside_it() -> None:
+    goal = demonstration.load()
+    shifted = goal.positions + np.array([0.0, 0.1, 0.0])
+    alone = CHAIN.solve(goal.arm[50:51], shifted[50:51], goal.rotations[50:51])[0]
+    np.testing.assert_allclose(CHAIN.solve(goal.arm, shifted, goal.rotations)[0][50:51], alone, atol=1e-5)
+
+
+def test_the_error_left_tells_what_is_out_of_reach() -> None:
+    goal = demonstration.load()
+    errors = CHAIN.solve(goal.arm[:1], goal.positions[:1] + np.array([1.0, 0.0, 0.0]), goal.rotations[:1])[1]
+    assert errors[0] > 0.3
+
+
+# The robot and the door as data
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.1, 0.3, 0.548])
+def test_the_gap_is_the_distance_of_the_faces_that_hold(angle: float) -> None:
+    expected = 2 * (0.09137 * np.sin(angle) + 0.00495 * np.cos(angle) - 0.00495)
+    assert robot.gap(angle) == pytest.approx(expected, rel=1e-12)
+    assert robot.finger_angle(robot.gap(angle)) == pytest.approx(angle, abs=1e-12)
+    finger, tip = robot.FINGERS[0], robot.TIPS[0]  # the tip turns back, so its face stays parallel
+    place = np.array(finger.origin) + rotation_about((0.0, 0.0, 1.0), np.array([angle]))[0] @ tip.origin
+    box = next(link.box for link in robot.LINKS if link.name == tip.child)
+    assert box is not None
+    assert 2 * (place[1] + box[0][1]) == pytest.approx(expected, abs=1e-12)
+
+
+def test_the_gripper_opens_as_far_as_it_is_said_to() -> None:
+    assert robot.gap(0.0) == 0.0
+    assert robot.gap(0.548) == pytest.approx(robot.MAX_GAP, abs=0.006)
+
+
+@pytest.mark.parametrize("text", [robot.urdf(), robot.simulated_urdf(0.15), door.urdf()], ids=["pr2", "fixed", "door"])
+def test_a_urdf_is_a_tree_with_a_tag_on_every_line(text: str) -> None:
+    tree = ET.fromstring(text)
+    links = {link.get("name") for link in tree.findall("link")}
+    children = [joint.find("child").get("link") for joint in tree.findall("joint")]  # type: ignore[union-attr]
+    parents = {joint.find("parent").get("link") for joint in tree.findall("joint")}  # type: ignore[union-attr]
+    assert len(children) == len(set(children)) == len(links) - 1
+    assert parents | set(children) == links
+    assert max(map(len, text.splitlines())) < 150
+
+
+def test_the_demonstration_is_what_its_script_makes() -> None:
+    kept, made = demonstration.load(), demonstration.make()
+    for field in fields(made):
+        np.testing.assert_allclose(getattr(kept, field.name), getattr(made, field.name), atol=1e-9)
+    assert kept.times[-1] == 5.8
+    assert np.all(np.diff(kept.arm, axis=0) * demonstration.RATE < VELOCITY[:7])
+
+
+def test_the_demonstration_turns_the_lever_on_its_arc_and_the_door_on_its_hinge() -> None:
+    shown = demonstration.load()
+    turning, pulling = shown.positions[34:61], shown.positions[60:]
+    arms = turning[:, 1:] - door.PIVOT[1:]
+    np.testing.assert_allclose(np.hypot(*arms.T), 0.075, atol=1e-9)
+    assert np.degrees(np.arctan2(-arms[-1, 1], arms[-1, 0])) == pytest.approx(45.0)
+    radii = np.hypot(*(pulling[:, :2] - door.HINGE[:2]).T)
+    np.testing.assert_allclose(radii, radii[0], atol=1e-9)
+    assert shown.openings[[0, 34]] == pytest.approx([0.06, 0.016])
+
+
+@pytest.mark.parametrize(("phase", "way"), [(-1.0, 0.0), (0.0, 0.0), (0.5, 0.5), (1.0, 1.0), (3.0, 1.0)])
+def test_a_motion_of_minimum_jerk_goes_from_nought_to_one(phase: float, way: float) -> None:
+    assert minimum_jerk(np.array([phase]))[0] == way
+
+
+@pytest.mark.parametrize(
+    ("before", "opened", "turned", "after"),
+    [
+        (True, 0.0, 29.0, True),
+        (True, 0.0, 31.0, False),
+        (False, 0.4, 29.0, True),
+        (False, 0.6, 29.0, False),
+        (False, 0.0, 31.0, False),
+    ],
+)
+def test_the_latch_lets_go_past_30_degrees_and_catches_below_half_a_degree(
+    before: bool, opened: float, turned: float, after: bool
+) -> None:
+    assert door.latched(before, math.radians(opened), math.radians(turned)) is after
+
+
+# Physics
+
+
+def test_the_lever_returns_when_it_is_let_go(task: PR2Door) -> None:
+    world, motion, angles = task.world, hold(), []
+
+    def watch(client: Any) -> None:
+        if not angles:
+            client.resetJointState(world._door, world._lever, np.deg2rad(50.0))
+        angles.append(client.getJointState(world._door, world._lever)[0])
+
+    done = world.run(motion, STRAIGHT, watch)
+    assert angles[0] == pytest.approx(np.deg2rad(50.0))
+    assert np.max(np.abs(done.lever[10:])) < np.deg2rad(0.5)
+
+
+@pytest.mark.parametrize(("lever", "torque", "opens"), [(0.0, 60.0, False), (40.0, 60.0, True), (40.0, 19.0, False)])
+def test_the_door_stays_shut_without_the_lever_and_against_its_friction(
+    task: PR2Door, lever: float, torque: float, opens: bool
+) -> None:
+    world = task.world
+    world._reset(hold(), STRAIGHT)
+    for _ in range(120):
+        world.client.resetJointState(world._door, world._lever, np.deg2rad(lever))
+        world.client.applyExternalTorque(world._door, world._hinge, (0.0, 0.0, -torque), world.client.WORLD_FRAME)
+        world._simulate()
+    angle = world.client.getJointState(world._door, world._hinge)[0]
+    assert (angle > door.OPENED) is opens
+    if not opens:
+        assert abs(angle) < np.deg2rad(0.1)
+
+
+def test_the_torques_and_the_speeds_of_free_motion_are_within_the_limits(task: PR2Door, shown: Trajectory) -> None:
+    assert np.all(np.abs(shown.velocities) <= VELOCITY * 1.001)
+    jammed = trajectory(task, np.array([0.03, 0.05, 0.05]), [-0.1, -0.05])
+    for done in (shown, jammed):
+        assert np.all(np.abs(done.torques) <= EFFORT * 1.000001)
+    assert np.any(np.abs(jammed.torques) > 0.99 * EFFORT)  # so they do bound
+
+
+def test_the_motors_do_not_go_faster_than_they_can(task: PR2Door) -> None:
+    motion = hold()
+    rushed = Motion(motion.arm.copy(), motion.openings.copy())
+    rushed.arm[10:, -1] += 3.0  # at once
+    rushed.openings[10:] = 0.0
+    done = task.world.run(rushed, STRAIGHT)
+    assert np.all(np.abs(done.velocities) <= VELOCITY * 1.01)
+    assert np.abs(done.velocities[:, 6]).max() > 0.9 * VELOCITY[6]
+    assert done.openings[12] > 0.02
+
+
+def test_the_fingers_stop_at_the_lever(shown: Trajectory) -> None:
+    closed = shown.openings[36:]
+    assert np.all((closed > 0.0190) & (closed < 0.0210))  # the lever's 0.020; 0.016 is asked for
+
+
+def test_the_robot_is_simulated_where_the_kinematics_has_it(task: PR2Door) -> None:
+    seen: list[np.ndarray] = []
+    world, pose = task.world, np.array([0.02, -0.03, 0.1])
+    palm = world._indices(world._robot, ["r_gripper_palm_joint"])[0]
+
+    def watch(client: Any) -> None:
+        state = client.getLinkState(world._robot, palm, computeForwardKinematics=True)
+        seen.append(np.add(state[4], Rotation.from_quat(state[5]).apply(robot.TOOL_OFFSET)))
+
+    done = world.run(hold(), pose, watch)
+    np.testing.assert_allclose(done.tool, seen, atol=1e-6)
+
+
+# Episodes
+
+
+def test_the_demonstration_opens_the_door_and_earns_nearly_all(task: PR2Door) -> None:
+    outcome = task.attempt(STRAIGHT, np.zeros(2))
+    assert outcome.reward >= 0.98
+    assert outcome.success
+    assert np.degrees(outcome.door_angle) == pytest.approx(16.0, abs=1.0)
+    assert outcome.reward == pytest.approx(np.exp(-outcome.tracking_error))
+
+
+@pytest.mark.parametrize("action", [[0.15, 0.0], [-0.15, 0.0], [0.12, -0.08], [0.0, 0.08], [0.0, -0.07]])
+def test_far_misses_earn_little_and_leave_the_door_shut(task: PR2Door, action: list[float]) -> None:
+    outcome = task.attempt(STRAIGHT, np.array(action))
+    assert not outcome.success
+    assert abs(outcome.door_angle) < np.deg2rad(0.5)
+    assert outcome.reward < (0.07 if action[0] else 0.25)
+    assert outcome.reward == pytest.approx(np.exp(-1.0 - outcome.tracking_error))
+
+
+@pytest.mark.parametrize("sd", [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [-1.0, -1.0, -1.0], [1.0, -1.0, 1.0]])
+def test_the_actions_that_open_the_door_lie_together_away_from_the_ends(task: PR2Door, sd: list[float]) -> None:
+    shifts = np.linspace(-0.2, 0.2, 17)
+    opened = [task.attempt(np.array(sd) * POSE_SD, np.array([shift, -0.015])).success for shift in shifts]
+    assert 1 <= sum(opened) <= 6
+    assert not any(opened[:1] + opened[-1:])
+    first = opened.index(True)
+    assert all(opened[first : first + sum(opened)])
+
+
+@pytest.mark.parametrize("sd", [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
+def test_a_gripper_that_stays_wide_open_does_not_drag_the_door_with_one_finger(task: PR2Door, sd: list[float]) -> None:
+    pose, widest = np.array(sd) * POSE_SD, task.single_action_space.high[1]
+    tried = [task.attempt(pose, np.array([shift, widest])) for shift in np.linspace(-0.2, 0.2, 15)]
+    turned = [outcome.trajectory is not None and outcome.trajectory.lever.max() > door.UNLATCHED for outcome in tried]
+    assert any(turned)  # so a finger does press the lever down, past the latch
+    assert not any(outcome.success for outcome in tried)
+
+
+@pytest.mark.parametrize("pose", [[0.0, 0.07, 0.0], [0.0, -0.05, -0.02], [-0.01, 0.0, 0.05]])
+def test_an_error_of_the_pose_is_corrected_by_the_action(task: PR2Door, pose: list[float]) -> None:
+    shift = -(pose[1] + pose[2] * door.PIVOT[0])
+    uncorrected, corrected = (task.attempt(np.array(pose), np.array([a, 0.0])) for a in (0.0, shift))
+    assert corrected.success
+    assert corrected.reward > 0.85
+    assert uncorrected.reward < corrected.reward - 0.3
+
+
+def test_what_the_arm_cannot_reach_earns_nothing(task: PR2Door, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(task, "single_action_space", gymnasium.spaces.Box(-2.0, 2.0, (2,), np.float64))
+    outcome = task.attempt(STRAIGHT, np.array([0.9, 0.0]))
+    assert adapted(demonstration.load(), np.array([0.9, 0.0])) is None
+    assert (outcome.reward, outcome.success, outcome.door_angle) == (0.0, False, 0.0)
+    assert outcome.tracking_error == np.inf
+    with pytest.raises(ValueError, match="change: expected one within the arm's reach"):
+        task.render_frames(STRAIGHT, np.array([0.9, 0.0]))
+
+
+def test_changes_are_clipped_to_the_bounds_of_the_actions(task: PR2Door) -> None:
+    high = PR2Door.single_action_space.high
+    beyond, at_most = (digest(trajectory(task, STRAIGHT, list(a))) for a in (high + 3.0, high))
+    assert beyond == at_most
+    motion = adapted(demonstration.load(), high)
+    assert motion is not None
+    assert motion.openings.max() == robot.MAX_GAP
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_actions_that_are_not_finite_are_refused(bad: float) -> None:
+    task = PR2Door(2)
+    task.reset(seed=0)
+    with pytest.raises(ValueError, match="action: expected finite numbers, got"):
+        task.step(np.array([[0.0, 0.0], [bad, 0.0]]))
+
+
+# The same bits
+
+
+def test_an_episode_is_the_same_to_the_last_bit_after_others_and_in_a_new_world(task: PR2Door) -> None:
+    first = digests_of_some_episodes(task)
+    assert len(set(first)) == 3
+    assert digests_of_some_episodes(task) == first
+    other = PR2Door()
+    alone = digest(trajectory(other, np.array([-0.01, 0.02, 0.03]), [0.0, 0.0]))
+    assert alone not in first
+    assert digests_of_some_episodes(other) == first
+    other.close()
+
+
+def test_an_episode_is_the_same_to_the_last_bit_in_another_process(task: PR2Door) -> None:
+    code = "import test_pr2; print(*test_pr2.digests_of_some_episodes(test_pr2.PR2Door()))"
+    path = [*sys.path, str(Path(__file__).parent)]
+    setup = f"import sys; sys.path[:] = {path!r}; "
+    ended = subprocess.run([sys.executable, "-c", setup + code], capture_output=True, text=True, check=True)
+    assert ended.stdout.split("\n")[-2].split() == digests_of_some_episodes(task)
+
+
+def test_watching_changes_nothing(task: PR2Door, shown: Trajectory) -> None:
+    frames = task.render_frames(STRAIGHT, np.zeros(2), size=(48, 32), every=40)
+    assert {pictures.shape for pictures in frames.values()} == {(3, 32, 48, 3)}
+    for pictures in frames.values():
+        assert pictures.dtype == np.uint8
+        assert np.any(pictures[0] != pictures[-1])
+    assert digest(trajectory(task, STRAIGHT, [0.0, 0.0])) == digest(shown)
+
+
+# The environment
+
+
+def play(task: PR2Door, actions: np.ndarray, seed: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    observations, _ = task.reset(seed=seed)
+    return observations, task.step(actions)[1]
+
+
+@pytest.mark.parametrize(
+    ("action", "change"),
+    [
+        ([0.0, 0.0], [0.05, 0.04]),
+        ([-0.05, -0.04], [0.0, 0.0]),
+        ([0.18, 0.06], [0.2, 0.08]),
+        ([-9.0, -9.0], [-0.15, -0.04]),
+    ],
+)
+def test_an_action_is_added_to_the_start_both_within_the_bounds(action: list[float], change: list[float]) -> None:
+    np.testing.assert_allclose(PR2Door().change(np.array(action)), change, atol=1e-15)
+    assert np.array_equal(PR2Door(start=[0.0, 0.0]).change(np.array([0.18, -0.06])), [0.18, -0.06])
+
+
+@pytest.mark.parametrize("start", [(0.05, 0.04), [0.04, 0.02], [0, 0]])
+def test_the_action_against_the_start_is_the_demonstration(task: PR2Door, start: Any) -> None:
+    other = PR2Door(2, start=start)
+    other.initial_states = lambda rows: np.zeros((rows, 3))  # type: ignore[method-assign]
+    _, rewards = play(other, np.stack([-np.array(start), np.zeros(2)]), [0, 0])
+    assert rewards[0] == pytest.approx(task.attempt(STRAIGHT, np.zeros(2)).reward, abs=1e-6)
+    assert rewards[1] == pytest.approx(task.attempt(STRAIGHT, np.array(start)).reward, abs=1e-6)
+    other.close_extras()
+
+
+@pytest.mark.parametrize("pose", ["per_run", "per_episode"])
+def test_a_row_does_not_depend_on_the_rows_beside_it(pose: str) -> None:
+    actions, seeds = np.array([[0.0, 0.0], [-0.04, 0.01], [0.02, -0.03]]), [5, 6, 7]
+    together = play(PR2Door(3, pose=pose, pose_seed=3), actions, seeds)
+    for row in range(3):
+        alone = play(PR2Door(1, pose=pose, pose_seed=3), actions[row : row + 1], seeds[row : row + 1])
+        for a, b in zip(alone, together, strict=True):
+            assert np.array_equal(a[0], b[row])
+
+
+def test_a_pose_is_kept_for_a_run_or_drawn_for_an_episode_from_the_rows_seed() -> None:
+    kept, same, other = (PR2Door(2, pose_seed=s) for s in (1, 1, 2))
+    first = kept.reset(seed=[3, 4])[0]
+    assert np.array_equal(first[0], first[1])
+    assert np.array_equal(kept.reset(seed=[8, 9])[0], first)
+    assert np.array_equal(same.reset(seed=0)[0], first)
+    assert not np.any(other.reset(seed=0)[0] == first)
+    drawn = PR2Door(2, pose="per_episode")
+    poses = drawn.reset(seed=[3, 4])[0]
+    stream = np.random.Generator(np.random.PCG64(np.random.SeedSequence(4)))
+    np.testing.assert_allclose(poses[1], stream.standard_normal(3), rtol=1e-12)
+    assert not np.any(drawn.reset()[0] == poses)
+
+
+def test_the_poses_have_the_deviations_they_are_said_to_have() -> None:
+    drawn = PR2Door(4000, pose="per_episode")
+    np.testing.assert_allclose(drawn.reset(seed=0)[0].std(axis=0), 1.0, atol=0.05)  # standard error 0.011
+    np.testing.assert_allclose(drawn._states.std(axis=0), [0.015, 0.05, 0.05], rtol=0.05)
+    assert POSE_SD.tolist() == [0.015, 0.05, 0.05]
+
+
+def test_an_episode_is_over_after_one_action_and_the_next_step_starts_another() -> None:
+    task = PR2Door(2, max_episode_steps=12, pose="per_episode")
+    first = task.reset(seed=[0, 1])[0]
+    seen, rewards, terminated, truncated, info = task.step(np.zeros((2, 2)))
+    assert np.array_equal(seen, first)
+    assert terminated.all()
+    assert not truncated.any()
+    assert np.all(rewards > 0)
+    assert {name: values.shape for name, values in info.items()} == dict.fromkeys(info, (2,))
+    assert set(info) == {"success", "door_angle", "tracking_error"}
+    anew, nothing, terminated, _, info = task.step(np.zeros((2, 2)))
+    assert not np.any(anew == first)
+    assert not np.any([nothing, terminated])
+    assert info == {}
+
+
+def test_a_single_environment_is_a_row_of_the_vector_environment() -> None:
+    single = gymnasium.make(TASK, pose="per_episode")
+    action = np.array([-0.02, 0.01])
+    observations, rewards = play(PR2Door(2, pose="per_episode"), np.tile(action, (2, 1)), [3, 4])
+    assert np.array_equal(single.reset(seed=4)[0], observations[1])
+    observation, reward, terminated, truncated, info = single.step(action)
+    assert np.array_equal(observation, observations[1])
+    assert (reward, terminated, truncated) == (rewards[1], True, True)
+    assert isinstance(info["success"], bool)
+    single.close()
+
+
+def test_gymnasiums_checker_finds_nothing() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message=".*symmetric and normalized")  # the actions are in metres
+        warnings.filterwarnings("ignore", message=".*Box observation space m.* value is .*infinity")  # a normal error
+        check_env(gymnasium.make(TASK).unwrapped, skip_render_check=True)
+
+
+def test_the_task_runs_as_any_other() -> None:
+    simulation = Simulation(TASK, {"pose": "per_episode"})
+    batch = Batch(0, 0, 2, 1, explore=True)
+    assert simulation.start(batch).observations.shape == (2, 3)
+    frame = simulation.step(np.zeros((2, 2)))
+    assert not frame.active.any()
+    assert np.all((frame.rewards > 0.0) & (frame.rewards <= 1.0))
+
+
+def test_the_positions_of_all_joints_are_given_by_name(shown: Trajectory) -> None:
+    names, positions = shown.joint_states()
+    tree = ET.fromstring(robot.urdf())
+    assert set(names) == {joint.get("name") for joint in tree.findall("joint") if joint.get("type") != "fixed"}
+    assert positions.shape == (117, len(names))
+    assert np.all(positions[:, names.index("torso_lift_joint")] == TORSO)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"pose": "always"}, "pose: expected one of per_run, per_episode, got 'always'"),
+        ({"pose_seed": -1}, "pose_seed: expected a whole number from 0, got -1"),
+        ({"pose_seed": 0.5}, "pose_seed: expected a whole number from 0, got 0.5"),
+        ({"start": [0.0]}, "start: expected two finite numbers, got \\[0.0\\]"),
+        ({"start": [0.0, math.inf]}, "start: expected two finite numbers, got \\[0.0, inf\\]"),
+        ({"start": 0.05}, "start: expected two finite numbers, got 0.05"),
+        ({"start": "ab"}, "start: expected two finite numbers, got 'ab'"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        PR2Door(**options)
+
+
+def test_without_pybullet_the_task_is_known_and_says_what_to_install() -> None:
+    code = (
+        f"import sys; sys.path[:] = {sys.path!r}; sys.modules['pybullet'] = None\n"
+        "import gymnasium, sim_nodes.envs\n"
+        "from rkhs_ros.rollouts.simulation import Simulation\n"
+        f"gymnasium.spec('{TASK}')\n"
+        f"try: gymnasium.make('{TASK}')\n"
+        "except gymnasium.error.DependencyNotInstalled as error: print(error)\n"
+        f"try: Simulation('{TASK}')\n"
+        "except ValueError as error: print(error)\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    lines = ended.stdout.splitlines()
+    assert len(lines) == 2
+    assert all("pip install pybullet==3.2.7" in line for line in lines)
+
+
+def test_a_world_can_be_given_up_and_made_again() -> None:
+    task = PR2Door()
+    before = digest(trajectory(task, STRAIGHT, [0.0, 0.0]))
+    task.close_extras()
+    assert digest(trajectory(task, STRAIGHT, [0.0, 0.0])) == before
+    world = World()
+    world.close()
+    world.close()

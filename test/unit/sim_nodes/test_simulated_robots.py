@@ -1,0 +1,307 @@
+"""Simulated robots without ROS: physics, wires, protective stops, and what they count."""
+
+import math
+import re
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rkhs_ros.base.settings import entries
+from rkhs_ros.policies.streams import stream
+from sim_nodes.envs.pendulum import Pendulum
+from sim_nodes.robots import door, drives
+from sim_nodes.robots.hardware import MOST_CATCH_UP_S, Hardware, Sample
+from sim_nodes.robots.kinds import SETTINGS, settings_of
+from sim_nodes.robots.motor_pendulum import (
+    BRAKE,
+    KINDS,
+    PAPER_NOISE,
+    MotorLimits,
+    MotorPendulum,
+    MotorPendulumRobot,
+    MotorPendulumSettings,
+)
+from sim_nodes.robots.protection import TOLERANCE, Protection
+from sim_nodes.robots.wire import Wire
+
+PAGE = (Path(__file__).parents[3] / "docs" / "simulated_robots.md").read_text()
+STEP = 0.002  # s
+EXACT = MotorPendulumSettings(process_noise=0.0, position_noise=0.0, velocity_noise=0.0, latency=0.0, jitter=0.0)
+NOISY = MotorPendulumSettings(seed=5, latency=0.004, jitter=0.01, loss=0.2)
+torques = st.floats(-3.0, 3.0)
+times = st.lists(st.floats(0.0, 0.2), max_size=8).map(lambda gaps: np.cumsum([0.0, *gaps]).tolist())
+
+
+def driven(**state: float) -> MotorPendulum:
+    return MotorPendulum(is_driven=True, **state)
+
+
+def steps(pendulum: MotorPendulum, count: int) -> MotorPendulum:
+    for _ in range(count):
+        pendulum = pendulum.stepped(STEP)
+    return pendulum
+
+
+@given(torques, st.integers(1, 500))
+def test_a_torque_moves_the_pendulum_as_a_double_integrator(torque: float, count: int) -> None:
+    after = steps(MotorPendulum(angle=0.0).heard([torque]), count)
+    time = count * STEP
+    assert after.velocity == pytest.approx(torque * time, abs=1e-9)
+    assert after.angle == pytest.approx(0.5 * torque * time**2, abs=1e-9)
+
+
+@given(st.floats(-3.0, 3.0), st.floats(-6.0, 6.0), torques)
+def test_the_work_of_the_torque_is_the_change_of_energy(angle: float, velocity: float, torque: float) -> None:
+    before = driven(angle=angle, velocity=velocity, torque=torque)
+    after = before.stepped(STEP)
+    assert after.energy - before.energy == pytest.approx(torque * (after.angle - angle), abs=1e-9)
+
+
+@given(st.floats(-math.pi, math.pi), st.floats(-12.0, 12.0))
+def test_without_a_torque_the_energy_is_kept_between_the_stops_and_lost_at_them(angle: float, velocity: float) -> None:
+    before = driven(angle=angle, velocity=velocity)
+    for _ in range(400):
+        after = before.stepped(STEP)
+        assert abs(after.angle) <= math.pi
+        at_stop = abs(after.angle) == math.pi and after.velocity == 0.0
+        assert at_stop or after.energy == before.energy
+        before = after
+
+
+@given(st.floats(-12.0, 12.0))
+def test_the_brake_brings_the_pendulum_to_rest_in_the_time_it_takes(velocity: float) -> None:
+    pendulum = MotorPendulum(angle=0.0, velocity=velocity)
+    needed = math.ceil(abs(velocity) / BRAKE / STEP)
+    energies = [pendulum.energy] + [(pendulum := pendulum.stepped(STEP, kick=1.0)).energy for _ in range(needed)]
+    assert energies == sorted(energies, reverse=True)
+    assert (pendulum.velocity, pendulum.stepped(STEP).angle) == (0.0, pendulum.angle)
+
+
+def test_an_action_does_what_it_does_in_the_task_of_the_paper() -> None:
+    task, pendulum = Pendulum(), MotorPendulum()
+    states = task.initial_states(1)
+    for torque in (3.0, 3.0, 1.5, -2.0, 0.5, -3.0):
+        states = task.transition(states, np.array([[torque]]), np.zeros((1, 4)))
+        pendulum = steps(pendulum.heard([torque]), round(task.step_seconds / STEP))
+        assert pendulum.velocity == pytest.approx(states[0, 1])
+        assert pendulum.angle == pytest.approx(states[0, 0], abs=6 * 2 * 0.5 * 3.0 * 0.05**2)  # of Euler's steps
+
+
+def test_the_motor_kicks_the_velocity_as_the_task_of_the_paper_does() -> None:
+    ends = []
+    for seed in range(200):
+        robot = MotorPendulumRobot(MotorPendulumSettings(seed=seed))
+        robot.state = driven(angle=0.0)
+        for _ in range(500):
+            robot.step()
+        ends.append(robot.state.velocity)
+    variance = 20 * (2 * Pendulum.noise_sd) ** 2  # of 20 half steps, 1 s in all
+    assert pytest.approx(variance) == PAPER_NOISE**2
+    assert abs(np.var(ends) / variance - 1.0) < 4 * math.sqrt(2 / 200)
+
+
+LIMITS = MotorLimits(torque=2.0, torque_step=1.0, velocity=3.0)
+BAD = {
+    "malformed": [],
+    "non_finite": [math.nan],
+    "torque": [2.1],
+    "torque_step": [1.1],
+}
+
+
+@pytest.mark.parametrize(("kind", "command"), [*BAD.items(), ("malformed", [0.1, 0.1]), ("non_finite", [-math.inf])])
+def test_a_bad_command_stops_the_motor_and_is_counted(kind: str, command: list[float]) -> None:
+    moving = MotorPendulum(LIMITS, velocity=1.0, angle=0.0, is_driven=True)
+    stopped = moving.heard(command)
+    assert stopped.protection.counts == {**dict.fromkeys(KINDS, 0), kind: 1}
+    assert stopped.protection.reason.startswith(f"{kind}: expected ")
+    assert not stopped.is_driven
+    assert steps(stopped, 100).velocity == 0.0
+
+
+def test_too_much_velocity_stops_the_motor_once() -> None:
+    pendulum = steps(MotorPendulum(LIMITS, angle=-1.0, velocity=2.99).heard([1.0]), 200)
+    assert pendulum.protection.counts == {**dict.fromkeys(KINDS, 0), "velocity": 1}
+    assert pendulum.velocity == 0.0
+
+
+def test_a_stop_is_latched_until_it_is_reset_and_the_counts_stay() -> None:
+    stopped = MotorPendulum(LIMITS).heard([math.nan])
+    still = stopped.heard([0.5])
+    assert not still.is_driven
+    assert still == stopped
+    again = stopped.heard([5.0]).reset().heard([0.5])
+    assert again.is_driven
+    assert again.torque == 0.5
+    assert again.protection.violations == 2
+    assert not again.protection.is_stopped
+
+
+def test_after_a_stop_the_torque_starts_from_zero() -> None:
+    pendulum = MotorPendulum(LIMITS).heard([1.0]).heard([2.0]).heard([math.nan])
+    assert pendulum.heard([2.0]).protection.counts["torque_step"] == 0  # stopped: there is no torque to step from
+    assert pendulum.reset().heard([2.0]).protection.counts["torque_step"] == 1
+
+
+def test_limits_are_reached_but_not_passed() -> None:
+    for value in (2.0, 2.0 * (1 + TOLERANCE / 2)):
+        assert MotorPendulum(replace(LIMITS, torque_step=9.0)).heard([value]).is_driven
+    assert not MotorPendulum(replace(LIMITS, torque_step=9.0)).heard([2.0 * (1 + 2 * TOLERANCE)]).is_driven
+    assert not MotorPendulum(MotorLimits(torque=0.0)).heard([1e-9]).is_driven  # 0 is a limit
+    assert MotorPendulum(MotorLimits(torque=0.0)).heard([0.0]).is_driven
+
+
+@given(st.lists(st.sampled_from(["malformed", "non_finite", "torque", "good", "reset"]), max_size=30))
+def test_every_violation_is_counted_and_nothing_else(events: list[str]) -> None:
+    pendulum, heard = MotorPendulum(), 0
+    for event in events:
+        if event == "reset":
+            pendulum = pendulum.reset()
+        else:
+            pendulum = pendulum.heard({**BAD, "torque": [3.1], "good": [0.5]}[event]).stepped(STEP)
+            heard += event == "good" and not pendulum.protection.is_stopped
+            assert pendulum.is_driven == (not pendulum.protection.is_stopped)
+    assert {kind: pendulum.protection.counts[kind] for kind in KINDS} == {kind: events.count(kind) for kind in KINDS}
+    assert heard == 0 or pendulum.angle > -math.pi
+
+
+@given(st.lists(st.sampled_from(["torque", "velocity"]), min_size=1))
+def test_the_reason_is_that_of_the_first_violation(kinds: list[str]) -> None:
+    protection = Protection()
+    for number, kind in enumerate(kinds):
+        protection = protection.tripped(kind, str(number))
+    assert protection.reason == f"{kinds[0]}: 0"
+    assert protection.violations == len(kinds)
+
+
+@given(st.floats(0.0, 0.1), st.floats(0.0, 0.1), times)
+def test_messages_arrive_in_order_within_their_time(latency: float, jitter: float, sent: list[float]) -> None:
+    wire = Wire[int](stream(1, "wire", 0), latency, jitter, 0.0)
+    for number, time in enumerate(sent):
+        wire.send(time, number)
+    assert wire.next_arrival >= latency
+    arrived = list(wire.arrived(math.inf))
+    assert [number for _, number in arrived] == list(range(len(sent)))
+    assert all(a <= b for (a, _), (b, _) in pairwise(arrived))
+    assert all(-1e-9 <= at - time - latency <= jitter + 1e-9 for (at, _), time in zip(arrived, sent, strict=True))
+    assert wire.next_arrival == math.inf
+
+
+def test_nothing_arrives_early() -> None:
+    wire = Wire[str](stream(1, "wire", 0), 0.5, 0.0, 0.0)
+    wire.send(1.0, "a")
+    assert list(wire.arrived(1.4999)) == []
+    assert list(wire.arrived(1.5)) == [(1.5, "a")]
+
+
+def test_which_messages_are_lost_follows_from_the_stream_alone() -> None:
+    def kept(gap: float, seed: int) -> list[int]:
+        wire = Wire[int](stream(seed, "wire", 0), 0.0, 0.01, 0.3)
+        for number in range(1000):
+            wire.send(gap * number, number)
+        arrived = [number for _, number in wire.arrived(math.inf)]
+        assert wire.lost == 1000 - len(arrived)
+        return arrived
+
+    assert kept(0.1, seed=1) == kept(0.003, seed=1) != kept(0.1, seed=2)
+    assert abs(len(kept(0.1, seed=1)) - 700) < 4 * math.sqrt(1000 * 0.3 * 0.7)
+
+
+def run(settings: MotorPendulumSettings, looks: list[float], end: float = 1.0) -> tuple[list[Sample], Hardware]:
+    """Return all samples of a robot that is commanded now and then, looked at at those times and at the end."""
+    hardware = Hardware(MotorPendulumRobot(settings))
+    commands = [(0.1 * number, 0.5 * number) for number in range(5)]
+    samples = []
+    for time in sorted({*(t for t in looks if t < end), *(t for t, _ in commands), end}):
+        samples += hardware.advance(time)
+        for torque in (torque for at, torque in commands if at == time):
+            hardware.send(time, [torque])
+    return samples, hardware
+
+
+@given(times)
+def test_a_late_loop_catches_up_to_the_bit(looks: list[float]) -> None:
+    assert run(NOISY, looks)[0] == run(NOISY, [])[0]
+
+
+def test_draws_follow_from_the_seed() -> None:
+    assert run(NOISY, [])[0] != run(replace(NOISY, seed=6), [])[0]
+
+
+@pytest.mark.parametrize("sensor_rate", [500.0, 200.0, 77.0, 1.0])
+def test_samples_come_at_their_rate_with_the_times_at_which_they_were_taken(sensor_rate: float) -> None:
+    samples, hardware = run(replace(EXACT, sensor_rate=sensor_rate), [])
+    assert hardware.steps == 500
+    assert len(samples) == sensor_rate
+    for number, sample in enumerate(samples, 1):
+        assert 0.0 <= sample.time - number / sensor_rate < STEP
+
+
+def test_the_next_event_is_the_next_sample_or_arrival() -> None:
+    hardware = Hardware(MotorPendulumRobot(replace(EXACT, latency=0.003)))
+    assert hardware.next_event() == 0.005
+    hardware.send(0.001, [1.0])
+    assert hardware.next_event() == pytest.approx(0.004)
+    assert hardware.advance(0.0045) == []
+    assert hardware.commands == 1
+
+
+def test_a_long_pause_is_caught_up_in_parts() -> None:
+    hardware = Hardware(MotorPendulumRobot(EXACT))
+    hardware.advance(3.5)
+    assert hardware.time == MOST_CATCH_UP_S
+    assert [hardware.advance(3.5) and hardware.time for _ in range(3)] == [2.0, 3.0, 3.5]
+
+
+@pytest.mark.parametrize(("timeout", "violations"), [(0.0, 0), (0.2, 1), (0.6, 0)])
+def test_a_robot_that_watches_the_time_stops_without_commands(timeout: float, violations: int) -> None:
+    _, hardware = run(replace(EXACT, command_timeout=timeout), [], end=0.9)
+    assert hardware.report()["command_timeout"] == violations
+    assert hardware.robot.state.is_driven == (not violations)
+    assert hardware.since_command == pytest.approx(0.5)
+
+
+def test_it_reports_what_it_heard() -> None:
+    _, hardware = run(NOISY, [])
+    report = hardware.report()
+    assert report["commands"] + report["commands lost"] == 5
+    assert (report["steps"], report["violations"], report["stopped"]) == (500, 0, False)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"sensor_rate": 1000.0}, "sensor_rate: expected at most the rate, 500, got 1000"),
+        ({"speed": 0.0}, r"speed: expected a number in \[0.01, 1000.0\], got 0"),
+        ({"loss": 1.0}, "loss: expected a number in"),
+        ({"torque": 2.0}, r"unknown key 'torque', did you mean 'limits.torque'\?"),
+        ({"limits": {"torqe": 2.0}}, r"unknown key 'limits.torqe', did you mean 'limits.torque'"),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused(values: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        settings_of("motor_pendulum", values)
+
+
+KINDS_OF = {"motor_pendulum": KINDS, "arm": drives.KINDS, "pr2_door": door.KINDS}
+
+
+@pytest.mark.parametrize("robot", SETTINGS)
+def test_the_page_names_all_parameters_and_violations(robot: str) -> None:
+    names = [*KINDS_OF[robot], *(entry.name for entry in entries(SETTINGS[robot]()))]
+    assert [name for name in names if f"`{name}`" not in PAGE] == []
+
+
+def test_the_examples_of_the_page_can_be_used() -> None:
+    examples = re.findall(r"```yaml\n(.*?)```", PAGE, flags=re.DOTALL)
+    trees = [yaml.safe_load(example)["/**/simulated_robot"]["ros__parameters"] for example in examples]
+    robots = [tree.pop("robot") for tree in trees]
+    assert robots == ["motor_pendulum", "arm"]
+    for robot, tree in zip(robots, trees, strict=True):
+        assert settings_of(robot, tree) != SETTINGS[robot]()

@@ -1,0 +1,296 @@
+import csv
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from rich.console import Console
+
+from rkhs_ros.learning.algorithms.registry import ALGORITHMS
+from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.pictures.comparison import draw_comparison
+from rkhs_ros.pictures.style import COLOURS
+from rkhs_ros.policies.storage import Task
+from rkhs_ros.runs.config import Config, Environment
+from rkhs_ros.runs.curve import Curve, Row
+from rkhs_ros.runs.report import resolved
+from rkhs_ros.studies.aggregates import aggregates, mean_over_runs
+from rkhs_ros.studies.comparison import Comparison, LearningCurve, compare
+from rkhs_ros.studies.comparison_table import as_markdown, as_table
+from test.unit.conftest import Result, assert_refused
+
+pytestmark = pytest.mark.slow
+
+TEXT = "#000000"
+TOY = Task("rkhs/Toy-v0", {}, 20, 0.99)
+Run = Callable[..., Result]
+
+
+def run_folder(
+    folder: Path, returns: Sequence[float], *, train: float = -1.0, per_iteration: int = 10, **settings: Any
+) -> Path:
+    """Leave what a run leaves of its settings and its curve."""
+    training = Training(**{"horizon": 20, "iterations": len(returns) or 1, **settings})
+    folder.mkdir(parents=True)
+    (folder / "config.yaml").write_text(resolved(Config(Environment("rkhs/Toy-v0", {}), training)))
+    values = dict.fromkeys(Row._fields, 0.0) | {"centres": 3, "evaluation_episodes": 0}
+    rows = [
+        Row(
+            **values
+            | {"iteration": k, "episodes": k * per_iteration, "exploration_return": train, "evaluation_return": r}
+        )
+        for k, r in enumerate(returns, start=1)
+    ]
+    Curve(folder / "curve.csv").begin(rows)
+    return folder
+
+
+def curve(runs: int, iterations: int = 6, label: str = "one", seed: int = 0) -> LearningCurve:
+    returns = np.random.default_rng(seed).normal(10.0, 1.0, (runs, iterations))
+    return LearningCurve(label, 10.0 * np.arange(1, iterations + 1), returns, is_evaluation=True)
+
+
+# The numbers
+
+
+@pytest.mark.parametrize("runs", [4, 7, 20])
+def test_the_aggregates_are_those_of_an_independent_computation(runs: int) -> None:
+    returns = np.random.default_rng(1).gamma(2.0, 3.0, (runs, 5))
+    episodes = np.array([5.0, 10.0, 30.0, 40.0, 80.0])
+    found = aggregates(episodes, returns)
+    final, cut = np.sort(returns[:, -1]), runs // 4
+    assert found.final.value == pytest.approx(sum(final) / runs)
+    assert found.best.value == pytest.approx(sum(max(row) for row in returns.tolist()) / runs)
+    assert found.interquartile_mean.value == pytest.approx(sum(final[cut : runs - cut]) / (runs - 2 * cut))
+    assert found.median == pytest.approx((final[(runs - 1) // 2] + final[runs // 2]) / 2)
+    areas = [
+        sum((row[k] + row[k + 1]) / 2 * (episodes[k + 1] - episodes[k]) for k in range(4)) / 75.0
+        for row in returns.tolist()
+    ]
+    assert found.area_under_curve == pytest.approx(sum(areas) / runs)
+
+
+def test_the_intervals_are_percentiles_of_means_of_runs_drawn_anew() -> None:
+    final = np.random.default_rng(2).gamma(2.0, 3.0, 12)
+    drawn = np.random.default_rng(3).choice(final, (40_000, 12))
+    low, high = np.percentile(drawn.mean(axis=1), [2.5, 97.5])
+    estimate = mean_over_runs(final)
+    assert (estimate.low, estimate.high) == pytest.approx((low, high), abs=0.05 * (high - low))
+    middle = np.sort(drawn, axis=1)[:, 3:9].mean(axis=1)
+    estimate = aggregates(np.arange(1.0), final[:, None]).interquartile_mean
+    low, high = np.percentile(middle, [2.5, 97.5])
+    assert (estimate.low, estimate.high) == pytest.approx((low, high), abs=0.05 * (high - low))
+
+
+def test_whole_runs_are_drawn_and_each_time_the_same() -> None:
+    returns = np.random.default_rng(4).normal(size=(6, 30))
+    band = mean_over_runs(returns)
+    for k in (0, 7, 29):
+        assert (band.low[k], band.high[k]) == pytest.approx(mean_over_runs(returns[:, k])[1:])
+    assert mean_over_runs(returns[:, 3]) == mean_over_runs(returns[:, 3])
+
+
+def test_a_single_run_has_no_interval() -> None:
+    single = aggregates(np.array([10.0]), np.array([[3.0]]))
+    assert (single.final.value, single.median, single.area_under_curve) == (3.0, 3.0, 3.0)
+    assert np.isnan([single.final.low, single.final.high, single.best.low]).all()
+    assert str(single.final) == "3"
+
+
+# What is compared
+
+
+def test_runs_that_differ_in_seed_and_name_only_are_one_curve(tmp_path: Path) -> None:
+    for seed in range(3):
+        run_folder(tmp_path / "nac" / f"seed_{seed}", [1.0 + seed, 2.0 + seed], seed=seed, name=f"n{seed}")
+    other = run_folder(tmp_path / "other", [5.0, 6.0], algorithm=ALGORITHMS["rkhs_power"]())
+    nac, power = compare([tmp_path / "nac", other]).curves
+    assert (nac.label, power.label) == ("rkhs_nac", "rkhs_power")
+    np.testing.assert_array_equal(nac.returns, [[1.0, 2.0], [2.0, 3.0], [3.0, 4.0]])
+    np.testing.assert_array_equal(nac.episodes, [10.0, 20.0])
+    np.testing.assert_array_equal(power.returns, [[5.0, 6.0]])
+
+
+def test_a_run_named_twice_counts_once(tmp_path: Path) -> None:
+    folder = run_folder(tmp_path / "all" / "a", [1.0])
+    (only,) = compare([tmp_path / "all", folder, tmp_path / "all" / ".." / "all"]).curves
+    assert only.returns.shape == (1, 1)
+
+
+def test_curves_of_one_algorithm_are_named_by_their_folders(tmp_path: Path) -> None:
+    for name, discount_settings in (("small", 0.1), ("great", 0.2)):
+        settings = {"algorithm": ALGORITHMS["rkhs_nac"](ridge=discount_settings)}
+        run_folder(tmp_path / name / "seed_0", [1.0], **settings)
+    assert [c.label for c in compare([tmp_path / "small", tmp_path / "great"]).curves] == ["small", "great"]
+    (tmp_path / "both").mkdir()
+    for name in ("small", "great"):
+        (tmp_path / name / "seed_0").rename(tmp_path / "both" / name)
+    assert [c.label for c in compare([tmp_path / "both"]).curves] == ["great", "small"]
+
+
+def test_longer_runs_are_cut_to_the_shortest_and_that_is_said(tmp_path: Path) -> None:
+    folders = [
+        run_folder(tmp_path / "long", [1.0, 2.0, 3.0, 9.0], per_iteration=10),
+        run_folder(tmp_path / "slow", [4.0] * 5, per_iteration=5),
+    ]
+    comparison = compare(folders)
+    assert [c.episodes[-1] for c in comparison.curves] == [20.0, 25.0]
+    np.testing.assert_array_equal(comparison.curves[0].returns, [[1.0, 2.0]])
+    note, areas = comparison.notes
+    assert areas.startswith("Evaluated after different numbers of episodes")
+    assert note == f"Compared up to 25 exploring episodes, where the shortest run ends: {tmp_path / 'slow'}."
+    assert note in as_markdown(comparison)
+
+
+def test_curves_go_through_the_iterations_that_all_runs_evaluated(tmp_path: Path) -> None:
+    nan = float("nan")
+    run_folder(tmp_path / "r" / "a", [nan, 2.0, nan, 4.0], seed=0)
+    run_folder(tmp_path / "r" / "b", [1.0, 3.0, nan, 5.0], seed=1)
+    comparison = compare([tmp_path / "r"])
+    np.testing.assert_array_equal(comparison.curves[0].episodes, [20.0, 40.0])
+    np.testing.assert_array_equal(comparison.curves[0].returns, [[2.0, 4.0], [3.0, 5.0]])
+    assert comparison.notes == ()
+
+
+def test_without_any_evaluation_the_exploring_return_is_taken_and_that_is_said(tmp_path: Path) -> None:
+    folder = run_folder(tmp_path / "r", [float("nan")] * 2, train=7.0)
+    comparison = compare([folder])
+    np.testing.assert_array_equal(comparison.curves[0].returns, [[7.0, 7.0]])
+    assert not comparison.curves[0].is_evaluation
+    assert comparison.notes == ("rkhs_nac: never evaluated, so its exploring return is taken.",)
+    assert "exploring return 7 after 20 episodes" in comparison.curves[0].summary()
+
+
+def test_runs_that_have_not_begun_to_learn_are_left_out_by_name(tmp_path: Path) -> None:
+    run_folder(tmp_path / "r" / "a", [1.0])
+    empty = run_folder(tmp_path / "r" / "b", [], seed=1)
+    comparison = compare([tmp_path / "r"])
+    assert comparison.curves[0].returns.shape == (1, 1)
+    assert comparison.notes == (f"Left out, for it has not made an iteration: {empty}.",)
+    with pytest.raises(ValueError, match="r/b: expected a run that has made an iteration, got none"):
+        compare([empty])
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({}, "b: expected settings or a seed of its own, got those of .*a"),
+        ({"discount": 0.9}, "b: discount: expected 0.99, as of .*a, got 0.9"),
+        ({"horizon": 9}, "b: horizon: expected 20, as of .*a, got 9"),
+    ],
+)
+def test_runs_that_are_not_to_be_compared_are_refused(tmp_path: Path, settings: dict[str, Any], message: str) -> None:
+    for name, more in (("a", {}), ("b", settings)):
+        run_folder(tmp_path / name, [1.0], **more)
+    with pytest.raises(ValueError, match=message):
+        compare([tmp_path / "a", tmp_path / "b"])
+
+
+# The picture
+
+
+def picture(path: Path, *curves: LearningCurve, task: Task = TOY) -> np.ndarray:
+    draw_comparison(path, Comparison(task, curves, ()))
+    return np.asarray(imread(path))[:, :, :3]
+
+
+def pixels(image: np.ndarray, colour: str) -> int:
+    rgb = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+    return int((np.abs(image - rgb).max(axis=2) < 0.01).sum())
+
+
+@pytest.mark.parametrize(("count", "length"), [(1, 3), (3, 60), (8, 3), (20, 60)])
+def test_nothing_is_clipped_and_every_curve_is_seen(tmp_path: Path, count: int, length: int) -> None:
+    curves = [curve(5, label=f"{k}".ljust(length, "x"), seed=k) for k in range(count)]
+    image = picture(tmp_path / "c.png", *curves)
+    border = np.concatenate([image[:4].ravel(), image[-4:].ravel(), image[:, :4].ravel(), image[:, -4:].ravel()])
+    assert (border == 1.0).all()
+    assert all(pixels(image, colour) > 100 for colour in COLOURS[:count])
+    assert not any(pixels(image, colour) > 100 for colour in COLOURS[count:] if colour != TEXT)
+
+
+def test_the_plot_is_as_wide_whatever_the_legend(tmp_path: Path) -> None:
+    narrow, wide = (picture(tmp_path / f"{k}.png", curve(3, label="x" * k)) for k in (2, 50))
+    assert wide.shape[1] > narrow.shape[1] + 200
+    plot = slice(0, 800)
+    np.testing.assert_array_equal(narrow[100:, plot], wide[100 : len(narrow), plot])
+
+
+def test_the_optimum_is_drawn_where_it_is_known(tmp_path: Path) -> None:
+    known, unknown = (picture(tmp_path / "c.png", curve(3), task=replace(TOY, discount=d)) for d in (0.99, 0.9))
+    assert pixels(known, "#595959") > 500 + pixels(unknown, "#595959")
+
+
+def test_a_task_that_is_not_installed_is_drawn_without_its_optimum(tmp_path: Path) -> None:
+    assert picture(tmp_path / "c.png", curve(2), task=replace(TOY, environment="gone/Task-v0")).size
+
+
+# The command
+
+
+def test_the_command_writes_picture_and_tables_and_prints_the_table(rkhs: Run, tmp_path: Path) -> None:
+    for seed in range(4):
+        run_folder(tmp_path / "a" / f"seed_{seed}", [1.0, 2.0 + seed], seed=seed)
+    run_folder(tmp_path / "b|b", [1.5, 2.5], algorithm=ALGORITHMS["rkhs_nac"](ridge=0.5))
+    code, out, err = rkhs("compare", "a", "b|b", "--out", "made/here.png")
+    assert (code, err) == (0, "")
+    assert {path.name for path in (tmp_path / "made").iterdir()} == {"here.png", "here.csv", "here.md"}
+    assert out.startswith((tmp_path / "made" / "here.md").read_text())
+    header, _, first, second, *_ = out.splitlines()
+    assert header.split("|")[1:4] == [" curve ", " runs ", " episodes "]
+    assert first.startswith("| a     | 4    | 20       | 3.5 [2.5, 4.5]")
+    assert second.startswith(r"| b\|b  | 1    | 20       | 2.5 ")
+    lines = list(csv.DictReader((tmp_path / "made" / "here.csv").open()))
+    assert [line["curve"] for line in lines] == ["a", "b|b"]
+    assert {k: lines[0][k] for k in ("runs", "final", "final_low", "final_high", "best", "median")} == {
+        "runs": "4",
+        "final": "3.5",
+        "final_low": "2.5",
+        "final_high": "4.5",
+        "best": "3.5",
+        "median": "3.5",
+    }
+    assert lines[1]["interquartile_mean_low"] == ""
+    again = (tmp_path / "made" / "here.png").read_bytes()
+    rkhs("compare", "a", "b|b", "--out", "made/here.png")
+    assert (tmp_path / "made" / "here.png").read_bytes() == again
+
+
+def test_the_table_of_a_terminal_has_every_number_in_80_characters() -> None:
+    comparison = Comparison(TOY, (curve(4, label="one [of] two"), curve(1, label="x" * 30)), ())
+    out = StringIO()
+    Console(file=out, width=80).print(as_table(comparison))
+    printed = out.getvalue()
+    markdown = as_markdown(comparison).partition("\n\n")[0]
+    numbers = re.findall(r"-?[\d.]+", markdown)
+    assert sorted(re.findall(r"-?[\d.]+", printed)) == sorted(numbers)
+    assert {"interquartile", "one", "[of]", "two"} <= set(printed.split())
+
+
+@pytest.mark.parametrize("name", ["c.pdf", "c.svg"])
+def test_other_formats_are_written_too(rkhs: Run, tmp_path: Path, name: str) -> None:
+    run_folder(tmp_path / "a", [1.0])
+    assert rkhs("compare", "a", "--out", name).code == 0
+    assert (tmp_path / name).read_bytes()[:5] in (b"%PDF-", b"<?xml")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("nowhere",), "nowhere: expected the folder of a run, or one that holds such folders"),
+        ((".",), ".: expected the folder of a run"),
+        (("a", "--out", "c.txt"), "c.txt: expected a picture's name with .png or .pdf or .svg, got '.txt'"),
+        ((), "the following arguments are required: DIR"),
+    ],
+)
+def test_bad_input_is_refused_and_nothing_written(
+    rkhs: Run, tmp_path: Path, arguments: tuple[str, ...], message: str
+) -> None:
+    (tmp_path / "empty").mkdir()
+    assert_refused(rkhs("compare", *arguments), message)
+    assert [path.name for path in tmp_path.iterdir()] == ["empty"]

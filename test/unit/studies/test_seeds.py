@@ -1,0 +1,250 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rkhs_ros.app.seeds import MOST_SEEDS, parse_seeds, seed_folders
+from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.curve import Curve
+from rkhs_ros.studies.comparison import compare
+from test.processes import is_running
+from test.unit.conftest import Result, assert_refused
+
+pytestmark = pytest.mark.slow
+
+CONFIG = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
+SHORT = ("--set", "horizon=4", "iterations=2", "episodes_per_iteration=2")
+RESULTS = ("config.yaml", "policy.npz", "episodes.npz", "curve.png", "policy.png")
+Run = Callable[..., Result]
+ranges = st.tuples(st.integers(0, 300), st.integers(0, 20)).map(lambda pair: range(pair[0], pair[0] + pair[1] + 1))
+
+
+def results(folder: Path) -> dict[str, object]:
+    """What a run left, to the last bit, less the seconds that it took."""
+    lines = (folder / "curve.csv").read_text().splitlines()
+    files: dict[str, object] = {name: (folder / name).read_bytes() for name in RESULTS}
+    return files | {"curve.csv": [line.rpartition(",")[0] for line in lines]}
+
+
+def times(folder: Path) -> dict[Path, int]:
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
+
+
+# What --seeds means
+
+
+@given(st.lists(ranges, min_size=1, max_size=6), st.sampled_from([",", ", ", " ,"]))
+def test_seeds_are_the_union_of_their_ranges_in_order(parts: list[range], comma: str) -> None:
+    text = comma.join(f"{part[0]}" if len(part) == 1 else f"{part[0]}-{part[-1]}" for part in parts)
+    assert list(parse_seeds(text)) == sorted(set().union(*parts))
+
+
+@given(st.text("0123456789-, ", max_size=12))
+def test_other_text_is_refused_in_one_line_or_gives_seeds(text: str) -> None:
+    seeds: tuple[int, ...] = (0,)
+    message = "--seeds: expected "
+    try:
+        seeds = parse_seeds(text)
+    except ValueError as error:
+        message = str(error)
+    assert message.startswith("--seeds: expected ")
+    assert 0 < len(seeds) <= MOST_SEEDS
+    assert all(type(seed) is int and seed >= 0 for seed in seeds)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "expected seeds as 0-9 or 0,2,5, got ''"),
+        ("0-9,", "got ''"),
+        ("-3", "got '-3'"),
+        ("1-2-3", "got '1-2-3'"),
+        ("1.5", "got '1.5'"),
+        ("٣", "got '٣'"),
+        ("0,9-7", "expected ranges from a smaller seed to a greater one, got 9-7"),
+        ("0-999999999999", f"expected at most {MOST_SEEDS} seeds"),
+        (f"0-{MOST_SEEDS - 1},{MOST_SEEDS}", f"expected at most {MOST_SEEDS} seeds"),
+    ],
+)
+def test_what_are_no_seeds_is_refused(text: str, message: str) -> None:
+    with pytest.raises(ValueError, match="--seeds: expected") as error:
+        parse_seeds(text)
+    assert message in str(error.value)
+
+
+# The runs
+
+
+@pytest.fixture
+def begun(rkhs: Run, tmp_path: Path) -> Path:
+    result = rkhs("train", CONFIG, *SHORT, "--seeds", "1,10,2", "--jobs", 1, "--quiet", "--out", "many")
+    assert (result.code, result.err) == (0, "")
+    return tmp_path / "many"
+
+
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_each_seed_leaves_the_run_of_its_own(rkhs: Run, tmp_path: Path, jobs: int) -> None:
+    code, out, err = rkhs("train", CONFIG, *SHORT, "--seeds", "0-1,5", "--jobs", jobs, "--out", "many")
+    assert code == 0
+    assert err.splitlines()[-1].split()[:1] == ["toy_nac"]
+    assert "3/3" in err.splitlines()[-1]
+    assert [path.name for path in seed_folders(tmp_path / "many")] == ["seed_0", "seed_1", "seed_5"]
+    for seed in (0, 1, 5):
+        alone = tmp_path / f"alone_{seed}"
+        assert rkhs("train", CONFIG, *SHORT, "--runner", "inline", "--seed", seed, "--out", alone).code == 0
+        assert results(tmp_path / "many" / f"seed_{seed}") == results(alone)
+    (curve,) = compare([tmp_path / "many"]).curves
+    assert out == f"{curve.summary()}\nCompare: rkhs compare many\n"
+    assert "mean of 3 runs, 95 % interval over the seeds" in out
+
+
+def test_without_a_folder_the_runs_go_where_results_go(rkhs: Run, tmp_path: Path) -> None:
+    assert rkhs("train", CONFIG, *SHORT, "--seeds", "3", "--quiet", "--jobs", 1).code == 0
+    (folder,) = (tmp_path / "results" / "toy_nac").iterdir()
+    assert [path.name for path in folder.iterdir()] == ["seed_3"]
+
+
+def test_resume_makes_what_is_missing_or_unfinished_and_nothing_else(rkhs: Run, begun: Path) -> None:
+    whole = {path: results(path) for path in seed_folders(begun)}
+    kept, unfinished, missing = seed_folders(begun)
+    Curve(unfinished / "curve.csv").begin(Curve(unfinished / "curve.csv").rows()[:1])
+    (unfinished / "checkpoints" / "0000002.npz").unlink()
+    for path in missing.rglob("*"):
+        if path.is_file() and path.name != "config.yaml":
+            path.unlink()
+    before = times(kept)
+    result = rkhs("train", "--resume", "many", "--quiet", "--jobs", 1)
+    assert (result.code, result.err) == (0, "")
+    assert {path: results(path) for path in seed_folders(begun)} == whole
+    assert times(kept) == before
+
+
+def test_resume_goes_on_to_more_iterations(rkhs: Run, begun: Path) -> None:
+    assert rkhs("train", "--resume", "many", "--iterations", 3, "--jobs", 1).code == 0
+    for path in seed_folders(begun):
+        assert len(Curve(path / "curve.csv").rows()) == 3
+        assert load_config(path / "config.yaml").training.iterations == 3
+
+
+def test_pictures_older_than_the_curve_are_drawn_again(rkhs: Run, begun: Path) -> None:
+    first, *_ = seed_folders(begun)
+    before = (first / "policy.png").stat().st_mtime_ns
+    (first / "curve.csv").write_bytes((first / "curve.csv").read_bytes())
+    assert rkhs("train", "--resume", "many", "--jobs", 1).code == 0
+    assert (first / "policy.png").stat().st_mtime_ns > before
+
+
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_seed_that_fails_is_named_and_the_others_go_on(rkhs: Run, begun: Path, jobs: int) -> None:
+    first, bad, last = seed_folders(begun)
+    (bad / "policy.png").unlink()
+    (bad / "policy.png").mkdir()
+    code, out, err = rkhs("train", "--resume", "many", "--iterations", 3, "--jobs", jobs, "--quiet")
+    assert code == 1
+    assert err.startswith("error: seed_2: IsADirectoryError: ")
+    assert err.count("\n") == 1
+    assert "mean of 2 runs" in out
+    assert [len(Curve(path / "curve.csv").rows()) for path in (first, last)] == [3, 3]
+
+
+def test_where_every_seed_fails_all_are_named(rkhs: Run, begun: Path) -> None:
+    for path in seed_folders(begun):
+        (path / "policy.png").unlink()
+        (path / "policy.png").mkdir()
+    code, out, err = rkhs("train", "--resume", "many", "--jobs", 1, "--quiet")
+    assert (code, out) == (1, "")
+    assert [line.split(":")[1] for line in err.splitlines()] == [" seed_1", " seed_2", " seed_10"]
+
+
+def started(folder: Path, *arguments: object) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", *map(str, arguments), "--jobs", "2"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    while not list(folder.glob("seed_*/checkpoints/*.npz")):
+        assert process.poll() is None
+        time.sleep(0.02)
+    return process
+
+
+def workers(process: subprocess.Popen[str]) -> list[int]:
+    children = Path(f"/proc/{process.pid}/task").glob("*/children")
+    pids = [pid for file in children for pid in file.read_text().split()]
+    return [int(pid) for pid in pids if "popen_loky" in Path(f"/proc/{pid}/cmdline").read_text()]
+
+
+@pytest.mark.faults
+@pytest.mark.slow
+def test_an_interrupted_training_can_be_gone_on_with(rkhs: Run, tmp_path: Path) -> None:
+    many, whole = tmp_path / "many", tmp_path / "whole"
+    long = (*SHORT, "iterations=60", "--seeds", "0-2", "--quiet")
+    process = started(many, CONFIG, *long, "--out", many)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=120)
+    assert (process.returncode, out) == (130, "")
+    assert err == f"interrupted; go on with: rkhs train --resume {many}\n"
+    assert rkhs("train", "--resume", many, "--quiet", "--jobs", 1).code == 0
+    assert rkhs("train", CONFIG, *long, "--out", whole, "--jobs", 1).code == 0
+    assert [results(path) for path in seed_folders(many)] == [results(path) for path in seed_folders(whole)]
+
+
+@pytest.mark.faults
+@pytest.mark.slow
+def test_a_worker_that_is_killed_ends_with_lines_not_a_traceback(tmp_path: Path) -> None:
+    many = tmp_path / "many"
+    process = started(many, CONFIG, *SHORT, "iterations=3000", "--seeds", "0-1", "--quiet", "--out", many)
+    for pid in workers(process)[:1]:
+        os.kill(pid, signal.SIGKILL)
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert err.splitlines() == [f"error: seed_{k}: its process was killed, or one beside it" for k in (0, 1)]
+
+
+@pytest.mark.faults
+@pytest.mark.slow
+def test_workers_end_with_a_training_that_is_killed(tmp_path: Path) -> None:
+    many = tmp_path / "many"
+    process = started(many, CONFIG, *SHORT, "iterations=3000", "--seeds", "0-1", "--quiet", "--out", many)
+    at_work = workers(process)
+    process.kill()
+    process.communicate(timeout=120)
+    deadline = time.monotonic() + 120
+    while any(is_running(pid) for pid in at_work):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    assert len(at_work) == 2
+
+
+# Refusals
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--seeds", "0-1", "--runner", "ros"), "--runner: expected inline for several seeds, got ros"),
+        (("--seeds", "0-1", "--seed", "3"), "--seed: expected either it or --seeds, got both"),
+        (("--seeds", "0-1", "--jobs", "0"), "--jobs: expected at least 1, or -1 for all cores, got 0"),
+        (("--seeds", "x"), "--seeds: expected seeds as 0-9 or 0,2,5, got 'x'"),
+        (("--seeds", ""), "--seeds: expected seeds as 0-9 or 0,2,5, got ''"),
+        (("--jobs", "2"), "--jobs: expected it together with --seeds"),
+        (("--seeds", "0-1", "--set", "exploration_sd=[1, 2]"), "exploration_sd: expected 1 number, got 2"),
+        (("--seeds", "0-1", "--set", "environment.id=rkhs/Toi-v0"), "did you mean 'rkhs/Toy-v0'?"),
+    ],
+)
+def test_what_does_not_fit_is_refused_once_and_nothing_is_begun(
+    rkhs: Run, tmp_path: Path, arguments: tuple[str, ...], message: str
+) -> None:
+    assert_refused(rkhs("train", CONFIG, *arguments), message)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_other_seeds_than_the_run_began_with_are_refused(rkhs: Run, begun: Path) -> None:
+    before = times(begun)
+    assert_refused(rkhs("train", "--resume", "many", "--seeds", "0-3"), "that the run began with, got --seeds")
+    assert_refused(rkhs("train", CONFIG, "--seeds", "0", "--out", "many"), "many: expected a new or empty folder")
+    assert times(begun) == before

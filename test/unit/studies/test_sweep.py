@@ -1,0 +1,148 @@
+import csv
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rkhs_ros.base.yaml_text import loaded
+from rkhs_ros.runs.curve import Curve, Row
+from rkhs_ros.studies.grid import Outcome, parse_variations, points
+from test.unit.conftest import Result, assert_refused
+
+CONFIG = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
+TINY = ("--set", "horizon=4", "iterations=3", "episodes_per_iteration=2", "evaluation_episodes=2")
+GRID = ("--vary", "algorithm.ridge=1e-3,1e-2", "kernel.bandwidth_scale=1,2", "--seeds", "0-1", "--jobs", 1, "--quiet")
+Run = Callable[..., Result]
+NAN = float("nan")
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from(["a", "b.c", "d"]), st.lists(st.integers(-9, 9), min_size=1, unique=True), min_size=1
+    )
+)
+def test_a_grid_has_each_combination_once(values: dict[str, list[int]]) -> None:
+    varied = parse_variations(f"{name}={','.join(map(str, numbers))}" for name, numbers in values.items())
+    made = [tuple(loaded(change.partition("=")[2]) for change in point) for point in points(varied)]
+    expected = 1
+    for numbers in values.values():
+        expected *= len(numbers)
+    assert len(set(made)) == len(made) == expected
+    assert all(value in numbers for point in made for value, numbers in zip(point, values.values(), strict=True))
+
+
+def test_values_are_yaml_so_that_lists_and_words_can_be_varied() -> None:
+    (varied,) = parse_variations(["exploration_sd=range, [1, 2],0.5"])
+    assert varied.values == ("range", [1, 2], 0.5)
+
+
+def row(episodes: int, value: float) -> Row:
+    return Row(episodes // 2, episodes, 2, 0.0, 0.0, value, 1, 0.0, 0.0, 0.0, NAN, NAN, 0.0)
+
+
+def test_a_run_comes_to_its_last_and_best_return_and_the_first_episodes_that_reach_a_threshold() -> None:
+    rows = [row(2, 1.0), row(4, NAN), row(6, 5.0), row(8, 2.0), row(10, NAN)]
+    assert Outcome.of(rows, (2.0, 5.0, 5.1)) == (2.0, 5.0, (6.0, 6.0, float("inf")))
+
+
+def test_medians_count_runs_that_never_got_there() -> None:
+    outcomes = [Outcome(1.0, 4.0, (float("inf"),)), Outcome(2.0, 9.0, (8.0,)), Outcome(7.0, 7.0, (float("inf"),))]
+    assert Outcome.median(outcomes) == (2.0, 7.0, (float("inf"),))
+
+
+@pytest.fixture
+def swept(rkhs: Run, tmp_path: Path) -> Path:
+    result = rkhs("sweep", CONFIG, *GRID, *TINY, "--thresholds", "0", "--out", "grid")
+    assert (result.code, result.err) == (0, "")
+    assert "Medians over the seeds" in result.out
+    return tmp_path / "grid"
+
+
+def lines(path: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(path.open()))
+
+
+@pytest.mark.slow
+def test_each_run_of_a_grid_is_that_of_its_settings(rkhs: Run, swept: Path, tmp_path: Path) -> None:
+    runs = lines(swept / "runs.csv")
+    assert len(runs) == len({each["folder"] for each in runs}) == 8
+    last = runs[-1]
+    setting = [f"{name}={last[name]}" for name in ("algorithm.ridge", "kernel.bandwidth_scale")]
+    assert [*setting, last["seed"]] == ["algorithm.ridge=0.01", "kernel.bandwidth_scale=2", "1"]
+    assert rkhs("train", CONFIG, "--runner", "inline", *TINY, *setting, "--seed", 1, "--out", "alone").code == 0
+    returns = [each.evaluation_return for each in Curve(tmp_path / "alone" / "curve.csv").rows()]
+    assert (float(last["final_return"]), float(last["best_return"])) == (returns[-1], max(returns))
+    assert last["episodes_to_0"] == "2.0"
+    medians = lines(swept / "medians.csv")
+    assert [each["runs"] for each in medians] == ["2"] * 4
+    finals = [float(each["final_return"]) for each in medians]
+    assert finals == sorted(finals, reverse=True)
+    assert (swept / "comparison.png").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.slow
+def test_an_interrupted_sweep_goes_on_and_a_larger_one_makes_only_what_is_new(rkhs: Run, swept: Path) -> None:
+    whole = (swept / "runs.csv").read_bytes()
+    cut, *kept = sorted((swept / "runs").iterdir())
+    Curve(cut / "curve.csv").begin(Curve(cut / "curve.csv").rows()[:1])
+    for path in (cut / "checkpoints").glob("*.npz"):  # of later iterations
+        path.unlink()
+    times = [(path / "policy.npz").stat().st_mtime_ns for path in kept]
+    larger = [str(word).replace("0-1", "0-2") for word in GRID]
+    assert rkhs("sweep", CONFIG, *larger, *TINY, "--thresholds", "0", "--out", "grid").code == 0
+    assert len(list((swept / "runs").iterdir())) == 12
+    assert set(whole.splitlines()) < set((swept / "runs.csv").read_bytes().splitlines())
+    assert [(path / "policy.npz").stat().st_mtime_ns for path in kept] == times
+
+
+@pytest.mark.slow
+def test_a_run_that_fails_is_named_and_the_others_are_told_of(rkhs: Run, swept: Path) -> None:
+    bad = min((swept / "runs").iterdir())
+    (bad / "config.yaml").write_text("- no configuration\n")
+    (bad / "episodes.npz").unlink()
+    for path in (bad / "checkpoints").glob("*.npz"):
+        path.unlink()
+    code, _, err = rkhs("sweep", CONFIG, *GRID, *TINY, "--out", "grid")
+    assert code == 1
+    assert err.startswith(f"error: {bad.name}: ")
+    assert len(lines(swept / "runs.csv")) == 7
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--vary", "algorithm.rigde=1,2"), "unknown key 'algorithm.rigde', did you mean 'algorithm.ridge'?"),
+        (("--vary", "algorithm.ridge=1,-2"), "algorithm.ridge: expected a number in [1e-12, 1000000.0], got -2"),
+        (("--vary", "algorithm.ridge"), "--vary: expected KEY=VALUE,VALUE ..., got 'algorithm.ridge'"),
+        (("--vary", "algorithm.ridge=]"), "--vary: expected values in YAML, got 'algorithm.ridge=]'"),
+        (("--vary", "algorithm.ridge=0.1,1e-1"), "--vary: algorithm.ridge: expected values that differ"),
+        (("--vary", "algorithm.ridge=1", "algorithm.ridge=2"), "--vary: expected each setting once"),
+        (("--vary", "discount=0.9,0.99"), "--vary: expected settings that leave the task as it is"),
+        (("--vary", "environment.id=a,b"), "--vary: expected settings that leave the task as it is"),
+        (("--vary", "seed=1,2"), "--vary: expected settings of how to learn (seeds: --seeds), got seed"),
+        (("--vary", "evaluate_every=0,1"), "evaluate_every: expected 1 to 40, to judge by evaluation episodes, got 0"),
+        (("--vary", "algorithm.ridge=1,2", "--seeds", "x"), "--seeds: expected seeds as 0-9"),
+        (("--vary", "exploration_sd=1,[1, 2]"), "exploration_sd: expected 1 number, got 2"),
+        ((), "the following arguments are required: --vary"),
+        (
+            ("--vary", "algorithm.ridge=1,2", "--set", "algorithm.ridge=3"),
+            "--set: expected no setting that --vary says, got algorithm.ridge",
+        ),
+        (("--vary", "kernel={form: rbf}", "--set", "kernel.degree=3"), "--set: expected no setting that --vary says"),
+        (
+            ("--vary", "algorithm.ridge=1,2", "--set", "seed=3"),
+            "--set: expected no setting that --seeds says, got seed",
+        ),
+        (("--vary", "algorithm.ridge=1,2", "--thresholds", "nan"), "--thresholds: expected finite numbers, got [nan]"),
+        (("--vary", "algorithm.ridge=1,2", "--set", "name=../../x"), "name: expected a plain name, for a folder is"),
+        (("--vary", "algorithm.ridge=1,2", "--out", CONFIG), f"--out: expected a folder, got the file {CONFIG}"),
+        (("--vary", "algorithm.ridge=1,2", "--out", CONFIG / "x"), f"--out: expected a folder, got the file {CONFIG}"),
+    ],
+)
+def test_what_does_not_fit_is_refused_once_and_nothing_is_begun(
+    rkhs: Run, tmp_path: Path, arguments: tuple[str, ...], message: str
+) -> None:
+    assert_refused(rkhs("sweep", CONFIG, *arguments), message)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,123 @@
+"""Who makes the runs of a study: refusals, and where the calls go."""
+
+import os
+import signal
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from rkhs_ros.runs import provenance as provenance
+from rkhs_ros.studies.workers import WorkerLostError, Workers
+from test.unit.conftest import Result, assert_refused
+
+CONFIG = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
+Run = Callable[..., Result]
+
+
+def doubled(number: int) -> int:
+    return 2 * number
+
+
+@pytest.mark.faults
+@pytest.mark.slow
+def test_a_worker_with_other_code_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(provenance, "__version__", "9.9.9")
+    with (
+        distributed.LocalCluster(1, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster,
+        Workers(scheduler=cluster.scheduler_address).opened(1) as pool,
+        pytest.raises(ValueError, match=r"worker: rkhs_ros: expected 9\.9\.9"),
+    ):
+        list(pool.results(doubled, partial(next, iter([(1,)]), None), most=1))
+
+
+@pytest.mark.slow
+def test_workers_of_several_threads_are_refused(rkhs: Run) -> None:
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(1, threads_per_worker=2, dashboard_address=None, silence_logs=50) as cluster:
+        address = cluster.scheduler_address
+        result = rkhs("sweep", CONFIG, "--vary", "algorithm.ridge=1,2", "--scheduler", address, "--out", "out")
+    assert_refused(result, "--scheduler: expected workers of one thread (dask worker --nthreads 1), got 2 threads")
+
+
+def test_one_process_makes_call_after_call() -> None:
+    taken = []
+
+    def take() -> tuple[int] | None:
+        taken.append(len(taken) + 1)
+        return (taken[-1],) if len(taken) <= 3 else None
+
+    with Workers(1).opened(3) as pool:
+        made = pool.results(doubled, take, most=3)
+        assert (next(made), taken) == (2, [1])
+        assert list(made) == [4, 6]
+
+
+@pytest.mark.slow
+def test_what_is_called_next_may_follow_from_what_has_ended() -> None:
+    returned = [1]
+    with Workers(2).opened(2) as pool:
+        for result in pool.results(doubled, lambda: (returned.pop(),) if returned else None, most=pool.width):
+            if result < 20:
+                returned.append(result)
+    assert result == 32
+
+
+def ended_by_signal(number: int) -> int:
+    if number == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+@pytest.mark.slow
+def test_processes_that_were_killed_are_told_of_once_and_take_no_more_calls() -> None:
+    numbers = iter(range(1000))
+    with Workers(2).opened(2) as pool, pytest.raises(WorkerLostError, match="the same command goes on"):
+        list(pool.results(ended_by_signal, lambda: (next(numbers),), most=pool.width))
+    assert next(numbers) < 1000
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--scheduler", "tcp://127.0.0.1:8786", "--jobs", "2"), "expected one of --jobs, --scheduler, --ray, got"),
+        (("--scheduler", "127.0.0.1"), "--scheduler: expected an address as tcp://HOST:8786, got '127.0.0.1'"),
+        (("--scheduler", "tcp://127.0.0.1:1"), "--scheduler: expected a Dask scheduler at tcp://127.0.0.1:1, got none"),
+    ],
+)
+def test_a_cluster_that_is_not_there_is_refused_in_a_line(
+    rkhs: Run, options: tuple[str, ...], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("rkhs_ros.studies.workers.CONNECT_TIMEOUT_S", 0.5)
+    assert_refused(rkhs("train", CONFIG, "--seeds", "0-1", "--out", "many", *options), message)
+
+
+@pytest.mark.parametrize(
+    ("address", "message"),
+    [
+        ("nowhere", "expected an address as HOST:6379"),
+        ("127.0.0.1:1", "expected a Ray cluster at 127.0.0.1:1, got none"),
+    ],
+)
+def test_a_ray_cluster_that_is_not_there_is_refused_in_a_line(rkhs: Run, address: str, message: str) -> None:
+    pytest.importorskip("ray")
+    assert_refused(rkhs("train", CONFIG, "--seeds", "0-1", "--out", "many", "--ray", address), message)
+
+
+@pytest.mark.parametrize(
+    ("module", "arguments"),
+    [
+        ("distributed", ("sweep", CONFIG, "--vary", "algorithm.ridge=1,2", "--scheduler", "tcp://127.0.0.1:8786")),
+        ("ray", ("reproduce", "fig1", "--ray", "127.0.0.1:6379")),
+        ("optuna", ("tune", CONFIG, "--trials", "3")),
+    ],
+)
+def test_a_command_says_which_extra_it_needs(
+    rkhs: Run, module: str, arguments: tuple[object, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("rkhs_ros.studies.workers.find_spec", lambda name: None)
+    assert_refused(rkhs(*arguments), f"expected {module} to be installed (pip install {module}, or the extra")
+    assert list(tmp_path.iterdir()) == []

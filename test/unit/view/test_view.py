@@ -1,0 +1,289 @@
+"""What the page of a run shows; in a browser it is seen in test/view."""
+
+import shutil
+from contextlib import redirect_stdout, suppress
+from dataclasses import replace
+from io import StringIO
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rkhs_ros.app.inline import runner_of
+from rkhs_ros.base.lock import locked
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.pictures.known import names_of
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.storage import Task, load_policy
+from rkhs_ros.recordings.following import Following
+from rkhs_ros.recordings.recording import FILE, read_recording
+from rkhs_ros.rollouts.visualization import ShowsBodies
+from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.curve import Curve, Row
+from rkhs_ros.runs.run import run_training
+
+viser = pytest.importorskip("viser")
+
+from rkhs_ros.sketches.policy_coordinates import PolicyCoordinates  # noqa: E402
+from rkhs_ros.view.board import Choice, Subject, board_figure, draw  # noqa: E402
+from rkhs_ros.view.curve_plot import MOST_POINTS, plotted  # noqa: E402
+from rkhs_ros.view.folder import Folder  # noqa: E402
+from rkhs_ros.view.iteration_panel import IterationPanel  # noqa: E402
+from rkhs_ros.view.recorded import Recorded  # noqa: E402
+from rkhs_ros.view.serving import opened  # noqa: E402
+from rkhs_ros.view.source import ENDED, FINISHED, PAUSED, RUNNING, state_of  # noqa: E402
+from rkhs_ros.view.status import clock, status  # noqa: E402
+from rkhs_ros.view.tasks import in_space  # noqa: E402
+from rkhs_ros.view.timeline import Timeline  # noqa: E402
+
+pytestmark = pytest.mark.slow
+
+CONFIGS = Path(__file__).parents[3] / "config"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that is finished, and recorded."""
+    config = load_config(CONFIGS / "pendulum_few_nac.yaml", ["iterations=4", "horizon=30", "evaluate_every=2"])
+    path = tmp_path_factory.mktemp("view") / "run"
+    return run_training(config, runner_of(config.environment), path, quiet=True, record=True)
+
+
+def test_a_recording_shows_what_the_run_left(folder: Path) -> None:
+    source, recording = Recorded(folder), read_recording(folder)
+    rows = Curve(folder / "curve.csv").rows()
+    assert np.array_equal([row[:-1] for row in source.rows], [row[:-1] for row in rows], equal_nan=True)  # less seconds
+    assert source.iterations == [1, 2, 3, 4]
+    for number, (explored, evaluated) in zip(source.iterations, ((0, None), (1, 2), (3, None), (4, 5)), strict=True):
+        seen = source.seen(number)
+        assert np.array_equal(seen.exploration.observations, recording.batches[explored].episodes.observations)
+        assert (seen.evaluation is None) == (evaluated is None)
+        if evaluated is not None:
+            assert np.array_equal(seen.evaluation.actions, recording.batches[evaluated].episodes.actions)
+    last, _ = load_policy(folder / "policy.npz")
+    assert np.array_equal(source.seen(4).policy.mean.weights, last.mean.weights)
+    assert source.seen(5) is None
+
+
+def test_a_recording_is_followed_as_it_grows_and_where_it_is_cut(folder: Path, tmp_path: Path) -> None:
+    whole = (folder / FILE).read_bytes()
+    _, expected = Following(folder / FILE).news()
+    file, found = tmp_path / FILE, []
+    following = Following(file)
+    assert following.news() == (False, [])
+    file.touch()
+    for end in np.linspace(0, len(whole), 23).astype(int):
+        with file.open("r+b") as growing:
+            growing.write(whole[:end])
+        found += following.news()[1]
+    assert [place for place, _ in found] == [place for place, _ in expected]
+    assert {place.kind for place, _ in found} == {"Task", "Policy", "RecordedEpisodes", "Update"}
+    for place, message in found:
+        assert repr(following.message(place)) == repr(message)
+
+
+def test_a_recording_that_is_written_anew_is_read_anew(folder: Path, tmp_path: Path) -> None:
+    file = tmp_path / "run.mcap"
+    shutil.copy(folder / FILE, file)
+    source = Recorded(file)
+    shutil.copy(folder / FILE, tmp_path / "aside")
+    (tmp_path / "aside").replace(file)
+    source.refresh()
+    assert source.iterations == [1, 2, 3, 4]
+    assert len(source.rows) == 4
+
+
+@given(st.integers(min_value=0), st.integers(1, 255))
+def test_damage_to_a_recording_stops_nothing(
+    folder: Path, tmp_path_factory: pytest.TempPathFactory, place: int, flip: int
+) -> None:
+    content = bytearray((folder / FILE).read_bytes())
+    content[8 + place % (len(content) - 8)] ^= flip
+    file = tmp_path_factory.mktemp("damaged") / "run.mcap"
+    file.write_bytes(content)
+    with suppress(ValueError):  # the head may be hit
+        source = Recorded(file)
+        for number in source.iterations:
+            source.seen(number)
+
+
+def test_a_folder_without_a_recording_shows_what_it_keeps(folder: Path, tmp_path: Path) -> None:
+    bare = tmp_path / "bare"
+    shutil.copytree(folder, bare, ignore=shutil.ignore_patterns("*.mcap"))
+    source = Folder(bare)
+    source.refresh()
+    assert len(source.rows) == 4
+    assert source.iterations[-2:] == [3, 4]  # and one that the disk has for sure
+    assert np.array_equal(source.seen(4).policy.mean.centres, load_policy(bare / "policy.npz")[0].mean.centres)
+    assert source.seen(4).evaluation.horizon == 30
+    assert source.seen(3).evaluation is None
+    assert source.spaces.action_high.tolist() == [3.0]
+    assert source.seen(5) is None
+
+
+@pytest.fixture(scope="module")
+def model_update(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that trained in a model, is finished, and recorded."""
+    changes = ["iterations=2", "horizon=20", "model.updates=1", "model.rollouts=2"]
+    config = load_config(CONFIGS / "pendulum_model_nac.yaml", changes)
+    path = tmp_path_factory.mktemp("practised") / "run"
+    return run_training(config, runner_of(config.environment), path, quiet=True, record=True)
+
+
+def test_a_run_that_practises_shows_its_episodes_without_a_recording(model_update: Path) -> None:
+    recorded, kept = Recorded(model_update), Folder(model_update)
+    kept.refresh()
+    for number in (1, 2):
+        expected, got = (source.seen(number).exploration for source in (recorded, kept))
+        assert np.array_equal(expected.observations, got.observations)
+        assert np.array_equal(*(source.seen(number).imagine().observations for source in (recorded, kept)))
+    starts = kept.seen(2).imagine().observations[:, 0]
+    real = read_recording(model_update).batches
+    of_both = np.concatenate([each.episodes.observations[:, 0] for each in real if each.batch.explore])
+    assert len(starts) == 3
+    assert all((start == of_both).all(axis=1).any() for start in starts)
+
+
+def test_a_run_that_does_not_practise_imagines_nothing(folder: Path) -> None:
+    assert Recorded(folder).seen(4).imagine is None
+    assert Folder(folder).seen(4).imagine is None
+
+
+def test_what_is_imagined_can_be_looked_at(model_update: Path) -> None:
+    source = Folder(model_update)
+    source.refresh()
+    server = opened("127.0.0.1", 0)
+    try:
+        showing = IterationPanel(server, source)
+        seen = {number: source.seen(number) for number in (1, 2)}
+        showing.show(seen)
+        (choice,) = (each for each in server.gui._gui_input_handle_from_uuid.values() if each.label == "Episode")
+        choice.value = next(option for option in choice.options if option.startswith("imagined"))
+        showing.show(seen)
+        assert showing.is_of(2)
+        assert np.array_equal(showing.episode.observations[0], source.seen(2).imagine().observations[0])
+
+        def fails() -> Episodes:
+            raise ValueError("no such function")
+
+        showing.show({number: each._replace(imagine=fails) for number, each in seen.items()})
+        assert np.array_equal(showing.episode.observations, seen[2].exploration.observations[:1])
+        showing.move()
+        assert "no such function" in showing.words.content
+    finally:
+        with redirect_stdout(StringIO()):
+            server.stop()
+
+
+def test_the_state_of_a_run_is_told_by_its_lock(folder: Path, tmp_path: Path) -> None:
+    path = tmp_path / "run"
+    shutil.copytree(folder, path)
+    source = Recorded(path)
+    assert state_of(source) == FINISHED
+    with locked(path):
+        assert state_of(source) == RUNNING
+        (path / "pausing").touch()
+        assert state_of(source) == PAUSED
+    source.total = 5
+    assert state_of(source) == ENDED
+    assert "iteration 4 of 5" in status(source, ENDED)
+
+
+def row(number: int, **values: float) -> Row:
+    zeros = dict.fromkeys(Row._fields, 0)
+    return Row(**zeros | {"iteration": number, "episodes": 5 * number, "model_return": float("nan")} | values)
+
+
+def test_the_curve_has_what_was_measured_and_what_is_known() -> None:
+    rows = [
+        row(i, exploration_return=i, evaluation_return=10 * i if i % 3 == 0 else float("nan")) for i in range(1, 10)
+    ]
+    data = plotted(rows, {"optimum": 7.0})
+    assert list(data) == ["episodes", "exploration_return", "evaluation_return", "optimum"]
+    assert data["episodes"].tolist() == [5 * i for i in range(1, 10)]
+    assert np.array_equal(data["evaluation_return"], [np.nan, np.nan, *np.arange(30.0, 100.0, 10.0)], equal_nan=True)
+    assert set(data["optimum"]) == {7.0}
+
+
+def test_a_long_curve_is_thinned_to_its_last_line() -> None:
+    data = plotted([row(i, exploration_return=i) for i in range(1, 50_001)], {})
+    assert len(data["episodes"]) == MOST_POINTS
+    assert data["exploration_return"][-1] == 50_000
+
+
+@pytest.mark.parametrize("angles", ["none", (0.0,), (1.0,), (0.0, 2.0)])
+def test_centres_are_put_back_where_they_were_observed(angles: Any, random_policy: Any, rng: Any) -> None:
+    inputs = Inputs(angles=angles)
+    policy = random_policy(d=inputs.dimension(3, 2))
+    observed = rng.uniform(-3, 3, (5, 3))
+    policy = replace(policy, mean=replace(policy.mean, centres=inputs.features(observed)), inputs=inputs)
+    names = names_of(SimpleNamespace(environment="?"), 3, 2)
+    assert np.allclose(PolicyCoordinates(policy, names).centres(), observed)
+
+
+def test_the_mark_is_where_the_episode_is_on_the_picture(random_policy: Any, random_episodes: Any) -> None:
+    policy = random_policy(d=2, n=1)
+    episodes = random_episodes(policy, n=1)
+    names = names_of(SimpleNamespace(environment="?"), 2, 1)
+    spaces = Spaces((2,), np.array([-1.0]), np.array([1.0]))
+    subject = Subject("", PolicyCoordinates(policy, names), [episodes], spaces, 1.0)
+    board = draw(subject, Choice(0, 1, 0))
+    figure, points = board_figure(subject, Choice(0, 1, 0))
+    assert np.array_equal(points, episodes.observations[0])
+    figure.draw_without_rendering()
+    ((left, bottom), (right, top)), axes = figure.axes[0].get_position().get_points(), figure.axes[0]
+    low, high = np.array([axes.get_xlim(), axes.get_ylim()]).T
+    parts = (points - low) / (high - low)
+    assert np.allclose(board.points, [left, bottom] + parts * [right - left, top - bottom], atol=1e-3)
+
+
+@pytest.mark.parametrize(("d", "n", "horizon"), [(1, 1, 8), (2, 1, 8), (17, 3, 8), (3, 2, 1), (1, 1, 1), (2, 1, 1)])
+def test_every_size_is_drawn(d: int, n: int, horizon: int, random_policy: Any, random_episodes: Any) -> None:
+    policy = random_policy(d=d, n=n)
+    episodes = random_episodes(policy, n=3, horizon=horizon)
+    coordinates = PolicyCoordinates(policy, names_of(SimpleNamespace(environment="?"), d, n))
+    across, up = coordinates.telling(episodes)
+    rows = [episodes.take(slice(i, i + 1)) for i in range(3)]
+    board = draw(Subject("title", coordinates, rows, None, 0.9), Choice(across, up, n - 1))
+    assert board.points.shape == (horizon, 2)
+    assert ((board.points >= 0) & (board.points <= 1)).all()
+    assert len(np.unique(board.image.reshape(-1, 3), axis=0)) > 50
+
+
+@pytest.mark.parametrize("environment", ["rkhs/Pendulum-v0", "rkhs/PendulumPOMDP-v0", "rkhs/Toy-v0"])
+def test_a_task_says_how_it_looks(environment: str) -> None:
+    task = in_space(Task(environment, {}, 10, 0.99))
+    assert isinstance(task, ShowsBodies)
+    observations = np.linspace(-1, 1, 14).reshape(7, -1)
+    motion = task.motion(observations, np.ones((7, 1)))
+    assert motion.places.shape == (len(motion.times), len(task.bodies()), 3)
+    assert np.allclose(np.linalg.norm(motion.turns, axis=2), 1.0)
+
+
+def test_the_rod_points_where_the_angle_says() -> None:
+    task = in_space(Task("rkhs/Pendulum-v0", {"angle": "wrap"}, 10, 0.99))
+    motion = task.motion(np.array([[0.0, 0.0], [np.pi / 2, 0.0], [np.pi, 0.0]]), np.zeros((3, 1)))
+    weight = motion.places[:, 1]
+    assert np.allclose(weight, [[0, 0, 1], [1, 0, 0], [0, 0, -1]], atol=1e-12)
+    axis = viser.transforms.SO3(motion.turns[:, 0]).as_matrix()[:, :, 2]  # of the rod
+    assert np.allclose(axis, weight, atol=1e-12)
+
+
+def test_a_task_that_says_nothing_is_not_made_but_shown_by_its_numbers() -> None:
+    assert in_space(Task("MountainCarContinuous-v0", {}, 10, 0.99)) is None
+    assert in_space(Task("nobody/Knows-v0", {}, 10, 0.99)) is None
+    timeline = Timeline(names_of(SimpleNamespace(environment="?"), 20, 2))
+    motion = timeline.motion(np.arange(100.0).reshape(5, 20), np.zeros((5, 2)))
+    assert motion.places.shape == (5, len(timeline.bodies()), 3)
+    assert (np.diff(motion.places[:, 0, 0]) > 0).all()
+    low, high = np.array(timeline.room())
+    assert ((motion.places[..., ::2] > low[::2]) & (motion.places[..., ::2] < high[::2])).all()
+
+
+def test_times_are_told_as_people_say_them() -> None:
+    assert [clock(seconds) for seconds in (3.2, 150.0, 20_000.0)] == ["3 s", "2 min", "5 h 33 min"]
