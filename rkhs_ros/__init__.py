@@ -1,7 +1,7 @@
 """Policy search in reproducing kernel Hilbert spaces, as a library and as a ROS 2 learning system.
 
-The public names are imported when they are first used: `train` and `learn` on any Gymnasium environment, `load` of a
-learnt `Policy`, the algorithms, their step rules, model-based training, the kernels, and what a policy sees (`Inputs`).
+The package imports a public name when it is first used: `train` and `learn` for any Gymnasium environment, `load` for a
+trained `Policy`, the algorithms and step rules, model-based training, the kernels, and the policy inputs (`Inputs`).
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 
-# One thread of linear algebra, whatever was set: where numpy is not loaded yet it shall not start more, which
-# `rkhs_ros.rkhs` would take from it again.
+# Linear algebra uses one thread. If numpy is not loaded yet, these variables keep it from starting a thread pool that
+# `rkhs_ros.rkhs` would shut down again.
 os.environ |= {"OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -62,7 +62,7 @@ __all__ = sorted(_MODULES)
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name."""
+    """Import a public name on first use."""
     if name not in _MODULES:
         raise AttributeError(f"module 'rkhs_ros' has no attribute {name!r}, known: {', '.join(__all__)}")
     return getattr(import_module(_MODULES[name]), name)

@@ -1,1 +1,1 @@
-"""Settings, validation, endings, files and locks: what every floor stands on."""
+"""Settings, validation, exit codes, files and locks, which all other packages use."""

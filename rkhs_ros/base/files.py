@@ -1,4 +1,4 @@
-"""Files that are read within bounds, and written whole or not at all."""
+"""Read files of bounded size and write files atomically."""
 
 from __future__ import annotations
 
@@ -9,17 +9,20 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-# Bytes of a file that is read into memory: a quarter of the machine's, since what is unpacked from it needs some, too.
+# Largest file that is read into memory: a quarter of the machine's memory, because its unpacked content needs some too.
 MOST_BYTES = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 4
-SMALL, MOST_EXPANSION = 2**26, 20  # bytes that anything may be unpacked to, and how many times its size beyond
+# Bytes that any file may be unpacked to, and the allowed ratio of unpacked to packed bytes beyond them.
+SMALL, MOST_EXPANSION = 2**26, 20
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Open a regular file for reading: reading a pipe or a device may block, or never end.
+    """Open a regular file for reading.
+
+    Pipes and devices are rejected, because reading them may block or never end.
 
     Raises:
-        ValueError: it is something else.
-        OSError: it cannot be opened.
+        ValueError: the path is not a regular file.
+        OSError: the file cannot be opened.
     """
     return open(path, "rb", opener=_regular)
 
@@ -29,11 +32,11 @@ def read_whole(path: Path, most: int = MOST_BYTES) -> bytes:
 
     Args:
         path: the file.
-        most: bytes that it may have.
+        most: maximum size in bytes.
 
     Raises:
-        ValueError: it is larger, or no regular file.
-        OSError: it cannot be read.
+        ValueError: the file is larger, or not a regular file.
+        OSError: the file cannot be read.
     """
     with open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
@@ -43,24 +46,24 @@ def read_whole(path: Path, most: int = MOST_BYTES) -> bytes:
 
 
 def require_expansion(size: int, packed: int, what: str) -> None:
-    """Check what something would be unpacked to.
+    """Check the size of content before it is unpacked.
 
     Args:
-        size: in bytes.
-        packed: its size before.
-        what: it is.
+        size: unpacked size in bytes.
+        packed: packed size in bytes.
+        what: name of the content, for the message.
 
     Raises:
-        ValueError: it would grow beyond all measure.
+        ValueError: the unpacked content is too large for its packed size.
     """
     most = SMALL + MOST_EXPANSION * packed
     if size > most:
-        raise ValueError(f"{what}: expected at most {most} bytes in {packed}, got {size}")
+        raise ValueError(f"{what}: expected at most {most} bytes unpacked from {packed}, got {size}")
 
 
 def _regular(path: str, flags: int) -> int:
-    """Return the descriptor of a file, or of a folder, which Python refuses by itself."""
-    descriptor = os.open(path, flags | os.O_NONBLOCK)  # else opening a pipe waits for a writer
+    """Return the descriptor of a file, or of a folder, which Python itself rejects."""
+    descriptor = os.open(path, flags | os.O_NONBLOCK)  # without it, opening a pipe waits for a writer
     mode = os.fstat(descriptor).st_mode
     if stat.S_ISREG(mode) or stat.S_ISDIR(mode):
         return descriptor
@@ -69,16 +72,16 @@ def _regular(path: str, flags: int) -> int:
 
 
 def write_whole(path: Path, content: bytes, *, sync: bool = True) -> None:
-    """Put a file in place of another, or of none; where that fails the old one stays and nothing is left beside it.
+    """Write a file atomically; if that fails, the old file stays and no temporary file is left.
 
     Args:
         path: the file.
-        content: what it shall hold.
-        sync: wait until the disk has it, and the folder its name; else a power cut may lose it, or leave it damaged.
+        content: its new content.
+        sync: wait until the content and the folder's entry are on disk; otherwise a power cut may lose or damage them.
 
     Raises:
-        OSError: it cannot be written; the message names the file.
-        ValueError: there is something else than a file in its place.
+        OSError: the file cannot be written; the message names it.
+        ValueError: the path is neither free nor a file.
     """
     require_replaceable(path)
     aside = path.with_name(path.name + ".part")
@@ -97,17 +100,17 @@ def write_whole(path: Path, content: bytes, *, sync: bool = True) -> None:
 
 
 def require_replaceable(path: Path) -> None:
-    """Check that a file may take this place: that of a device would be gone for all who use it.
+    """Check that a file may replace this path; replacing a device would remove it for all its users.
 
     Raises:
-        ValueError: there is a device. A folder is the system's to refuse.
+        ValueError: the path is a device. The operating system itself rejects folders.
     """
     if path.exists() and not (path.is_file() or path.is_dir()):
-        raise ValueError(f"{path}: expected a file, or nothing in its place, got a device")
+        raise ValueError(f"{path}: expected a file or a free path, got a device")
 
 
 def sync_to_disk(path: Path) -> None:
-    """Wait until the disk has what was written to a file, or the names in a folder.
+    """Wait until the content of a file, or the entries of a folder, are on disk.
 
     Raises:
         OSError: the disk failed; the message names the file.
@@ -122,10 +125,10 @@ def sync_to_disk(path: Path) -> None:
 
 @contextmanager
 def named(path: Path) -> Iterator[None]:
-    """Let an OSError name the file, which those of writing do not.
+    """Add the file's name to an OSError, because errors of writing lack it.
 
     Raises:
-        OSError: of the same kind.
+        OSError: the same error with the file's name.
     """
     try:
         yield

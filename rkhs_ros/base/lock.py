@@ -1,4 +1,4 @@
-"""A run for one process at a time."""
+"""Lock a run folder for one process at a time."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import IO
 
 from rkhs_ros.base.files import open_regular, require_replaceable
 
-PROBES, PROBE_S = 5, 0.002  # how often, and after how long, a lock is tried again that may be a look of `is_locked`
+PROBES, PROBE_S = 5, 0.002  # attempts and seconds between them, because `is_locked` takes the lock for a moment
 
 
 def is_locked(folder: Path) -> bool:
-    """Return whether a process is in the run of a folder."""
+    """Return whether a process uses the run in a folder."""
     try:
         with open_regular(folder / "checkpoints" / "lock") as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -28,13 +28,13 @@ def is_locked(folder: Path) -> bool:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Keep other processes out of a run; the kernel lets them in once this one has ended, however it did.
+    """Hold the lock of a run folder; the kernel releases it when this process ends, however it ends.
 
     Args:
-        folder: the run's; the file ``checkpoints/lock`` stays in it, for a new one would be another lock.
+        folder: folder of the run. The file ``checkpoints/lock`` stays in it, because a new file would be another lock.
 
     Raises:
-        ValueError: another process is in it.
+        ValueError: another process holds the lock.
         OSError: the folder cannot be written.
     """
     (folder / "checkpoints").mkdir(exist_ok=True)
@@ -42,12 +42,12 @@ def locked(folder: Path) -> Iterator[None]:
     require_replaceable(path)
     with path.open("ab") as file:
         if not any(_is_taken(file) for _ in range(PROBES)):
-            raise ValueError(f"{folder}: expected a folder of its own, got one in use by another process")
+            raise ValueError(f"{folder}: expected a free run folder, got one in use by another process")
         yield
 
 
 def _is_taken(file: IO[bytes]) -> bool:
-    """Take the lock and return whether it was free; wait a moment where it was not."""
+    """Try to take the lock and return whether that worked; wait a moment if it did not."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

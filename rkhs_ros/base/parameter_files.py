@@ -1,4 +1,4 @@
-"""ROS parameter files: the sections that they hold, and the nodes that each is for."""
+"""Read ROS parameter files and match their sections to nodes."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import read_yaml
 
 PARAMETERS = "ros__parameters"  # the key below the name of a node
-# Sections of these nodes in any namespace.
+# Sections for these nodes in any namespace.
 SIMULATOR, POLICY, LEARNER = "/**/simulator", "/**/policy", "/**/learner"
 ROBOT, GATE, SIMULATED_ROBOT = "/**/robot", "/**/gate", "/**/simulated_robot"
 WILDCARDS = {"*": "/[^/]+", "**": "(/[^/]+)*"}  # for one part of a node's full name, and for any number of parts
 
 
 def read_sections(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the sections of a ROS parameter file by the names of their nodes, as the file has them.
+    """Return the sections of a ROS parameter file by node name, as written in the file.
 
     Raises:
-        ValueError: it is no such file; one line says why.
-        OSError: it cannot be read.
+        ValueError: the file is not a ROS parameter file.
+        OSError: the file cannot be read.
     """
     document = read_yaml(path)
     require(isinstance(document, dict), f"{path}", "sections 'simulator' and 'learner'", type(document).__name__)
@@ -35,18 +35,18 @@ def read_sections(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def is_for(section: str, node: str) -> bool:
-    """Return whether a section is for a node.
+    """Return whether a section applies to a node.
 
     Args:
-        section: its name in the file, perhaps with wildcards, as ``/**/simulator``.
-        node: full name, as ``/simulator_1/simulator``.
+        section: name of the section in the file, possibly with wildcards, such as ``/**/simulator``.
+        node: full name of the node, such as ``/simulator_1/simulator``.
     """
     parts = section.strip("/").split("/")
     return re.fullmatch("".join(WILDCARDS.get(part, "/" + re.escape(part)) for part in parts), node) is not None
 
 
 def _flat(document: Mapping[Any, Any], namespace: str = "") -> Iterator[tuple[str, Any]]:
-    """Walk through the sections; those in the section of a namespace are named after it."""
+    """Yield the sections; the name of a section within a namespace begins with the namespace."""
     for name, section in document.items():
         inner = isinstance(section, dict) and section and all(isinstance(value, dict) for value in section.values())
         if inner and PARAMETERS not in section:

@@ -1,4 +1,4 @@
-"""Processes that do not outlive the one that started them."""
+"""Processes that end with their parent process."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ _libc = ctypes.CDLL(None)
 
 
 def terminate_with_parent(parent: int) -> None:
-    """Have the kernel end this process when the one that started it dies, however it does.
+    """Make the kernel terminate this process when its parent dies, however it dies.
 
     Args:
-        parent: number of the process that started this one.
+        parent: process id of the parent.
     """
     _libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
-    if os.getppid() != parent:  # it died already
+    if os.getppid() != parent:  # the parent is already dead
         os.kill(os.getpid(), signal.SIGTERM)

@@ -1,4 +1,4 @@
-"""Whether this Python can run nodes, found out without an import of ROS, and what to do if it cannot."""
+"""Check without importing ROS whether this Python can run nodes, and suggest a remedy if it cannot."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-REPOSITORY = Path(__file__).resolve().parents[2]  # of the sources; elsewhere the folder that pip installs to
+REPOSITORY = Path(__file__).resolve().parents[2]  # of the sources; for an installed package, pip's target folder
 EXPECTED = "ROS 2 Jazzy and the built interfaces"
 
 
 def missing_ros() -> str:
-    """Return what keeps this Python from running nodes, with what to do; empty if nothing does."""
+    """Return why this Python cannot run nodes, with a remedy; empty if it can."""
     rclpy, interfaces = find_spec("rclpy"), find_spec("rkhs_interfaces")
-    origin = interfaces.origin if interfaces else None  # None of the source folder, which passes for a package
+    origin = (
+        interfaces.origin if interfaces else None
+    )  # None for the source folder, which counts as a namespace package
     built_for = re.search(r"/python(\d+\.\d+)/", origin or "")
     version = f"{sys.version_info.major}.{sys.version_info.minor}"
     if origin and not rclpy:
@@ -34,15 +36,15 @@ def _remedy() -> str:
         return "pip installs the library only; for topics and robots build the repository, see its docs/start.md"
     entered = os.environ.get("VIRTUAL_ENV", sys.prefix)
     if Path(entered).resolve() != Path(sys.prefix).resolve():
-        return f"this is not the environment that was entered, {entered}: use its rkhs, or open a new shell"
+        return f"this is not the active environment {entered}: use its rkhs, or open a new shell"
     return f"run 'make build' in {REPOSITORY}, then 'source setup.bash'"
 
 
 def require_ros(what: str) -> None:
-    """Raise ValueError, which says what to do, if this Python cannot run nodes.
+    """Raise ValueError with a remedy if this Python cannot run nodes.
 
     Args:
-        what: needs them.
+        what: the feature that needs nodes, for the message.
     """
     missing = missing_ros()
     if missing:

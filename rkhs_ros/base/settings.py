@@ -1,7 +1,7 @@
 """Settings: the fields of frozen dataclasses, each with a description and a range.
 
-From them the YAML files are validated, the ROS parameters declared and the resolved configuration written. Made in
-Python they are checked as well.
+They validate YAML files, declare ROS parameters and define the resolved configuration. Settings that are created in
+Python are checked too.
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ Tree = Mapping[str, Any]
 
 
 class UnknownKeyError(ValueError):
-    """A section has no setting of that name."""
+    """Raised for a key that is not a setting of its section."""
 
 
 class Settings(NamedFields):
-    """Base of a frozen dataclass whose fields are settings: their values are checked however it is made."""
+    """Base class of frozen dataclasses whose fields are settings; every new instance checks its values."""
 
     def __post_init__(self) -> None:
-        """Raise ValueError where a value is of another type or out of its range."""
+        """Raise ValueError if a value has the wrong type or is out of range."""
         types = _types(type(self))  # type: ignore[arg-type]  # a class can be hashed
         for f in fields(self):  # type: ignore[arg-type]  # a subclass is a dataclass
             if f.metadata or is_dataclass(types[f.name]):
                 object.__setattr__(self, f.name, _checked(f, types[f.name], getattr(self, f.name), f.name))
 
     def unused(self) -> set[str]:
-        """Return the names of its settings, dotted where nested, that change nothing beside the words chosen."""
+        """Return the dotted names of settings that have no effect with the current choices."""
         return set()
 
     def over(self, defaults: object) -> Self:
-        """Return these settings over others: each field that was not given has the value of the others.
+        """Return these settings with the fields that were not given replaced by those of ``defaults``.
 
         Args:
-            defaults: settings of the same class; of any other class nothing is taken.
+            defaults: settings of the same class; an object of another class is ignored.
         """
         if type(defaults) is not type(self):
             return self
@@ -53,7 +53,7 @@ class Settings(NamedFields):
 
 
 class Entry(NamedTuple):
-    """One setting with its dotted name and value."""
+    """A setting with its dotted name, value and metadata."""
 
     name: str
     value: Any
@@ -68,26 +68,26 @@ def setting(
     maximum: float | None = None,
     choices: tuple[str, ...] = (),
 ) -> Any:
-    """Declare a dataclass field that users set.
+    """Declare a dataclass field that users can set.
 
     Args:
-        default: its value where none is given.
-        description: what it is, with its unit.
-        minimum: least number allowed.
-        maximum: greatest number allowed.
-        choices: the strings allowed; empty for any.
+        default: default value.
+        description: meaning and unit.
+        minimum: smallest number allowed.
+        maximum: largest number allowed.
+        choices: allowed strings; empty for any.
     """
     about = {"description": description, "minimum": minimum, "maximum": maximum, "choices": choices}
     return field(default=default, metadata=about)
 
 
 def variant(default: Any, table: Mapping[str, type], key: str) -> Any:
-    """Declare a field whose class is chosen from a table by the entry ``key`` of its section."""
+    """Declare a field whose class is selected from a table by the entry ``key`` of its section."""
     return field(default=default, metadata={"table": table, "key": key})
 
 
 def build(cls: type[T], values: Tree, path: str = "") -> T:
-    """Make a settings dataclass from a tree of values.
+    """Build a settings dataclass from a tree of values.
 
     Args:
         cls: the dataclass.
@@ -95,7 +95,7 @@ def build(cls: type[T], values: Tree, path: str = "") -> T:
         path: dotted prefix for messages.
 
     Raises:
-        ValueError: an unknown key, a value of another type or out of its range; one line with a hint.
+        ValueError: a key is unknown, or a value has the wrong type or is out of range; one line with a hint.
     """
     require(isinstance(values, Mapping), path.rstrip(".") or "configuration", "a section of keys", repr(values))
     known = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]  # a dataclass
@@ -108,14 +108,14 @@ def build(cls: type[T], values: Tree, path: str = "") -> T:
 
 
 def _as_given(value: Any) -> Any:
-    """Return settings as if each field had been given, and other values as they are."""
+    """Return settings with every field marked as given; return other values unchanged."""
     if not isinstance(value, Settings):
         return value
     return type(value)(**{f.name: _as_given(getattr(value, f.name)) for f in fields(value)})  # type: ignore[arg-type]
 
 
 def _meant(key: str, cls: type, known: Mapping[str, Any], path: str) -> str:
-    """Return a hint for an unknown key: settings of that name in a section within, or the nearest name, in full."""
+    """Return a hint for an unknown key: the full names of nested settings of that name, or the closest full name."""
     within = [path + entry.name for entry in entries(cls()) if entry.name.rpartition(".")[2] == key]
     return hint(key, known, path) if not within else f"did you mean {' or '.join(map(repr, within))}?"
 
@@ -126,19 +126,19 @@ def _types(cls: type) -> dict[str, Any]:
 
 
 def _build_variant(f: Field[Any], values: Tree, path: str) -> Any:
-    """Make the settings dataclass that the values name, or another one of the default's class."""
+    """Build the settings dataclass that the values select; without a selection, the default's class."""
     table, key = f.metadata["table"], f.metadata["key"]
-    meant = f", as {path}{key}={values}" if isinstance(values, str) else ""
+    meant = f" such as {path}{key}={values}" if isinstance(values, str) else ""
     require(isinstance(values, Mapping), path.rstrip("."), f"a section of keys{meant}", repr(values))
     cls: Any = pick(str(values[key]), table, path + key) if key in values else type(f.default)
     try:
         return build(cls, {k: v for k, v in values.items() if k != key}, path)
-    except UnknownKeyError as error:  # as where another variant is named beside the settings of the one before
+    except UnknownKeyError as error:  # for example, another variant is selected but the old one's settings remain
         of_others = {name for other in table.values() for name in _types(other)} - set(_types(cls))
         if key not in values or not of_others.intersection(map(str, values)):
             raise
         section = path.rstrip(".")
-        remedy = f"{section}={{{key}: {values[key]}}} takes '{values[key]}' with its defaults"
+        remedy = f"{section}={{{key}: {values[key]}}} selects '{values[key]}' with its defaults"
         raise UnknownKeyError(f"{error} ({remedy})") from error
 
 
@@ -151,7 +151,7 @@ def _convert(f: Field[Any], kind: Any, value: Any, name: str) -> Any:
 
 
 def _checked(f: Field[Any], kind: Any, value: Any, name: str) -> Any:
-    """Return a setting's value as its type, within its range."""
+    """Return the value of a setting converted to its type, after a check of its range."""
     if "table" in f.metadata or is_dataclass(kind):
         require(isinstance(value, kind), name, f"{_named(kind)}", f"{value!r}")
         return value
@@ -160,7 +160,7 @@ def _checked(f: Field[Any], kind: Any, value: Any, name: str) -> Any:
     try:
         converted = _of_type(kind, value, name)
     except OverflowError as error:
-        raise ValueError(f"{name}: expected a number of double precision, got one too large") from error
+        raise ValueError(f"{name}: expected a number within double precision, got one too large") from error
     check_range(converted, f.metadata, name)
     return converted
 
@@ -173,7 +173,7 @@ def _of_type(kind: Any, value: Any, name: str) -> Any:
     numbers = row and all(_is_number(v, Real) for v in value)
     require(kind is not int or whole, name, "a whole number", repr(value))
     require(kind is not float or number, name, "a number", repr(value))
-    require(kind is not str or text, name, "text, in quotes where it may be read as something else", repr(value))
+    require(kind is not str or text, name, "text (quote words that YAML reads as another type)", repr(value))
     if kind in (int, float, str):
         return kind(value)
     if text and kind != tuple[float, ...]:
@@ -185,7 +185,7 @@ def _of_type(kind: Any, value: Any, name: str) -> Any:
 def _texts(value: Any, name: str) -> tuple[str, ...]:
     row = (value,) if isinstance(value, str) else value
     require(
-        isinstance(row, list | tuple) and all(isinstance(v, str) for v in row), name, "a list of texts", repr(value)
+        isinstance(row, list | tuple) and all(isinstance(v, str) for v in row), name, "a list of strings", repr(value)
     )
     return tuple(row)
 
@@ -200,7 +200,7 @@ def _named(kind: Any) -> str:
 
 
 def check_range(value: Any, about: Mapping[str, Any], name: str) -> None:
-    """Raise ValueError where the value, or one of a tuple, is outside its range or not among its choices."""
+    """Raise ValueError if the value, or an element of a tuple, is out of range or not among the choices."""
     each = value if isinstance(value, tuple) else (value,)
     texts = [one for one in each if isinstance(one, str)]
     if texts:
@@ -215,7 +215,7 @@ def check_range(value: Any, about: Mapping[str, Any], name: str) -> None:
 
 
 def entries(settings: Any, path: str = "") -> Iterator[Entry]:
-    """Walk through the settings of a dataclass instance, nested ones by dotted names."""
+    """Yield the settings of a dataclass instance; nested ones have dotted names."""
     for f in fields(settings):
         value = getattr(settings, f.name)
         if "table" in f.metadata:
@@ -236,7 +236,7 @@ def entries(settings: Any, path: str = "") -> Iterator[Entry]:
 
 
 def unused(settings: Any, path: str = "") -> Iterator[str]:
-    """Walk through the settings that change nothing beside the words chosen, by dotted names; some come twice."""
+    """Yield the dotted names of settings that have no effect with the current choices; names may repeat."""
     yield from (path + name for name in settings.unused())
     for f in fields(settings):
         value = getattr(settings, f.name)

@@ -1,4 +1,4 @@
-"""Standard streams that may be lost: messages may fail, runs not."""
+"""Keep a run alive when its standard streams are closed or full."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import Any, TextIO
 
 
 class Lossy:
-    """A stream whose reader may go away, or whose disk may be full; from then on it leads nowhere.
+    """A text stream that discards its output after the reader has gone or the disk is full.
 
     Args:
-        stream: the stream; None, as Python has it, where it is closed.
-        losses: errors that are no more than a loss; others are raised.
+        stream: the stream; None, which is Python's value for a closed stream, discards all output.
+        losses: errors to ignore; other errors are raised.
     """
 
     def __init__(self, stream: TextIO | None, losses: type[OSError] = OSError) -> None:
@@ -22,13 +22,13 @@ class Lossy:
         self._losses = losses
 
     def write(self, text: str) -> int:
-        """Write, or let the text be lost."""
+        """Write text, or discard it if the stream is lost."""
         with self._lost():
             self._stream.write(text)
         return len(text)
 
     def flush(self) -> None:
-        """Flush, or let what was written be lost."""
+        """Flush the stream, or discard its buffer if the stream is lost."""
         with self._lost():
             self._stream.flush()
 
@@ -45,7 +45,7 @@ class Lossy:
                 raise OSError(error.errno, error.strerror, self._stream.name) from error
 
     def _lead_nowhere(self) -> None:
-        """Have what the stream still holds not fail at the end of the process."""
+        """Redirect the stream to the null device, so that its buffer causes no error when the process exits."""
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, self._stream.fileno())
         os.close(nowhere)
@@ -55,8 +55,8 @@ class Lossy:
 
 @contextmanager
 def messages_may_be_lost() -> Iterator[None]:
-    """Let the process go on where standard error is closed, or is lost meanwhile."""
-    for descriptor in range(3):  # a file opened later would take the number of a closed stream, and its messages
+    """Ignore errors of standard error, whether it is closed now or lost later."""
+    for descriptor in range(3):  # a file opened later would get the number of a closed stream and receive its messages
         try:
             os.fstat(descriptor)
         except OSError:
@@ -67,15 +67,15 @@ def messages_may_be_lost() -> Iterator[None]:
         yield
     finally:
         sys.stderr.flush()
-        sys.stderr = before or sys.stderr  # without one, print would take standard output
+        sys.stderr = before or sys.stderr  # without it, print would write to standard output
 
 
 @contextmanager
 def readers_may_leave() -> Iterator[None]:
-    """Let the process go on where those who read standard output have seen enough, as ``head`` does.
+    """Ignore a closed pipe on standard output, such as the pipe of ``head`` after its last line.
 
     Raises:
-        OSError: what was printed is lost otherwise, as on a full disk.
+        OSError: the output is lost for another reason, for example a full disk.
     """
     before = sys.stdout
     sys.stdout = Lossy(before, BrokenPipeError)

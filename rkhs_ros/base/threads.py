@@ -1,4 +1,7 @@
-"""One thread for linear algebra: at our sizes more are slower, and other sums end in other last bits."""
+"""Limit linear algebra to one thread.
+
+At the sizes used here more threads are slower, and they change the order of sums and thus the last bits.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from threadpoolctl import ThreadpoolController
 
 
 def use_one_thread() -> int:
-    """Have linear algebra use one thread, whatever was set; return how many it uses at most."""
+    """Limit linear algebra to one thread, overriding the environment; return the largest number of threads in use."""
     loaded = _loaded()
     loaded.limit(limits=1)
     return max((library["num_threads"] for library in loaded.info()), default=1)
@@ -16,5 +19,5 @@ def use_one_thread() -> int:
 
 @cache
 def _loaded() -> ThreadpoolController:
-    """Return the libraries of linear algebra that are loaded, for which the whole process has to be searched."""
+    """Return the loaded linear-algebra libraries; cached, because the search covers the whole process."""
     return ThreadpoolController().select(user_api="blas")

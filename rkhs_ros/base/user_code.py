@@ -1,6 +1,6 @@
-"""Modules and functions that are named: by users, or by data files of others, whose names are not trusted.
+"""Import and call user code by name: names from users are trusted, names from data files are not.
 
-A module is installed if Python finds it without the folder that we are in and the relative folders of PYTHONPATH: in
+A module counts as installed if Python finds it without the working directory and the relative folders of PYTHONPATH: in
 site-packages, in a built workspace, in a package installed in development mode, or in an absolute folder of PYTHONPATH.
 """
 
@@ -24,26 +24,26 @@ from numpy.typing import NDArray
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import hint, require, truncated
 
-TRUSTED = "RKHS_TRUSTED_MODULES"  # of this process and those that it starts: names with ":" between; all if unset
+TRUSTED = "RKHS_TRUSTED_MODULES"  # for this process and its children: names separated by ":"; all modules if unset
 
 
 class HangError(BaseException):
-    """A user's function does not return; no error, so that its own ``except Exception`` lets it pass."""
+    """Raised inside a user's function that does not return; not an Exception, so that the function cannot catch it."""
 
 
 @contextmanager
 def isolated_from_user_code() -> Iterator[None]:
-    """Put back, after somebody's code, the folder that we are in, and of what numpy raises errors."""
+    """Restore the working directory and np.errstate after user code."""
     with chdir("."), np.errstate():
         yield
 
 
 @contextmanager
 def only_installed(*trusted: str) -> Iterator[None]:
-    """Import meanwhile none but modules that are installed, in this process and in those that it starts.
+    """Restrict imports to installed modules in this process and its children.
 
     Args:
-        *trusted: names of modules that a person named, which may be elsewhere.
+        *trusted: names of modules that the user gave, which need not be installed.
     """
     before = os.environ.get(TRUSTED)
     os.environ[TRUSTED] = ":".join(trusted)
@@ -57,45 +57,45 @@ def only_installed(*trusted: str) -> Iterator[None]:
 
 
 def is_trusted(module: str) -> bool:
-    """Return whether a module may be imported from wherever it is."""
+    """Return whether a module may be imported without being installed."""
     trusted = os.environ.get(TRUSTED)
     return trusted is None or module in trusted.split(":")
 
 
 def is_installed(module: str) -> bool:
-    """Return whether a module, or the package that it is in, is installed; it is not imported."""
+    """Return whether a module's top-level package is installed, without importing it."""
     with _installed_only():
         try:
             return find_spec(module.partition(".")[0]) is not None
-        except ValueError:  # of a module without a specification, as __main__
+        except ValueError:  # a module without a specification, such as __main__
             return False
 
 
 def user_module(module: str) -> ModuleType:
-    """Import a module that is installed, or, if it is trusted, in the folder that the process was started in.
+    """Import an installed module or, if it is trusted, one in the working directory.
 
     Raises:
-        ValueError: it cannot be imported.
+        ValueError: the module cannot be imported.
     """
     trusted = is_trusted(module)
     if trusted and os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
-    expected = f"expected a module '{truncated(module)}' to import, installed"
+    expected = f"expected an importable module '{truncated(module)}', installed"
     if not trusted and module.partition(".")[0] not in sys.modules and not is_installed(module):
-        raise ValueError(f"{expected}, got none; a data file names it: from elsewhere it is imported with --trust")
+        raise ValueError(f"{expected}, got none. A data file names it; --trust allows modules that are not installed")
     try:
         with isolated_from_user_code(), nullcontext() if trusted else _installed_only():
             return import_module(module)
     except KeyboardInterrupt:
         raise
-    except BaseException as error:  # the module is somebody's code
+    except BaseException as error:  # user code may raise anything
         where = " or in this folder" * trusted
         raise ValueError(f"{expected}{where}, got {type(error).__name__}: {truncated(error)}") from error
 
 
 @contextmanager
 def _installed_only() -> Iterator[None]:
-    """Leave out of Python's path the folder that we are in, and the relative ones of PYTHONPATH."""
+    """Remove the working directory and the relative folders of PYTHONPATH from Python's path."""
     before = list(sys.path)
     given = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     relative = {os.path.realpath(path) for path in (os.curdir, *given) if not os.path.isabs(path)}
@@ -107,14 +107,14 @@ def _installed_only() -> Iterator[None]:
 
 
 def user_function(name: str, what: str) -> Callable[..., Any]:
-    """Return the function that ``package.module:function`` names.
+    """Return the function with the name ``package.module:function``.
 
     Args:
-        name: as above.
-        what: it is for, for messages.
+        name: name in the form above.
+        what: the setting that names it, for messages.
 
     Raises:
-        ValueError: there is no such function.
+        ValueError: the function does not exist.
     """
     module, _, function = name.partition(":")
     require(bool(module and function), what, "MODULE:FUNCTION", name)
@@ -129,22 +129,22 @@ def user_function(name: str, what: str) -> Callable[..., Any]:
 
 
 def call_user_function(function: Callable[..., Any], *arrays: NDArray[np.float64], seconds: float = 0.0) -> Any:
-    """Return what a user's function makes of arrays, of which it is given copies.
+    """Call a user's function with copies of arrays.
 
     Args:
-        function: the user's.
+        function: the user's function.
         arrays: its arguments.
-        seconds: after which it is taken to hang; 0 to wait for it however long. Heeded in the main thread only.
+        seconds: time limit; 0 for none. The limit applies in the main thread only.
 
     Raises:
-        RunError: it hangs, or raises anything but an interrupt, as by ``sys.exit``; the message says what.
+        RunError: the function exceeds the time limit or raises anything but an interrupt, including ``SystemExit``.
     """
     try:
-        with np.errstate(), _no_longer_than(seconds):  # that it sets what numpy raises shall not matter to us
+        with np.errstate(), _no_longer_than(seconds):  # isolates the function from our np.errstate
             return function(*(array.copy() for array in arrays))
-    except BaseException as error:  # it is somebody's code
+    except BaseException as error:  # user code may raise anything
         if isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-            raise  # elsewhere no Ctrl-C raises it
+            raise  # with another handler, Ctrl-C does not raise it: the function did
         if isinstance(error, HangError):
             raise RunError(f"did not return within {seconds:g} s") from error
         raise RunError(f"{type(error).__name__}: {truncated(error)}") from error
@@ -152,7 +152,7 @@ def call_user_function(function: Callable[..., Any], *arrays: NDArray[np.float64
 
 @contextmanager
 def _no_longer_than(seconds: float) -> Iterator[None]:
-    """Raise HangError within after so many seconds; 0 for never. An alarm set before goes on afterwards."""
+    """Raise HangError in this block after so many seconds, 0 for never; restore an earlier alarm afterwards."""
     if not seconds or threading.current_thread() is not threading.main_thread():
         yield
         return

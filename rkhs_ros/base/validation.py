@@ -1,4 +1,4 @@
-"""Refusals that say what was expected, what was got, and what may have been meant."""
+"""Validate values with messages that name the expected value, the value given and the closest valid name."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 T = TypeVar("T")
-REAL_KINDS = "buif"  # of numpy types, for truth values and numbers; what text and dates stand for is not guessed
-LARGEST = 1e100  # observation or reward: products of a few of them are still finite
-MOST_LISTED, MOST_MEANT = 30, 3  # names in a refusal
-MOST_SHOWN = 200  # characters of what was got
+REAL_KINDS = "buif"  # numpy kinds of booleans and numbers; text and dates are not converted
+LARGEST = 1e100  # largest observation or reward; products of a few such numbers are still finite
+MOST_LISTED, MOST_MEANT = 30, 3  # names listed and suggested in a message
+MOST_SHOWN = 200  # characters of a value in a message
 
 
 def truncated(value: object) -> str:
-    """Return a value as one line, cut where it is long: it may come from anybody."""
+    """Return an untrusted value as one printable line of limited length."""
     text = str(value)
     line = " ".join(text[: 2 * MOST_SHOWN].split())
     return "".join(c if c.isprintable() else "?" for c in line)[:MOST_SHOWN] + "..." * (len(line) > MOST_SHOWN)
@@ -32,10 +32,10 @@ def require(condition: bool, what: str, expected: str, got: object) -> None:
 
 
 def pick(name: str, table: Mapping[str, T], kind: str) -> T:
-    """Return the entry of that name.
+    """Return the entry with a name.
 
     Raises:
-        ValueError: the name is unknown; the message offers the nearest one.
+        ValueError: the name is unknown; the message suggests the closest one.
     """
     if name not in table:
         raise ValueError(f"unknown {kind} '{truncated(name)}', {hint(name, table)}")
@@ -43,32 +43,32 @@ def pick(name: str, table: Mapping[str, T], kind: str) -> T:
 
 
 def hint(name: str, known: Mapping[str, Any], path: str = "") -> str:
-    """Return "did you mean 'x'?" for names that begin alike, or the nearest one, else the names if they are few.
+    """Return "did you mean 'x'?" for similar names, or list the known names if they are few.
 
     Args:
-        name: the unknown one.
-        known: those that there are.
-        path: what goes before each of them where it is meant.
+        name: the unknown name.
+        known: the known names.
+        path: prefix of the suggested names.
     """
     near = nearest(name, known)
     if near:
         return f"did you mean {' or '.join(repr(path + each) for each in near)}?"
     if not known:
         return "there are none here"
-    return f"known: {', '.join(sorted(known))}" if len(known) <= MOST_LISTED else f"none of {len(known)} is like it"
+    return f"known: {', '.join(sorted(known))}" if len(known) <= MOST_LISTED else f"none of {len(known)} is similar"
 
 
 def nearest(name: str, known: Iterable[str]) -> list[str]:
-    """Return the known names that begin with a name, or else those most like it."""
+    """Return the known names that begin with a name, or the most similar ones."""
     begun = sorted(each for each in known if name and each.startswith(name))
     return begun[:MOST_MEANT] or _like(truncated(name), known)
 
 
 class NamedFields:
-    """Base of a dataclass that suggests the nearest field for an unknown one, and remembers which fields were given.
+    """Base class of dataclasses that suggest a name for an unknown keyword and store which fields were given.
 
     Attributes:
-        given_fields: names of the fields that were passed, in place of their defaults.
+        given_fields: names of the fields that the caller passed.
     """
 
     given_fields: ClassVar[frozenset[str]] = frozenset()
@@ -85,7 +85,7 @@ class NamedFields:
 
 
 def _like(name: str, known: Iterable[str]) -> list[str]:
-    """Return names of which this is the last word, or that differ in case and punctuation only, and the nearest one."""
+    """Return names that end in this word, names that differ only in case and punctuation, and the closest name."""
     plain = {each: _plain(each) for each in known}
     same = [each for each in sorted(plain) if name and (each.endswith(f"_{name}") or plain[each] == _plain(name))]
     return list(dict.fromkeys([*same[:MOST_MEANT], *get_close_matches(name, plain, n=1)]))
@@ -96,36 +96,36 @@ def _plain(name: str) -> str:
 
 
 def numbers(*counts: int) -> str:
-    """Return "1 number" or "1 or 4 numbers": what was expected where the counts are allowed, each said once."""
+    """Return "1 number" or "1 or 4 numbers" for the allowed counts, without repetition."""
     each = sorted(set(counts))
     return f"{' or '.join(map(str, each))} number{'s' * (each[-1] != 1)}"
 
 
 def all_finite(array: NDArray[np.float64]) -> bool:
-    """Return whether all numbers are finite, in one pass: if their squares add up to a finite number, they are."""
+    """Return whether all numbers are finite; one pass if the sum of their squares is finite."""
     return isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
 
 
 def all_within(array: NDArray[np.float64], limit: float) -> bool:
-    """Return whether no number exceeds the limit in size, in one pass if the squares add up to less; nan exceeds it."""
+    """Return whether no magnitude exceeds the limit; nan does. One pass if the sum of squares is below its square."""
     return bool(np.vdot(array, array) <= limit**2) or bool((np.abs(array) <= limit).all())
 
 
 def require_finite(array: NDArray[np.float64], what: str) -> None:
-    """Raise ValueError where a number is not finite."""
+    """Raise ValueError if a number is not finite."""
     if not all_finite(array):
         raise ValueError(f"{what}: expected finite numbers, got nan or infinity")
 
 
 def finite_array(values: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
-    """Return the values as a read-only array of that shape, row by row in memory.
+    """Return the values as a read-only, C-contiguous array of a shape.
 
     Raises:
-        ValueError: another number of values, some that are not finite, or something else than real numbers.
+        ValueError: the number of values is wrong, or a value is not a finite real number.
     """
     kind = np.asarray(values).dtype
     require(kind.kind in REAL_KINDS, what, "real numbers", kind)
-    array = np.array(values, dtype=np.float64, order="C")  # the memory order would change last bits of products
+    array = np.array(values, dtype=np.float64, order="C")  # another memory order would change the last bits of products
     if array.size != prod(shape):
         raise ValueError(f"{what}: expected {shape} values, got {array.shape}")
     require_finite(array, what)

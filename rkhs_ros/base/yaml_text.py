@@ -1,7 +1,8 @@
-"""YAML as ROS reads its parameter files: the same text has the same values for Python and for a node.
+"""Read and write YAML with the same types as ROS parameter files.
 
-PyYAML takes 1e5 and nan for text, 1:30 and dates for numbers, which ROS does not; this reader does as ROS. What others
-wrote is bounded in size and depth, and has no aliases, which ROS does not know and which grow without bound.
+PyYAML reads 1e5 and nan as text and 1:30 as a number, and it recognises dates; ROS does not, and neither does this
+reader. It limits the size and depth of untrusted text. It rejects aliases, which ROS does not support and which can
+expand without bound.
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ import yaml
 from rkhs_ros.base.files import read_whole
 from rkhs_ros.base.validation import require, truncated
 
-MOST_BYTES = 100_000  # of a text; PyYAML reads as much in a second
-MOST_DEPTH = 20  # sections within sections
+MOST_BYTES = 100_000  # of a text; PyYAML needs about a second for it
+MOST_DEPTH = 20  # nested sections
 MOST_INT64 = 2**63 - 1
 NUMBER_WORDS = r"[-+]?(?:\.(?:inf|Inf|INF)|[iI][nN][fF](?:[iI][nN][iI][tT][yY])?|[nN][aA][nN])|\.(?:nan|NaN|NAN)"
 BOOLS = r"y|Y|yes|Yes|YES|true|True|TRUE|on|On|ON|n|N|no|No|NO|false|False|FALSE|off|Off|OFF"
-RESOLVERS = {  # the types of plain scalars, the first that matches, by strtol and strtod
+RESOLVERS = {  # types of plain scalars; the first match counts; numbers follow strtol and strtod
     "bool": BOOLS,
     "null": r"~|null|Null|NULL|",
     "int": r"[-+]?(?:0|[1-9][0-9]*|0[0-7]+|0[xX][0-9a-fA-F]+)",
@@ -29,12 +30,12 @@ RESOLVERS = {  # the types of plain scalars, the first that matches, by strtol a
 }
 KINDS = (*RESOLVERS, "str", "seq", "map")
 TAG = "tag:yaml.org,2002:"
-PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")  # text that needs no quotes, unless it is one of these words:
+PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")  # text that needs no quotes, unless it is a reserved word
 RESERVED = re.compile("|".join(RESOLVERS.values()))
 
 
 class _Reader(yaml.SafeLoader):
-    """Makes plain values only; owns how deep it is within sections."""
+    """A YAML loader that makes plain values only and tracks its depth."""
 
     yaml_implicit_resolvers = {
         None: [(TAG + kind, re.compile(rf"(?:{pattern})\Z")) for kind, pattern in RESOLVERS.items()]
@@ -47,10 +48,10 @@ class _Reader(yaml.SafeLoader):
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         event = self.peek_event()  # type: ignore[no-untyped-call]
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
-            raise yaml.YAMLError(f"line {event.start_mark.line + 1}: anchors and aliases, which ROS does not read")
+            raise yaml.YAMLError(f"line {event.start_mark.line + 1}: anchors and aliases, which ROS does not support")
         self.depth += 1
         if self.depth > MOST_DEPTH:
-            raise yaml.YAMLError(f"line {event.start_mark.line + 1}: more than {MOST_DEPTH} sections within sections")
+            raise yaml.YAMLError(f"line {event.start_mark.line + 1}: more than {MOST_DEPTH} nested sections")
         node = super().compose_node(parent, index)
         self.depth -= 1
         return node
@@ -58,15 +59,15 @@ class _Reader(yaml.SafeLoader):
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         for key, _ in node.value:
             if isinstance(key, yaml.ScalarNode):
-                key.tag = f"{TAG}str"  # as ROS takes all keys, so that one may be called "on"
+                key.tag = f"{TAG}str"  # ROS reads every key as text, so a key may be called "on"
         return yaml.constructor.BaseConstructor.construct_mapping(self, node, deep)
 
 
 class _Writer(yaml.SafeDumper):
-    """Quotes all text that may be taken for something else, and writes out what is there twice."""
+    """A YAML dumper that quotes ambiguous text and writes no aliases."""
 
     def ignore_aliases(self, data: Any) -> bool:
-        """Return that there are none: ROS reads none."""
+        """Return True, because ROS does not support aliases."""
         return True
 
 
@@ -79,24 +80,24 @@ _Writer.add_representer(str, _represent_text)
 
 
 def loaded(text: str) -> Any:
-    """Return the values in a text of YAML.
+    """Parse YAML text.
 
     Raises:
-        ValueError: it is none, or too large, too deep, or with aliases.
+        ValueError: the text is not YAML, too large or too deep, or has aliases.
     """
     require(len(text) <= MOST_BYTES, "text", f"at most {MOST_BYTES} characters", "more")
     try:
-        return yaml.load(text, _Reader)  # it makes plain values only
-    except (yaml.YAMLError, ValueError, OverflowError) as error:  # ValueError: a number of very many digits
+        return yaml.load(text, _Reader)  # makes plain values only
+    except (yaml.YAMLError, ValueError, OverflowError) as error:  # ValueError: a number with very many digits
         raise ValueError(truncated(error)) from error
 
 
 def read_yaml(path: Path) -> Any:
-    """Return the values in a file of YAML.
+    """Read a YAML file.
 
     Raises:
-        ValueError: the file is none, or too large, too deep, or with aliases; the message names it.
-        OSError: it cannot be read.
+        ValueError: the file is not YAML, too large or too deep, or has aliases; the message names it.
+        OSError: the file cannot be read.
     """
     content = read_whole(path, MOST_BYTES)
     try:
@@ -106,19 +107,19 @@ def read_yaml(path: Path) -> Any:
 
 
 def dumped(tree: Mapping[str, Any]) -> str:
-    """Return a text that PyYAML, `loaded` and ROS read alike, if the values are those of ROS parameters."""
+    """Return YAML text that PyYAML, `loaded` and ROS read alike; the values must be valid for ROS parameters."""
     return yaml.dump(tree, Dumper=_Writer, sort_keys=False, default_flow_style=None)
 
 
 def require_ros_value(value: Any, name: str) -> None:
-    """Refuse what no ROS parameter can be.
+    """Check that a value can be a ROS parameter.
 
     Args:
-        value: of the parameter, or a section of parameters.
-        name: for messages.
+        value: value of a parameter, or a section of parameters.
+        name: name of the parameter, for messages.
 
     Raises:
-        ValueError: it is none of a truth value, a 64-bit or finite number, UTF-8 text, and a list of one kind of them.
+        ValueError: the value is not a boolean, a 64-bit integer, a finite number, UTF-8 text or a list of one type.
     """
     if isinstance(value, Mapping):
         for key, each in value.items():
@@ -127,7 +128,7 @@ def require_ros_value(value: Any, name: str) -> None:
         return
     each = value if isinstance(value, list | tuple) else [value]
     good = len(each) > 0 and len(set(map(type, each))) == 1 and all(map(_is_ros_scalar, each))
-    expected = "true or false, a 64-bit or finite number, text in UTF-8, or a list of one kind of them"
+    expected = "true or false, a 64-bit integer, a finite number, UTF-8 text, or a list of one of these types"
     require(good, name, expected, repr(value))
 
 

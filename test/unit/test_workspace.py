@@ -75,7 +75,7 @@ def test_the_rkhs_of_another_environment_trains_in_process_and_says_why(tmp_path
         env={k: v for k, v in environment.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"},
         capture_output=True, text=True,
     )  # fmt: skip
-    why = f"{other} has no rclpy (this is not the environment that was entered, {sys.prefix}: use its rkhs, or open a"
+    why = f"{other} has no rclpy (this is not the active environment {sys.prefix}: use its rkhs, or open a"
     assert done.stderr.startswith(f"note: training in this process, since {why}")
     assert (done.returncode, done.stderr.count("\n")) == (0, 1)
 

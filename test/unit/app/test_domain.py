@@ -34,7 +34,7 @@ def test_a_run_that_is_refused_leaves_the_domain_of_the_one_under_way(tmp_path: 
         domain = domain_of(tmp_path)
         with (
             locked(tmp_path),  # as the run's learner has it
-            pytest.raises(ValueError, match="expected a folder of its own, got one in use by another process"),
+            pytest.raises(ValueError, match="expected a free run folder, got one in use by another process"),
             own_domain(tmp_path),
         ):
             pass

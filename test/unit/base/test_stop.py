@@ -1,4 +1,4 @@
-"""Being told to end by signals, of which a second one may come while the first one is handled."""
+"""Stop requests by signals, also if a second signal interrupts the handler of the first."""
 
 import signal
 import sys
@@ -25,7 +25,7 @@ def stop() -> Iterator[Stop]:
         signal.signal(number, handler)
 
 
-def test_a_signal_may_come_at_any_line_of_what_handles_another(stop: Stop) -> None:
+def test_a_signal_may_interrupt_the_handler_at_any_line(stop: Stop) -> None:
     lines = 0
 
     def trace(frame: FrameType, event: str, arg: object) -> object:

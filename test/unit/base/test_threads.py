@@ -14,17 +14,17 @@ BEFORE, AFTER = "import numpy, scipy.linalg, rkhs_ros; rkhs_ros.RBF", "import rk
 
 @pytest.mark.parametrize("script", [BEFORE, AFTER], ids=["numpy first", "rkhs_ros first"])
 @pytest.mark.parametrize("variable", ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NONE"])
-def test_linear_algebra_has_one_thread_whatever_was_set_and_imported_before(script: str, variable: str) -> None:
-    kept = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+def test_linear_algebra_uses_one_thread_for_any_environment_and_import_order(script: str, variable: str) -> None:
+    inherited = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
     root = str(Path(__file__).parents[3])
-    environment = {**kept, variable: "2", "PYTHONPATH": os.pathsep.join([root, kept.get("PYTHONPATH", "")])}
+    environment = {**inherited, variable: "2", "PYTHONPATH": os.pathsep.join([root, inherited.get("PYTHONPATH", "")])}
     shown = subprocess.run(
         [sys.executable, "-c", f"{script}; {SHOW}"], env=environment, capture_output=True, text=True, check=True
     )
     assert shown.stdout == "{1}\n"
 
 
-def test_more_threads_set_later_are_taken_back() -> None:
+def test_a_later_thread_limit_is_overridden() -> None:
     with threadpool_limits(2, user_api="blas"):
         assert use_one_thread() == 1
         assert {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"} == {1}

@@ -17,7 +17,7 @@ values = st.booleans() | st.integers(-(2**63) + 1, 2**63 - 1) | st.floats(allow_
 
 
 @given(st.dictionaries(texts, values | st.lists(values), max_size=5))
-def test_what_is_written_is_read_back_by_pyyaml_and_by_this_reader(tree: dict[str, Any]) -> None:
+def test_dumped_text_is_read_back_by_pyyaml_and_by_this_reader(tree: dict[str, Any]) -> None:
     text = dumped(tree)
     assert text.isascii()
     assert loaded(text) == tree == yaml.safe_load(text)
@@ -42,7 +42,7 @@ def test_what_is_written_is_read_back_by_pyyaml_and_by_this_reader(tree: dict[st
         ("{on: 1, 2: y}", {"on": 1, "2": True}),
     ],
 )
-def test_scalars_are_read_as_ros_reads_them(text: str, value: object) -> None:
+def test_scalars_have_the_types_that_ros_gives_them(text: str, value: object) -> None:
     assert (type(loaded(text)), loaded(text)) == (type(value), value)
 
 
@@ -53,9 +53,9 @@ def nested(depth: int) -> str:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (nested(21), "more than 20 sections within sections"),
-        ("[" * 50_000, "more than 20 sections within sections"),
-        ("{a: " * 20_000, "more than 20 sections within sections"),
+        (nested(21), "more than 20 nested sections"),
+        ("[" * 50_000, "more than 20 nested sections"),
+        ("{a: " * 20_000, "more than 20 nested sections"),
         ("x: &a 1\ny: *a", "line 1: anchors and aliases"),
         ("&a [*a]", "anchors and aliases"),
         ("x: 1\n" * MOST_BYTES, f"at most {MOST_BYTES} characters, got more"),
@@ -67,18 +67,18 @@ def nested(depth: int) -> str:
     ],
 )
 @pytest.mark.timeout(5)
-def test_what_is_too_deep_too_large_or_no_plain_value_is_refused_in_a_short_line(text: str, message: str) -> None:
+def test_deep_large_or_unsafe_text_raises_a_short_one_line_error(text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message) as refusal:
         loaded(text)
     assert len(str(refusal.value)) < 300
     assert "\n" not in str(refusal.value)
 
 
-def test_what_is_as_deep_as_allowed_is_read() -> None:
+def test_text_at_the_depth_limit_is_read() -> None:
     assert str(loaded(nested(20))) == nested(20)
 
 
-def test_a_file_is_refused_by_its_name(tmp_path: Path) -> None:
+def test_file_errors_name_the_file(tmp_path: Path) -> None:
     file = tmp_path / "bad.yaml"
     unreadable = "expected a YAML file, got one that cannot be parsed ("
     too_large = "expected a file of at most 100000 bytes, got 10000000"
@@ -89,7 +89,7 @@ def test_a_file_is_refused_by_its_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("value", [True, -3, 2**63 - 1, 0.5, "é\n", "", [1, 2], ["a"], {"a": {"b": [0.5]}}])
-def test_what_a_ros_parameter_can_be(value: object) -> None:
+def test_valid_ros_parameters_are_accepted(value: object) -> None:
     require_ros_value(value, "x")
 
 
@@ -97,12 +97,12 @@ def test_what_a_ros_parameter_can_be(value: object) -> None:
     "value",
     [None, 2**63, math.inf, math.nan, "a\0", "\udcff", [], [1, 0.5], [[1]], [None], {"a": {"b": None}}, {"a.b": 1}],
 )
-def test_what_no_ros_parameter_can_be_is_refused_by_its_name(value: object) -> None:
+def test_invalid_ros_parameters_are_rejected_by_name(value: object) -> None:
     with pytest.raises(ValueError, match=r"^x(\.a\.b)?: expected"):
         require_ros_value(value, "x")
 
 
-def test_what_is_there_twice_is_written_twice() -> None:
+def test_shared_values_are_written_without_aliases() -> None:
     shared = {"id": "rkhs/Toy-v0"}
     text = dumped({"a": shared, "b": shared})
     assert "&" not in text

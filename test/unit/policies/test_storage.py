@@ -303,9 +303,9 @@ def test_a_task_that_cannot_be_written_leaves_the_file_as_it_was(tmp_path: Path,
 
 def test_a_file_takes_the_place_of_files_alone(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "device")
-    with pytest.raises(ValueError, match=r"device: expected a file, or nothing in its place"):
+    with pytest.raises(ValueError, match=r"device: expected a file or a free path"):
         write_whole(tmp_path / "device", b"content")
-    with pytest.raises(ValueError, match=r"device: expected a file, or nothing in its place"):
+    with pytest.raises(ValueError, match=r"device: expected a file or a free path"):
         MessageFile(tmp_path / "device")
     assert (tmp_path / "device").is_fifo()
     assert len(list(tmp_path.iterdir())) == 1

@@ -106,7 +106,7 @@ def test_a_number_stands_for_all_joints_and_what_is_not_given_is_no_limit() -> N
         (POSITION, {"limits": {"acceleration": None}}, "limits.acceleration: expected a limit for each joint"),
         (POSITION, {"limits": {"maximum": [1.0] * 3}}, "limits.maximum: expected 1 or 2 numbers, got 3"),
         (POSITION, {"hold": {"damping": 1.0}}, "hold.damping: expected gains of joints commanded by effort"),
-        (POSITION, {"joints": [1, 2]}, "joints: expected a list of texts, got [1, 2]"),
+        (POSITION, {"joints": [1, 2]}, "joints: expected a list of strings, got [1, 2]"),
         (POSITION, {"command": {"type": TWIST, "kind": "velocity"}}, "joints: expected of linear.x"),
         (BASE, {"sensor": None}, "sensor.topic: expected none for a Twist, which has no joints, got joint_states"),
         (BASE, {"sensed": {"velocity": 1.0}}, "sensor: expected a topic that tells velocity, got none"),

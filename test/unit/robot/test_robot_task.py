@@ -110,7 +110,7 @@ def test_the_spaces_follow_from_the_section() -> None:
         ("action.scale", [0.0, 1.0], "action.scale: expected no 0"),
         ("action.scale", [1.0, 1.0, 1.0], "action.scale: expected 1 or 2 numbers, got 3"),
         ("reward.function", None, "reward: expected a function or a topic"),
-        ("reward.function", "nowhere:f", "reward.function: expected a module 'nowhere' to import, "),
+        ("reward.function", "nowhere:f", "reward.function: expected an importable module 'nowhere', "),
         ("reward.function", f"{HERE}:squarez", "reward.function: no function 'squarez' in"),
         ("reward.function", HERE, "reward.function: expected MODULE:FUNCTION"),
         ("end.function", f"{HERE}:SECTION", "end.function: no function 'SECTION' in"),

@@ -158,12 +158,12 @@ def test_episodes_of_others_need_to_say_of_what_environment_they_are(rkhs: Rkhs)
             ("train", "--env", "my_slide:Slid-v0"),
             "unknown environment 'my_slide:Slid-v0', did you mean 'my_slide:Slide-v0'?",
         ),
-        (("train", "--env", "Xyzzy-v0"), " is like it; one of a module of your own is named MODULE:Xyzzy-v0"),
+        (("train", "--env", "Xyzzy-v0"), " is similar; one of a module of your own is named MODULE:Xyzzy-v0"),
         (("train", "Pendulum-v1"), "; an environment is given as --env Pendulum-v1"),
         (("train", "my_slide:Slide-v0"), "; an environment is given as --env my_slide:Slide-v0"),
         (
             ("train", "--env", "no_slide:Slide-v0"),
-            "expected a module 'no_slide' to import, installed or in this folder, got ModuleNotFoundError",
+            "expected an importable module 'no_slide', installed or in this folder, got ModuleNotFoundError",
         ),
         (
             ("train", "--env", "my_slide:Slide-v0", "--algorithm", "nac"),

@@ -225,7 +225,7 @@ def test_a_module_beside_is_imported_for_its_environment(tmp_path: Path, monkeyp
     (tmp_path / "broken_life.py").write_text("import nothing_such")
     with pytest.raises(
         ValueError,
-        match=r"expected a module 'broken_life' to import, .* got ModuleNotFoundError: No module",
+        match=r"expected an importable module 'broken_life', .* got ModuleNotFoundError: No module",
     ):
         Simulation("broken_life:Still-v0")
 

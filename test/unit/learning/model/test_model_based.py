@@ -30,8 +30,8 @@ from rkhs_ros.runs.checkpoint import Checkpoints
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.run import run_training
-from test.unit import stopping
 from test.unit.conftest import Result, assert_refused
+from test.unit.runs import stopping
 
 ITERATIONS, EPISODES, HORIZON = 3, 2, 10
 PRACTICE = {"form": "model", "noise": "pink", "iterations": 3, "episodes": 5, "centres": 30}
@@ -222,10 +222,10 @@ def test_a_step_that_is_tried_out_is_refused_before_the_run(rkhs: Callable[..., 
         ("model.exploration_noise=blue", "model.exploration_noise: unknown choice 'blue'"),
         ("model.exploration=1", "unknown key 'model.exploration'"),
         ("model.form=dream", "model.form"),
-        ("practice=model", "practice: expected a section of keys, as model.form=gaussian_process, got 'model'"),
+        ("model=none", "model: expected a section of keys such as model.form=none, got 'none'"),
     ],
 )
-def test_wrong_settings_of_practice_are_refused_in_one_line(
+def test_invalid_model_settings_are_rejected_in_one_line(
     rkhs: Callable[..., Result], change: str, message: str
 ) -> None:
     assert_refused(rkhs("train", "--env", PENDULUM, "--runner", "inline", "--set", change), message)

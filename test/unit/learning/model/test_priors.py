@@ -137,7 +137,7 @@ def test_changes_whose_rows_are_columns_are_refused_though_they_are_as_many(func
     [
         ("known_task", "model.termination_fn: expected MODULE:FUNCTION, got known_task"),
         ("known_task:ovr", "model.termination_fn: no function 'ovr' in known_task, did you mean 'over'"),
-        ("no_such_module:f", "model.termination_fn: expected a module 'no_such_module' to import"),
+        ("no_such_module:f", "model.termination_fn: expected an importable module 'no_such_module'"),
     ],
 )
 def test_a_run_does_not_begin_without_its_functions(functions: ModuleType, name: str, message: str) -> None:
