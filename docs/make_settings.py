@@ -41,9 +41,9 @@ def page() -> str:
         *of_classes(ALGORITHMS, "algorithm."),
         f"## Step rules\n\nOne of them is `algorithm.step.rule`: {names(STEP_RULES)}.\n",
         *of_classes(STEP_RULES, "algorithm.step."),
-        f"## Practice\n\nOne of them is `model.form`: {names(MODELS)}. What it is good for: "
+        f"## Model\n\nOne of them is `model.form`: {names(MODELS)}. What it is good for: "
         "[model-based training](model_based.md).\n",
-        *of_classes(MODELS, "practice."),
+        *of_classes(MODELS, "model."),
     ]
     return "\n".join([HEAD, *sections])
 

@@ -22,7 +22,7 @@ COMMANDS = {
     "render": "film an episode without exploration",
     "plot": "draw the pictures of a run",
     "view": "show a run in the browser, while it learns or afterwards",
-    "learn": "learn from recordings alone",
+    "offline": "train on recordings alone",
     "replay": "make the updates of a recording again, and compare the bits",
     "export": "write recorded episodes as a LeRobotDataset",
     "compare": "draw the learning curves of several runs, with a table",

@@ -57,11 +57,11 @@ class Batch:
         """Raise ValueError where a number is out of range."""
         require(0 <= self.seed < 2**64, "seed", "a number in [0, 2^64)", self.seed)
         require(0 <= self.first_episode < 2**63, "first_episode", "a number in [0, 2^63)", self.first_episode)
-        require(1 <= self.num_envs <= 10_000, "rows", "1 to 10000 episodes", self.num_envs)
+        require(1 <= self.num_envs <= 10_000, "num_envs", "1 to 10000 episodes", self.num_envs)
         require(1 <= self.horizon <= 1_000_000, "horizon", "1 to 1000000 steps", self.horizon)
         samples = self.num_envs * self.horizon
         require(
-            samples <= MAX_BATCH_SAMPLES, "rows and horizon", f"at most {MAX_BATCH_SAMPLES} samples in all", samples
+            samples <= MAX_BATCH_SAMPLES, "num_envs and horizon", f"at most {MAX_BATCH_SAMPLES} samples in all", samples
         )
         most = self.num_envs - 1 if self.explore else 0
         require(0 <= self.num_evaluation <= most, "num_evaluation", f"at most {most} rows", self.num_evaluation)

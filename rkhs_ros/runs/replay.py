@@ -58,7 +58,7 @@ class RecordedRunner:
         return Episodes.concatenate(self._episode(policy, part) for part in batch.parts(1))
 
     def _episode(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
-        number, kind = batch.first_episode, "exploring" if batch.explore else "noise-free"
+        number, kind = batch.first_episode, "exploring" if batch.explore else "evaluation"
         recorded = self._episodes.get(batch)
         if recorded is None:
             raise ValueError(f"update {self.update}: expected the {kind} episode {number}, which is not recorded")

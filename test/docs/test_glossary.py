@@ -40,8 +40,8 @@ RETIRED_WORDS = [
     r"imagine[ds]?",
     r"surpasse[ds]",
     r"surrounding[s]",
-    r"discarded episode[s]?",
-    r"evaluation return[s]?",
+    r"voi[d] episodes?",
+    r"noise[- ]free returns?",
     r"(same bits|to the (last )?bit)",
 ]
 

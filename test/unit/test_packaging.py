@@ -146,10 +146,9 @@ import sys
 sys.modules |= dict.fromkeys(sys.argv[1].split())
 from importlib import import_module
 from pathlib import Path
-import rkhs_ros.app
-for path in Path(rkhs_ros.app.__file__).parent.glob("*.py"):
-    if path.stem != "trials":  # of Optuna, imported by the command tune when it runs
-        import_module(f"rkhs_ros.app.{path.stem}")
+import rkhs_ros.app.commands as commands
+for path in Path(commands.__file__).parent.glob("*.py"):
+    import_module(f"rkhs_ros.app.commands.{path.stem}")
 """
     absent = extras() - {"gymnasium", "pybullet"}
     assert "optuna" in absent

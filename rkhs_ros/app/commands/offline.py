@@ -1,4 +1,4 @@
-"""``rkhs learn``: learn from recordings alone, with a model learnt from what they hold."""
+"""``rkhs offline``: learn from recordings alone, with a model learnt from what they hold."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ def run(options: argparse.Namespace) -> int:
 @reads_data
 def _learn(options: argparse.Namespace) -> int:
     files = [path for path in options.sources if path.suffix in SUFFIXES]
-    require(len(files) <= 1, "learn", "one configuration at most", ", ".join(map(str, files)))
+    require(len(files) <= 1, "offline", "one configuration at most", ", ".join(map(str, files)))
     recordings = {str(path): read_recording(path) for path in options.sources if path not in files}
-    require(bool(recordings), "learn", "at least one recording", "none")
+    require(bool(recordings), "offline", "at least one recording", "none")
     episodes = all_episodes(recordings)
     changes = [f"iterations={options.iterations}", f"horizon={episodes.horizon}"]
     changes += [f"seed={options.seed}"] if options.seed is not None else []

@@ -256,8 +256,8 @@ def test_help_and_version_import_the_standard_library_only(option: str) -> None:
 )
 def test_a_command_imports_no_other(command: str, spared: set[str]) -> None:
     modules = imported_by(command, "--help")
-    assert f"rkhs_ros.app.{command}" in modules
-    assert not {f"rkhs_ros.app.{name}" for name in COMMANDS if name != command} & modules
+    assert f"rkhs_ros.app.commands.{command}" in modules
+    assert not {f"rkhs_ros.app.commands.{name}" for name in COMMANDS if name != command} & modules
     assert not {name.split(".")[0] for name in modules} & spared
 
 
@@ -293,7 +293,7 @@ def test_every_command_explains_itself(rkhs: Run, command: str) -> None:
         (("train", "a.yaml", "--out", ""), "argument --out: expected a path, got an empty text"),
         (("train", "--resume="), "argument --resume: expected a path, got an empty text"),
         (("train", "x.yaml", "--set", "seed=1", "--set", "seed=2"), "--set: seed: expected one value, got '1' and '2'"),
-        (("learn", "x.mcap", "--set", "a.b=1", "a.b=2"), "--set: a.b: expected one value, got '1' and '2'"),
+        (("offline", "x.mcap", "--set", "a.b=1", "a.b=2"), "--set: a.b: expected one value, got '1' and '2'"),
         (("plot", "none"), "none: expected the folder of a run, got none with a config.yaml"),
     ],
 )

@@ -77,7 +77,7 @@ def test_a_module_that_a_data_file_names_is_not_imported_from_the_folder_that_we
 
 @pytest.mark.usefixtures("begun")
 def test_what_needs_no_environment_reads_data_without_importing_what_it_names(rkhs: Rkhs) -> None:
-    for command in (("plot", "run"), ("replay", "run", "--quiet"), ("compare", "run"), ("learn", "run", "--quiet")):
+    for command in (("plot", "run"), ("replay", "run", "--quiet"), ("compare", "run"), ("offline", "run", "--quiet")):
         assert rkhs(*command).code == 0, command
     assert not Path("imported").exists()
 
@@ -126,6 +126,6 @@ def test_what_is_installed_is_imported() -> None:
 
 def test_every_command_that_reads_data_files_imports_none_but_installed_modules() -> None:
     for name in set(COMMANDS) - CONFIGURED:
-        module = import_module(f"rkhs_ros.app.{name}")
+        module = import_module(f"rkhs_ros.app.commands.{name}")
         limited = [each for each in vars(module).values() if hasattr(each, "__wrapped__")]
         assert limited, name

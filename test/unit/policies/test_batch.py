@@ -62,7 +62,7 @@ def test_the_kinds_of_a_batch_are_its_rows(batch: Batch) -> None:
 )
 def test_rows_of_a_second_kind_that_cannot_be_are_refused(changes: dict[str, int], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        Batch(**({"seed": 0, "first_episode": 0, "rows": 4, "horizon": 5, "explore": True} | changes))  # type: ignore[arg-type]
+        Batch(**({"seed": 0, "first_episode": 0, "num_envs": 4, "horizon": 5, "explore": True} | changes))  # type: ignore[arg-type]
 
 
 def test_the_streams_of_an_episode_are_named_by_what_they_are_of() -> None:
@@ -77,10 +77,10 @@ def test_the_streams_of_an_episode_are_named_by_what_they_are_of() -> None:
 
 @pytest.mark.parametrize(
     ("name", "least", "most"),
-    [("seed", 0, 2**64 - 1), ("first_episode", 0, 2**63 - 1), ("rows", 1, 10_000), ("horizon", 1, 1_000_000)],
+    [("seed", 0, 2**64 - 1), ("first_episode", 0, 2**63 - 1), ("num_envs", 1, 10_000), ("horizon", 1, 1_000_000)],
 )
 def test_each_number_of_a_batch_has_borders(name: str, least: int, most: int) -> None:
-    batch = {"seed": 0, "first_episode": 0, "rows": 1, "horizon": 1, "explore": True}
+    batch = {"seed": 0, "first_episode": 0, "num_envs": 1, "horizon": 1, "explore": True}
     for value in (least, most):
         assert getattr(Batch(**{**batch, name: value}), name) == value
     for value in (least - 1, most + 1):
@@ -90,7 +90,9 @@ def test_each_number_of_a_batch_has_borders(name: str, least: int, most: int) ->
 
 def test_a_batch_has_ten_million_samples_at_most() -> None:
     assert Batch(0, 0, 10_000, 1000, explore=True).horizon == 1000
-    with pytest.raises(ValueError, match="rows and horizon: expected at most 10000000 samples in all, got 10010000"):
+    with pytest.raises(
+        ValueError, match="num_envs and horizon: expected at most 10000000 samples in all, got 10010000"
+    ):
         Batch(0, 0, 10_000, 1001, explore=True)
 
 

@@ -128,10 +128,10 @@ def test_vetoed_episodes_are_not_learnt_from_offline(
     whole: Path, cut: Path, order: str, rkhs: Callable[..., Result]
 ) -> None:
     for name, file, count in (("whole", whole, 20), ("cut", cut, STOPPED_AFTER - 1)):
-        learnt = rkhs("learn", ordered(file, order), *SHORT, "--out", name)
+        learnt = rkhs("offline", ordered(file, order), *SHORT, "--out", name)
         assert learnt.code == 0, learnt.err
         assert f"from {count} recorded episodes" in learnt.out
-        assert rkhs("learn", file, *SHORT, "--out", f"{name}_again").code == 0
+        assert rkhs("offline", file, *SHORT, "--out", f"{name}_again").code == 0
         assert Path(name, "policy.npz").read_bytes() == Path(f"{name}_again", "policy.npz").read_bytes()
 
 
@@ -174,7 +174,7 @@ class TestTwoRunsInOneBag:
         assert len(read.episodes()) == sum(len(each.episodes()) for each in recordings) == 20
         assert {each.batch.seed for each in read.finished} == {0, 5}
         assert capsys.readouterr().err == ""
-        learnt = rkhs("learn", tmp_path / "bag", runs[0].parent / "config.yaml", *SHORT, "--out", "learnt")
+        learnt = rkhs("offline", tmp_path / "bag", runs[0].parent / "config.yaml", *SHORT, "--out", "learnt")
         assert "from 20 recorded episodes" in learnt.out
 
     def test_they_are_viewed_one_after_the_other(self, tmp_path: Path) -> None:

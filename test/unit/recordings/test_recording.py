@@ -358,8 +358,8 @@ def test_a_recording_with_a_damaged_head_or_episode_is_refused_as_damaged(
     whole = file.read_bytes()
     for command, damaged, message in (
         ("replay", 0, "expected the recording of a run, got a damaged one, whose head cannot be read"),
-        ("learn", 0, "expected a configuration beside a recording whose head is damaged"),
-        ("learn", 2, "expected at least one finished episode, got none, as the file is damaged"),
+        ("offline", 0, "expected a configuration beside a recording whose head is damaged"),
+        ("offline", 2, "expected at least one finished episode, got none, as the file is damaged"),
     ):
         content = bytearray(whole)
         content[chunks(whole)[damaged] + 100] ^= 1

@@ -101,11 +101,11 @@ def test_a_run_that_was_cut_replays_as_far_as_it_goes(whole: Path, tmp_path: Pat
     assert len(list(replay(recording))) == len(recording.updates)
 
 
-EXPLORING, NOISE_FREE = 2, 3  # places of the second update's batches
+EXPLORING, EVALUATION = 2, 3  # places of the second update's batches
 
 
 @pytest.mark.parametrize("name", ["observations", "actions", "rewards"])
-@pytest.mark.parametrize(("place", "kind"), [(EXPLORING, "exploring"), (NOISE_FREE, "noise-free")])
+@pytest.mark.parametrize(("place", "kind"), [(EXPLORING, "exploring"), (EVALUATION, "evaluation")])
 def test_a_changed_bit_in_an_episode_is_found(whole: Path, name: str, place: int, kind: str) -> None:
     copy = changed(whole, "RecordedEpisodes", place, lambda message: flip(getattr(message.episodes, name), 6))
     with pytest.raises(DifferenceError, match=r"^update 2, ") as found:

@@ -45,7 +45,7 @@ def test_a_pendulum_is_learnt_from_ten_episodes_that_only_explored(
     assert len(read_recording(tmp_path / f"explored{seed}").episodes()) == 10
     out = tmp_path / f"learnt{seed}"
     learnt = rkhs(
-        "learn", f"explored{seed}", ROOT / "config/pendulum_model_nac.yaml", "--seed", seed, "--out", out, "--quiet"
+        "offline", f"explored{seed}", ROOT / "config/pendulum_model_nac.yaml", "--seed", seed, "--out", out, "--quiet"
     )
     assert learnt.code == 0, learnt.err
     assert "from 10 recorded episodes, none ran" in learnt.out
@@ -56,7 +56,7 @@ SHORT = ("--iterations", 2, "--set", "model.updates=2", "model.rollouts=5", "--q
 
 
 def test_what_was_learnt_is_evaluated_and_begun_from(whole: Path, rkhs: Callable[..., Result]) -> None:
-    done = rkhs("learn", whole, *SHORT, "--out", "learnt")
+    done = rkhs("offline", whole, *SHORT, "--out", "learnt")
     assert (done.code, done.err) == (0, "")
     made = {path.name for path in Path("learnt").iterdir()}
     assert {"policy.npz", "best_policy.npz", "config.yaml", "curve.csv", "curve.png"} <= made
@@ -74,24 +74,24 @@ def test_what_was_learnt_is_evaluated_and_begun_from(whole: Path, rkhs: Callable
 def test_the_same_recordings_give_the_same_policy_and_more_another(whole: Path, rkhs: Callable[..., Result]) -> None:
     other = recorded_run(Path("other"), longer(2, seed=5))
     for name, recordings in {"a": [whole], "b": [whole.parent], "c": [whole, other]}.items():
-        assert rkhs("learn", *recordings, *SHORT, "--out", name).code == 0
+        assert rkhs("offline", *recordings, *SHORT, "--out", name).code == 0
     a, b, c = (Path(name, "policy.npz").read_bytes() for name in "abc")
     assert a == b != c
-    assert f"from {20 + 10} recorded episodes" in rkhs("learn", whole, other, *SHORT, "--out", "d").out
+    assert f"from {20 + 10} recorded episodes" in rkhs("offline", whole, other, *SHORT, "--out", "d").out
 
 
 def test_recordings_of_several_tasks_are_refused(whole: Path, rkhs: Callable[..., Result]) -> None:
     other = recorded_run(Path("other"), longer(1, horizon=7))
-    assert_refused(rkhs("learn", whole, other, *SHORT), "other/recording.mcap: task: expected that of")
+    assert_refused(rkhs("offline", whole, other, *SHORT), "other/recording.mcap: task: expected that of")
     pendulum = ROOT / "config" / "pendulum_nac.yaml"
-    assert_refused(rkhs("learn", whole, pendulum), "pendulum_nac.yaml: environment: expected that of")
-    assert_refused(rkhs("learn", pendulum), "learn: expected at least one recording, got none")
+    assert_refused(rkhs("offline", whole, pendulum), "pendulum_nac.yaml: environment: expected that of")
+    assert_refused(rkhs("offline", pendulum), "offline: expected at least one recording, got none")
 
 
 def test_discarded_episodes_are_not_learnt_from(of_a_robot: Path, whole: Path, rkhs: Callable[..., Result]) -> None:
     assert len(read_recording(of_a_robot).batches) > 20
     for name, recording in {"robot": of_a_robot, "simulation": whole}.items():
-        assert rkhs("learn", recording, *SHORT, "--out", name).code == 0
+        assert rkhs("offline", recording, *SHORT, "--out", name).code == 0
     found = [read_recording(each).episodes() for each in (of_a_robot, whole)]
     assert [len(each) for each in found] == [20, 20]
     assert np.sort(found[0].rewards, axis=None).tolist() == np.sort(found[1].rewards, axis=None).tolist()
@@ -141,11 +141,11 @@ def test_a_bag_is_seen_by_its_episodes(of_a_robot: Path, tmp_path: Path, plugin:
 
 def test_a_bag_is_learnt_from_with_a_configuration(whole: Path, rkhs: Callable[..., Result]) -> None:
     bag(Path("bag"), read_recording(whole))
-    assert_refused(rkhs("learn", "bag", *SHORT), "bag: expected a configuration beside a bag")
+    assert_refused(rkhs("offline", "bag", *SHORT), "bag: expected a configuration beside a bag")
     config = Path("same.yaml")
     config.write_text((whole.parent / "config.yaml").read_text())
-    assert rkhs("learn", "bag", config, *SHORT, "--out", "learnt").code == 0
-    assert rkhs("learn", whole, config, *SHORT, "--out", "as_well").code == 0
+    assert rkhs("offline", "bag", config, *SHORT, "--out", "learnt").code == 0
+    assert rkhs("offline", whole, config, *SHORT, "--out", "as_well").code == 0
     assert Path("learnt/policy.npz").read_bytes() == Path("as_well/policy.npz").read_bytes()
     assert_refused(rkhs("replay", "bag"), "bag: expected the recording of a run, got a bag, which holds no policies")
 
@@ -237,4 +237,4 @@ class TestLeRobot:
 
 
 def test_settings_that_do_not_fit_are_refused(whole: Path, rkhs: Callable[..., Result]) -> None:
-    assert_refused(rkhs("learn", whole, "--set", "model.centers=3", "--quiet"), "did you mean 'model.centres'?")
+    assert_refused(rkhs("offline", whole, "--set", "model.centers=3", "--quiet"), "did you mean 'model.centres'?")

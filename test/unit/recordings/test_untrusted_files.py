@@ -77,7 +77,7 @@ def test_the_commands_refuse_a_pipe_in_one_line(tmp_path: Path, rkhs: Callable[.
     for command in (("evaluate", "pipe.npz"), ("render", "pipe.npz"), ("imitate", "pipe.npz")):
         assert_refused(rkhs(*command), "pipe.npz")
     os.mkfifo("pipe.mcap")
-    for command in (("replay", "pipe.mcap"), ("learn", "pipe.mcap"), ("export", "pipe.mcap", "--lerobot", "out")):
+    for command in (("replay", "pipe.mcap"), ("offline", "pipe.mcap"), ("export", "pipe.mcap", "--lerobot", "out")):
         assert_refused(rkhs(*command), "pipe.mcap: expected a regular file, got a pipe")
 
 

@@ -71,7 +71,7 @@ def test_an_id_is_enough_to_learn_and_the_horizon_is_its_own(rkhs: Rkhs) -> None
 def test_without_a_time_limit_the_default_horizon_is_noted_once(rkhs: Rkhs, source: str) -> None:
     Path("endless.yaml").write_text(
         '/**/simulator: {ros__parameters: {environment: {id: "my_slide:Endless-v0"}}}\n'
-        "/**/learner: {ros__parameters: {practice: {form: model}}}\n"
+        "/**/learner: {ros__parameters: {model: {form: gaussian_process}}}\n"
     )
     what = ("endless.yaml",) if source == "file" else ("--env", "my_slide:Endless-v0")
     arguments = ("train", *what, "--runner", "inline", "--iterations", 1)
@@ -99,7 +99,7 @@ def test_an_algorithm_that_is_named_has_the_settings_for_a_task_that_nobody_tune
 
 
 @pytest.mark.parametrize("change", ["model.form=none", "model={}", "model={form: none}"])
-def test_without_practice_the_settings_are_those_for_learning_without_a_model(rkhs: Rkhs, change: str) -> None:
+def test_without_a_model_the_settings_are_those_for_learning_without_a_model(rkhs: Rkhs, change: str) -> None:
     arguments = ("train", "--env", "my_slide:Slide-v0", *INLINE, "--iterations", 1, "--out", "run")
     assert rkhs(*arguments, "--set", change, "horizon=7", "evaluation_episodes=2").code == 0
     training = load_config(Path("run/config.yaml")).training

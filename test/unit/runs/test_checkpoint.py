@@ -34,7 +34,7 @@ WAYS: list[Any] = [
     {"name": "rkhs_nac", "exploration_decay": 0.9, "critic": "trajectory"},
     {"name": "rkhs_nac", "variance": "learnt", "reuse": 4},
     {"name": "rkhs_power", "reuse": 3},
-    {"name": "rkhs_power", "variance": "printed"},
+    {"name": "rkhs_power", "variance": "as_published"},
     {"name": "power", "reuse": 3, "variance": "constant", "exploration_decay": 0.9},
 ]
 

@@ -64,7 +64,7 @@ VARIANTS = [
     ("name: rkhs_power, variance: constant, weighting: returns",),
     ("name: rkhs_power, weighting: as_published",),
     ("name: power, solution: diagonal, grid_low: [-4], grid_high: [4]",),
-    ("name: rkhs_nac", "model={form: gaussian_process, iterations: 3, episodes: 4}"),
+    ("name: rkhs_nac", "model={form: gaussian_process, updates: 3, rollouts: 4}"),
 ]
 LOOSE = ("exploration_decay: 0.3", "exploration_minimum: 0.1")  # else the least deviation does not come into effect
 SMALL = ("horizon=5", "iterations=3", "episodes_per_iteration=4", "evaluation_episodes=2")

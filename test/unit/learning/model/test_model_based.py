@@ -34,7 +34,7 @@ from test.unit.conftest import Result, assert_refused
 from test.unit.runs import stopping
 
 ITERATIONS, EPISODES, HORIZON = 3, 2, 10
-PRACTICE = {"form": "model", "noise": "pink", "iterations": 3, "episodes": 5, "centres": 30}
+MODEL = {"form": "gaussian_process", "exploration_noise": "pink", "updates": 3, "rollouts": 5, "centres": 30}
 WIDE = {"grid_counts": 2, "grid_low": [-4.0], "grid_high": [4.0]}
 PENDULUM = "rkhs/Pendulum-v0"
 over_algorithms = pytest.mark.parametrize("algorithm", ALGORITHMS)
@@ -52,7 +52,7 @@ def settings(name: str = "rkhs_nac", **changes: Any) -> Training:
         "exploration_sd": "range",
         "algorithm": {"name": name, **size, **changes.pop("algorithm", {})},
         "kernel": {"bandwidth_scale": 20.0 if on_grid else 1.0},
-        "model": PRACTICE,
+        "model": MODEL,
     }
     return training_from({**tree, **changes})
 
@@ -286,7 +286,7 @@ def test_a_checkpoint_holds_all_real_episodes_as_they_were_seen(tmp_path: Path, 
 def test_real_episodes_explore_wide_and_narrow_by_turns_and_far_where_all_places_are_alike(
     narrow: float, constant: str
 ) -> None:
-    settings = {**PRACTICE, "noise": "as_needed", "narrow": narrow}
+    settings = {**MODEL, "noise": "as_needed", "narrow": narrow}
     for k, iteration in enumerate(learn(settings(iterations=4, model=settings), Odd(constant=constant))):
         assert iteration.policy.noise == ("pink" if constant else "white")
         wide = 1.0 if constant or k % 2 else narrow
@@ -349,7 +349,7 @@ def test_exploration_in_the_model_narrows_from_update_to_update_down_to_its_mini
             return super().update(policy, experience)
 
     schedule = {"iterations": 5, "exploration_decay": 0.5, "exploration_minimum": 0.1, "restart_decay": 0.4}
-    training = settings(exploration_sd=[2.0], episodes_per_iteration=1, model={**PRACTICE, **schedule})
+    training = settings(exploration_sd=[2.0], episodes_per_iteration=1, model={**MODEL, **schedule})
     iterations = learn(replace(training, algorithm=Watched(centres=12)), Odd)
     np.testing.assert_allclose(deviations[0], [2.0, 1.0, 0.5, 0.25, 0.2])
     earned = [iteration.exploration_return for iteration in iterations]
