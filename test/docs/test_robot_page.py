@@ -1,4 +1,4 @@
-"""What the page on one's own robot shows is a configuration, and its table has all settings."""
+"""The examples of the robot pages are valid configurations, and the table of settings is complete."""
 
 import re
 import sys
@@ -18,7 +18,7 @@ PAGE = (ROOT / "docs" / "your_robot.md").read_text()
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", PAGE, re.DOTALL)
 
 
-def test_the_steps_make_one_section(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_steps_form_one_valid_section(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     steps = [content for language, content in BLOCKS if language == "yaml"]
     begin = next(content for content in steps if content.startswith("/**/robot"))
     parts = [content for content in steps if content.startswith(("    action:", "    reward:", "    reset:"))]
@@ -29,15 +29,15 @@ def test_the_steps_make_one_section(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(sys, "path", [*sys.path, str(tmp_path)])
     task = robot_task_from(loaded("".join([begin, *parts]))["/**/robot"]["ros__parameters"])
     assert task.sensors.dimension == 9
-    assert task.rules.earned(*[_seen(0.4, 0.6)] * 3, 0.0) == 1.0
-    assert task.rules.ended(*[_seen(0.4, 0.0)] * 3)
+    assert task.rules.earned(*[_observation(0.4, 0.6)] * 3, 0.0) == 1.0
+    assert task.rules.ended(*[_observation(0.4, 0.0)] * 3)
 
 
-def _seen(x: float, z: float) -> np.ndarray:
+def _observation(x: float, z: float) -> np.ndarray:
     return np.array([0.0] * 7 + [x, z])
 
 
-def test_the_gates_of_a_robot_with_ros2_control_are_gates() -> None:
+def test_the_gates_for_ros2_control_are_valid() -> None:
     steps = [content for language, content in BLOCKS if language == "yaml"]
     gate = loaded(next(content for content in steps if content.startswith("/**/gate")))["/**/gate"]["ros__parameters"]
     other = loaded(next(content for content in steps if content.startswith("    command:")))
@@ -45,14 +45,15 @@ def test_the_gates_of_a_robot_with_ros2_control_are_gates() -> None:
     assert build(GateSettings, gate | other).command.type == "trajectory_msgs/msg/JointTrajectory"
 
 
-def test_the_table_has_all_settings() -> None:
+def test_the_table_lists_all_settings() -> None:
     task = RobotTask(sensors=Sensors({"NAME": Sensor()}, 0.1))
-    table = PAGE[PAGE.index("## All settings") :]
-    told = set()
+    page = (ROOT / "docs" / "robot_node.md").read_text()
+    table = page[page.index("## Settings") : page.index("## Discarded")]
+    listed = set()
     for row in re.findall(r"^\| (`.*?) \|", table, re.MULTILINE):
         prefix = ""
         for name in re.findall(r"`([\w.]+)`", row):
             full = prefix + name if name.startswith(".") else name
             prefix = full.rpartition(".")[0]
-            told.add(full)
-    assert told == {entry.name for entry in task.entries()} | {"journal"}
+            listed.add(full)
+    assert listed == {entry.name for entry in task.entries()} | {"journal"}
