@@ -33,7 +33,7 @@ def test_the_nodes_of_the_launch_file_learn_on_a_simulated_robot(start: Start, t
     if launches:
         given = tmp_path / "config.yaml"
         given.write_text(dumped(config.parameters()))
-        words = ("practice:=true", f"config:={given}", f"output:={folder}")
+        words = ("simulated:=true", f"config:={given}", f"output:={folder}")
         code, _, err = start("ros2", "launch", ROOT / "launch" / "robot.launch.py", *words).finish()
     else:
         file = robot_parameters(config, folder, resume=False, simulated=True)

@@ -106,12 +106,12 @@ OTHER = {
     "all": Standardizer((1 / MILLIARD, MILLIARD), MILLIARD, 1 / MILLIARD),
     "all the other way": Standardizer((MILLIARD, 1 / MILLIARD), 1 / MILLIARD, MILLIARD),
 }
-over_practice = pytest.mark.parametrize("form", ["none", "gaussian_process"])
+over_models = pytest.mark.parametrize("form", ["none", "gaussian_process"])
 over_algorithms = pytest.mark.parametrize("algorithm", ["rkhs_nac", "rkhs_npg", "rkhs_ac", "rkhs_power"])
 
 
 @pytest.mark.parametrize("units", OTHER.values(), ids=OTHER)
-@over_practice
+@over_models
 @over_algorithms
 def test_a_task_in_other_units_is_learnt_to_the_same_bits(algorithm: str, form: str, units: Standardizer) -> None:
     assert_same(settings(algorithm, form), units)

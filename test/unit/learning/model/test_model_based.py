@@ -286,8 +286,8 @@ def test_a_checkpoint_holds_all_real_episodes_as_they_were_seen(tmp_path: Path, 
 def test_real_episodes_explore_wide_and_narrow_by_turns_and_far_where_all_places_are_alike(
     narrow: float, constant: str
 ) -> None:
-    settings = {**MODEL, "noise": "as_needed", "narrow": narrow}
-    for k, iteration in enumerate(learn(settings(iterations=4, model=settings), Odd(constant=constant))):
+    model = {**MODEL, "exploration_noise": "as_needed", "evaluation_noise_scale": narrow}
+    for k, iteration in enumerate(learn(settings(iterations=4, model=model), Odd(constant=constant))):
         assert iteration.policy.noise == ("pink" if constant else "white")
         wide = 1.0 if constant or k % 2 else narrow
         np.testing.assert_allclose(iteration.policy.variance(np.zeros((1, 2))), wide**2)
@@ -348,7 +348,7 @@ def test_exploration_in_the_model_narrows_from_update_to_update_down_to_its_mini
             deviations[-1].append(float(np.sqrt(policy.variance(np.zeros((1, 2))))[0, 0]))
             return super().update(policy, experience)
 
-    schedule = {"iterations": 5, "exploration_decay": 0.5, "exploration_minimum": 0.1, "restart_decay": 0.4}
+    schedule = {"updates": 5, "exploration_decay": 0.5, "exploration_minimum": 0.1, "restart_decay": 0.4}
     training = settings(exploration_sd=[2.0], episodes_per_iteration=1, model={**MODEL, **schedule})
     iterations = learn(replace(training, algorithm=Watched(centres=12)), Odd)
     np.testing.assert_allclose(deviations[0], [2.0, 1.0, 0.5, 0.25, 0.2])
