@@ -1,4 +1,4 @@
-"""Writes docs/settings.md, the page of all settings, from what the code says of them."""
+"""Write docs/settings.md, the reference of all settings, from their declarations in the code."""
 
 from __future__ import annotations
 
@@ -15,33 +15,37 @@ from rkhs_ros.learning.training_settings import Training
 
 PAGE = Path(__file__).with_name("settings.md")
 CHOICES = ("algorithm.name", "model.form")
-FAR = 1e9  # a bound as far away only keeps out what is no number
+FAR = 1e9  # a bound this far away only rejects infinity and nan
 HEAD = """\
 # Settings
 
 <!-- Made by docs/make_settings.py from the code; do not edit. -->
 
-All settings of the learner by their dotted names, as they stand in the `config.yaml` of a run and in the files of
-`config/`, and are given to `--set` on the command line. They are the learner's ROS parameters, too. Where a list of
-numbers is expected, a single number will do. What is unknown, of another type or out of its range is refused in one
-line. The task is set by `environment.id` and `environment.options`, see [tasks](custom_task.md).
+Every setting of the learner, by its dotted name. Use these names in the files of `config/`, after `--set` on the
+command line, and as ROS parameters of the learner node. The `config.yaml` of a run lists all of them.
+
+A single number is accepted for a list of numbers. A setting that is unknown, of another type or out of its range is
+rejected with a one-line error. `environment.id` and `environment.options` select the task, see
+[a custom task](custom_task.md).
 """
-TABLE = "| Setting | Default | What it is | Values |\n|---|---|---|---|"
+TABLE = "| Setting | Default | Description | Values |\n|---|---|---|---|"
 
 
 def page() -> str:
     """Return the page."""
     training = list(entries(Training()))
     sections = [
-        section("## Run", "What the learner does, whatever the algorithm.", apart(training, "")),
-        section("## Inputs", "What the policy is given of observations and actions.", apart(training, "inputs.")),
-        section("## Kernel", "The space in which the policy's mean is looked for.", apart(training, "kernel.")),
-        f"## Algorithms\n\nOne of them is `algorithm.name`: {names(ALGORITHMS)}. Their mathematics and "
-        "their code: [algorithms](algorithms/index.md).\n",
+        section("## Run", "Settings of every run, with any algorithm.", apart(training, "")),
+        section(
+            "## Inputs", "The inputs of the policy, computed from observations and actions.", apart(training, "inputs.")
+        ),
+        section("## Kernel", "The kernel of the policy mean.", apart(training, "kernel.")),
+        f"## Algorithms\n\n`algorithm.name` selects one: {names(ALGORITHMS)}. Their mathematics: "
+        "[algorithms](algorithms/index.md).\n",
         *of_classes(ALGORITHMS, "algorithm."),
-        f"## Step rules\n\nOne of them is `algorithm.step.rule`: {names(STEP_RULES)}.\n",
+        f"## Step rules\n\n`algorithm.step.rule` selects one: {names(STEP_RULES)}.\n",
         *of_classes(STEP_RULES, "algorithm.step."),
-        f"## Model\n\nOne of them is `model.form`: {names(MODELS)}. What it is good for: "
+        f"## Model\n\n`model.form` selects one: {names(MODELS)}. When to use a model: "
         "[model-based training](model_based.md).\n",
         *of_classes(MODELS, "model."),
     ]
@@ -49,12 +53,12 @@ def page() -> str:
 
 
 def is_up_to_date() -> bool:
-    """Return whether the page is what the code says."""
+    """Return whether the page agrees with the code."""
     return PAGE.is_file() and PAGE.read_text() == page()
 
 
 def apart(settings: Iterable[Entry], prefix: str) -> list[Entry]:
-    """Return the settings under a prefix; those under none, with what is chosen by name, for an empty one."""
+    """Return the settings under a prefix; for an empty prefix, those without one and the choices by name."""
     if prefix:
         return [entry for entry in settings if entry.name.startswith(prefix)]
     return [entry for entry in settings if "." not in entry.name or entry.name in CHOICES]
@@ -66,7 +70,7 @@ def of_classes(table: Mapping[str, type], prefix: str) -> list[str]:
 
 
 def section(title: str, about: str, settings: Iterable[Entry]) -> str:
-    """Return a heading, a sentence and the table of some settings; no table of none."""
+    """Return a heading, a sentence and a table of settings, without the table if there are none."""
     rows = [row(entry) for entry in settings]
     return "\n".join([f"{title}\n\n{about}\n", *([TABLE, *rows, ""] if rows else [])])
 
@@ -78,7 +82,7 @@ def row(entry: Entry) -> str:
 
 
 def values(about: Mapping[str, Any]) -> str:
-    """Return the numbers and words that a setting may be."""
+    """Return the range of a setting and its choices."""
     low, high = about["minimum"], about["maximum"]
     bounds = [
         f"at least {text(low)}" if low is not None and low > -FAR else "",
@@ -89,15 +93,15 @@ def values(about: Mapping[str, Any]) -> str:
 
 
 def names(words: Iterable[str]) -> str:
-    """Return words as code, with commas between them."""
+    """Return words in code format, separated by commas."""
     return ", ".join(f"`{word}`" for word in words)
 
 
 def text(value: Any) -> str:
-    """Return a value as one would write it in YAML."""
+    """Return a value in YAML."""
     if isinstance(value, tuple):
         return "[" + ", ".join(map(text, value)) + "]"
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{value:g}" if isinstance(value, float) else str(value) or "''"
 
 
 def first_line(cls: type) -> str:

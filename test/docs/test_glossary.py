@@ -41,7 +41,7 @@ RETIRED_WORDS = [
     r"surpasse[ds]",
     r"surrounding[s]",
     r"voi[d] episodes?",
-    r"noise[- ]free returns?",
+    r"noise[- ]fre[e]",
     r"(same bits|to the (last )?bit)",
 ]
 
