@@ -1,7 +1,7 @@
-"""The space: kernels, functions, the Newton basis and kernel matching pursuit."""
+"""Reproducing kernel Hilbert spaces: kernels, functions, the Newton basis, regression and matching pursuit."""
 
-import scipy.linalg  # noqa: F401  # with numpy, all the linear algebra there is
+import scipy.linalg  # noqa: F401  # numpy and scipy load all the linear algebra in use
 
 from rkhs_ros.base.threads import use_one_thread
 
-use_one_thread()  # here, since whatever computes imports this first
+use_one_thread()  # here, because every module that computes imports this package first

@@ -1,4 +1,4 @@
-r"""Regression in a Newton basis beside a linear part, with the bandwidth and the noises of the greatest evidence.
+r"""Bayesian regression with a linear and a kernel part; the evidence selects the bandwidth and the noise.
 
 .. math:: y = f(x) + \epsilon, \qquad f \sim GP\big(0,\ s^2 (\kappa(x, x') + \tau^2 (1 + x \cdot x'))\big), \qquad
     \epsilon \sim N(0, \lambda s^2)
@@ -13,21 +13,21 @@ import numpy as np
 from rkhs_ros.rkhs.kernels import RBF, Array
 from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky
 
-LINEAR_SD = 3.0  # tau: of the linear part's coefficients, beside the kernel part's values
-NOISES = np.geomspace(1e-8, 1.0, 25)  # lambda, of which the evidence chooses one for each target
-BANDWIDTHS = (1.0, 1.6, 2.5, 4.0, 6.3)  # times root(d / 2), the scale of distances of points in d dimensions
+LINEAR_SD = 3.0  # tau: prior sd of the linear coefficients, relative to the kernel part's values
+NOISES = np.geomspace(1e-8, 1.0, 25)  # candidates for lambda; the evidence selects one per target
+BANDWIDTHS = (1.0, 1.6, 2.5, 4.0, 6.3)  # times sqrt(d / 2), the typical distance of points in d dimensions
 NEWTON_TOLERANCE = 1e-8
-LEAST_RESIDUAL = 1e-12  # part of the targets' square below which a residual is rounding
+LEAST_RESIDUAL = 1e-12  # residuals below this fraction of the targets' square are rounding errors
 TINY = 1e-300
 
 
 class Coefficients(NamedTuple):
-    """The posterior of the coefficients of k functions in p features, in the features' principal axes.
+    """The posterior of the coefficients of k functions in p features, along the principal axes of the features.
 
     Attributes:
-        axes: orthonormal, shape (p, p).
-        mean: of the coefficients, shape (p, k).
-        sd: along each axis, shape (p, k).
+        axes: orthonormal axes, shape (p, p).
+        mean: posterior mean of the coefficients, shape (p, k).
+        sd: posterior standard deviation along each axis, shape (p, k).
         noise: standard deviation of the targets about the functions, shape (k,).
         signal: standard deviation s of the prior, shape (k,).
     """
@@ -40,13 +40,13 @@ class Coefficients(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """The regression in one basis.
+    """A regression in one basis.
 
     Attributes:
-        basis: of the kernel part.
-        bandwidth: of its kernel.
-        evidence: logarithm of the targets' density, less a constant.
-        coefficients: their posterior.
+        basis: basis of the kernel part.
+        bandwidth: bandwidth of its kernel.
+        evidence: log density of the targets, up to a constant.
+        coefficients: posterior of the coefficients.
     """
 
     basis: NewtonBasis
@@ -56,13 +56,13 @@ class Fit(NamedTuple):
 
 
 def best_fit(x: Array, targets: Array, roots: Array, centres: int) -> Fit:
-    """Return the regression with the bandwidth whose evidence is greatest.
+    """Fit the regression with each bandwidth and return the fit with the greatest evidence.
 
     Args:
-        x: points in units, shape (points, d).
-        targets: in units, shape (points, k).
-        roots: of how often each point counts, shape (points, 1).
-        centres: of the kernel part at most.
+        x: standardised points, shape (points, d).
+        targets: standardised targets, shape (points, k).
+        roots: square roots of the points' weights, shape (points, 1).
+        centres: maximum number of centres of the kernel part.
     """
     return max((_fit(b, x, targets, roots, centres) for b in BANDWIDTHS), key=lambda fit: fit.evidence)
 
@@ -75,12 +75,12 @@ def _fit(bandwidth: float, x: Array, targets: Array, roots: Array, centres: int)
 
 
 def features_of(x: Array, values: Array) -> Array:
-    """Return constant, linear and kernel features of points, the last ones given."""
+    """Return the constant, linear and kernel features of points, given the values of the kernel features."""
     return np.concatenate([LINEAR_SD * np.ones((len(x), 1)), LINEAR_SD * x, values], axis=1)
 
 
 def regress(features: Array, targets: Array, roots: Array) -> tuple[float, Coefficients]:
-    r"""Return the greatest evidence and the posterior with it: each target has a noise of its own.
+    r"""Return the greatest evidence and its posterior; each target has its own noise.
 
     With the eigenvalues e of :math:`\Phi^\top \Phi` and :math:`c = U^\top \Phi^\top y`,
 
@@ -93,7 +93,7 @@ def regress(features: Array, targets: Array, roots: Array) -> tuple[float, Coeff
     Args:
         features: shape (points, p).
         targets: shape (points, k).
-        roots: of how often each point counts, shape (points, 1); n is the sum of their squares.
+        roots: square roots of the points' weights, shape (points, 1); n is the sum of the weights.
     """
     features, targets = roots * features, roots * targets
     n, p = float(np.sum(roots**2)), features.shape[1]
@@ -113,5 +113,5 @@ def regress(features: Array, targets: Array, roots: Array) -> tuple[float, Coeff
     noise, signal = NOISES[best], np.array(signals)[best, columns]
     sd = np.sqrt(signal * noise / (values + noise))
     mean = axes @ (along / (values + noise))
-    total = float(np.array(evidences)[best, columns][squares > 0].sum())  # of targets that tell something
+    total = float(np.array(evidences)[best, columns][squares > 0].sum())  # targets that are all zero carry no evidence
     return total, Coefficients(axes, mean, sd, np.sqrt(signal * noise), np.sqrt(signal))

@@ -1,4 +1,4 @@
-"""Fixed centres: the kernel functions of given points as the features of a parametric function (Eq 3)."""
+"""Fixed centres: kernel functions of given points as the features of a parametric function (Eq 3)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rkhs_ros.rkhs.kernels import Array, Kernel
 
 @dataclass(frozen=True)
 class FixedBasis:
-    """The kernel functions of the centres as they are; the coefficients of a function are its weights.
+    """The basis of the centres' kernel functions; the coefficients of a function are its weights.
 
     Attributes:
         kernel: kernel of the space.
@@ -27,17 +27,17 @@ class FixedBasis:
         return self.kernel(x, self.centres)
 
     def function(self, coefficients: Array) -> Function:
-        """Return the function with those coefficients, shape (m, n)."""
+        """Return the function with the given coefficients, shape (m, n)."""
         return Function(self.kernel, self.centres, coefficients)
 
 
 def grid(low: Array, high: Array, counts: tuple[int, ...]) -> Array:
-    """Return the points of a regular grid, its borders included, shape (product of counts, d).
+    """Return the points of a regular grid, including its borders, shape (product of counts, d).
 
     Args:
         low: lower corner, shape (d,).
         high: upper corner, shape (d,).
-        counts: points along each dimension; a single one lies in the middle.
+        counts: number of points along each dimension; a single point lies in the middle.
     """
     spans = zip(low, high, counts, strict=True)
     axes = [np.linspace(a, b, k) if k > 1 else np.array([0.5 * (a + b)]) for a, b, k in spans]

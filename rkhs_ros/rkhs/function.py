@@ -11,7 +11,7 @@ from rkhs_ros.base.validation import finite_array, require
 from rkhs_ros.rkhs.kernels import Array, Kernel, rowwise_matmul
 from rkhs_ros.rkhs.regression import by_blocks
 
-BLOCK_ROWS = 2000  # points evaluated at once, few enough for the cache
+BLOCK_ROWS = 2000  # points evaluated at once; a block fits into the cache
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Function:
 
     Attributes:
         kernel: scalar kernel kappa.
-        centres: points :math:`c_i`, shape (m, d); m may be 0, the zero function.
+        centres: points :math:`c_i`, shape (m, d); m = 0 gives the zero function.
         weights: vectors :math:`\alpha_i`, shape (m, n).
     """
 
@@ -29,7 +29,7 @@ class Function:
     weights: Array
 
     def __post_init__(self) -> None:
-        """Raise ValueError where the shapes do not fit or a number is not finite."""
+        """Raise ValueError if the shapes do not match or a number is not finite."""
         for name in ("centres", "weights"):
             array = np.asarray(getattr(self, name))
             require(array.ndim == 2, name, "a matrix", f"shape {array.shape}")
@@ -52,18 +52,18 @@ class Function:
         return int(self.weights.shape[1])
 
     def __call__(self, x: Array) -> Array:
-        """Evaluate at points of shape (batch, d): shape (batch, n), each row by itself to the last bit."""
+        """Evaluate at points of shape (batch, d): shape (batch, n); each row depends only on its own point."""
         if x.shape[1] != self.input_dim:
             raise ValueError(f"points: expected {self.input_dim} columns, got {x.shape[1]}")
         return self.prepared()(x)
 
     def prepared(self) -> Callable[[Array], Array]:
-        """Return a bit-identical function for many calls, which does not check the shape of the points."""
+        """Return a bit-identical function that is faster for many calls and does not check the points' shape."""
         near = self.kernel.to(self.centres)
         return lambda x: by_blocks(lambda rows: rowwise_matmul(near(x[rows]), self.weights), len(x), BLOCK_ROWS)
 
     def __add__(self, other: Function) -> Function:
-        """Add two functions of the same space; their centres are concatenated, or shared where they are the same."""
+        """Add two functions of the same space; equal centres are shared, different ones concatenated."""
         require(self.kernel == other.kernel, "sum of functions", f"the kernel {self.kernel}", other.kernel)
         if np.array_equal(self.centres, other.centres):
             return Function(self.kernel, self.centres, self.weights + other.weights)
@@ -74,7 +74,7 @@ class Function:
         )
 
     def scale(self, factor: float) -> Function:
-        """Return the function times a number."""
+        """Return the function multiplied by a number."""
         return Function(self.kernel, self.centres, factor * self.weights)
 
     def inner(self, other: Function) -> float:

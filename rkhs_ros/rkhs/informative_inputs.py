@@ -1,4 +1,4 @@
-"""Which two of many inputs tell most of what a policy does."""
+"""Find the two inputs that explain most of a policy's action."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 
 from rkhs_ros.rkhs.kernels import Array
 
-Action = Callable[[Array], Array]  # from points, shape (k, d), to one number of the actions, shape (k,)
-MOST_POINTS = 200  # at which the choice is made
-SHORTLIST = 20  # inputs of which all pairs are tried
+Action = Callable[[Array], Array]  # from points, shape (k, d), to one component of the actions, shape (k,)
+MOST_POINTS = 200  # maximum number of points for the selection
+SHORTLIST = 20  # number of inputs whose pairs are all tried
 
 
 class InputPair(NamedTuple):
-    """A plane through the median of the points visited.
+    """A plane through the median of the visited points.
 
     Attributes:
-        columns: the two inputs that vary on it.
-        explained: share of the action's variance over the points visited that is left where all other inputs are
-            held at their medians; nan where the action does not vary, less than 0 where it tells less than nothing.
+        columns: the two inputs that vary on the plane.
+        explained: share of the action's variance over the visited points that remains when all other inputs are
+            fixed at their medians; nan if the action is constant, negative if the plane predicts worse than the mean.
     """
 
     columns: tuple[int, int]
@@ -29,16 +29,16 @@ class InputPair(NamedTuple):
 
 
 def most_informative_inputs(action: Action, points: Array) -> InputPair:
-    r"""Return the slice that explains most of an action at the points visited.
+    r"""Return the pair of inputs that explains most of an action at the visited points.
 
     .. math:: 1 - \frac{E (h(x) - h(m \text{ but for two columns of } x))^2}{Var\, h(x)}
 
-    with the medians m. All pairs are tried of the inputs that explain most by themselves. Bandwidths would not do:
-    they say how fast the action may vary, not how much it does.
+    with the medians m. All pairs of the inputs that explain most individually are tried. Bandwidths are no substitute:
+    they bound how fast the action may vary, not how much it varies.
 
     Args:
-        action: one number of the actions.
-        points: visited, shape (k, d) with d >= 2.
+        action: one component of the actions.
+        points: visited points, shape (k, d) with d >= 2.
     """
     some = points[np.linspace(0, len(points) - 1, min(len(points), MOST_POINTS)).round().astype(int)]
     alone = [_left(action, some, [i]) for i in range(points.shape[1])]
@@ -49,7 +49,7 @@ def most_informative_inputs(action: Action, points: Array) -> InputPair:
 
 
 def on_slice(points: Array, columns: Sequence[int], values: Array) -> Array:
-    """Return points with values, shape (k, columns), in some columns, and the medians of the points in others."""
+    """Return points with values, shape (k, columns), in the given columns and the points' medians in all others."""
     held = np.tile(np.median(points, axis=0), (len(values), 1))
     held[:, list(columns)] = values
     return held

@@ -1,7 +1,7 @@
-"""Kernels: a kernel's fields are its hyper-parameters, and kernels compose with ``+`` and ``*``.
+"""Kernels: the fields of a kernel are its hyper-parameters, and kernels compose with ``+`` and ``*``.
 
-A kernel is written to files and messages as its terms in postfix order: leaves carry their name and
-parameters, ``sum`` and ``product`` combine the two kernels before them.
+Files and messages store a kernel as its terms in postfix order: leaves have a name and parameters; ``sum`` and
+``product`` combine the two kernels before them.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from scipy.spatial.distance import cdist, pdist
 from rkhs_ros.base.validation import NamedFields, numbers, pick, require
 
 Array = NDArray[np.float64]
-MAX_KERNEL_TERMS = 100  # a kernel is evaluated term within term
-ROUNDING = 1e-9  # part of a column's greatest magnitude; what varies by less is constant but for rounding
+MAX_KERNEL_TERMS = 100  # evaluation recurses into nested terms
+ROUNDING = 1e-9  # relative to a column's largest magnitude; smaller variation is rounding error
 
 
 class Term(NamedTuple):
@@ -30,13 +30,13 @@ class Term(NamedTuple):
 
 
 class Kernel(NamedFields, ABC):
-    """A positive semi-definite function of two points, evaluated on all pairs of two sets."""
+    """A positive semi-definite function of two points that is evaluated on all pairs of two sets."""
 
     @abstractmethod
     def __call__(self, x: Array, y: Array) -> Array:
         """Evaluate the kernel on all pairs.
 
-        Each row of the result depends on that row of ``x`` and on ``y`` alone, to the last bit.
+        Each row of the result depends only on that row of ``x`` and on ``y``; this holds bit-identically.
 
         Args:
             x: points, shape (n, d).
@@ -48,31 +48,31 @@ class Kernel(NamedFields, ABC):
 
     @abstractmethod
     def diagonal(self, x: Array) -> Array:
-        """Return the kernel of each point of ``x``, shape (n, d), with itself, shape (n,)."""
+        """Return the kernel of each point of ``x``, shape (n, d), with itself: shape (n,)."""
 
     def to(self, y: Array) -> Callable[[Array], Array]:
-        """Return a function from points to their kernel with ``y``, bit-identical to the kernel, for many calls."""
+        """Return a function from points to their kernel with ``y``: faster for many calls, bit-identical."""
         return lambda x: self(x, y)
 
     def row_by_row(self, x: Array) -> Callable[[int], Array]:
-        """Return a function from i to row i of the matrix of all pairs of ``x``, shape (n,)."""
+        """Return a function from i to row i of the Gram matrix of ``x``, shape (n,)."""
         return lambda i: self(x[i : i + 1], x)[0]
 
     def with_centres(self, centres: Array) -> Callable[[Array], Array]:
-        """Return a function from points to their kernel with centres, shape (m, d), for many calls.
+        """Return a fast function from points to their kernel with centres, shape (m, d).
 
-        It is quicker and equal to rounding; its rows, too, depend on their own point alone.
+        Its values equal the kernel's up to rounding. Each row depends only on its own point, bit-identically.
         """
         return lambda x: self(x, centres)
 
     @property
     def is_positive(self) -> bool:
-        """Whether no value is negative, so that the values can weigh a mean; unless a kernel says so, some are."""
+        """Whether all values are non-negative and can thus be weights of a mean; False by default."""
         return False
 
     @abstractmethod
     def terms(self) -> tuple[Term, ...]:
-        """Return the kernel in postfix order, the inverse of `kernel_from_terms`."""
+        """Return the kernel's terms in postfix order; the inverse of `kernel_from_terms`."""
 
     def __add__(self, other: Kernel) -> Sum:
         return Sum(self, other)
@@ -91,7 +91,7 @@ class RBF(Kernel):
     bandwidth: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        """Raise ValueError where a bandwidth is not a positive finite number."""
+        """Raise ValueError if a bandwidth is not a positive finite number."""
         values = np.atleast_1d(np.asarray(self.bandwidth, dtype=float))
         good = values.ndim == 1 and len(values) > 0 and np.all((values > 0) & np.isfinite(values))
         require(bool(good), "rbf bandwidth", "positive finite numbers, one or one per dimension", self.bandwidth)
@@ -106,13 +106,13 @@ class RBF(Kernel):
         return lambda x: _gaussian(x * scale, scaled)
 
     def row_by_row(self, x: Array) -> Callable[[int], Array]:  # noqa: D102
-        scaled = x * self._scale(x.shape[1])  # once, not for every row
+        scaled = x * self._scale(x.shape[1])  # computed once, not for every row
         return lambda i: _gaussian(scaled[i : i + 1], scaled)[0]
 
     def with_centres(self, centres: Array) -> Callable[[Array], Array]:
         r"""See `Kernel.with_centres`.
 
-        In bandwidths from the mean of the centres, one matrix product takes the place of all differences:
+        With points relative to the mean of the centres, in bandwidths, one matrix product replaces all differences:
 
         .. math:: \kappa(x, c) = \exp\big((1, x, x \cdot x) \cdot (-c \cdot c / 2, c, -1/2)\big)
         """
@@ -154,7 +154,7 @@ class Polynomial(Kernel):
     degree: int
 
     def __post_init__(self) -> None:
-        """Raise ValueError where the offset is negative or the degree is not a whole number above 0."""
+        """Raise ValueError if the offset is negative or the degree is not a whole number from 1 to 20."""
         require(np.isfinite(self.offset) and self.offset >= 0, "polynomial offset", "a number >= 0", self.offset)
         whole = np.isfinite(self.degree) and self.degree == int(self.degree) and 1 <= self.degree <= 20
         require(bool(whole), "polynomial degree", "a whole number from 1 to 20", self.degree)
@@ -185,11 +185,16 @@ class Linear(Kernel):
     scale: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        """Raise ValueError where a number is not finite, a scale not positive, or their numbers differ."""
+        """Raise ValueError if a number is not finite, a scale is not positive, or the lengths differ."""
         for name in ("centre", "scale"):
             object.__setattr__(self, name, tuple(np.asarray(getattr(self, name), dtype=float).tolist()))
         good = len(self.centre) == len(self.scale) > 0 and all(np.isfinite([*self.centre, *self.scale]))
-        require(good and min(self.scale) > 0, "linear scale", "positive finite numbers, one per centre's", self.scale)
+        require(
+            good and min(self.scale) > 0,
+            "linear scale",
+            "positive finite numbers, one per coordinate of the centre",
+            self.scale,
+        )
 
     def __call__(self, x: Array, y: Array) -> Array:  # noqa: D102
         return 1.0 + rowwise_matmul(self._standardise(x), self._standardise(y).T)
@@ -256,9 +261,9 @@ def _gaussian(x: Array, y: Array) -> Array:
 
 
 def rowwise_matmul(x: Array, matrix: Array) -> Array:
-    """Multiply each row of ``x``, shape (n, k), with ``matrix``, shape (k, m), on its own.
+    """Multiply each row of ``x``, shape (n, k), by ``matrix``, shape (k, m), independently.
 
-    One matrix product over all rows may change a row's last bits with the number of rows beside it.
+    In a single matrix product, the number of other rows may change a row's last bits.
     """
     product: Array = np.matmul(x[:, None, :], matrix)[:, 0, :]
     return product
@@ -266,7 +271,7 @@ def rowwise_matmul(x: Array, matrix: Array) -> Array:
 
 def _polynomial(parameters: tuple[float, ...]) -> Kernel:
     require(len(parameters) == 2, "polynomial parameters", "2 numbers (offset, degree)", len(parameters))
-    return Polynomial(parameters[0], parameters[1])  # type: ignore[arg-type]  # checked to be whole
+    return Polynomial(parameters[0], parameters[1])  # type: ignore[arg-type]  # Polynomial checks that it is whole
 
 
 def _linear(parameters: tuple[float, ...]) -> Kernel:
@@ -287,7 +292,7 @@ def kernel_from_terms(terms: Iterable[tuple[str, Sequence[float]]]) -> Kernel:
     """Rebuild a kernel from its terms in postfix order.
 
     Raises:
-        ValueError: an unknown name, parameters out of range, or terms that do not form one kernel.
+        ValueError: a name is unknown, a parameter is out of range, or the terms do not form one kernel.
     """
     stack: list[Kernel] = []
     for count, (name, parameters) in enumerate(terms, 1):
@@ -305,20 +310,20 @@ def kernel_from_terms(terms: Iterable[tuple[str, Sequence[float]]]) -> Kernel:
 
 
 def evenly(rows: Array, most: int) -> Array:
-    """Return rows, at least one, evenly spaced among all so that they are at most so many."""
+    """Return at most ``most`` evenly spaced rows of a non-empty array."""
     return rows[:: -(-len(rows) // most)]
 
 
 def median_bandwidth(points: ArrayLike, most: int = 1000) -> tuple[float, ...]:
-    """Return the median distance of pairs of points along each dimension (the median trick), 1 where all agree.
+    """Return the median distance between pairs of points along each dimension (the median trick).
 
-    At most ``most`` evenly spaced points are paired. The standard deviation is taken where it is larger: where many
-    points agree, as at the end of a joint's range, the median tells nothing of the rest. Of normal points the median
-    is 0.95 standard deviations. Points that differ by rounding alone agree.
+    If the standard deviation is larger, it is returned instead: when many points coincide, for example at the end of a
+    joint's range, the median says nothing about the others. For normally distributed points the median is 0.95 standard
+    deviations. If all points coincide up to rounding, the bandwidth is 1.
 
     Args:
         points: shape (n, d), n at least 1.
-        most: number of points of which all pairs are taken.
+        most: maximum number of evenly spaced points that are paired.
     """
     array = np.asarray(points, dtype=float)
     array = evenly(array, most)
@@ -330,11 +335,11 @@ def median_bandwidth(points: ArrayLike, most: int = 1000) -> tuple[float, ...]:
 
 
 def spreads(points: Array, weights: Array | None = None) -> Array:
-    """Return the standard deviation of each column of points, shape (n, d), 0 where it is constant but for rounding.
+    """Return the standard deviation of each column of points; 0 if the column is constant up to rounding.
 
     Args:
-        points: n at least 1.
-        weights: how often each point counts, shape (n,); once where None.
+        points: shape (n, d), n at least 1.
+        weights: weight of each point, shape (n,); None for 1.
     """
     squares = (points - np.average(points, axis=0, weights=weights)) ** 2
     sd = np.sqrt(np.average(squares, axis=0, weights=weights))
@@ -342,6 +347,6 @@ def spreads(points: Array, weights: Array | None = None) -> Array:
 
 
 def deviations(points: Array, weights: Array | None = None) -> Array:
-    """Return the spreads of points, but 1 where they are 0."""
+    """Return the standard deviation of each column of points; 1 if the column is constant up to rounding."""
     sd = spreads(points, weights)
     return np.where(sd > 0, sd, 1.0)

@@ -1,9 +1,8 @@
-r"""Coordinates in which functions change as fast in every direction.
+r"""Learn coordinates in which functions change equally fast in every direction.
 
-What a function does not change along should not keep points apart. The outer products of the gradients of a first fit
-tell where it does change, and become the squared distances of the next one (Radhakrishnan, Beaglehole, Pandit and
-Belkin, 2024, "Mechanism for feature learning in neural networks and backpropagation-free machine learning models",
-Science 383):
+A direction along which the function is constant should not separate points. The outer products of the gradients of one
+fit therefore define the squared distances of the next one (Radhakrishnan, Beaglehole, Pandit and Belkin, 2024,
+"Mechanism for feature learning in neural networks and backpropagation-free machine learning models", Science 383):
 
 .. math:: L L^\top \propto \sum_{i, k} \nabla f_k(x_i)\, \nabla f_k(x_i)^\top
 """
@@ -16,23 +15,23 @@ from rkhs_ros.rkhs.evidence import LINEAR_SD, Fit, best_fit
 from rkhs_ros.rkhs.kernels import Array, evenly
 from rkhs_ros.rkhs.standardizer import Coordinates
 
-MOST_FITTED, MOST_SLOPES = 1000, 300  # points that are enough
-ROUNDS = 3  # of stretching, as long as the evidence grows
+MOST_FITTED, MOST_SLOPES = 1000, 300  # maximum number of points for the selection, and for the gradients
+ROUNDS = 3  # maximum number of updates of the metric; stops when the evidence no longer grows
 
 
 def fit_metric(
     plain: Coordinates, points: Array, targets: Array, roots: Array, centres: int
 ) -> tuple[Coordinates, Fit]:
-    """Return the coordinates whose evidence is greatest, of those without axes and some with stretched ones, and a fit.
+    """Return the coordinates with the greatest evidence, plain or with a learnt metric, and a fit in them.
 
-    The coordinates are chosen by some of the points, where there are many; the fit is that to all of them.
+    If there are many points, a subset of them selects the coordinates; the fit uses all of them.
 
     Args:
-        plain: without axes.
+        plain: coordinates without axes.
         points: shape (n, d).
-        targets: values of the functions in units, shape (n, k).
-        roots: of how often each point counts, shape (n, 1).
-        centres: of the fit at most.
+        targets: standardised values of the functions, shape (n, k).
+        roots: square roots of the points' weights, shape (n, 1).
+        centres: maximum number of centres of the fit.
     """
     some, their_targets, their_roots = (evenly(each, MOST_FITTED) for each in (points, targets, roots))
     best, fit = _refine_metric(plain, some, their_targets, their_roots, centres)
@@ -58,7 +57,7 @@ def _refine_metric(
 
 
 def _axes(coordinates: Coordinates, fit: Fit, points: Array, roots: Array) -> Array | None:
-    """Return L of the fit's gradients, shape (d, d); None where the functions do not change."""
+    """Return L of the fit's gradients, shape (d, d); None if the functions are constant."""
     gradients = slopes(fit, coordinates.of(evenly(points, MOST_SLOPES))) * evenly(roots, MOST_SLOPES)[:, :, None]
     if coordinates.axes is not None:
         gradients = np.einsum("de,nek->ndk", coordinates.axes, gradients)
@@ -69,7 +68,7 @@ def _axes(coordinates: Coordinates, fit: Fit, points: Array, roots: Array) -> Ar
 
 
 def slopes(fit: Fit, x: Array) -> Array:
-    """Return the gradients of the expected functions at points of shape (n, d), shape (n, d, k)."""
+    """Return the gradients of the mean functions at points of shape (n, d): shape (n, d, k)."""
     mean, d, centres = fit.coefficients.mean, x.shape[1], fit.basis.centres
     weights = fit.basis.weights(mean[1 + d :])
     values = fit.basis.kernel(x, centres)

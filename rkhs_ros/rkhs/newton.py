@@ -1,4 +1,4 @@
-"""The Newton basis: an orthonormal basis of the span of a few kernel functions, by pivoted Cholesky."""
+"""The Newton basis: an orthonormal basis of the span of a few kernel functions, from pivoted Cholesky."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class PivotedCholesky(NamedTuple):
     """A partial factorisation kappa(points, points) ~ values values'.
 
     Attributes:
-        pivots: indices of the chosen points, shape (r,).
+        pivots: indices of the selected points, shape (r,).
         values: Newton basis functions at all points, shape (n, r).
-        power: what is left of the diagonal, shape (n,).
+        power: remaining diagonal, the squared power function, shape (n,).
     """
 
     pivots: np.ndarray
@@ -29,16 +29,16 @@ class PivotedCholesky(NamedTuple):
 
 
 def pivoted_cholesky(kernel: Kernel, points: Array, rank: int, tolerance: float = 1e-10) -> PivotedCholesky:
-    r"""Choose points one by one where the power function is largest.
+    r"""Select points greedily by the largest power function.
 
-    O(n rank^2) time and O(n rank) memory: the Gram matrix is formed only where all points may be chosen, which makes
-    it no larger than the result.
+    Takes O(n rank^2) time and O(n rank) memory: the Gram matrix is formed only if all points may be selected, so that
+    it is no larger than the result.
 
     Args:
         kernel: kernel of the space.
         points: candidates, shape (n, d).
-        rank: number of points at most.
-        tolerance: stop where the power function is below this part of the largest :math:`\kappa(x, x)`.
+        rank: maximum number of selected points.
+        tolerance: stop when its square is below this fraction of the largest :math:`\kappa(x, x)`.
     """
     power = np.array(kernel.diagonal(points))
     floor = tolerance * float(power.max(initial=0.0))
@@ -54,7 +54,7 @@ def pivoted_cholesky(kernel: Kernel, points: Array, rank: int, tolerance: float 
             break
         rows[k] = row_of(pivot) if gram is None else gram[pivot]
         shares, length = rows[:k, pivot], np.sqrt(power[pivot])
-        for block in blocks_of(len(points)):  # its numbers stay in the cache
+        for block in blocks_of(len(points)):  # a block fits into the cache
             row = rows[k, block]
             row -= shares @ rows[:k, block]
             row /= length
@@ -65,7 +65,7 @@ def pivoted_cholesky(kernel: Kernel, points: Array, rank: int, tolerance: float 
 
 @dataclass(frozen=True)
 class NewtonBasis:
-    """Functions orthonormal in the RKHS that span the kernel functions of the centres.
+    """Functions that are orthonormal in the RKHS and span the kernel functions of the centres.
 
     Attributes:
         kernel: kernel of the space.
@@ -79,22 +79,22 @@ class NewtonBasis:
 
     @classmethod
     def of(cls, kernel: Kernel, points: Array, chosen: PivotedCholesky) -> NewtonBasis:
-        """Return the basis of the chosen points."""
+        """Return the basis of the selected points."""
         return cls(kernel, points[chosen.pivots], np.tril(chosen.values[chosen.pivots]))
 
     def __call__(self, x: Array) -> Array:
         """Evaluate the basis at points of shape (n, d): shape (n, m)."""
         if len(self.centres) == 0:
             return np.empty((len(x), 0))
-        # Solves values factor' = kappa(x, centres); from the right it is twice as fast as solve_triangular.
+        # Solves values factor' = kappa(x, centres). Solving from the right is twice as fast as solve_triangular.
         return np.asarray(dtrsm(1.0, self.factor.T, self.kernel(self.centres, x).T, side=1))
 
     def function(self, coefficients: Array) -> Function:
-        """Return the function with those coefficients, shape (m, n), as centres and weights."""
+        """Return the function with the given coefficients, shape (m, n), as centres and weights."""
         return Function(self.kernel, self.centres, self.weights(coefficients))
 
     def weights(self, coefficients: Array) -> Array:
-        """Return the weights of the centres' kernel functions, shape (m, n), for coefficients of that shape."""
+        """Return the weights of the centres' kernel functions for given coefficients, both of shape (m, n)."""
         if len(self.centres) == 0:
             return np.empty((0, coefficients.shape[1]))
         return np.asarray(solve_triangular(self.factor, coefficients, lower=True, trans="T", check_finite=False))

@@ -1,9 +1,8 @@
-r"""Kernel matching pursuit (Vincent and Bengio, 2002): a few kernel functions that fit many values.
+r"""Kernel matching pursuit (Vincent and Bengio, 2002): fit many values by a few kernel functions.
 
-The dictionary holds one function :math:`\kappa(c_i, \cdot)` for each candidate, measured by its values at the
-points. Its inner products are taken in a Newton basis of the candidates' span, so that no matrix of all
-points by all candidates is formed: O((n + p) r^2) time and O((n + p) r) memory for n points, p candidates and
-rank r of the basis.
+The dictionary holds one function :math:`\kappa(c_i, \cdot)` per candidate, represented by its values at the points.
+Inner products are computed in a Newton basis of the candidates' span, which avoids the matrix of all points by all
+candidates: O((n + p) r^2) time and O((n + p) r) memory for n points, p candidates and a basis of rank r.
 """
 
 from __future__ import annotations
@@ -23,22 +22,22 @@ from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky
 from rkhs_ros.rkhs.regression import blocks_of
 
 Fitting = Literal["basic", "back_fitting", "pre_fitting"]
-DEPENDENCE_TOLERANCE = 1e-10  # squared distance from the span of those chosen, relative to the squared length
+DEPENDENCE_TOLERANCE = 1e-10  # squared distance from the span of the selection, relative to the squared length
 SPARSIFICATION_RIDGE = 1e-8
-BLOCK_ROWS = 1000  # points whose basis functions are held at once, few enough for the cache
-PLAIN_BLOCKS = 20  # beyond them the triangle's zeros are made use of: three times as fast, equal to rounding
-PANEL = 8  # columns that are eliminated together, which measures best
+BLOCK_ROWS = 1000  # points whose basis functions are evaluated at once; a block fits into the cache
+PLAIN_BLOCKS = 20  # later blocks exploit the zeros of the triangle: three times as fast, equal up to rounding
+PANEL = 8  # columns that are eliminated together; the fastest in measurements
 
 
 @dataclass(frozen=True)
 class Pursuit:
-    """The result of a pursuit.
+    """The result of a matching pursuit.
 
     Attributes:
-        chosen: indices of candidates in the order of choice, shape (m,).
-        function: the fitted function on the chosen candidates.
-        residuals: norm of what is left of the targets after 0, 1, ... choices, one more than the choices made; a
-            ridge's penalty counts as left.
+        chosen: indices of the selected candidates in the order of selection, shape (m,).
+        function: the fitted function on the selected candidates.
+        residuals: norm of the targets' residual after 0, 1, ... selections, including a ridge's penalty; it has one
+            more entry than there are selections.
     """
 
     chosen: np.ndarray
@@ -47,7 +46,7 @@ class Pursuit:
 
     @property
     def error(self) -> float:
-        """The final residual relative to the targets' norm."""
+        """Final residual relative to the targets' norm."""
         return float(self.residuals[-1] / self.residuals[0]) if self.residuals[0] != 0 else 0.0
 
 
@@ -67,19 +66,19 @@ def pursue(
 
     Args:
         kernel: scalar kernel.
-        points: where the targets are given, shape (n, d).
-        targets: values to fit, shape (n, k); one choice serves all k columns.
+        points: locations of the targets, shape (n, d).
+        targets: values to fit, shape (n, k); all k columns share the selected centres.
         candidates: possible centres, shape (p, d).
-        budget: number of choices at most.
-        tolerance: stop when the residual is below this part of the targets' norm.
-        fitting: ``basic`` fits the weight of the newest choice only; ``back_fitting`` refits all weights after
-            each choice; ``pre_fitting`` also chooses by the residual after the refit.
-        ridge: weight of the function's squared norm in the RKHS beside the mean squared residual.
-        rank: size at most of the Newton basis that stands for the dictionary; exact where it reaches the
-            candidates' numerical rank.
+        budget: maximum number of selections.
+        tolerance: stop when the residual is below this fraction of the targets' norm.
+        fitting: ``basic`` fits only the weight of the newest centre; ``back_fitting`` refits all weights after each
+            selection; ``pre_fitting`` also selects by the residual after the refit.
+        ridge: weight of the function's squared RKHS norm relative to the mean squared residual.
+        rank: maximum size of the Newton basis that represents the dictionary; the representation is exact if the basis
+            reaches the candidates' numerical rank.
 
     Raises:
-        ValueError: an unknown fitting or a budget below 1.
+        ValueError: the fitting is unknown or the budget is below 1.
     """
     require(fitting in get_args(Fitting), "fitting", f"one of {', '.join(get_args(Fitting))}", f"'{fitting}'")
     require(budget >= 1, "budget", "at least 1 centre", budget)
@@ -106,19 +105,19 @@ def pursue_atoms(
     ridge: float = 0.0,
     fitting: Fitting = "back_fitting",
 ) -> tuple[np.ndarray, Array]:
-    """Fit targets by linear functionals of rows, built from at most ``budget`` atoms.
+    """Fit targets by linear functionals of rows that combine at most ``budget`` atoms.
 
     Args:
-        rows: from a slice of the rows to these, coordinates in an orthonormal basis, shape (rows, m).
+        rows: returns a slice of the rows, as coordinates in an orthonormal basis, shape (rows, m).
         targets: shape (n, k).
-        atoms: from a slice of the vectors to choose among to these, in the same coordinates, shape (atoms, m).
-        count: number of the vectors.
-        budget: number of choices at most.
-        ridge: weight of the fitted vector's squared norm beside the mean squared residual.
+        atoms: returns a slice of the candidate vectors in the same coordinates, shape (atoms, m).
+        count: number of candidate vectors.
+        budget: maximum number of selections.
+        ridge: weight of the fitted vector's squared norm relative to the mean squared residual.
         fitting: ``back_fitting`` or ``pre_fitting``.
 
     Returns:
-        The indices of the atoms chosen, shape (c,), and their weights, shape (c, k).
+        The indices of the selected atoms, shape (c,), and their weights, shape (c, k).
     """
     m = atoms(slice(0)).shape[1]
     triangle, reduced, unreachable = _reduce(_blocks(rows, targets), m, targets.shape[1], ridge * len(targets))
@@ -135,18 +134,18 @@ def _blocks(rows: Callable[[slice], Array], targets: Array) -> Iterator[Array]:
 
 
 def _reduce(blocks: Iterable[Array], m: int, k: int, ridge: float) -> tuple[Array, Array, float]:
-    """Return a least-squares problem of few rows that stands for the one of all points.
+    """Reduce a least-squares problem over all points to an equivalent one of at most m rows.
 
     Args:
-        blocks: of rows, each the m coordinates of a point and its k targets.
-        m: number of coordinates, in an orthonormal basis.
+        blocks: blocks of rows; each row holds the m coordinates of a point and its k targets.
+        m: number of coordinates in an orthonormal basis.
         k: number of targets.
-        ridge: weight of the solution's squared norm beside the sum of squared residuals.
+        ridge: weight of the solution's squared norm relative to the sum of squared residuals.
 
     Returns:
         The triangular factor R of the basis at the points (a QR factorisation), shape (m, m); the targets' coordinates
-        Q'y, shape (m, k), both of fewer rows where there are fewer points; and the square of what no function of the
-        basis reaches.
+        Q'y, shape (m, k); and the squared residual that no function of the basis can remove. R and Q'y have fewer rows
+        if there are fewer points.
     """
     factor = np.sqrt(ridge) * np.eye(m if ridge > 0 else 0, m + k)
     for i, rows in enumerate(blocks):
@@ -158,19 +157,19 @@ def _reduce(blocks: Iterable[Array], m: int, k: int, ridge: float) -> tuple[Arra
 
 
 class _Columns:
-    """The columns of a dictionary and what each could still explain, by blocks whose numbers stay in the cache."""
+    """The columns of a dictionary with the residual that each could explain, in blocks that fit into the cache."""
 
     def __init__(self, dictionary: Array, target: Array, fitting: Fitting) -> None:
         self._dictionary = dictionary
         self._blocks = list(blocks_of(dictionary.shape[1]))
         self._lengths = np.einsum("ij,ij->j", dictionary, dictionary)
-        self._remaining = self._lengths.copy()  # squared distance of each column from the span of the chosen ones
+        self._remaining = self._lengths.copy()  # squared distance of each column from the span of the selection
         self._scale = self._remaining if fitting == "pre_fitting" else self._lengths
-        self._products = target.T @ dictionary  # with what is left of the target
+        self._products = target.T @ dictionary  # with the residual
         self._gains = np.empty(dictionary.shape[1])
 
     def best(self) -> tuple[int, float]:
-        """Return the column that explains most of what is left, and how much."""
+        """Return the column that explains most of the residual, and how much it explains."""
         for block in self._blocks:
             independent = self._remaining[block] > DEPENDENCE_TOLERANCE * self._lengths[block]
             scale = np.where(independent, self._scale[block], np.inf)
@@ -179,7 +178,7 @@ class _Columns:
         return best, float(self._gains[best])
 
     def choose(self, chosen: int, unit: Array, weight: Array) -> None:
-        """Take off the unit vector that a chosen column adds to the span, by its weight from what is left."""
+        """Project out the unit vector that a selected column adds to the span, and its weight from the residual."""
         for block in self._blocks:
             shares = unit @ self._dictionary[:, block]
             self._products[:, block] -= np.outer(weight, shares)
@@ -190,7 +189,7 @@ class _Columns:
 def _orthogonal(
     dictionary: Array, target: Array, budget: int, floor: float, fitting: Fitting
 ) -> tuple[np.ndarray, Array, list[float]]:
-    """Choose columns and refit all weights by growing a QR factorisation of the chosen ones."""
+    """Select columns and refit all weights by extending a QR factorisation of the selection."""
     columns, residual = _Columns(dictionary, target, fitting), target.copy()
     budget = min(budget, *dictionary.shape)
     frame = np.empty((budget, len(dictionary)))
@@ -218,7 +217,7 @@ def _orthogonal(
 def _orthogonalise(column: Array, frame: Array) -> tuple[Array, Array, float]:
     """Return the unit vector that the column adds to the rows of the frame, and the column's coordinates in both.
 
-    Gram-Schmidt, done twice: once loses digits.
+    Gram-Schmidt runs twice, because a single pass loses digits.
     """
     first = frame @ column
     rest = column - first @ frame
@@ -231,7 +230,7 @@ def _orthogonalise(column: Array, frame: Array) -> tuple[Array, Array, float]:
 def _basic(
     dictionary: Array, target: Array, budget: int, floor: float, fitting: Fitting
 ) -> tuple[np.ndarray, Array, list[float]]:
-    """Choose columns and fit only the newest weight; a column may be chosen again, which adds to its weight."""
+    """Select columns and fit only the newest weight; selecting a column again adds to its weight."""
     lengths = np.maximum(np.einsum("ij,ij->j", dictionary, dictionary), np.finfo(float).tiny)
     residual = target.copy()
     weights: dict[int, Array] = {}
@@ -250,13 +249,13 @@ def _basic(
 
 
 def sparsify(function: Function, points: Array, *, budget: int, tolerance: float = 0.0) -> Pursuit:
-    """Fit a function at the points by fewer of its own centres.
+    """Approximate a function at the points by a subset of its centres.
 
     Args:
-        function: the function to thin out.
-        points: where its values matter, shape (n, d).
-        budget: number of centres at most.
-        tolerance: relative residual at which fewer centres are enough.
+        function: the function to sparsify.
+        points: points at which its values are fitted, shape (n, d).
+        budget: maximum number of centres.
+        tolerance: relative residual below which no further centre is added.
     """
     return pursue(
         function.kernel,

@@ -1,4 +1,4 @@
-"""Ridge regression, through the features or through their Gram matrix, whichever is smaller."""
+"""Ridge regression in its primal or dual form, whichever has the smaller matrix."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from scipy.linalg import cho_factor, cho_solve
 
 from rkhs_ros.rkhs.kernels import Array
 
-BLOCK_ROWS = 20_000  # more than the steps of an iteration usually are
-MOST_IN_GRAM = 1000  # rows of the features whose Gram matrix is formed, where it is larger than need be
-LEAST_DIAGONAL = 1e-200  # mean of a Gram matrix's diagonal; below it all features vanish, as far from every centre
+BLOCK_ROWS = 20_000  # more than the usual number of steps in an iteration
+MOST_IN_GRAM = 1000  # the dual form is used up to this number of rows even if it is the larger one
+LEAST_DIAGONAL = 1e-200  # mean diagonal of a Gram matrix below which all features vanish, e.g. far from every centre
 
 
 def ridge_regression(features: Array, targets: Array, penalty: Array, weights: Array | None = None) -> Array:
     r"""Minimise :math:`\frac1n \sum_i q_i |\phi_i \theta - y_i|^2 + \sum_j \lambda_j |\theta_j|^2`.
 
     Args:
-        features: rows phi, shape (n, p).
-        targets: shape (n, k).
+        features: phi, one row per sample, shape (n, p).
+        targets: y, shape (n, k).
         penalty: lambda, shape (p,), positive.
-        weights: q, shape (n,); all 1 where None.
+        weights: q, shape (n,); None for 1.
 
     Returns:
         The coefficients theta, shape (p, k).
@@ -39,13 +39,13 @@ def ridge_regression(features: Array, targets: Array, penalty: Array, weights: A
 def ridge_regression_by_blocks(
     features: Callable[[slice], Array], targets: Array, penalty: Array, block_rows: int = BLOCK_ROWS
 ) -> Array:
-    """Solve the same problem without weights, with no more rows in memory at once than a block has.
+    """Solve `ridge_regression` without weights, one block of rows at a time to save memory.
 
     Args:
-        features: from a slice of the rows to these, shape (rows, p).
+        features: returns a slice of the rows, shape (rows, p).
         targets: shape (n, k).
         penalty: lambda, shape (p,), positive.
-        block_rows: rows of a block; where these are all, the coefficients are those of `ridge_regression` to the bit.
+        block_rows: rows per block; if one block holds all rows, the result is bit-identical to `ridge_regression`.
     """
     n = len(targets)
     if n <= block_rows:
@@ -59,19 +59,19 @@ def ridge_regression_by_blocks(
 
 
 def blocks_of(count: int, block_rows: int = BLOCK_ROWS) -> Iterator[slice]:
-    """Walk through so many rows, by no more at once than a block has."""
+    """Yield slices of at most ``block_rows`` rows that cover ``count`` rows."""
     return (slice(start, min(start + block_rows, count)) for start in range(0, count, block_rows))
 
 
 def by_blocks(rows: Callable[[slice], Array], count: int, block_rows: int = BLOCK_ROWS) -> Array:
-    """Return so many rows, of which no more are made at once than a block has."""
+    """Compute ``count`` rows in blocks of at most ``block_rows`` and return them together."""
     if count <= block_rows:
         return rows(slice(0, count))
     return np.concatenate([rows(block) for block in blocks_of(count, block_rows)])
 
 
 def _dual_ridge_regression(features: Array, targets: Array, penalty: Array, weights: Array) -> Array:
-    """Solve the same problem through the n x n Gram, where there are more features than rows."""
+    """Solve the dual problem with the n x n Gram matrix, for more features than rows."""
     root = np.sqrt(weights / len(features))[:, None]
     scaled = root * features / penalty
     gram = scaled @ (root * features).T + np.eye(len(features))
@@ -88,7 +88,7 @@ def relative_ridge_regression(features: Array, targets: Array, ridge: float, *, 
         features: Phi, shape (n, p).
         targets: y, shape (n,).
         ridge: lambda relative to the mean diagonal of the Gram matrix.
-        intercept: whether there is one; else b = 0.
+        intercept: whether to fit b; otherwise b = 0.
     """
     if len(features) > max(MOST_IN_GRAM, features.shape[1]):
         return _primal_regression(features, targets, ridge, intercept)
@@ -101,7 +101,7 @@ def relative_ridge_regression(features: Array, targets: Array, ridge: float, *, 
 
 
 def _primal_regression(features: Array, targets: Array, ridge: float, intercept: bool) -> Array:
-    r"""Solve the same problem without the Gram.
+    r"""Solve the primal problem without the Gram matrix.
 
     .. math:: \lambda M = I - \Phi (\Phi^\top \Phi + \lambda I)^{-1} \Phi^\top
     """

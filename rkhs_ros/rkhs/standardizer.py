@@ -1,4 +1,4 @@
-"""Units by which columns of numbers become comparable, and coordinates in which distances are measured."""
+"""Standardise columns of numbers, and define the coordinates in which kernels measure distances."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from rkhs_ros.rkhs.kernels import Array, deviations, rowwise_matmul
 
 @dataclass(frozen=True)
 class Standardizer:
-    """Mean and standard deviation of each column, by which they become comparable.
+    """Mean and standard deviation of each column, used to standardise it.
 
     Attributes:
-        centre: shape (d,).
-        scale: shape (d,), positive; 1 where a column is constant but for rounding.
+        centre: means, shape (d,).
+        scale: standard deviations, shape (d,), positive; 1 for a column that is constant up to rounding.
     """
 
     centre: Array
@@ -23,27 +23,27 @@ class Standardizer:
 
     @classmethod
     def of(cls, values: Array, weights: Array | None = None) -> Standardizer:
-        """Return the units of the columns of values, shape (n, d), n at least 1, each counted as often as it weighs."""
+        """Fit the mean and standard deviation of the columns of values, shape (n, d), n at least 1, with weights."""
         return cls(np.average(values, axis=0, weights=weights), deviations(values, weights))
 
     def standardise(self, values: Array) -> Array:
-        """Return values in these units."""
+        """Return standardised values."""
         return (values - self.centre) / self.scale
 
     def restore(self, values: Array) -> Array:
-        """Return values that were in these units."""
+        """Return values in their original units."""
         return values * self.scale + self.centre
 
 
 @dataclass(frozen=True)
 class Coordinates:
-    r"""Where points are to a kernel: in units of each column, and along axes that are stretched.
+    r"""Coordinates in which a kernel measures distances: standardised columns, optionally with a learnt metric.
 
     .. math:: z = (x - c) / s \cdot L, \qquad |z - z'|^2 = (x - x') / s \cdot L L^\top \cdot ((x - x') / s)^\top
 
     Attributes:
-        units: c and s.
-        axes: L, shape (d, d), the squares of whose entries sum up to d; None for the identity.
+        units: means c and standard deviations s.
+        axes: L, shape (d, d), with squared entries that sum to d; None for the identity.
     """
 
     units: Standardizer
@@ -55,6 +55,6 @@ class Coordinates:
         return len(self.units.centre)
 
     def of(self, points: Array) -> Array:
-        """Return the coordinates of points, shape (n, d); those of a row depend on that row alone, to the last bit."""
+        """Return the coordinates of points, shape (n, d); each row depends only on itself, bit-identically."""
         x = self.units.standardise(points)
         return x if self.axes is None else rowwise_matmul(x, self.axes)

@@ -96,7 +96,7 @@ class ModelRunner:
             raise ValueError("model: expected rewards that are known or learnt, got neither")
         if self._model.reward_depends_on_next:
             points = np.concatenate([self._model.inputs.features(observations[:, 1:]), points[..., -n:]], axis=-1)
-        rewards = np.stack([drawn.of_row(row, its_points)[:, 0] for row, its_points in enumerate(points)])
+        rewards = np.stack([drawn.of_draw(row, its_points)[:, 0] for row, its_points in enumerate(points)])
         return np.clip(rewards, *self._model.reward_range)
 
     def _ended(self, observations: Array) -> NDArray[np.bool_]:
@@ -111,7 +111,7 @@ class ModelRunner:
         features = self._model.inputs.features(
             self._model.clip_to_observed(observations)
         )  # beyond the end it is the end, too
-        return np.stack([expected.of_row(0, its_features)[:, 0] > 0 for its_features in features])
+        return np.stack([expected.of_draw(0, its_features)[:, 0] > 0 for its_features in features])
 
     def _cut(self, observations: Array, actions: Array, rewards: Array) -> Episodes:
         """Return the episodes, each up to where the model ends it."""

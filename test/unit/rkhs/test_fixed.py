@@ -5,7 +5,7 @@ from rkhs_ros.rkhs.fixed import FixedBasis, grid
 from rkhs_ros.rkhs.kernels import RBF
 
 
-def test_a_grid_holds_each_combination_of_evenly_spaced_numbers_once() -> None:
+def test_a_grid_contains_each_combination_once() -> None:
     points = grid(np.array([-1.0, 0.0, 10.0]), np.array([1.0, 3.0, 20.0]), (3, 4, 2))
     expected = {(a, b, c) for a in (-1.0, 0.0, 1.0) for b in (0.0, 1.0, 2.0, 3.0) for c in (10.0, 20.0)}
     assert points.shape == (24, 3)
@@ -16,7 +16,7 @@ def test_a_single_point_along_a_dimension_lies_in_its_middle() -> None:
     assert grid(np.array([-1.0, 2.0]), np.array([3.0, 4.0]), (1, 2)).tolist() == [[1.0, 2.0], [1.0, 4.0]]
 
 
-def test_corners_and_counts_of_different_lengths_are_refused() -> None:
+def test_corners_and_counts_of_different_lengths_are_rejected() -> None:
     with pytest.raises(ValueError, match="argument"):
         grid(np.zeros(2), np.ones(2), (3,))
 

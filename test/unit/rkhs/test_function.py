@@ -17,7 +17,7 @@ def random_function(kernel: Kernel, seed: int, centres: int = 6, output_dim: int
 
 @over_kernels
 @given(seed=st.integers(0, 1000))
-def test_the_inner_product_with_a_kernel_function_is_the_value_there(kernel: Kernel, seed: int) -> None:
+def test_the_inner_product_with_a_kernel_function_reproduces_the_value(kernel: Kernel, seed: int) -> None:
     h, x = random_function(kernel, seed), np.random.default_rng(seed + 1).normal(size=(1, 2))
     values = [h.inner(Function(kernel, x, unit[None])) for unit in np.eye(2)]
     np.testing.assert_allclose(h(x)[0], values, rtol=1e-9, atol=1e-9)
@@ -25,7 +25,7 @@ def test_the_inner_product_with_a_kernel_function_is_the_value_there(kernel: Ker
 
 @over_kernels
 @given(seed=st.integers(0, 1000))
-def test_inner_product_and_norm_are_those_of_the_gram_matrix(kernel: Kernel, seed: int) -> None:
+def test_inner_product_and_norm_match_the_gram_matrix(kernel: Kernel, seed: int) -> None:
     h, g = random_function(kernel, seed, 4), random_function(kernel, seed + 1, 7)
     expected = sum(
         h.weights[i] @ g.weights[j] * kernel(h.centres[i : i + 1], g.centres[j : j + 1])[0, 0]
@@ -35,7 +35,7 @@ def test_inner_product_and_norm_are_those_of_the_gram_matrix(kernel: Kernel, see
     assert h.inner(g) == pytest.approx(expected, rel=1e-9, abs=1e-9)
     assert h.inner(g) == pytest.approx(g.inner(h), rel=1e-9, abs=1e-9)
     assert h.norm() ** 2 == pytest.approx(h.inner(h), rel=1e-9)
-    assert abs(h.inner(g)) <= h.norm() * g.norm() * (1 + 1e-9)  # Cauchy and Schwarz
+    assert abs(h.inner(g)) <= h.norm() * g.norm() * (1 + 1e-9)  # Cauchy-Schwarz inequality
 
 
 @over_kernels
@@ -60,12 +60,12 @@ def test_the_zero_function_is_zero_everywhere_and_neutral(rng: np.random.Generat
 
 
 @over_kernels
-def test_a_row_does_not_depend_on_the_rows_beside_it(kernel: Kernel, rng: np.random.Generator) -> None:
+def test_a_row_does_not_depend_on_other_rows(kernel: Kernel, rng: np.random.Generator) -> None:
     h, x = random_function(kernel, 0, centres=41), rng.normal(size=(29, 2))
     assert np.array_equal(h(x), np.concatenate([h(row[None]) for row in x]))
 
 
-def test_the_memory_order_of_centres_and_weights_changes_no_bit(rng: np.random.Generator) -> None:
+def test_values_do_not_depend_on_the_memory_order_of_centres_and_weights(rng: np.random.Generator) -> None:
     centres, weights, x = rng.normal(size=(41, 4)), rng.normal(size=(41, 3)), rng.normal(size=(100, 4))
     for kernel in (RBF((2.0,)), Polynomial(1.0, 3)):
         by_rows = Function(kernel, centres, weights)
@@ -73,7 +73,7 @@ def test_the_memory_order_of_centres_and_weights_changes_no_bit(rng: np.random.G
         assert np.array_equal(by_rows(x), by_columns(x))
 
 
-def test_a_function_keeps_its_numbers_when_the_arrays_it_was_made_of_change() -> None:
+def test_a_function_copies_its_arrays() -> None:
     centres, weights = np.ones((2, 1)), np.ones((2, 1))
     h = Function(RBF((1.0,)), centres, weights)
     before = h(np.zeros((1, 1)))
@@ -93,25 +93,25 @@ def test_a_function_keeps_its_numbers_when_the_arrays_it_was_made_of_change() ->
         (np.zeros((1, 1)), np.full((1, 1), np.inf), "weights: expected finite numbers"),
     ],
 )
-def test_shapes_that_do_not_fit_and_numbers_that_are_not_finite_are_refused(
+def test_mismatched_shapes_and_non_finite_numbers_are_rejected(
     centres: np.ndarray, weights: np.ndarray, message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
         Function(RBF((1.0,)), centres, weights)
 
 
-def test_points_of_another_dimension_are_refused() -> None:
+def test_points_of_another_dimension_are_rejected() -> None:
     with pytest.raises(ValueError, match="points: expected 2 columns, got 3"):
         random_function(KERNELS[0], 0)(np.zeros((1, 3)))
 
 
-def test_functions_of_different_spaces_do_not_add() -> None:
+def test_adding_functions_of_different_spaces_raises() -> None:
     with pytest.raises(ValueError, match="sum of functions"):
         random_function(KERNELS[0], 0) + random_function(KERNELS[1], 0)
 
 
 @over_kernels
-def test_a_sum_over_the_same_centres_has_no_more_of_them(kernel: Kernel, rng: np.random.Generator) -> None:
+def test_a_sum_shares_equal_centres(kernel: Kernel, rng: np.random.Generator) -> None:
     h, x = random_function(kernel, 0), rng.normal(size=(9, 2))
     g = Function(kernel, h.centres.copy(), rng.normal(size=h.weights.shape))
     total = h + g
@@ -120,7 +120,7 @@ def test_a_sum_over_the_same_centres_has_no_more_of_them(kernel: Kernel, rng: np
 
 
 @over_kernels
-def test_a_sum_over_centres_in_another_order_keeps_them_all(kernel: Kernel, rng: np.random.Generator) -> None:
+def test_a_sum_concatenates_centres_in_another_order(kernel: Kernel, rng: np.random.Generator) -> None:
     h, x = random_function(kernel, 0), rng.normal(size=(9, 2))
     g = Function(kernel, h.centres[::-1], rng.normal(size=h.weights.shape))
     assert len((h + g).centres) == 2 * len(h.centres)

@@ -1,4 +1,4 @@
-"""Which two inputs tell most of an action, and how much."""
+"""Select the two inputs that explain most of an action."""
 
 from itertools import product
 
@@ -8,13 +8,13 @@ import pytest
 from rkhs_ros.rkhs.informative_inputs import most_informative_inputs, on_slice
 
 
-def test_of_independent_inputs_a_slice_leaves_the_variance_of_the_others_unexplained() -> None:
+def test_a_slice_of_independent_inputs_explains_the_variance_of_its_inputs() -> None:
     corners = np.array(list(product([-1.0, 1.0], repeat=3)))
     best = most_informative_inputs(lambda x: x @ np.array([2.0, 1.0, 3.0]), corners)
     assert best.columns == (0, 2)
-    assert best.explained == pytest.approx(13 / 14)  # of variances 4, 1 and 9
+    assert best.explained == pytest.approx(13 / 14)  # the inputs contribute variances 4, 1 and 9
 
 
-def test_on_a_slice_the_other_inputs_are_at_their_medians() -> None:
+def test_a_slice_fixes_the_other_inputs_at_their_medians() -> None:
     points = np.array([[0.0, 5.0, 1.0], [1.0, 6.0, 2.0], [8.0, 9.0, 9.0]])
     assert on_slice(points, (2, 0), np.array([[3.0, 4.0]])).tolist() == [[4.0, 6.0, 3.0]]

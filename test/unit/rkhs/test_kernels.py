@@ -55,19 +55,19 @@ def test_every_gram_matrix_is_positive_semi_definite(kernel: Kernel, x: np.ndarr
 
 @over_all_kernels
 @given(x=points)
-def test_the_diagonal_agrees_with_the_matrix(kernel: Kernel, x: np.ndarray) -> None:
+def test_the_diagonal_matches_the_gram_matrix(kernel: Kernel, x: np.ndarray) -> None:
     np.testing.assert_allclose(kernel.diagonal(x), np.diag(kernel(x, x)), rtol=1e-12)
 
 
 @over_all_kernels
 @given(x=points)
-def test_rows_taken_one_by_one_are_those_of_the_matrix(kernel: Kernel, x: np.ndarray) -> None:
+def test_single_rows_match_the_gram_matrix(kernel: Kernel, x: np.ndarray) -> None:
     row_of, gram = kernel.row_by_row(x), kernel(x, x)
     assert all(np.array_equal(row_of(i), gram[i]) for i in range(len(x)))
 
 
 @given(x=points, centres=points, bandwidth=bandwidths, place=st.sampled_from([-1e9, -1e3, 1e6]))
-def test_centres_far_from_the_origin_cost_no_digits(
+def test_centres_far_from_the_origin_lose_no_precision(
     x: np.ndarray, centres: np.ndarray, bandwidth: tuple[float, ...], place: float
 ) -> None:
     kernel = RBF(bandwidth)
@@ -76,26 +76,26 @@ def test_centres_far_from_the_origin_cost_no_digits(
 
 
 @given(x=points, y=points, bandwidth=bandwidths)
-def test_rbf_is_that_of_scikit_learn_with_a_length_scale_per_dimension(
+def test_rbf_matches_scikit_learn_with_a_length_scale_per_dimension(
     x: np.ndarray, y: np.ndarray, bandwidth: tuple[float, ...]
 ) -> None:
     expected = sklearn_kernels.RBF(np.array(bandwidth))(x, y)
     np.testing.assert_allclose(RBF(bandwidth)(x, y), expected, rtol=1e-9, atol=1e-300)
 
 
-def test_one_bandwidth_serves_all_dimensions(rng: np.random.Generator) -> None:
+def test_a_single_bandwidth_applies_to_all_dimensions(rng: np.random.Generator) -> None:
     x, y = rng.normal(size=(4, 3)), rng.normal(size=(5, 3))
     np.testing.assert_array_equal(RBF((0.3,))(x, y), RBF((0.3, 0.3, 0.3))(x, y))
 
 
 @given(x=points, y=points, offset=st.floats(0, 5), degree=st.integers(1, 6))
-def test_polynomial_is_its_closed_form(x: np.ndarray, y: np.ndarray, offset: float, degree: int) -> None:
+def test_polynomial_matches_its_closed_form(x: np.ndarray, y: np.ndarray, offset: float, degree: int) -> None:
     expected = [[(sum(a * b for a, b in zip(p, q, strict=True)) + offset) ** degree for q in y] for p in x]
     np.testing.assert_allclose(Polynomial(offset, degree)(x, y), expected, rtol=1e-9, atol=1e-9)
 
 
 @given(x=points, y=points, scale=bandwidths, centre=st.tuples(numbers, numbers, numbers))
-def test_linear_is_its_closed_form(
+def test_linear_matches_its_closed_form(
     x: np.ndarray, y: np.ndarray, scale: tuple[float, ...], centre: tuple[float, ...]
 ) -> None:
     expected = [
@@ -112,7 +112,7 @@ def test_sum_and_product_combine_values(x: np.ndarray, y: np.ndarray) -> None:
     np.testing.assert_array_equal((rbf * polynomial)(x, y), rbf(x, y) * polynomial(x, y))
 
 
-def test_times_binds_stronger_than_plus() -> None:
+def test_products_take_precedence_over_sums() -> None:
     a, b, c = RBF((1.0,)), Polynomial(1.0, 1), Polynomial(0.0, 2)
     assert a + b * c == Sum(a, Product(b, c))
 
@@ -140,7 +140,7 @@ def test_terms_rebuild_the_kernel(kernel: Kernel) -> None:
         ([("polynomial", (-1.0, 2.0))], "polynomial offset: expected"),
         ([("polynomial", (1.0, 2.5))], "polynomial degree: expected"),
         ([("polynomial", (1.0, float("nan")))], "polynomial degree: expected"),
-        ([("linear", ())], "linear scale: expected positive finite numbers, one per centre's"),
+        ([("linear", ())], "linear scale: expected positive finite numbers, one per coordinate"),
         ([("linear", (1.0,))], "linear parameters: expected as many centres as scales, got 1 numbers"),
         ([("linear", (1.0, 2.0, 3.0))], "linear parameters: expected as many centres as scales, got 3 numbers"),
         ([("linear", (1.0, 0.0))], "linear scale: expected positive"),
@@ -149,23 +149,23 @@ def test_terms_rebuild_the_kernel(kernel: Kernel) -> None:
         ([("linear", (0.0, float("inf")))], "linear scale: expected positive finite numbers"),
     ],
 )
-def test_bad_terms_are_refused(terms: list[Term], message: str) -> None:
+def test_invalid_terms_are_rejected(terms: list[Term], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         kernel_from_terms(terms)
 
 
 @pytest.mark.parametrize("bandwidth", [(), (0.0,), (-1.0, 1.0), (float("nan"),), (float("inf"),)])
-def test_a_bandwidth_that_is_not_positive_and_finite_is_refused(bandwidth: tuple[float, ...]) -> None:
+def test_bandwidths_must_be_positive_and_finite(bandwidth: tuple[float, ...]) -> None:
     with pytest.raises(ValueError, match="rbf bandwidth: expected positive finite numbers"):
         RBF(bandwidth)
 
 
-def test_bandwidths_for_other_dimensions_are_refused() -> None:
+def test_bandwidths_must_match_the_dimension() -> None:
     with pytest.raises(ValueError, match="expected 1 or 3 numbers for 3-dimensional points, got 2"):
         RBF((1.0, 2.0))(np.zeros((2, 3)), np.zeros((2, 3)))
 
 
-def test_points_of_another_dimension_than_the_centre_are_refused() -> None:
+def test_points_must_have_the_dimension_of_the_centre() -> None:
     with pytest.raises(ValueError, match="linear points: expected 2 columns, got 3"):
         Linear((0.0, 1.0), (1.0, 1.0))(np.zeros((2, 3)), np.zeros((2, 3)))
 
@@ -181,7 +181,7 @@ def test_points_of_another_dimension_than_the_centre_are_refused() -> None:
     ],
     ids=["rbf", "polynomial", "linear", "sum"],
 )
-def test_a_row_does_not_depend_on_the_rows_beside_it(
+def test_a_row_does_not_depend_on_other_rows(
     make: Callable[[int], Kernel], dimension: int, rng: np.random.Generator
 ) -> None:
     x, y, kernel = rng.normal(size=(37, dimension)), rng.normal(size=(43, dimension)), make(dimension)
@@ -195,9 +195,7 @@ def test_a_row_does_not_depend_on_the_rows_beside_it(
 
 
 @given(rows=st.integers(1, 30), inner=st.integers(1, 50), columns=st.integers(1, 5), seed=st.integers(0, 99))
-def test_a_product_by_rows_is_the_product_and_the_same_for_each_row(
-    rows: int, inner: int, columns: int, seed: int
-) -> None:
+def test_rowwise_matmul_is_the_product_and_independent_by_row(rows: int, inner: int, columns: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     x, matrix = rng.normal(size=(rows, inner)), rng.normal(size=(inner, columns))
     product = rowwise_matmul(x, matrix)
@@ -206,36 +204,36 @@ def test_a_product_by_rows_is_the_product_and_the_same_for_each_row(
 
 
 @given(arrays(np.float64, st.tuples(st.integers(2, 12), st.integers(1, 3)), elements=numbers))
-def test_the_median_bandwidth_is_the_median_over_pairs_or_the_deviation_where_it_is_larger(x: np.ndarray) -> None:
+def test_the_median_bandwidth_is_the_larger_of_median_distance_and_deviation(x: np.ndarray) -> None:
     rows = range(len(x))
     for bandwidth, column in zip(median_bandwidth(x), x.T, strict=True):
         median = np.median([abs(column[i] - column[j]) for i in rows for j in rows if i < j])
         assert bandwidth == pytest.approx(max(median, np.sqrt(np.mean((column - column.mean()) ** 2))) or 1.0)
 
 
-def test_the_median_bandwidth_of_many_points_is_near_that_of_all(rng: np.random.Generator) -> None:
+def test_the_median_bandwidth_of_a_subset_approximates_that_of_all_points(rng: np.random.Generator) -> None:
     x = rng.normal(size=(3000, 1))
-    x = x + 2 * np.sign(x)  # two heaps: most pairs are farther apart than the deviation, 2.9
+    x = x + 2 * np.sign(x)  # two clusters: most pairs are farther apart than the deviation, 2.9
     all_pairs = np.median(np.abs(x - x.T)[np.triu_indices(len(x), 1)])
     # Among 1000 points the median of |x - y| has a standard error of about 2 %; the margin is four of them.
     assert median_bandwidth(x)[0] == pytest.approx(all_pairs, rel=0.08)
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_dimension_without_any_spread_gets_a_bandwidth_of_1() -> None:
+def test_a_constant_dimension_gets_a_bandwidth_of_1() -> None:
     assert median_bandwidth(np.full((5, 2), 3.0)) == (1.0, 1.0)
     assert median_bandwidth(np.full((1, 2), 3.0)) == (1.0, 1.0)
 
 
 @pytest.mark.parametrize("value", [0.1, -1e8 / 3, 1e-30 / 7])
-def test_a_dimension_that_varies_by_rounding_alone_gets_a_bandwidth_of_1(value: float) -> None:
+def test_a_dimension_with_rounding_errors_only_gets_a_bandwidth_of_1(value: float) -> None:
     rounded = np.nextafter(value, np.tile([-np.inf, value, np.inf], 100))
     still = np.column_stack([np.full(300, value), rounded])
     assert median_bandwidth(still) == (1.0, 1.0)
 
 
 @given(st.floats(1e-20, 1e20), st.floats(1e-6, 1.0), st.integers(0, 99))
-def test_a_small_spread_around_a_large_value_is_kept_in_any_units(size: float, part: float, seed: int) -> None:
+def test_a_small_spread_around_a_large_value_is_preserved_in_any_units(size: float, part: float, seed: int) -> None:
     noise = np.random.default_rng(seed).normal(size=(50, 1))
     expected = median_bandwidth(size * (1.0 + part * noise) - size)[0]
     assert median_bandwidth(size * (1.0 + part * noise))[0] == pytest.approx(expected, rel=1e-6)
@@ -245,7 +243,7 @@ def test_a_small_spread_around_a_large_value_is_kept_in_any_units(size: float, p
     arrays(np.float64, st.tuples(st.integers(1, 12), st.integers(1, 3)), elements=numbers),
     st.integers(0, 99),
 )
-def test_spreads_are_standard_deviations_and_weights_count_as_repeats(x: np.ndarray, seed: int) -> None:
+def test_spreads_are_standard_deviations_and_weights_act_as_repeats(x: np.ndarray, seed: int) -> None:
     times = np.random.default_rng(seed).integers(1, 4, len(x))
     np.testing.assert_allclose(spreads(x), x.std(axis=0), atol=1e-12)
     np.testing.assert_allclose(spreads(x, times), np.repeat(x, times, axis=0).std(axis=0), atol=1e-12)
@@ -253,7 +251,7 @@ def test_spreads_are_standard_deviations_and_weights_count_as_repeats(x: np.ndar
 
 
 @pytest.mark.parametrize("value", [0.0, 0.1, -1e8 / 3, 1e-30 / 7])
-def test_a_column_that_varies_by_rounding_alone_has_no_spread(value: float) -> None:
+def test_a_column_with_rounding_errors_only_has_no_spread(value: float) -> None:
     rounded = np.nextafter(value, np.tile([-np.inf, value, np.inf], 100)) if value else np.zeros(300)
     still = np.column_stack([np.full(300, value), rounded])
     assert spreads(still).tolist() == [0.0, 0.0]
@@ -262,11 +260,11 @@ def test_a_column_that_varies_by_rounding_alone_has_no_spread(value: float) -> N
 
 @over_all_kernels
 @given(x=points, y=points)
-def test_a_kernel_that_says_so_has_no_negative_value(kernel: Kernel, x: np.ndarray, y: np.ndarray) -> None:
+def test_positive_kernels_have_no_negative_value(kernel: Kernel, x: np.ndarray, y: np.ndarray) -> None:
     assert not kernel.is_positive or kernel(x, y).min() >= 0.0
 
 
-def test_the_sign_of_a_kernels_values_follows_from_its_parts() -> None:
+def test_positivity_of_a_composed_kernel_follows_from_its_parts() -> None:
     odd, even, rbf, linear = Polynomial(1.0, 3), Polynomial(1.0, 2), RBF((1.0,)), Linear((0.0,), (1.0,))
     for kernel in (odd, linear):
         assert kernel(np.array([[2.0]]), np.array([[-2.0]])) < 0.0

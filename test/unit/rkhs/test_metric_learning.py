@@ -1,4 +1,4 @@
-"""Axes are stretched along which functions change, where the evidence prefers it."""
+"""The metric stretches directions along which functions change if that increases the evidence."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ def direction(rng: np.random.Generator) -> np.ndarray:
     return rng.normal(size=D) / np.sqrt(D)
 
 
-def test_slopes_are_those_of_finite_differences(rng: np.random.Generator) -> None:
+def test_slopes_match_finite_differences(rng: np.random.Generator) -> None:
     x = rng.normal(size=(60, D))
     y = np.column_stack([np.sin(x[:, 0]) * x[:, 1], x[:, 2] ** 2 + x[:, 3]])
     fit = best_fit(x, y, np.ones((60, 1)), 40)
@@ -41,18 +41,18 @@ def test_slopes_are_those_of_finite_differences(rng: np.random.Generator) -> Non
         np.testing.assert_allclose(found[:, j], expected, atol=1e-6 * np.abs(found).max())
 
 
-def test_a_function_of_one_direction_is_found_to_be_one(rng: np.random.Generator, direction: np.ndarray) -> None:
+def test_the_metric_finds_the_direction_of_a_ridge_function(rng: np.random.Generator, direction: np.ndarray) -> None:
     x = rng.normal(size=(N, D))
     coordinates, _ = fit_metric(Coordinates(Standardizer.of(x)), x, along(x, direction), np.ones((N, 1)), 100)
     assert coordinates.axes is not None
     squares, axes = np.linalg.eigh(coordinates.axes @ coordinates.axes.T)
     assert squares.sum() == pytest.approx(D)
-    assert squares[-1] > 0.95 * D  # of noise-free values the rest is what a finite fit leaves
+    assert squares[-1] > 0.95 * D  # the values have no noise; the rest is the error of a finite fit
     cosine = axes[:, -1] @ (direction * Standardizer.of(x).scale)
     assert abs(cosine) > 0.99 * np.linalg.norm(direction * Standardizer.of(x).scale)
 
 
-def test_of_such_a_function_it_predicts_more_from_as_little(
+def test_the_metric_improves_predictions_of_a_ridge_function(
     rng: np.random.Generator, direction: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     x, elsewhere = rng.normal(size=(N, D)), rng.normal(size=(300, D))
@@ -66,7 +66,7 @@ def test_of_such_a_function_it_predicts_more_from_as_little(
     assert with_axes < 0.5 * error()
 
 
-def test_a_function_that_changes_alike_everywhere_is_left_alone(rng: np.random.Generator) -> None:
+def test_an_isotropic_function_keeps_plain_coordinates(rng: np.random.Generator) -> None:
     x = rng.normal(size=(300, 2))
     y = np.exp(-0.5 * np.sum(x**2, axis=1))[:, None] + 0.01 * rng.normal(size=(300, 1))
     coordinates, _ = fit_metric(Coordinates(Standardizer.of(x)), x, y, np.ones((300, 1)), 50)
@@ -74,7 +74,7 @@ def test_a_function_that_changes_alike_everywhere_is_left_alone(rng: np.random.G
         np.testing.assert_allclose(np.linalg.eigvalsh(coordinates.axes @ coordinates.axes.T), 1.0, atol=0.3)
 
 
-def test_the_evidence_is_never_less_than_without(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_metric_never_lowers_the_evidence(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     x = rng.normal(size=(100, 5))
     y = rng.normal(size=(100, 2)) + x[:, :1]
     with_axes = Posterior.fit(x, y, 50).evidence
@@ -83,7 +83,7 @@ def test_the_evidence_is_never_less_than_without(rng: np.random.Generator, monke
 
 
 @pytest.mark.parametrize("seed", [2, 4, 6])
-def test_axes_that_lower_the_evidence_are_left(seed: int) -> None:
+def test_axes_that_lower_the_evidence_are_rejected(seed: int) -> None:
     x = np.random.default_rng(seed).normal(size=(60, 3))
     y, roots, plain = np.sin(2.0 * x).sum(axis=1, keepdims=True), np.ones((60, 1)), Coordinates(Standardizer.of(x))
     coordinates, fit = fit_metric(plain, x, y, roots, 40)
@@ -91,7 +91,7 @@ def test_axes_that_lower_the_evidence_are_left(seed: int) -> None:
     assert fit.evidence == best_fit(plain.of(x), y, roots, 40).evidence
 
 
-def test_constant_values_stretch_nothing(rng: np.random.Generator) -> None:
+def test_constant_values_learn_no_metric(rng: np.random.Generator) -> None:
     x = rng.normal(size=(20, 3))
     plain = Coordinates(Standardizer.of(x))
     assert fit_metric(plain, x, np.zeros((20, 1)), np.ones((20, 1)), 10)[0] == replace(plain)

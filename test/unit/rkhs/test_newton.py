@@ -23,7 +23,7 @@ def test_at_full_rank_the_factor_reproduces_the_gram_matrix(kernel: Kernel, x: n
 
 @over_kernels
 @given(x=points, rank=st.integers(1, 25))
-def test_what_is_left_is_the_diagonal_of_the_residual(kernel: Kernel, x: np.ndarray, rank: int) -> None:
+def test_power_is_the_diagonal_of_the_residual(kernel: Kernel, x: np.ndarray, rank: int) -> None:
     gram, chosen = kernel(x, x), pivoted_cholesky(kernel, x, rank)
     residual = np.diag(gram - chosen.values @ chosen.values.T)
     np.testing.assert_allclose(chosen.power, residual, atol=1e-11 * gram.max())
@@ -32,14 +32,14 @@ def test_what_is_left_is_the_diagonal_of_the_residual(kernel: Kernel, x: np.ndar
 
 @over_kernels
 @given(x=points, rank=st.integers(1, 25))
-def test_pivots_are_distinct_and_no_more_than_asked_for(kernel: Kernel, x: np.ndarray, rank: int) -> None:
+def test_pivots_are_distinct_and_limited_by_the_rank(kernel: Kernel, x: np.ndarray, rank: int) -> None:
     pivots = pivoted_cholesky(kernel, x, rank).pivots
     assert len(set(pivots.tolist())) == len(pivots) <= min(rank, len(x))
 
 
 @over_kernels
 @given(x=points)
-def test_at_the_pivots_the_factor_is_triangular_to_the_bit(kernel: Kernel, x: np.ndarray) -> None:
+def test_at_the_pivots_the_factor_is_exactly_triangular(kernel: Kernel, x: np.ndarray) -> None:
     chosen = pivoted_cholesky(kernel, x, rank=10)
     triangle = chosen.values[chosen.pivots]
     assert np.array_equal(triangle, np.tril(triangle))
@@ -76,13 +76,13 @@ def test_a_function_evaluates_as_coefficients_times_basis(kernel: Kernel, seed: 
 
 
 @over_kernels
-def test_at_the_points_the_basis_has_the_values_of_the_factorisation(kernel: Kernel, rng: np.random.Generator) -> None:
+def test_the_basis_at_the_points_matches_the_factorisation(kernel: Kernel, rng: np.random.Generator) -> None:
     x = rng.normal(size=(20, 2))
     chosen = pivoted_cholesky(kernel, x, 7)
     np.testing.assert_allclose(NewtonBasis.of(kernel, x, chosen)(x), chosen.values, atol=1e-7)
 
 
-def test_repeated_points_are_chosen_once(rng: np.random.Generator) -> None:
+def test_repeated_points_are_selected_once(rng: np.random.Generator) -> None:
     distinct = rng.normal(size=(4, 2))
     chosen = pivoted_cholesky(RBF((1.0,)), np.tile(distinct, (5, 1)), rank=20)
     assert sorted(chosen.pivots % 4) == [0, 1, 2, 3]

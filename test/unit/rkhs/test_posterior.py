@@ -1,4 +1,4 @@
-"""The posterior is that of scikit-learn's Gaussian process, and does not depend on units."""
+"""The posterior matches scikit-learn's Gaussian process and does not depend on units."""
 
 from collections.abc import Callable
 from dataclasses import fields
@@ -15,7 +15,7 @@ from rkhs_ros.rkhs.evidence import BANDWIDTHS, LINEAR_SD, regress
 from rkhs_ros.rkhs.posterior import Posterior
 
 N, D = 200, 5
-FULL = BANDWIDTHS[:3]  # with which the test's points are all chosen as centres
+FULL = BANDWIDTHS[:3]  # with these, all points of the tests become centres
 FitWith = Callable[..., Posterior]
 
 
@@ -24,13 +24,13 @@ def points_of(rng: np.random.Generator, n: int = N) -> np.ndarray:
 
 
 def targets_of(rng: np.random.Generator, x: np.ndarray, columns: int = 1) -> np.ndarray:
-    """Return noisy values of functions that are neither linear nor alike."""
+    """Return noisy values of two different non-linear functions."""
     clean = np.sin(np.arange(1, columns + 1) * x[:, :1]) + 2.0 * (x[:, 1:2] - 5.0) ** 2 + 0.1 * x[:, 2:3]
     return 100.0 + clean + 0.3 * rng.normal(size=clean.shape)
 
 
 def oracle(fitted: Posterior, x: np.ndarray, y: np.ndarray, column: int = 0) -> GaussianProcessRegressor:
-    """Return scikit-learn's process of a target with the hyper-parameters that were chosen, in standard units."""
+    """Return scikit-learn's process for a standardised target with the selected hyper-parameters."""
     signal, noise = (float(values[column]) ** 2 for values in (fitted.coefficients.signal, fitted.coefficients.noise))
     kernel = (
         ConstantKernel(signal) * RBF(fitted.basis.kernel.terms()[0].parameters[0])
@@ -44,7 +44,7 @@ def oracle(fitted: Posterior, x: np.ndarray, y: np.ndarray, column: int = 0) -> 
 def predicted(
     process: GaussianProcessRegressor, fitted: Posterior, x: np.ndarray, column: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean and covariance of the function itself, without noise, in the target's units."""
+    """Return mean and covariance of the function without noise, in the target's units."""
     mean, covariance = process.predict(fitted.points.of(x), return_cov=True)
     scale = fitted.targets.scale[column]
     without_noise = covariance - np.eye(len(x)) * fitted.coefficients.noise[column] ** 2
@@ -53,7 +53,7 @@ def predicted(
 
 @pytest.fixture
 def plain(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave coordinates as they are: along stretched axes fewer points than all may be enough."""
+    """Disable metric learning, because a learnt metric may need fewer centres than points."""
     monkeypatch.setattr(metric_learning, "ROUNDS", 0)
 
 
@@ -69,7 +69,7 @@ def fit_with(monkeypatch: pytest.MonkeyPatch, plain: None) -> FitWith:
 
 
 @pytest.mark.parametrize("bandwidth", FULL)
-def test_with_all_points_as_centres_it_is_the_process_of_scikit_learn(
+def test_with_all_points_as_centres_it_matches_scikit_learn(
     fit_with: FitWith, rng: np.random.Generator, bandwidth: float
 ) -> None:
     x, elsewhere = points_of(rng), points_of(rng, 100)
@@ -82,7 +82,9 @@ def test_with_all_points_as_centres_it_is_the_process_of_scikit_learn(
         np.testing.assert_allclose(fitted.sd(elsewhere)[:, column], np.sqrt(np.diag(covariance)), rtol=1e-6)
 
 
-def test_along_stretched_axes_it_is_that_process_too(monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
+def test_with_a_learnt_metric_it_matches_scikit_learn(
+    monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
     x, elsewhere = points_of(rng), points_of(rng, 100)
     y = targets_of(rng, x)
     monkeypatch.setattr(evidence, "BANDWIDTHS", (0.25,))
@@ -94,7 +96,7 @@ def test_along_stretched_axes_it_is_that_process_too(monkeypatch: pytest.MonkeyP
     np.testing.assert_allclose(fitted.sd(elsewhere)[:, 0], np.sqrt(np.diag(covariance)), rtol=1e-2)
 
 
-def test_the_evidence_is_scikit_learns_but_for_a_constant(fit_with: FitWith, rng: np.random.Generator) -> None:
+def test_the_evidence_matches_scikit_learn_up_to_a_constant(fit_with: FitWith, rng: np.random.Generator) -> None:
     x = points_of(rng)
     y = targets_of(rng, x)
     differences = []
@@ -107,9 +109,7 @@ def test_the_evidence_is_scikit_learns_but_for_a_constant(fit_with: FitWith, rng
     np.testing.assert_allclose(differences, -0.5 * N * (1.0 + np.log(2.0 * np.pi)), rtol=1e-9)
 
 
-def test_the_bandwidth_and_the_noise_of_the_greatest_evidence_are_chosen(
-    fit_with: FitWith, rng: np.random.Generator
-) -> None:
+def test_bandwidth_and_noise_maximise_the_evidence(fit_with: FitWith, rng: np.random.Generator) -> None:
     x = points_of(rng)
     y = targets_of(rng, x)
     chosen = oracle(Posterior.fit(x, y, N), x, y)
@@ -117,27 +117,27 @@ def test_the_bandwidth_and_the_noise_of_the_greatest_evidence_are_chosen(
     best = max(other.log_marginal_likelihood_value_ for other in others)
     assert chosen.log_marginal_likelihood_value_ == pytest.approx(best, abs=1e-6)
     noise = chosen.kernel_.theta[-1]
-    for factor in (0.4, 2.5):  # the next noises tried are 2.15 times as large and as small
+    for factor in (0.4, 2.5):  # adjacent candidates differ by a factor of 2.15
         worse = chosen.log_marginal_likelihood([*chosen.kernel_.theta[:-1], noise + np.log(factor)])
         assert worse < chosen.log_marginal_likelihood_value_
 
 
-def test_the_noise_of_the_values_is_found(rng: np.random.Generator) -> None:
+def test_the_noise_is_estimated(rng: np.random.Generator) -> None:
     x = points_of(rng, 2000)
-    # The noises tried are 1.47 times apart in standard deviation: the margin is one of them.
+    # Adjacent candidates differ by a factor of 1.47 in standard deviation; the margin is one candidate.
     assert Posterior.fit(x, targets_of(rng, x), 100).noise[0] == pytest.approx(0.3, rel=0.5)
 
 
-def test_draws_have_the_mean_and_covariance_of_the_process(fit_with: FitWith, rng: np.random.Generator) -> None:
+def test_draws_have_the_mean_and_covariance_of_the_posterior(fit_with: FitWith, rng: np.random.Generator) -> None:
     x, rows = points_of(rng), 4000
     y = targets_of(rng, x)
     fitted = fit_with(FULL[-1], x, y)
     drawn = fitted.draw(rng.standard_normal((rows, 1, 1 + D + N)))
-    at = x[:8]  # in the centres' span
-    values = np.stack([drawn.of_row(row, at)[:, 0] for row in range(rows)])
+    at = x[:8]  # in the span of the centres
+    values = np.stack([drawn.of_draw(row, at)[:, 0] for row in range(rows)])
     mean, covariance = predicted(oracle(fitted, x, y), fitted, at)
     sd = np.sqrt(np.diag(covariance))
-    # Margins of 4.5 standard errors: among 8 means and 36 covariances one in 3000 draws would exceed them.
+    # Margins of 4.5 standard errors: one in 3000 draws of 8 means and 36 covariances exceeds them.
     np.testing.assert_allclose((values.mean(axis=0) - mean) / sd, 0.0, atol=4.5 / np.sqrt(rows))
     correlation = covariance / np.outer(sd, sd)
     found = np.cov(values.T) / np.outer(sd, sd)
@@ -145,16 +145,16 @@ def test_draws_have_the_mean_and_covariance_of_the_process(fit_with: FitWith, rn
 
 
 @pytest.mark.parametrize("centres", [1, 20, N])
-def test_a_draw_of_zeros_is_the_mean_in_every_row(rng: np.random.Generator, centres: int) -> None:
+def test_a_draw_of_zeros_is_the_posterior_mean(rng: np.random.Generator, centres: int) -> None:
     x = points_of(rng)
     fitted = Posterior.fit(x, targets_of(rng, x, 3), centres)
     drawn = fitted.draw(np.zeros((len(x), *fitted.coefficients.mean.T.shape)))
     np.testing.assert_allclose(drawn(x), fitted.mean(x), rtol=1e-9)
-    np.testing.assert_allclose(drawn.of_row(3, x), fitted.mean(x), rtol=1e-9)
+    np.testing.assert_allclose(drawn.of_draw(3, x), fitted.mean(x), rtol=1e-9)
 
 
 @given(first=st.integers(0, 6), size=st.integers(1, 6), seed=st.integers(0, 99))
-def test_what_a_row_draws_depends_on_no_other_row(first: int, size: int, seed: int) -> None:
+def test_draws_do_not_depend_on_each_other(first: int, size: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     x = points_of(rng, 40)
     fitted = Posterior.fit(x, targets_of(rng, x, 3), 20)
@@ -163,7 +163,7 @@ def test_what_a_row_draws_depends_on_no_other_row(first: int, size: int, seed: i
     np.testing.assert_array_equal(fitted.draw(normals[part])(at[part]), fitted.draw(normals)(at)[part])
 
 
-def test_far_from_all_points_the_kernel_part_is_as_uncertain_as_before(
+def test_far_from_all_points_the_kernel_part_has_its_prior_uncertainty(
     fit_with: FitWith, rng: np.random.Generator
 ) -> None:
     x = points_of(rng)
@@ -179,7 +179,7 @@ def test_far_from_all_points_the_kernel_part_is_as_uncertain_as_before(
         assert (posterior.sd(far) >= prior).all()
 
 
-def test_points_that_weigh_twice_count_as_repeated_ones(plain: None, rng: np.random.Generator) -> None:
+def test_weights_act_as_repeated_points(plain: None, rng: np.random.Generator) -> None:
     x, elsewhere = points_of(rng, 60), points_of(rng)
     y, times = targets_of(rng, x, 2), rng.integers(1, 4, len(x))
     weighted = Posterior.fit(x, y, 30, times.astype(float))
@@ -190,7 +190,7 @@ def test_points_that_weigh_twice_count_as_repeated_ones(plain: None, rng: np.ran
 
 
 @pytest.mark.parametrize(("of_points", "of_targets"), [(1024.0, 1.0), (1 / 1024, 1.0), (1.0, 1024.0), (1 / 1024, 1024)])
-def test_in_units_of_a_power_of_two_it_is_the_same_to_the_bit(
+def test_scaling_units_by_a_power_of_two_gives_a_bit_identical_posterior(
     rng: np.random.Generator, of_points: float, of_targets: float
 ) -> None:
     x = points_of(rng, 50)
@@ -214,27 +214,27 @@ def test_constant_columns_change_nothing(rng: np.random.Generator, value: float)
     assert fitted.points.units.scale[-1] == 1.0
     process = oracle(fitted, still, y)
     mean, covariance = predicted(process, fitted, still)
-    np.testing.assert_allclose(fitted.mean(still)[:, 0], mean, atol=0.3)  # of a hundred points half are centres
+    np.testing.assert_allclose(fitted.mean(still)[:, 0], mean, atol=0.3)  # half of the hundred points are centres
     assert np.isfinite(fitted.sd(still)).all()
     assert (fitted.sd(still)[:, 0] < 2.0 * np.sqrt(np.diag(covariance))).all()
 
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("value", [0.0, 0.1, -1e8 / 3])
-def test_constant_targets_are_the_mean_without_any_doubt(rng: np.random.Generator, value: float) -> None:
+def test_constant_targets_are_predicted_without_uncertainty(rng: np.random.Generator, value: float) -> None:
     x, still = points_of(rng, 100), np.full((100, 40), value)
     y = targets_of(rng, x)
     fitted, alone = Posterior.fit(x, np.column_stack([still, y]), 50), Posterior.fit(x, y, 50)
     drawn = fitted.draw(rng.standard_normal((3, *fitted.coefficients.mean.T.shape)))
     margin = 1e-9 * abs(value) + 1e-99
     np.testing.assert_allclose(fitted.mean(x)[:, :40], value, atol=margin)
-    np.testing.assert_allclose(drawn.of_row(0, x)[:, :40], value, atol=margin)
+    np.testing.assert_allclose(drawn.of_draw(0, x)[:, :40], value, atol=margin)
     assert (fitted.sd(x)[:, :40] <= margin).all()
-    np.testing.assert_allclose(fitted.mean(x)[:, 40:], alone.mean(x), rtol=1e-12)  # they choose no bandwidth
+    np.testing.assert_allclose(fitted.mean(x)[:, 40:], alone.mean(x), rtol=1e-12)  # they do not affect the bandwidth
 
 
 @pytest.mark.filterwarnings("error")
-def test_of_a_single_point_the_mean_is_its_value_everywhere(rng: np.random.Generator) -> None:
+def test_the_mean_of_a_single_point_is_its_value_everywhere(rng: np.random.Generator) -> None:
     fitted = Posterior.fit(points_of(rng, 1), np.array([[3.0, -1.0]]), 10)
     x = points_of(rng, 20)
     np.testing.assert_allclose(fitted.mean(x), np.tile([3.0, -1.0], (20, 1)))

@@ -20,7 +20,7 @@ def problem(seed: int, n: int = 60, p: int = 25, columns: int = 1) -> tuple[np.n
 
 
 @given(seed=st.integers(0, 10_000))
-def test_back_fitting_is_the_orthogonal_matching_pursuit_of_scikit_learn(seed: int) -> None:
+def test_back_fitting_matches_orthogonal_matching_pursuit_of_scikit_learn(seed: int) -> None:
     points, targets, candidates = problem(seed)
     fit = pursue(KERNEL, points, targets, candidates, budget=8, fitting="back_fitting")
     dictionary = KERNEL(points, candidates)
@@ -36,7 +36,7 @@ def test_back_fitting_is_the_orthogonal_matching_pursuit_of_scikit_learn(seed: i
 
 
 @given(seed=st.integers(0, 10_000))
-def test_pre_fitting_chooses_what_leaves_least_after_the_refit(seed: int) -> None:
+def test_pre_fitting_minimises_the_residual_after_the_refit(seed: int) -> None:
     points, targets, candidates = problem(seed, columns=2)
     fit = pursue(KERNEL, points, targets, candidates, budget=4, fitting="pre_fitting")
     dictionary = KERNEL(points, candidates)
@@ -49,7 +49,7 @@ def test_pre_fitting_chooses_what_leaves_least_after_the_refit(seed: int) -> Non
 
 
 @given(seed=st.integers(0, 10_000))
-def test_pre_fitting_is_no_worse_than_back_fitting_at_the_first_two_choices(seed: int) -> None:
+def test_pre_fitting_is_no_worse_than_back_fitting_for_two_selections(seed: int) -> None:
     points, targets, candidates = problem(seed)
     pre, back = (
         pursue(KERNEL, points, targets, candidates, budget=2, fitting=fitting).residuals
@@ -69,7 +69,7 @@ def test_residuals_never_grow(fitting: Fitting, seed: int, ridge: float) -> None
 
 @over_fittings
 @given(seed=st.integers(0, 10_000), columns=st.integers(1, 3))
-def test_the_last_residual_is_that_of_the_function(fitting: Fitting, seed: int, columns: int) -> None:
+def test_the_last_residual_matches_the_function(fitting: Fitting, seed: int, columns: int) -> None:
     points, targets, candidates = problem(seed, columns=columns)
     fit = pursue(KERNEL, points, targets, candidates, budget=10, fitting=fitting)
     assert fit.residuals[-1] == pytest.approx(np.linalg.norm(targets - fit.function(points)), rel=1e-6)
@@ -78,7 +78,7 @@ def test_the_last_residual_is_that_of_the_function(fitting: Fitting, seed: int, 
 
 
 @pytest.mark.parametrize("fitting", ["back_fitting", "pre_fitting"])
-def test_all_candidates_give_the_ridge_regression(fitting: Fitting) -> None:
+def test_selecting_all_candidates_gives_ridge_regression(fitting: Fitting) -> None:
     points, targets, candidates = problem(3, n=40, p=12, columns=2)
     fit = pursue(KERNEL, points, targets, candidates, budget=12, fitting=fitting, ridge=0.1)
     design, gram = KERNEL(points, candidates), KERNEL(candidates, candidates)
@@ -88,7 +88,7 @@ def test_all_candidates_give_the_ridge_regression(fitting: Fitting) -> None:
     assert fit.residuals[-1] ** 2 == pytest.approx(penalised, rel=1e-8)
 
 
-def test_basic_converges_to_what_all_candidates_can_reach() -> None:
+def test_basic_fitting_converges_to_the_fit_of_all_candidates() -> None:
     points, targets, candidates = problem(4, p=10)
     dictionary = KERNEL(points, candidates)
     attainable = np.linalg.norm(targets - dictionary @ np.linalg.lstsq(dictionary, targets)[0])
@@ -97,7 +97,7 @@ def test_basic_converges_to_what_all_candidates_can_reach() -> None:
 
 
 @over_fittings
-def test_no_more_centres_than_the_budget(fitting: Fitting) -> None:
+def test_the_budget_limits_the_centres(fitting: Fitting) -> None:
     points, targets, candidates = problem(5)
     for budget in (1, 2, 7):
         fit = pursue(KERNEL, points, targets, candidates, budget=budget, fitting=fitting)
@@ -123,7 +123,7 @@ def test_repeated_candidates_change_nothing(fitting: Fitting) -> None:
 
 
 @pytest.mark.parametrize("fitting", ["back_fitting", "pre_fitting"])
-def test_dependent_candidates_are_left_out(fitting: Fitting, rng: np.random.Generator) -> None:
+def test_dependent_candidates_are_skipped(fitting: Fitting, rng: np.random.Generator) -> None:
     kernel: Kernel = Polynomial(1.0, 1)  # spans 1, x, y: at most three independent functions
     points, candidates = rng.normal(size=(30, 2)), rng.normal(size=(10, 2))
     fit = pursue(kernel, points, rng.normal(size=(30, 1)), candidates, budget=10, fitting=fitting)
@@ -132,22 +132,24 @@ def test_dependent_candidates_are_left_out(fitting: Fitting, rng: np.random.Gene
 
 
 @pytest.mark.parametrize("fitting", ["back_fitting", "pre_fitting"])
-def test_nearly_repeated_candidates_are_left_out(fitting: Fitting) -> None:
+def test_nearly_repeated_candidates_are_skipped(fitting: Fitting) -> None:
     points, targets, candidates = problem(10, p=5)
     pairs = np.concatenate([candidates, candidates + 1e-6])
     fit = pursue(KERNEL, points, targets, pairs, budget=10, fitting=fitting)
     assert sorted(fit.chosen % 5) == [0, 1, 2, 3, 4]
-    assert np.abs(fit.function.weights).max() < 100  # a difference of two such would weigh about 1e5
+    assert (
+        np.abs(fit.function.weights).max() < 100
+    )  # the difference of two such candidates would need weights of about 1e5
 
 
 @over_fittings
-def test_zero_targets_choose_nothing(fitting: Fitting) -> None:
+def test_zero_targets_select_nothing(fitting: Fitting) -> None:
     points, targets, candidates = problem(8, columns=2)
     fit = pursue(KERNEL, points, 0 * targets, candidates, budget=5, fitting=fitting)
     assert (len(fit.chosen), fit.function.weights.shape, fit.error) == (0, (0, 2), 0.0)
 
 
-def test_a_function_of_few_candidates_is_found_exactly(rng: np.random.Generator) -> None:
+def test_a_function_of_few_candidates_is_recovered_exactly(rng: np.random.Generator) -> None:
     points, _, candidates = problem(9)
     truth = Function(KERNEL, candidates[[3, 11, 20]], rng.normal(size=(3, 2)))
     fit = pursue(KERNEL, points, truth(points), candidates, budget=25, tolerance=1e-6)
@@ -156,13 +158,13 @@ def test_a_function_of_few_candidates_is_found_exactly(rng: np.random.Generator)
 
 
 @given(seed=st.integers(0, 10_000), m=st.integers(1, 12))
-def test_a_budget_for_all_centres_keeps_the_function(seed: int, m: int) -> None:
+def test_a_budget_for_all_centres_preserves_the_function(seed: int, m: int) -> None:
     rng = np.random.default_rng(seed)
     function = Function(KERNEL, rng.uniform(-2, 2, (m, 2)), rng.normal(size=(m, 2)))
     points = rng.uniform(-2, 2, (50, 2))
     fit = sparsify(function, points, budget=m)
     np.testing.assert_allclose(fit.function(points), function(points), atol=1e-5)
-    penalty = np.sqrt(SPARSIFICATION_RIDGE * len(points)) * function.norm()  # what the function itself would leave
+    penalty = np.sqrt(SPARSIFICATION_RIDGE * len(points)) * function.norm()  # the function's own penalty
     assert fit.error <= penalty / np.linalg.norm(function(points)) * (1 + 1e-6)
 
 
@@ -174,7 +176,7 @@ def test_sparsifying_with_a_tolerance_keeps_few_centres(rng: np.random.Generator
     assert np.linalg.norm(fit.function(points) - function(points)) <= 0.05 * np.linalg.norm(function(points))
 
 
-def test_an_unknown_fitting_and_an_empty_budget_are_refused() -> None:
+def test_an_unknown_fitting_and_an_empty_budget_are_rejected() -> None:
     points, targets, candidates = problem(0)
     with pytest.raises(ValueError, match="fitting: expected one of basic, back_fitting, pre_fitting"):
         pursue(KERNEL, points, targets, candidates, budget=1, fitting="best")  # type: ignore[arg-type]
@@ -183,7 +185,7 @@ def test_an_unknown_fitting_and_an_empty_budget_are_refused() -> None:
 
 
 @given(seed=st.integers(0, 10_000), columns=st.integers(1, 2))
-def test_the_pursuit_of_atoms_is_the_orthogonal_matching_pursuit_of_scikit_learn(seed: int, columns: int) -> None:
+def test_the_pursuit_of_atoms_matches_scikit_learn(seed: int, columns: int) -> None:
     rng = np.random.default_rng(seed)
     rows, atoms, targets = rng.normal(size=(60, 12)), rng.normal(size=(25, 12)), rng.normal(size=(60, columns))
     chosen, weights = pursue_atoms(rows.__getitem__, targets, atoms.__getitem__, 25, budget=6)
@@ -200,7 +202,7 @@ def test_the_pursuit_of_atoms_is_the_orthogonal_matching_pursuit_of_scikit_learn
 
 
 @given(seed=st.integers(0, 10_000))
-def test_the_pursuit_of_atoms_leaves_no_better_choice_at_any_step(seed: int) -> None:
+def test_the_pursuit_of_atoms_selects_the_best_atom_in_each_step(seed: int) -> None:
     rng = np.random.default_rng(seed)
     rows, atoms, targets = rng.normal(size=(60, 12)), rng.normal(size=(25, 12)), rng.normal(size=(60, 2))
     chosen, _ = pursue_atoms(rows.__getitem__, targets, atoms.__getitem__, 25, budget=6)
@@ -214,20 +216,20 @@ def test_the_pursuit_of_atoms_leaves_no_better_choice_at_any_step(seed: int) -> 
 
 @pytest.mark.parametrize("fitting", ["back_fitting", "pre_fitting"])
 @pytest.mark.parametrize("n", [60, 7], ids=["tall", "wide"])
-def test_the_ridge_of_a_pursuit_of_atoms_is_on_the_vector_fitted(
+def test_the_ridge_of_a_pursuit_of_atoms_penalises_the_fitted_vector(
     fitting: Fitting, n: int, rng: np.random.Generator
 ) -> None:
     rows, atoms, targets = rng.normal(size=(n, 5)), rng.normal(size=(9, 5)), rng.normal(size=(n, 2))
     chosen, weights = pursue_atoms(
         rows.__getitem__, targets, atoms.__getitem__, 9, budget=9, ridge=0.3, fitting=fitting
     )
-    vector = np.linalg.solve(rows.T @ rows + 0.3 * n * np.eye(5), rows.T @ targets)  # five atoms reach any vector
+    vector = np.linalg.solve(rows.T @ rows + 0.3 * n * np.eye(5), rows.T @ targets)  # five atoms span all vectors
     assert len(chosen) == 5
     np.testing.assert_allclose(atoms[chosen].T @ weights, vector, rtol=1e-8, atol=1e-10)
 
 
 @pytest.mark.parametrize("fitting", ["basic", "back_fitting", "pre_fitting"])
-def test_nothing_to_choose_from_is_fitted_by_nothing(fitting: Fitting) -> None:
+def test_an_empty_dictionary_selects_nothing(fitting: Fitting) -> None:
     kernel: Kernel = Polynomial(0.0, 1)  # vanishes at 0
     zeros, targets = np.zeros((4, 2)), np.ones((4, 3))
     fit = pursue(kernel, zeros, targets, zeros, budget=3, fitting=fitting)
@@ -235,7 +237,9 @@ def test_nothing_to_choose_from_is_fitted_by_nothing(fitting: Fitting) -> None:
 
 
 @over_fittings
-def test_many_points_are_fitted_as_by_all_at_once(fitting: Fitting, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fitting_in_blocks_matches_fitting_all_points_at_once(
+    fitting: Fitting, monkeypatch: pytest.MonkeyPatch
+) -> None:
     points, targets, candidates = problem(3, n=700, columns=2)
     whole = pursue(KERNEL, points, targets, candidates, budget=9, fitting=fitting, ridge=1e-3)
     monkeypatch.setattr("rkhs_ros.rkhs.pursuit.BLOCK_ROWS", 50)
@@ -248,7 +252,7 @@ def test_many_points_are_fitted_as_by_all_at_once(fitting: Fitting, monkeypatch:
 
 @over_fittings
 @pytest.mark.parametrize(("candidates", "columns"), [(0, 1), (1, 1), (3, 2), (7, 1), (12, 1)])
-def test_small_problems_of_many_points_too(
+def test_small_problems_in_many_blocks_match_too(
     fitting: Fitting, candidates: int, columns: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     points, targets, chosen_among = problem(4, n=300, p=candidates, columns=columns)
@@ -261,7 +265,7 @@ def test_small_problems_of_many_points_too(
 
 
 @pytest.mark.parametrize("rows", [0, 1, 2, 3])
-def test_fewer_equations_than_numbers_are_solved_exactly(rows: int, rng: np.random.Generator) -> None:
+def test_underdetermined_problems_are_solved_exactly(rows: int, rng: np.random.Generator) -> None:
     equations, targets = rng.normal(size=(rows, 3)), rng.normal(size=(rows, 1))
     chosen, weights = pursue_atoms(
         lambda block: equations[block], targets, lambda block: np.eye(3)[block], 3, budget=3, fitting="pre_fitting"

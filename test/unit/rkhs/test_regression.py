@@ -12,7 +12,7 @@ from rkhs_ros.rkhs.regression import (
 
 
 @pytest.mark.parametrize("block_rows", [7, 50, 99, 100, 1000])
-def test_a_regression_by_blocks_is_that_of_all_rows(rng: np.random.Generator, block_rows: int) -> None:
+def test_regression_by_blocks_matches_regression_of_all_rows(rng: np.random.Generator, block_rows: int) -> None:
     features, targets, penalty = rng.normal(size=(100, 6)), rng.normal(size=(100, 2)), rng.uniform(0.1, 1.0, 6)
     asked: list[int] = []
 
@@ -41,7 +41,7 @@ def test_a_relative_ridge_regression_is_least_squares_on_the_augmented_system(
     )
 
 
-def test_a_function_at_many_points_has_the_bits_of_each_by_itself(rng: np.random.Generator) -> None:
+def test_a_function_at_many_points_is_bit_identical_to_single_points(rng: np.random.Generator) -> None:
     function = Function(RBF((0.7,)), rng.normal(size=(5, 2)), rng.normal(size=(5, 3)))
     points = rng.normal(size=(2 * BLOCK_ROWS + 3, 2))
     values = function(points)
