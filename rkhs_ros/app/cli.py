@@ -1,4 +1,4 @@
-"""The command line ``rkhs``: a table of commands, each a module of this package, imported only when it is called."""
+"""Command line ``rkhs``: a table of commands, each in a module that is imported only when it is called."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ from rkhs_ros import __version__
 from rkhs_ros.base.endings import INTERRUPTED, RunError, print_error
 from rkhs_ros.base.streams import messages_may_be_lost, readers_may_leave
 
-# Each module has add_arguments(parser), and run(options), which returns the exit code.
+# Each module defines add_arguments(parser) and run(options), which returns the exit code.
 COMMANDS = {
-    "train": "learn a policy, or one for each of several seeds",
-    "imitate": "fit a policy to what was shown",
-    "evaluate": "measure a policy without exploration",
-    "render": "film an episode without exploration",
-    "plot": "draw the pictures of a run",
-    "view": "show a run in the browser, while it learns or afterwards",
-    "offline": "train on recordings alone",
-    "replay": "make the updates of a recording again, and compare the bits",
-    "export": "write recorded episodes as a LeRobotDataset",
-    "compare": "draw the learning curves of several runs, with a table",
-    "sweep": "learn at each point of a grid of settings, from several seeds",
-    "tune": "search for settings that learn well",
-    "reproduce": "make the paper's figures again",
-    "results": "say which of the paper's claims hold, from reproduced figures",
-    "simulate": "run a task's simulators, or a robot's nodes, for learners of other libraries",
-    "serve": "have a function of one's own act in a simulator or on a robot",
-    "status": "show what the nodes of a run report",
-    "robot": "tell the nodes of a robot what a person decides: arm, stop, start, pause, veto",
-    "list": "name the tasks, algorithms, kernels and figures",
+    "train": "train a policy, or one policy for each of several seeds",
+    "imitate": "fit a policy to demonstrations",
+    "evaluate": "measure the return of a policy without exploration noise",
+    "render": "render an episode of a policy as pictures and an animation",
+    "plot": "plot the learning curve and the policy of a run",
+    "view": "show a run in the browser, live or afterwards",
+    "offline": "train a policy from recordings alone",
+    "replay": "recompute the updates of a recording and check that they are bit-identical",
+    "export": "export recorded episodes as a LeRobotDataset",
+    "compare": "plot and tabulate the learning curves of several runs",
+    "sweep": "train at each point of a grid of settings, with several seeds",
+    "tune": "search for settings with a high return",
+    "reproduce": "reproduce the figures of the paper",
+    "results": "check the claims of the paper against the reproduced figures",
+    "simulate": "run simulators, or the nodes of a robot, for learners of other libraries",
+    "serve": "serve a Python function as the policy of a simulator or a robot",
+    "status": "show the status of the nodes of a run",
+    "robot": "send an operator command to the nodes of a robot: arm, stop, start, pause or veto",
+    "list": "list the tasks, algorithms, kernels and figures",
 }
 
 
 class Parser(argparse.ArgumentParser):
-    """Parses arguments, and refuses them in one line."""
+    """Argument parser that reports errors in one line."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -51,10 +51,12 @@ class Parser(argparse.ArgumentParser):
 
 
 def _path(word: str) -> Path:
-    """Return an argument as a path; an empty one, for example of an unset variable, would mean the current folder.
+    """Return an argument as a path.
+
+    An empty argument, for example from an unset variable, would mean the current folder.
 
     Raises:
-        ArgumentTypeError: it is empty.
+        ArgumentTypeError: the argument is empty.
     """
     if not word:
         raise argparse.ArgumentTypeError("expected a path, got an empty text")
@@ -62,8 +64,8 @@ def _path(word: str) -> Path:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line; bad input ends with one line and exit code 2, what fails with one and exit code 1."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what was learnt is kept
+    """Run the command line: print one line and exit with code 2 for bad input, 1 for a failure."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # like Ctrl-C: the run saves its policy
     with messages_may_be_lost():
         sys.exit(_exit_code(sys.argv[1:] if arguments is None else arguments))
 
@@ -83,14 +85,14 @@ def _exit_code(arguments: Sequence[str]) -> int:
 
 
 def _check_encoding(arguments: Sequence[str]) -> None:
-    """Raise ValueError where an argument, such as a path, is no text that files and nodes can hold."""
+    """Raise ValueError if an argument, such as a path, cannot be encoded as UTF-8, as files and nodes require."""
     for word in arguments:
         if not word.isascii() and word.encode(errors="replace") != word.encode(errors="surrogatepass"):
             raise ValueError(f"argument: expected text in UTF-8, got {word!a}")
 
 
 def _check_settings(changes: Sequence[str]) -> None:
-    """Raise ValueError if --set gives a setting twice, with different values."""
+    """Raise ValueError if --set gives a setting two different values."""
     given: dict[str, str] = {}
     for change in changes:
         name, _, value = (part.strip() for part in change.partition("="))
@@ -99,21 +101,21 @@ def _check_settings(changes: Sequence[str]) -> None:
 
 
 def _called(arguments: Sequence[str]) -> str | None:
-    """Return the command, which is the first word that is no option; None where there is none.
+    """Return the command, which is the first word that is not an option; None if there is none.
 
     Raises:
-        ValueError: there is no such command.
+        ValueError: the command is unknown.
     """
     called = next((word for word in arguments if not word.startswith("-")), None)
     if called is not None and called not in COMMANDS:
-        from rkhs_ros.base.validation import hint, truncated  # imports numpy, which --help shall not wait for
+        from rkhs_ros.base.validation import hint, truncated  # imports numpy, which would slow down --help
 
         raise ValueError(f"unknown command '{truncated(called)}', {hint(called, COMMANDS)}")
     return called
 
 
 def _parser(called: str | None) -> Parser:
-    """Return the parser of all commands, with the arguments of the one that is called."""
+    """Return the parser of all commands, with the arguments of the called command only."""
     parser = Parser(prog="rkhs", description="Policy search in reproducing kernel Hilbert spaces.")
     parser.add_argument("--version", action="version", version=f"rkhs_ros {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")

@@ -60,7 +60,7 @@ class Result:
     def __repr__(self) -> str:
         """Return what was learnt in one line."""
         row, last = self.rows[-1], self.iteration
-        returns = f"return {last.exploration_return:.4g}, noise-free {last.evaluation_return:.4g}"
+        returns = f"return {last.exploration_return:.4g}, evaluation return {last.evaluation_return:.4g}"
         name = self.policy.task.environment
         return f"<Result of {name}: {row.iteration} iterations, {row.episodes} episodes, {returns}>"
 

@@ -40,7 +40,9 @@ def reproduce(experiment: Experiment, out: Path, make: Make, *, runs: int, packa
     folders = {key: indexed_folder(out, config, *packages) for key, config in places.items()}
     failures = make({folders[key]: config for key, config in places.items()})
     for folder, why in failures.items():
-        raise RunError(f"{folder}: {why} ({len(failures)} of {len(folders)} runs failed; the same command goes on)")
+        raise RunError(
+            f"{folder}: {why} ({len(failures)} of {len(folders)} runs failed; run the same command to continue)"
+        )
     text = StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)

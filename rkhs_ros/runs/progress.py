@@ -1,4 +1,4 @@
-"""The progress of runs: a bar where there is a terminal, else a line every few seconds."""
+"""Progress display of runs: a bar in a terminal, otherwise a line every few seconds."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ from rich.text import Text
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.learning.training_settings import Training
 
-ECHO = "^C"  # that a terminal shows at Ctrl-C; beside a bar as wide as itself it would do so on another line
+ECHO = "^C"  # printed by a terminal at Ctrl-C; beside a bar of full width it would wrap to another line
 LINE_PERIOD_S = 5.0  # between lines
 Show = Callable[[Iteration], None]
 
 
 def bar_console(*, quiet: bool) -> Console:
-    """Return a console on standard error for a progress bar that a Ctrl-C does not double."""
+    """Return a console on standard error for a progress bar, narrow enough that Ctrl-C does not print the bar twice."""
     console = Console(file=sys.stderr, quiet=quiet)
     console.width -= len(ECHO) + 1
     return console
 
 
 def bar_columns() -> tuple[ProgressColumn, ...]:
-    """Return the columns of a bar; in a narrow terminal the title and the bar shrink, the numbers stay."""
+    """Return the columns of a bar; in a narrow terminal, the title and the bar shrink."""
     return (
         TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=False, overflow="ellipsis")),
         BarColumn(table_column=Column(no_wrap=False)),
@@ -49,7 +49,7 @@ def bar_columns() -> tuple[ProgressColumn, ...]:
 
 
 class _TwoLines(Progress):
-    """A bar with the returns on a line of their own, so that both fit a terminal of 80 columns."""
+    """Progress bar with the returns on a separate line, so that both fit into 80 columns."""
 
     def get_renderables(self) -> Iterable[RenderableType]:
         """Return the bar and the line below it."""
@@ -61,13 +61,13 @@ class _TwoLines(Progress):
 def progress_bar(
     training: Training, done: int = 0, *, quiet: bool = False, folder: Path | None = None
 ) -> Iterator[Show]:
-    """Show how far a run is, on standard error; yield what is told of each iteration.
+    """Show the progress of a run on standard error; yield a function to call after each iteration.
 
     Args:
-        training: the learner's settings.
-        done: iterations made before.
+        training: settings of the learner.
+        done: number of iterations before a resumed run.
         quiet: show nothing.
-        folder: of the results, which lines name.
+        folder: folder of the results, which each line names.
     """
     console = bar_console(quiet=quiet)
     if console.is_terminal or console.is_jupyter or quiet:
@@ -81,13 +81,13 @@ def progress_bar(
 def _bar(training: Training, done: int, console: Console, *, quiet: bool) -> Iterator[Show]:
     with _TwoLines(*bar_columns(), console=console, disable=quiet) as progress:
         bar = progress.add_task(training.name, total=training.iterations, completed=done, returns="return -")
-        mean = "-"  # evaluation return that was measured last
+        mean = "-"  # last evaluation return
 
         def show(iteration: Iteration) -> None:
             nonlocal mean
             if len(iteration.evaluation):
                 mean = f"{iteration.evaluation_return:.4g}"
-            text = f"return {iteration.exploration_return:.4g}, noise-free {mean}{_imagined(iteration)}"
+            text = f"return {iteration.exploration_return:.4g}, evaluation {mean}{_model(iteration)}"
             progress.update(bar, advance=1, returns=text)
 
         yield show
@@ -95,23 +95,23 @@ def _bar(training: Training, done: int, console: Console, *, quiet: bool) -> Ite
 
 def _lines(training: Training, folder: Path | None) -> Show:
     due = 0.0  # monotonic time, seconds
-    where = f"; {folder}" if folder else ""
+    results = f"; {folder}" if folder else ""
 
     def show(iteration: Iteration) -> None:
         nonlocal due
         if time.monotonic() >= due or iteration.number == training.iterations:
-            mean = f", noise-free {iteration.evaluation_return:.4g}" if len(iteration.evaluation) else ""
+            mean = f", evaluation {iteration.evaluation_return:.4g}" if len(iteration.evaluation) else ""
             line = f"{training.name}: iteration {iteration.number} of {training.iterations}, "
-            text = f"{line}return {iteration.exploration_return:.4g}{mean}{_imagined(iteration)}{where}"
+            text = f"{line}return {iteration.exploration_return:.4g}{mean}{_model(iteration)}{results}"
             print(text, file=sys.stderr, flush=True)
             due = time.monotonic() + LINE_PERIOD_S
 
     return show
 
 
-def _imagined(iteration: Iteration) -> str:
-    """Return what the model promises, and how far off the one before it was; nothing without a model."""
+def _model(iteration: Iteration) -> str:
+    """Return the predicted return of the model and the error of its predecessor; empty without a model."""
     if isnan(iteration.model_return):
         return ""
     error = "" if isnan(iteration.model_error) else f" (model error {iteration.model_error:.2g})"
-    return f", imagined {iteration.model_return:.4g}{error}"
+    return f", model {iteration.model_return:.4g}{error}"

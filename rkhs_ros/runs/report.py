@@ -1,4 +1,4 @@
-"""What a run leaves in its folder: configuration, learning curve, policy and episodes."""
+"""Results of a run in its folder: configuration, learning curve, policy and episodes."""
 
 from __future__ import annotations
 
@@ -27,78 +27,78 @@ from rkhs_ros.runs.provenance import provenance_lines
 
 CONFIGURATION = "config.yaml"
 BEST_POLICY = "best_policy.npz"
-FIRST_POLICY = "first_policy.npz"  # of a run that began from a given policy
-MOST_RECENT = 256  # lines of the curve that are at hand for those who look on
-RAW = "raw.mcap"  # of the recorder node, which begins before the learner
+FIRST_POLICY = "first_policy.npz"  # initial policy, if one was given
+MOST_RECENT = 256  # lines of the curve that stay in memory for display
+RAW = "raw.mcap"  # of the recorder node, which starts before the learner
 BEFORE_A_RUN = {
     "checkpoints",
     "config.yaml.part",
     FIRST_POLICY,
     RAW,
     f"{RAW}.part",
-}  # what a run killed before it began may leave
+}  # files that may be left by a run that was killed before it started
 
 
 def new_folder(folder: Path | None, name: str) -> Path:
-    """Make the folder of a run, results/NAME/TIME where None is given.
+    """Create the folder of a run; None stands for results/NAME/TIME.
 
     Raises:
-        ValueError: it holds something already.
-        OSError: it cannot be made.
+        ValueError: the folder is not empty.
+        OSError: the folder cannot be created.
     """
     if folder is None:
         folder = Path("results") / name / datetime.now().strftime("%Y-%m-%d_%H-%M-%S_%f")
     if folder.exists() and (not folder.is_dir() or {path.name for path in folder.iterdir()} - BEFORE_A_RUN):
-        raise ValueError(f"{folder}: expected a new or empty folder for the results, got one in use; choose another")
+        raise ValueError(f"{folder}: expected a new or empty folder for the results, got one in use. Choose another")
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 
 def is_begun(folder: Path) -> bool:
-    """Return whether a run was begun in the folder."""
+    """Return whether a run was started in the folder."""
     return (folder / CONFIGURATION).is_file()
 
 
 def old_folder(folder: Path | None) -> Path:
-    """Return the folder of a run that was begun.
+    """Return the folder of a run that was started.
 
     Raises:
-        ValueError: there is no config.yaml in it, or no folder.
+        ValueError: the folder does not exist or contains no config.yaml.
     """
     if folder is None or not is_begun(folder):
         runs = sorted(file.parent for file in folder.glob("*/config.yaml")) if folder else []
-        remedy = f"; name one of those in it, as {runs[0]}" if runs else ""
+        remedy = f". Pass one of the runs in it, such as {runs[0]}" if runs else ""
         raise ValueError(f"{folder}: expected the folder of a run, got none with a config.yaml{remedy}")
     return folder
 
 
 def last_policy(folder: Path) -> Path:
-    """Return the file of the last policy of a run that came to an end.
+    """Return the file of the last policy of a finished run.
 
     Raises:
-        ValueError: there is none yet, or the folder is none of a run.
+        ValueError: there is no policy yet, or the folder is not that of a run.
     """
     file = folder / "policy.npz"
     if file.is_file():
         return file
     old_folder(folder)
     best = folder / BEST_POLICY
-    remedy = f"; the best one so far is {best}" * best.is_file()
-    raise ValueError(f"{file}: expected the last policy, got none as the run has not ended{remedy}")
+    remedy = f". The best policy so far is {best}" * best.is_file()
+    raise ValueError(f"{file}: expected the last policy, got none since the run has not finished{remedy}")
 
 
 class Report:
-    """The results of a run, written as it goes.
+    """Results of a run, written while it runs.
 
-    Owns the files of its folder, less the checkpoints: config.yaml is there from the beginning, curve.csv grows with
-    the run, and attempts.npz where the task has one step, best_policy.npz is the policy of its greatest noise-free
-    return, policy.npz and episodes.npz come with `finish`.
+    Owns the files of the folder except the checkpoints. config.yaml is written at the start. curve.csv grows with the
+    run, and so does attempts.npz if the task has one step. best_policy.npz holds the policy with the greatest
+    evaluation return. `finish` writes policy.npz and episodes.npz.
 
     Args:
-        folder: an empty folder, or that of the run that goes on.
-        config: the run.
-        spaces: of its task.
-        done: number of iterations whose lines are kept.
+        folder: an empty folder, or the folder of the run that resumes.
+        config: configuration of the run.
+        spaces: spaces of its task.
+        done: number of finished iterations, whose lines of the curve stay.
 
     Attributes:
         recent: the last lines of the learning curve.
@@ -123,20 +123,20 @@ class Report:
         self._curve.begin(rows)
 
     def add(self, iteration: Iteration) -> None:
-        """Write an iteration's line.
+        """Write the line of an iteration.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: the line cannot be written.
         """
         row = Row.of(iteration, time.monotonic() - self._began)
         self._curve.append(row)
         self.recent.append(row)
         self._attempts.add(iteration.exploration)
-        self._keep_best(iteration)
+        self._save_if_best(iteration)
         self._last = iteration
 
     def _best_of(self, rows: list[Row]) -> float:
-        """Return the return of best_policy.npz; minus infinity where it is damaged or missing, which is said."""
+        """Return the return of best_policy.npz; print a warning and return -inf if the file is damaged or missing."""
         best = best_return(rows)
         if best == -inf:
             return best
@@ -144,23 +144,23 @@ class Report:
             read_policy(self.folder / BEST_POLICY)
         except (ValueError, OSError) as error:
             print(
-                f"warning: {error_message(error)}; the best policy of the iterations to come replaces it",
+                f"warning: {error_message(error)}. The best policy of the next iterations replaces it",
                 file=sys.stderr,
             )
             return -inf
         return best
 
-    def _keep_best(self, iteration: Iteration) -> None:
-        """Write the policy beside the last one if it earned more than all before it."""
+    def _save_if_best(self, iteration: Iteration) -> None:
+        """Save the policy if its evaluation return is the greatest so far."""
         if iteration.evaluation_return > self._best:
             self._best = iteration.evaluation_return
             save_policy(self.folder / BEST_POLICY, iteration.policy, self._config.task, self._spaces)
 
     def finish(self) -> None:
-        """Write the policy learnt so far, and its last evaluation episodes, or exploring ones where there are none.
+        """Write the last policy and its evaluation episodes, or exploration episodes if there was no evaluation.
 
         Raises:
-            OSError: one cannot be written.
+            OSError: a file cannot be written.
         """
         if self._last is None:
             return
@@ -170,26 +170,26 @@ class Report:
 
 
 def begin(folder: Path, config: Config) -> None:
-    """Write the configuration of a run, which makes its folder one to go on with.
+    """Write the configuration of a run, which makes the run resumable.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     write_whole(folder / CONFIGURATION, resolved(config).encode())
 
 
 def resolved(config: Config) -> str:
-    """Return the whole configuration as a ROS parameter file, under the versions it runs with."""
+    """Return the whole configuration as a ROS parameter file, with the current versions in a comment at the top."""
     return f"# {', '.join(provenance_lines())}\n{dumped(config.parameters())}"
 
 
 def _noted(file: Path, content: str, done: int) -> str:
-    """Return what a configuration's file is to hold: with the versions noted in it before, where they are others.
+    """Return the content of a configuration file, including earlier versions that differ from the current ones.
 
     Args:
-        file: of the run so far.
-        content: under the versions of now.
-        done: number of iterations that are kept.
+        file: configuration file of the run so far.
+        content: configuration with the current versions.
+        done: number of finished iterations.
     """
     lines = read_whole(file).decode(errors="replace").splitlines() if done and file.is_file() else []
     noted = list(takewhile(lambda line: line.startswith("#"), lines))
@@ -200,61 +200,62 @@ def _noted(file: Path, content: str, done: int) -> str:
 
 
 def best_return(rows: Iterable[Row]) -> float:
-    """Return the greatest evaluation return; minus infinity where there was no evaluation."""
+    """Return the greatest evaluation return; minus infinity if there was no evaluation."""
     return max((row.evaluation_return for row in rows if not isnan(row.evaluation_return)), default=-inf)
 
 
 def summary(folder: Path, config: Config) -> str:
-    """Return in a few lines what was learnt, what it took, and where it is."""
+    """Return a summary of a finished run: episodes, time, returns and files."""
     rows = Curve(folder / "curve.csv").rows()
     first, last = rows[0], rows[-1]
-    evaluations = f", and {last.evaluation_episodes} noise-free ones to measure it" if last.evaluation_episodes else ""
+    evaluations = f" and {last.evaluation_episodes} evaluation episodes" if last.evaluation_episodes else ""
     lines = [
-        f"Learnt {config.environment.id} in {_episodes(last.episodes)}{evaluations}, {last.seconds:.1f} s.",
-        f"Discounted return: {first.exploration_return:.4g} of the first exploring episodes, {_end(rows)}; "
+        f"Trained on {config.environment.id} for {_episodes(last.episodes)}{evaluations} in {last.seconds:.1f} s.",
+        f"Discounted return: {first.exploration_return:.4g} in the first iteration, {_end(rows)}; "
         f"{last.centres} centres.",
         f"Pictures: {folder / 'curve.png'} and {folder / 'policy.png'}",
-        what_next(folder, config),
+        next_steps(folder, config),
     ]
     return "\n".join(lines)
 
 
-def what_was_kept(folder: Path, config: Config) -> str:
-    """Return in a line how far an interrupted run came, what it left, and how it goes on."""
+def interruption_summary(folder: Path, config: Config) -> str:
+    """Return the progress of an interrupted run, its saved files, and the command that resumes it, in one line."""
     done = len(Curve(folder / "curve.csv").rows())
-    kept = [str(folder / name) for name in ("curve.csv", "policy.npz") if (folder / name).is_file()]
+    saved = [str(folder / name) for name in ("curve.csv", "policy.npz") if (folder / name).is_file()]
     return (
-        f"interrupted after {done} of {config.training.iterations} iterations; kept: {', '.join(kept) or 'nothing'}; "
-        f"{how_to_go_on(folder, config)}"
+        f"interrupted after {done} of {config.training.iterations} iterations; saved: {', '.join(saved) or 'nothing'}; "
+        f"{resume_hint(folder, config)}"
     )
 
 
-def what_next(folder: Path, config: Config) -> str:
-    """Return where the results of a run that is done are, and what to type to look at them and to go on."""
+def next_steps(folder: Path, config: Config) -> str:
+    """Return the folder of a finished run, and the commands that show and continue it."""
     name, longer = quote(str(folder)), 2 * config.training.iterations
     named = f"{name}{_trust(config)}"
-    return f"Results: {name}; see them: rkhs view {named}; go on: rkhs train --resume {named} --iterations {longer}"
+    return f"Results: {name}; view: rkhs view {named}; continue: rkhs train --resume {named} --iterations {longer}"
 
 
-def how_to_go_on(folder: Path, config: Config) -> str:
-    """Return what to type for a run to go on."""
-    return f"go on with: rkhs train --resume {quote(str(folder))}{_trust(config)}"
+def resume_hint(folder: Path, config: Config) -> str:
+    """Return the command that resumes a run."""
+    return f"resume with: rkhs train --resume {quote(str(folder))}{_trust(config)}"
 
 
 def _trust(config: Config) -> str:
-    """Return the option that is needed for a run that names modules which are not installed."""
+    """Return the option --trust if the run names modules that are not installed."""
     return "" if all(map(is_installed, config.modules)) else " --trust"
 
 
 def _end(rows: list[Row]) -> str:
     best = best_return(rows)
     if best == -inf:
-        return f"{rows[-1].exploration_return:.4g} of the last"
+        return f"{rows[-1].exploration_return:.4g} in the last"
     at = next(row for row in rows if row.evaluation_return == best)
     last = next(row for row in reversed(rows) if not isnan(row.evaluation_return))
-    end = "at the end" if last is rows[-1] else f"after {_episodes(last.episodes)}"
-    kept = "" if at is last else f", {BEST_POLICY}"
-    return f"{last.evaluation_return:.4g} noise-free {end}, {best:.4g} at best (after {_episodes(at.episodes)}{kept})"
+    end = "" if last is rows[-1] else f" (after {_episodes(last.episodes)})"
+    file = "" if at is last else f", {BEST_POLICY}"
+    final = f"{last.evaluation_return:.4g} in the last evaluation{end}"
+    return f"{final}, {best:.4g} in the best (after {_episodes(at.episodes)}{file})"
 
 
 def _episodes(count: int) -> str:

@@ -89,7 +89,7 @@ class Pool(NamedTuple):
                 continue
             yield result
         if lost is not None:
-            told = "the process of a run was killed, or one beside it; the same command goes on"
+            told = "the process of a run was killed, or one beside it; run the same command to continue"
             raise WorkerLostError(told) from lost
 
 

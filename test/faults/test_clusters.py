@@ -123,5 +123,5 @@ def test_calls_that_kill_each_worker_are_told_of_after_the_others(dask: Any) -> 
     with Workers(scheduler=dask.scheduler_address).opened(3) as pool:
         made = pool.results(ends_its_process, partial(next, iter([(0,), (1,), (2,)]), None), most=3)
         assert sorted([next(made), next(made)]) == [0, 2]
-        with pytest.raises(WorkerLostError, match="the same command goes on"):
+        with pytest.raises(WorkerLostError, match="run the same command to continue"):
             next(made)

@@ -68,7 +68,7 @@ def test_one_robot_learns_over_topics_as_in_process(
         run = start("rkhs", "train", "robot.yaml", "--runner", name, "--quiet", "--out", name, *more)
         code, out, err = run.finish()
         assert code == 0, err
-        assert out.startswith("Learnt one_robot:Robot-v0 in 30 episodes")
+        assert out.startswith("Trained on one_robot:Robot-v0 for 30 episodes")
     lines = [Path(name, "curve.csv").read_text().splitlines() for name in ("inline", "ros")]
     without_seconds = [[line.rpartition(",")[0] for line in curve] for curve in lines]
     assert without_seconds[0] == without_seconds[1]

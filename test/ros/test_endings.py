@@ -68,8 +68,8 @@ def test_an_interrupted_run_keeps_what_it_learnt_and_leaves_no_process(
     code, out, err = run.finish()
     folder = tmp_path / "out"
     assert (code, out) == (130, "")
-    kept = f"of 10000 iterations; kept: {folder}/curve.csv, {folder}/policy.npz"
-    assert err.splitlines()[-1].endswith(f"{kept}; go on with: rkhs train --resume {folder}")
+    saved = f"of 10000 iterations; saved: {folder}/curve.csv, {folder}/policy.npz"
+    assert err.splitlines()[-1].endswith(f"{saved}; resume with: rkhs train --resume {folder}")
     assert "Traceback" not in err
     assert not any(map(is_running, nodes))
     assert {"config.yaml", "curve.csv", "policy.npz", "curve.png", "policy.png"} <= set(os.listdir(tmp_path / "out"))
@@ -96,7 +96,7 @@ def test_a_run_interrupted_before_its_first_iteration_can_be_resumed(start: Star
     run.popen.send_signal(signal.SIGTERM)
     code, out, err = run.finish()
     assert (code, out) == (130, "")
-    assert err.startswith("interrupted after 0 of 2 iterations; kept: ")
+    assert err.startswith("interrupted after 0 of 2 iterations; saved: ")
     assert err.count("\n") == 1
     code, _, err = start("rkhs", "train", "--quiet", "--resume", folder).finish()
     assert (code, err) == (0, f"note: {folder}: no checkpoint to go on from: the run begins again\n")

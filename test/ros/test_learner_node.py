@@ -93,7 +93,7 @@ def test_a_learner_by_hand_draws_its_run_and_says_how_it_goes_on(
     assert (code, err) == (130 if interrupted else 0, "")
     assert {"curve.png", "policy.png", "policy.npz"} <= {path.name for path in folder.iterdir()}
     said, remedy = learner.told[-1], f"rkhs train --resume {folder}"
-    assert (f"go on with: {remedy}" if interrupted else f"go on: {remedy}") in said
+    assert (f"resume with: {remedy}" if interrupted else f"continue: {remedy}") in said
     assert ("interrupted after" in said) == interrupted
 
 

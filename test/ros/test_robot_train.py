@@ -70,7 +70,7 @@ def test_it_learns_on_a_simulated_robot_and_goes_on_where_it_was_left(start: Sta
     command = ("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *QUICK, "iterations=1")
     code, out, err = start(*command).finish()
     assert (code, "error" in err) == (0, False), err
-    assert out.startswith("Learnt motor_pendulum in 2 episodes")
+    assert out.startswith("Trained on motor_pendulum for 2 episodes")
     journal = folder / "checkpoints" / "episodes"
     first = {file.name: file.read_bytes() for file in journal.glob("*_steps_40.npz")}
     assert len(first) == 2

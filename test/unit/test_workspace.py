@@ -76,7 +76,7 @@ def test_the_rkhs_of_another_environment_trains_in_process_and_says_why(tmp_path
         capture_output=True, text=True,
     )  # fmt: skip
     why = f"{other} has no rclpy (this is not the active environment {sys.prefix}: use its rkhs, or open a"
-    assert done.stderr.startswith(f"note: training in this process, since {why}")
+    assert done.stderr.startswith(f"note: training with --runner inline, since {why}")
     assert (done.returncode, done.stderr.count("\n")) == (0, 1)
 
 

@@ -91,7 +91,7 @@ def test_a_run_over_topics_is_seen_paused_resumed_and_stopped(chromium: Browser,
     tab.wait_for_text("The viewer has ended", PATIENCE_S)
     code, err = train.finish()
     assert code == 130
-    assert "go on with: rkhs train --resume" in err
+    assert "resume with: rkhs train --resume" in err
     assert (out / "policy.npz").exists()
 
 

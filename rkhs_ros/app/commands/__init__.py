@@ -1,1 +1,1 @@
-"""The commands of `rkhs`, a module each."""
+"""Commands of `rkhs`, one module each."""

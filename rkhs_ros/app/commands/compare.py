@@ -1,4 +1,4 @@
-"""``rkhs compare``: draw the learning curves of several runs, with a table of what they come to."""
+"""``rkhs compare``: plot the learning curves of several runs, with a table of their statistics."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-import rkhs_ros.app.inline  # noqa: F401  # registers the tasks, whose known returns are drawn
+import rkhs_ros.app.inline  # noqa: F401  # registers the tasks, whose known returns are plotted
 from rkhs_ros.app.trust import reads_data
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.pictures.comparison import draw_comparison, format_of
@@ -18,15 +18,15 @@ from rkhs_ros.studies.comparison_table import CAPTION, as_csv, as_markdown, as_t
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    out, about = Path("comparison.png"), "picture, beside which go the tables .csv and .md (%(default)s)"
-    parser.add_argument("folders", type=Path, nargs="+", metavar="DIR", help="a run, or a folder that holds runs")
+    out, about = Path("comparison.png"), "picture; the tables are written beside it as .csv and .md (%(default)s)"
+    parser.add_argument("folders", type=Path, nargs="+", metavar="DIR", help="a run's folder, or a folder of runs")
     parser.add_argument("--out", type=Path, default=out, metavar="FILE.png", help=about)
 
 
 @reads_data
 def run(options: argparse.Namespace) -> int:
-    """Draw the picture, write the tables beside it, and print them."""
-    format_of(options.out)  # refused before anything is written
+    """Draw the picture, write the tables beside it, and print the table."""
+    format_of(options.out)  # raises before anything is written
     comparison = compare(options.folders)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     draw_comparison(options.out, comparison)
@@ -42,7 +42,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _show(comparison: Comparison) -> None:
-    """Print the table: for a terminal in its width, else as Markdown."""
+    """Print the table: fitted to the width of a terminal, otherwise as Markdown."""
     console = Console()
     if not console.is_terminal:
         print(as_markdown(comparison))

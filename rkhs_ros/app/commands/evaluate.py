@@ -20,7 +20,7 @@ from rkhs_ros.rollouts.evaluation import evaluation_of
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.report import last_policy, resolved
 
-EPISODES, ROBOT_EPISODES = 100, 10  # unless it is said how many
+EPISODES, ROBOT_EPISODES = 100, 10  # defaults of --episodes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,14 +30,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--episodes", type=int, metavar="N", help=f"number of episodes ({EPISODES}; {ROBOT_EPISODES} on a robot)"
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all randomness (%(default)s)")
-    parser.add_argument("--env", metavar="ID", help="the environment, if it is of a module that is not installed")
+    parser.add_argument("--env", metavar="ID", help="the environment, if its module is not installed")
     add_trust_argument(parser)
-    parser.add_argument("--discount", type=float, metavar="D", help="discount factor of the return (the task's)")
+    parser.add_argument("--discount", type=float, metavar="D", help="discount factor of the return (that of the task)")
 
 
 @reads_data
 def run(options: argparse.Namespace) -> int:
-    """Print the discounted and the undiscounted return as JSON."""
+    """Print the discounted and the undiscounted evaluation return as JSON."""
     episodes, discount = options.episodes, options.discount
     require(episodes is None or episodes >= 1, "--episodes", "at least 1", episodes)
     require(discount is None or 0.0 <= discount <= 1.0, "--discount", "a number in [0, 1]", discount)
@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _on_robot(options: argparse.Namespace, config: Config) -> int:
-    """Start the robot's nodes for evaluation episodes; the learner's prints what they come to."""
+    """Start the robot's nodes for evaluation episodes; the learner node prints the return."""
     require_ros("rkhs evaluate")
     folder = options.policy if options.policy.is_dir() else options.policy.parent
     policy = last_policy(folder) if options.policy.is_dir() else options.policy

@@ -1,4 +1,4 @@
-"""``rkhs export``: recorded episodes in other formats."""
+"""``rkhs export``: export recorded episodes to other formats."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
     add("recording", type=Path, metavar="RECORDING", help="a recording, or the folder of a recorded run")
-    add("--lerobot", type=Path, metavar="DIR", required=True, help="a new folder for a LeRobotDataset v3.0")
-    add("--fps", type=float, metavar="N", help="steps per second, a whole number (that of a robot's time stamps)")
-    add("--task", metavar="TEXT", help="what the episodes are of (the environment)")
+    add("--lerobot", type=Path, metavar="DIR", required=True, help="new folder for the LeRobotDataset v3.0")
+    add("--fps", type=float, metavar="N", help="steps per second, a whole number (from a robot's time stamps)")
+    add("--task", metavar="TEXT", help="description of the task (the environment's id)")
 
 
 @reads_data
 def run(options: argparse.Namespace) -> int:
-    """Write the episodes that count, and say how many they are."""
+    """Write the completed episodes and print their number."""
     fps = None if options.fps is None else _whole_fps(options.fps)
     recording = read_recording(options.recording)
     task = options.task or (recording.head.task.environment if recording.head else "")
-    require(bool(task), "--task", "what the episodes of a bag are of", "none")
+    require(bool(task), "--task", "a description of the task, which a bag does not contain", "none")
     spaces = recording.head.spaces if recording.head else None
     count, rate = export(recording.finished, task, options.lerobot, fps, spaces)
     print(f"Exported {count} episodes at {rate} steps per second: {options.lerobot}")
@@ -37,7 +37,7 @@ def _whole_fps(fps: float) -> int:
     """Return the steps per second as an integer.
 
     Raises:
-        ValueError: they are not a whole number above 0.
+        ValueError: it is not a positive whole number.
     """
-    require(fps >= 1 and fps.is_integer(), "--fps", "a whole number of 1 or more, as LeRobot stores it", f"{fps:g}")
+    require(fps >= 1 and fps.is_integer(), "--fps", "a positive whole number, which LeRobot requires", f"{fps:g}")
     return int(fps)

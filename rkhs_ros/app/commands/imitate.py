@@ -1,4 +1,4 @@
-"""``rkhs imitate``: fit a policy to what was shown, to evaluate it or to learn on from it."""
+"""``rkhs imitate``: fit a policy to demonstrations, to evaluate it or to start training from it."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.runs.config import Environment, tree_of
 from rkhs_ros.runs.episode_files import load_episodes
 
-DISCOUNT = 0.99  # of a task that the file does not tell
+DISCOUNT = 0.99  # if the file contains no task
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
-    add("episodes", type=Path, metavar="DIR|EPISODES", help="a run's folder, a file of episodes *.npz, or a recording")
-    add("--env", metavar="ID", help="the environment that they are of, where the file does not tell")
+    add("episodes", type=Path, metavar="DIR|EPISODES", help="a run's folder, episodes *.npz, or a recording")
+    add("--env", metavar="ID", help="the environment of the episodes, if the file does not name it")
     add_trust_argument(parser)
     add(
         "--set",
@@ -34,45 +34,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="extend",
         default=[],
         metavar="KEY=VALUE",
-        help="centres, ridge, inputs.*, kernel.*, as of train",
+        help="centres, ridge, and inputs.* and kernel.* as for train",
     )
-    add("--out", type=Path, default=Path("imitated.npz"), metavar="FILE", help="the policy's file (%(default)s)")
+    add("--out", type=Path, default=Path("imitated.npz"), metavar="FILE", help="policy file to write (%(default)s)")
 
 
 @reads_data
 def run(options: argparse.Namespace) -> int:
-    """Fit the policy, save it, and say how far it is from what was shown."""
+    """Fit the policy, save it, and print its distance from the demonstrations."""
     file = options.episodes / "episodes.npz" if (options.episodes / "episodes.npz").is_file() else options.episodes
-    episodes, told = load_episodes(file) if file.suffix == ".npz" else _recorded(file)
+    episodes, recorded_task = load_episodes(file) if file.suffix == ".npz" else _recorded(file)
     imitation = imitation_from(tree_of(options.set))
-    task = _task(episodes, told, options.env)
+    task = _task(episodes, recorded_task, options.env)
     spaces = spaces_of(Environment(task.environment, task.options)) if task.environment else _plain(episodes)
     for what, size in (("observations", spaces.observation_dim), ("actions", spaces.action_dim)):
         got = getattr(episodes, what).shape[2]
-        require(got == size, f"{file}: {what}", f"{size} numbers, as {task.environment} has", got)
+        require(got == size, f"{file}: {what}", f"{size} numbers for {task.environment}", got)
     policy = Policy(imitation.fit(episodes), task, spaces)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     policy.save(options.out)
     mean = policy.gaussian.mean
-    off = " ".join(f"{sd:.3g}" for sd in np.sqrt(policy.gaussian.variance(np.zeros((1, mean.input_dim)))[0]))
+    rms = " ".join(f"{sd:.3g}" for sd in np.sqrt(policy.gaussian.variance(np.zeros((1, mean.input_dim)))[0]))
     steps, centres = int(episodes.mask.sum()), len(mean.centres)
-    print(f"Imitated {steps} steps of {len(episodes)} episodes by {centres} centres, to within {off} (rms action).")
+    print(f"Fitted {centres} centres to {steps} steps of {len(episodes)} episodes; rms error of the action: {rms}.")
     print(f"Policy: {options.out}")
     if not task.environment:
-        print("It names no environment to be evaluated in: say --env ID.")
+        print("The policy file names no environment; pass --env ID to evaluate the policy.")
     return 0
 
 
 def _recorded(file: Path) -> tuple[Episodes, Task | None]:
-    """Return the episodes of a recording that count, and their task."""
+    """Return the completed episodes of a recording, and their task."""
     recording = read_recording(file)
     return recording.episodes(), recording.head.task if recording.head else None
 
 
-def _task(episodes: Episodes, told: Task | None, environment: str | None) -> Task:
+def _task(episodes: Episodes, recorded: Task | None, environment: str | None) -> Task:
     if environment is not None:
         return Task(environment, {}, episodes.horizon, DISCOUNT)
-    return told or Task("", {}, episodes.horizon, DISCOUNT)
+    return recorded or Task("", {}, episodes.horizon, DISCOUNT)
 
 
 def _plain(episodes: Episodes) -> Spaces:

@@ -1,4 +1,4 @@
-"""``rkhs list``: name what there is to choose from."""
+"""``rkhs list``: list the tasks, algorithms, kernels and figures."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.kernel_choice import KERNELS
 from rkhs_ros.paper.experiment import known
 
-OUR_NAMESPACE = "rkhs/"  # of the tasks' ids
-REMOTE = "rkhs/Remote-v0"  # which is whatever task runs elsewhere
+OUR_NAMESPACE = "rkhs/"  # of the ids of our tasks
+REMOTE = "rkhs/Remote-v0"  # stands for any task that runs in another process
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,10 +21,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print tasks, algorithms, kernels and figures."""
+    """Print the tasks, algorithms, kernels and figures."""
     tasks = [name for name in gymnasium.registry if name.startswith(OUR_NAMESPACE) and name != REMOTE]
     kinds: dict[str, Iterable[str]] = {"tasks": tasks, "algorithms": ALGORITHMS, "kernels": KERNELS, "figures": known()}
     for title, names in kinds.items():
         print(f"{title}: {', '.join(names)}")
-    print("Any other Gymnasium environment with continuous actions is a task too, by its id.")
+    print("Any other Gymnasium environment with continuous actions can also be used, by its id.")
     return 0

@@ -1,4 +1,4 @@
-"""``rkhs offline``: learn from recordings alone, with a model learnt from what they hold."""
+"""``rkhs offline``: train a policy from recordings alone, with a dynamics model fitted to their episodes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.report import BEST_POLICY, Report, new_folder
 from rkhs_ros.runs.run import finished
 
-ROUNDS = 3  # of practice
+ITERATIONS = 3  # of model-based training
 SUFFIXES = (".yaml", ".yml")  # of a configuration
 
 
@@ -32,26 +32,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
     add(
-        "sources", type=Path, nargs="+", metavar="RECORDING", help="recordings of one task; and a configuration, *.yaml"
+        "sources",
+        type=Path,
+        nargs="+",
+        metavar="RECORDING",
+        help="recordings of one task, and optionally a configuration, *.yaml",
     )
     add("--seed", type=int, metavar="N", help="seed of all randomness")
-    add("--iterations", type=int, default=ROUNDS, metavar="N", help="rounds of practice (%(default)s)")
-    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="settings, as model.centres=300")
+    about = "number of times that the policy is trained in the model (%(default)s)"
+    add("--iterations", type=int, default=ITERATIONS, metavar="N", help=about)
+    about = "settings to replace, such as model.centres=300"
+    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help=about)
     add("--out", type=Path, metavar="DIR", help="folder for the results (results/NAME/TIME)")
     add_trust_argument(parser)
     add("--quiet", action="store_true", help="no progress bar")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Learn, draw the pictures and say what was learnt."""
-    options.trust |= any(path.suffix in SUFFIXES for path in options.sources)  # a configuration is chosen as a program
-    return _learn(options)
+    """Train the policy, plot the run and print the returns."""
+    options.trust |= any(path.suffix in SUFFIXES for path in options.sources)  # a person chose the configuration
+    return _train(options)
 
 
 @reads_data
-def _learn(options: argparse.Namespace) -> int:
+def _train(options: argparse.Namespace) -> int:
     files = [path for path in options.sources if path.suffix in SUFFIXES]
-    require(len(files) <= 1, "offline", "one configuration at most", ", ".join(map(str, files)))
+    require(len(files) <= 1, "offline", "at most one configuration", ", ".join(map(str, files)))
     recordings = {str(path): read_recording(path) for path in options.sources if path not in files}
     require(bool(recordings), "offline", "at least one recording", "none")
     episodes = all_episodes(recordings)
@@ -60,17 +66,17 @@ def _learn(options: argparse.Namespace) -> int:
     config, spaces = _settings(recordings, files[0] if files else None, [*changes, *options.set])
     folder = new_folder(options.out, config.training.name)
     use_one_thread()
-    print(_learnt(config, spaces, episodes, folder, quiet=options.quiet), file=Lossy(sys.stdout), flush=True)
+    print(_train_into(folder, config, spaces, episodes, quiet=options.quiet), file=Lossy(sys.stdout), flush=True)
     return 0
 
 
 def _settings(recordings: dict[str, Recording], file: Path | None, changes: list[str]) -> tuple[Config, Spaces]:
-    """Return what is learnt, and how: as a configuration says, else as the first recording was made."""
+    """Return the settings of a configuration, or those of the first recording if there is none."""
     name, recording = next(iter(recordings.items()))
     if recording.head is None:
         if file is None:
-            what = "a recording whose head is damaged" if recording.lost else "a bag"
-            raise ValueError(f"{name}: expected a configuration beside {what}, which does not tell its task, got none")
+            what = "a recording with a damaged header" if recording.lost else "a bag"
+            raise ValueError(f"{name}: expected a configuration as well, since {what} names no task, got none")
         config = _configured(file, changes)
         return config, spaces_of(config.environment)
     task = recording.head.task
@@ -79,7 +85,8 @@ def _settings(recordings: dict[str, Recording], file: Path | None, changes: list
         return Config(environment, offline_settings(recording.head, changes)), recording.head.spaces
     config = _configured(file, changes)
     known = (config.environment.id, dict(config.environment.options))
-    require(known == (task.environment, dict(task.options)), f"{file}: environment", f"that of {name}", known)
+    expected = f"the environment of {name}"
+    require(known == (task.environment, dict(task.options)), f"{file}: environment", expected, known)
     return config, recording.head.spaces
 
 
@@ -87,8 +94,8 @@ def _configured(file: Path, changes: list[str]) -> Config:
     return load_config(file, offline_changes(load_config(file).training, changes))
 
 
-def _learnt(config: Config, spaces: Spaces, episodes: Episodes, folder: Path, *, quiet: bool) -> str:
-    """Leave a run's results in its folder, and return what was learnt in a few lines."""
+def _train_into(folder: Path, config: Config, spaces: Spaces, episodes: Episodes, *, quiet: bool) -> str:
+    """Train, write the results of the run into its folder, and return a summary of a few lines."""
     best = -inf
     with locked(folder):
         report = Report(folder, config, spaces)
@@ -100,9 +107,9 @@ def _learnt(config: Config, spaces: Spaces, episodes: Episodes, folder: Path, *,
                     best = iteration.model_return
                     save_policy(folder / BEST_POLICY, iteration.policy, config.task, spaces)
     draw_run(folder)
-    recorded = f"{episodes.returns(config.training.discount).mean():.4g} of the recorded episodes"
+    recorded = f"{episodes.returns(config.training.discount).mean():.4g} in the recorded episodes"
     return (
-        f"Learnt {config.environment.id} from {len(episodes)} recorded episodes, none ran.\n"
-        f"Return: {recorded}, {iteration.model_return:.4g} imagined at the end, {best:.4g} at best.\n"
+        f"Trained on {config.environment.id} from {len(episodes)} recorded episodes, without running new ones.\n"
+        f"Discounted return: {recorded}, {iteration.model_return:.4g} in the model, at best {best:.4g}.\n"
         f"Policy: {folder / 'policy.npz'}"
     )

@@ -1,11 +1,11 @@
-"""``rkhs plot``: draw the pictures of a run from its folder."""
+"""``rkhs plot``: plot the learning curve and the policy of a run from its folder."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-import rkhs_ros.app.inline  # noqa: F401  # registers the tasks, whose known returns are drawn
+import rkhs_ros.app.inline  # noqa: F401  # registers the tasks, whose known returns are plotted
 from rkhs_ros.app.trust import add_trust_argument, reads_data
 from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.runs.report import last_policy
@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @reads_data
 def run(options: argparse.Namespace) -> int:
-    """Draw curve.png and policy.png, and print where they are."""
+    """Draw curve.png and policy.png, and print their paths."""
     for picture in draw_run(last_policy(options.folder).parent):
         print(picture)
     return 0

@@ -1,4 +1,4 @@
-"""``rkhs render``: film a evaluation episode."""
+"""``rkhs render``: render an evaluation episode."""
 
 from __future__ import annotations
 
@@ -16,21 +16,23 @@ from rkhs_ros.pictures.film_files import animate, draw_strip
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("policy", type=Path, metavar="DIR|FILE", help="a run's folder, or a policy file")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for film.png and film.gif (the policy's)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for film.png and film.gif (that of the policy)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all randomness (%(default)s)")
-    parser.add_argument("--frames", type=int, default=USUAL, metavar="N", help="pictures at most (%(default)s)")
-    parser.add_argument("--env", metavar="ID", help="the environment, if it is of a module that is not installed")
+    parser.add_argument(
+        "--frames", type=int, default=USUAL, metavar="N", help="maximum number of pictures (%(default)s)"
+    )
+    parser.add_argument("--env", metavar="ID", help="the environment, if its module is not installed")
     add_trust_argument(parser)
 
 
 @reads_data
 def run(options: argparse.Namespace) -> int:
-    """Write the film strip and the moving picture, and print where they are."""
+    """Write the film strip and the animation, and print their paths."""
     require(
         robot_of(options.policy) is None,
         f"{options.policy}",
-        "a run in simulation, of which films are made",
-        f"one on a robot: rkhs evaluate {options.policy} moves it, rkhs view {options.policy} shows what it did",
+        "a run in simulation",
+        f"one on a robot. Use rkhs evaluate {options.policy} to run episodes, rkhs view {options.policy} to show them",
     )
     with load_acting(options.policy, options.env) as acting:
         film = shoot(*acting, seed=options.seed, frames=options.frames)

@@ -1,4 +1,4 @@
-"""``rkhs replay``: make every update of a recording again, and compare the bits."""
+"""``rkhs replay``: recompute every update of a recording and check that the results are bit-identical."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @reads_data
 def run(options: argparse.Namespace) -> int:
-    """Say that all updates have the recorded bits, or which is the first that has not."""
+    """Print that all updates are bit-identical, or the first update that is not."""
     recording = read_recording(options.recording)
     head, total = recording.head, len(recording.updates)
     if head is None:
-        got = "a damaged one, whose head cannot be read" if recording.lost else "a bag, which holds no policies"
+        got = "one with a damaged header" if recording.lost else "a bag, which contains no policies"
         raise ValueError(f"{options.recording}: expected the recording of a run, got {got}")
     use_one_thread()
     done = 0
@@ -41,13 +41,13 @@ def run(options: argparse.Namespace) -> int:
                 done = iteration.number
                 show(iteration)
     except DifferenceError as error:
-        print(f"{error}; {done} of {total} updates before it equal to the bit{_other_versions(recording)}")
+        print(f"{error}; the first {done} of {total} updates are bit-identical{_other_versions(recording)}")
         return FAILED
-    print(f"all {total} updates equal to the bit")
+    print(f"all {total} updates are bit-identical")
     return 0
 
 
 def _other_versions(recording: Recording) -> str:
-    """Return with which other versions a recording was made; nothing where they are those of now."""
+    """Return the versions in the recording that differ from the current ones; empty if none differ."""
     others = sorted({version for head in recording.heads for version in head.versions} - set(provenance_lines()))
     return f" (recorded with {', '.join(others)})" if others else ""

@@ -1,4 +1,4 @@
-"""``rkhs reproduce``: make the paper's figures again."""
+"""``rkhs reproduce``: reproduce the figures of the paper."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     out = Path("results/reproduce")
     parser.add_argument("figure", metavar="FIGURE", help=f"{', '.join(known())}, or all")
-    parser.add_argument("--runs", type=int, metavar="N", help="independent runs of each curve (the paper's number)")
+    parser.add_argument("--runs", type=int, metavar="N", help="independent runs per curve (as in the paper)")
     add_worker_arguments(parser)
-    parser.add_argument("--out", type=Path, default=out, metavar="DIR", help="where the results go (%(default)s)")
+    parser.add_argument("--out", type=Path, default=out, metavar="DIR", help="folder for the results (%(default)s)")
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Make the runs, their table and its picture, and print where they are."""
+    """Run the experiments, write their table and its picture, and print the paths."""
     require(options.runs is None or options.runs >= 1, "--runs", "at least 1", options.runs)
     workers, out = workers_of(options), study_folder(options.out)
     names = list(known()) if options.figure == "all" else [options.figure]

@@ -1,4 +1,4 @@
-"""``rkhs results``: judge the paper's claims by the tables of the reproduced figures."""
+"""``rkhs results``: check the claims of the paper against the tables of the reproduced figures."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from rkhs_ros.paper.results import results
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("folder", type=Path, metavar="DIR", help="folder with the figures' csv files")
-    parser.add_argument("--out", type=Path, default=Path("results.md"), metavar="FILE", help="the page (%(default)s)")
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder with the CSV files of the figures")
+    parser.add_argument(
+        "--out", type=Path, default=Path("results.md"), metavar="FILE", help="page to write (%(default)s)"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the page, and print where it is."""
+    """Write the page and print its path."""
     options.out.write_text(results(options.folder, options.out))
     print(options.out)
     return 0

@@ -1,4 +1,4 @@
-"""``rkhs robot``: tell the nodes of a robot what a person decides."""
+"""``rkhs robot``: send an operator command to the nodes of a robot."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import argparse
 from rkhs_ros.app.beside import add_folder, run_beside
 
 WORDS = {
-    "arm": "the gate may pass commands on: the robot may move",
-    "stop": "the gate brings the robot to rest, until it is armed again",
-    "start": "the scene is in order, or the pause is over",
-    "pause": "no further episode begins",
-    "veto": "the last finished episode counts for nothing",
+    "arm": "let the gate forward commands, so that the robot can move",
+    "stop": "bring the robot to rest until it is armed again",
+    "start": "confirm that the scene is ready, or end a pause",
+    "pause": "start no further episode",
+    "veto": "discard the last finished episode",
 }
 
 
@@ -23,5 +23,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Start the node that passes the word on, and wait for its end."""
+    """Start the node that sends the command, and wait until it ends."""
     return run_beside(options.folder, "operator", [f"word:={options.word}"])

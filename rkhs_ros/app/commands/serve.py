@@ -1,4 +1,4 @@
-"""``rkhs serve``: have a function of one's own act in a simulator or on a robot."""
+"""``rkhs serve``: serve a Python function as the policy of a simulator or a robot."""
 
 from __future__ import annotations
 
@@ -22,53 +22,53 @@ Policy = Callable[[NDArray[Any]], Any]
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
-    add("function", metavar="MODULE:FUNCTION", help="takes an observation, returns an action")
-    add("--episodes", type=int, metavar="N", help="end after so many (go on until Ctrl-C)")
-    add("--horizon", type=int, metavar="H", help="steps of an episode (the task's own)")
+    add("function", metavar="MODULE:FUNCTION", help="function of an observation that returns an action")
+    add("--episodes", type=int, metavar="N", help="number of episodes (unlimited, until Ctrl-C)")
+    add("--horizon", type=int, metavar="H", help="steps of an episode (that of the task)")
     add("--seed", type=int, default=0, metavar="N", help="seed of a simulator's randomness (%(default)s)")
-    add("--namespace", default="", metavar="NS", help="of the simulator or robot node, as simulator_1")
+    add("--namespace", default="", metavar="NS", help="namespace of the node, such as simulator_1")
     add("--timeout", type=float, default=10.0, metavar="S", help="seconds to wait for a silent node (%(default)s)")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run episodes, and print of each its steps and its undiscounted return.
+    """Run episodes, and print the steps and the undiscounted return of each.
 
     Raises:
-        ValueError: there is no ROS, no such function, or no such task.
-        RunError: the function fails or returns no action of the task's, or the node is silent.
+        ValueError: ROS is missing, or the function or the task does not exist.
+        RunError: the function fails or returns an invalid action, or the node does not respond.
     """
     require_ros("rkhs serve")
     require(options.episodes is None or options.episodes >= 1, "--episodes", "at least 1", options.episodes)
     function = user_function(options.function, "serve")
-    from rkhs_ros.nodes.remote.remote_env import RemoteEnv  # here, for without ROS it cannot be imported
+    from rkhs_ros.nodes.remote.remote_env import RemoteEnv  # here, since the import needs ROS
 
     environment = RemoteEnv(namespace=options.namespace, timeout=options.timeout, horizon=options.horizon)
     try:
         for number in count(1) if options.episodes is None else range(1, options.episodes + 1):
-            told = _episode(environment, function, options.function, options.seed if number == 1 else None)
-            print(f"episode {number}: {told}", flush=True)
+            outcome = _episode(environment, function, options.function, options.seed if number == 1 else None)
+            print(f"episode {number}: {outcome}", flush=True)
     finally:
         environment.close()
     return 0
 
 
 def _episode(environment: gymnasium.Env[Any, Any], function: Policy, name: str, seed: int | None) -> str:
-    """Have the function act in an episode, and return what is to be told of it."""
+    """Run an episode with the function as the policy, and return its outcome in one line."""
     observation, info = environment.reset(seed=seed)
     total, steps, over = 0.0, 0, False
     while not over:
         action = action_of(function, observation, environment.action_space, f"{name}: step {steps}")
         observation, reward, terminated, truncated, info = environment.step(action)
         total, steps, over = total + float(reward), steps + 1, terminated or truncated
-    void = info.get("discard_reason")
-    return f"void after {steps} steps: {void}" if void else f"{steps} steps, return {total:.6g}"
+    discarded = info.get("discard_reason")
+    return f"discarded after {steps} steps: {discarded}" if discarded else f"{steps} steps, return {total:.6g}"
 
 
 def action_of(function: Policy, observation: NDArray[Any], space: Any, where: str) -> NDArray[Any]:
-    """Return what a function makes of an observation.
+    """Return the action of a function for an observation.
 
     Raises:
-        RunError: it fails, or that is no action of the space.
+        RunError: the function fails, or the action is not in the space.
     """
     try:
         answer = np.asarray(call_user_function(function, observation))

@@ -1,4 +1,4 @@
-"""``rkhs simulate``: run a task's simulators, or a robot's nodes, for learners of other libraries."""
+"""``rkhs simulate``: run simulators, or the nodes of a robot, for learners of other libraries."""
 
 from __future__ import annotations
 
@@ -21,17 +21,19 @@ from rkhs_ros.runs.report import resolved
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
-    add("config", type=Path, nargs="?", metavar="CONFIG", help="a YAML file, see config/, of a simulator or a robot")
-    add("--env", metavar="ID", help="in place of CONFIG, an environment (module:Id-v0 imports the module)")
-    add("--simulators", type=int, metavar="K", help="simulators, of several each in its namespace, simulator_1 to K")
-    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="settings, as robot.period=0.1")
+    add("config", type=Path, nargs="?", metavar="CONFIG", help="YAML file of a simulator or a robot; see config/")
+    add("--env", metavar="ID", help="an environment instead of CONFIG (module:Id-v0 imports the module)")
+    about = "number of simulators; several have the namespaces simulator_1 to simulator_K"
+    add("--simulators", type=int, metavar="K", help=about)
+    about = "settings to replace, such as robot.period=0.1"
+    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help=about)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the nodes until interrupted; those that die are started again.
+    """Run the nodes until Ctrl-C, and restart nodes that die.
 
     Raises:
-        ValueError: there is no ROS, or the task cannot be served.
+        ValueError: ROS is missing, or the task cannot be served.
     """
     require_ros("rkhs simulate")
     config = _configuration(options)
@@ -41,13 +43,13 @@ def run(options: argparse.Namespace) -> int:
         spaces_of(config.environment)
     config.check_for_topics()
     domain = os.environ.setdefault(VARIABLE, "0")
-    print(f"{config.environment.id} in domain {domain}, until Ctrl-C", file=sys.stderr)
+    print(f"{config.environment.id} in ROS domain {domain}; stop with Ctrl-C", file=sys.stderr)
     return launch_worlds(resolved(config), config.training.simulators)
 
 
 def _configuration(options: argparse.Namespace) -> Config:
     given = " and ".join(name for name in ("CONFIG", "--env") if getattr(options, name.strip("-").lower()))
-    require(given in ("CONFIG", "--env"), "simulate", "one of CONFIG and --env ID", given or "none")
+    require(given in ("CONFIG", "--env"), "simulate", "either CONFIG or --env ID", given or "none")
     changes = [] if options.simulators is None else [f"simulators={options.simulators}"]
     if options.config:
         return load_config(options.config, [*changes, *options.set])

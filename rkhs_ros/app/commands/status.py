@@ -1,4 +1,4 @@
-"""``rkhs status``: show what the nodes of a run report."""
+"""``rkhs status``: show the status of the nodes of a run."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from rkhs_ros.app.beside import add_folder, run_beside
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_folder(parser)
-    parser.add_argument("--watch", action="store_true", help="show it anew each second, until Ctrl-C")
+    parser.add_argument("--watch", action="store_true", help="refresh every second until Ctrl-C")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Start the node that listens to the others, and wait for its end, which of a watch is Ctrl-C."""
+    """Start the status node and wait until it ends; with --watch, until Ctrl-C."""
     try:
         return run_beside(options.folder, "status", [f"watch:={str(options.watch).lower()}"])
     except KeyboardInterrupt:

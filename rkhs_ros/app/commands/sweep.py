@@ -1,4 +1,4 @@
-"""``rkhs sweep``: learn at each point of a grid of settings, from several seeds."""
+"""``rkhs sweep``: train at each point of a grid of settings, with several seeds."""
 
 from __future__ import annotations
 
@@ -30,25 +30,27 @@ from rkhs_ros.studies.comparison import compare
 from rkhs_ros.studies.grid import Outcome, as_csv, as_markdown, parse_variations, points, require_evaluated
 from rkhs_ros.studies.run_index import indexed_folder
 
-MOST_DRAWN = 8  # curves that can be told apart
-Point = tuple[str, ...]  # the changes of the configuration that make it
+MOST_DRAWN = 8  # curves that a reader can distinguish
+Point = tuple[str, ...]  # changes of the configuration
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
-    add("config", type=Path, metavar="CONFIG", help="a YAML file, see config/")
+    add("config", type=Path, metavar="CONFIG", help="YAML file; see config/")
     add("--vary", nargs="+", action="extend", required=True, metavar="KEY=V,V", help="settings and their values")
-    add("--seeds", default="0", metavar="SEEDS", help="a run for each at each point, as 0-9 or 0,2,5 (0)")
-    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="settings that are not varied")
-    add("--thresholds", nargs="+", type=float, default=[], metavar="R", help="returns, to count the episodes until")
+    add("--seeds", default="0", metavar="SEEDS", help="seeds of the runs at each point, such as 0-9 or 0,2,5 (0)")
+    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="fixed settings to replace")
+    about = "returns; the tables contain the number of episodes until each is reached"
+    add("--thresholds", nargs="+", type=float, default=[], metavar="R", help=about)
     add_worker_arguments(parser)
-    add("--out", type=Path, metavar="DIR", help="folder for the results (results/sweeps/NAME); the same one goes on")
+    about = "folder for the results (results/sweeps/NAME); pass the same folder to continue a sweep"
+    add("--out", type=Path, metavar="DIR", help=about)
     add("--quiet", action="store_true", help="no progress bar")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Make the runs that are missing, their tables and their picture; 1 where some runs failed, which are named."""
+    """Run what is missing, and write the tables and the picture; return 1 and report the runs that failed, if any."""
     workers, seeds, varied = workers_of(options), parse_seeds(options.seeds), parse_variations(options.vary)
     require_all_used(options.set, {"--vary": [each.name for each in varied], "--seeds": ["seed"]})
     require(all(map(isfinite, options.thresholds)), "--thresholds", "finite numbers", options.thresholds)
@@ -71,7 +73,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         failures = make_missing(runs, workers=workers, title=first.training.name, quiet=options.quiet)
     except KeyboardInterrupt:
-        print("interrupted; the same command goes on", file=sys.stderr)
+        print("interrupted; run the same command to continue", file=sys.stderr)
         return INTERRUPTED
     report_failures(failures)
     done = {key: folder for key, folder in folders.items() if folder not in failures}
@@ -81,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _write(out: Path, names: Sequence[str], folders: Mapping[tuple[Point, int], Path], least: Sequence[float]) -> None:
-    """Write the tables and the picture, and print the table of medians, best first."""
+    """Write the tables and the picture, and print the table of medians, best point first."""
     each = {key: Outcome.of(Curve(path / "curve.csv").rows(), least) for key, path in folders.items()}
     lines = [
         ((*_values(point), seed, each_folder.name), each[point, seed]) for (point, seed), each_folder in folders.items()
@@ -109,7 +111,7 @@ def _values(point: Point) -> list[str]:
 
 
 def _short(names: Sequence[str], point: Point) -> list[str]:
-    """Return the changes by the last words of their names, where these tell them apart."""
+    """Return the changes, with the names shortened to their last words if these are unique."""
     last = [name.rpartition(".")[2] for name in names]
     used = last if len(set(last)) == len(last) else names
     return [f"{name}={value}" for name, value in zip(used, _values(point), strict=True)]

@@ -1,4 +1,4 @@
-"""``rkhs train``: learn a policy, or one for each of several seeds."""
+"""``rkhs train``: train a policy, or one policy for each of several seeds."""
 
 from __future__ import annotations
 
@@ -33,62 +33,63 @@ from rkhs_ros.runs.config import Config, config_for, load_config
 from rkhs_ros.runs.report import (
     FIRST_POLICY,
     Report,
-    how_to_go_on,
+    interruption_summary,
     is_begun,
     new_folder,
     old_folder,
     resolved,
+    resume_hint,
     summary,
-    what_was_kept,
 )
 from rkhs_ros.runs.run import run_training
 from rkhs_ros.studies.comparison import compare
 
-RECORDS = ("episodes", "raw")  # what is recorded
+RECORDS = ("episodes", "raw")  # choices of --record
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
-    add("config", type=Path, nargs="?", metavar="CONFIG", help="a YAML file, see config/")
-    add("--env", metavar="ID", help="in place of CONFIG, an environment (module:Id-v0 imports the module)")
-    add("--resume", type=Path, metavar="DIR", help="in place of CONFIG, a run or the runs of --seeds to go on with")
+    add("config", type=Path, nargs="?", metavar="CONFIG", help="YAML file; see config/")
+    add("--env", metavar="ID", help="an environment instead of CONFIG (module:Id-v0 imports the module)")
+    add("--resume", type=Path, metavar="DIR", help="a run, or the runs of --seeds, to resume instead of CONFIG")
     add(
         ACCEPT,
         action="store_true",
-        help="go on though code, libraries or threads changed since, which config.yaml notes",
+        help="resume although code, libraries or threads changed; config.yaml records the change",
     )
-    add("--algorithm", metavar="NAME", help="an algorithm with its defaults, in place of the configuration's")
-    add("--policy", type=Path, metavar="FILE", help="a policy to begin from, as one that was imitated")
+    add("--algorithm", metavar="NAME", help="an algorithm with its defaults, instead of the configuration's")
+    add("--policy", type=Path, metavar="FILE", help="initial policy, for example from `rkhs imitate`")
     add(
         "--runner",
         choices=("ros", "composed", "inline"),
-        help="over topics in three processes, or with simulator and policy node in one, or in this process (ros where "
-        "the interfaces are built)",
+        help="ros: three node processes that communicate over topics; composed: simulator and policy node share a "
+        "process; inline: this process only (ros if the interfaces are built, otherwise inline)",
     )
     add("--seed", type=int, metavar="N", help="seed of all randomness")
-    add("--seeds", metavar="SEEDS", help="a run for each, as 0-9 or 0,2,5, in the folders DIR/seed_N")
+    add("--seeds", metavar="SEEDS", help="one run per seed, such as 0-9 or 0,2,5, in the folders DIR/seed_N")
     add_worker_arguments(parser, "runs of --seeds")
     add("--iterations", type=int, metavar="N", help="number of policy updates")
-    add("--simulators", type=int, metavar="K", help="simulator nodes that share the episodes")
-    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="settings, as algorithm.ridge=0.1")
+    add("--simulators", type=int, metavar="K", help="number of simulator nodes that share the episodes")
+    about = "settings to replace, such as algorithm.ridge=0.1"
+    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help=about)
     add("--out", type=Path, metavar="DIR", help="folder for the results (results/NAME/TIME)")
     add(
         "--record",
         nargs="?",
         const=RECORDS[0],
         choices=RECORDS,
-        help="write recording.mcap, to replay, learn from and look at; raw: all topics as well",
+        help="write recording.mcap for replay, offline training and viewing; raw: record all topics as well",
     )
-    add("--view", action="store_true", help="record, and show the run in the browser")
+    add("--view", action="store_true", help="record the run and show it in the browser")
     add_trust_argument(parser)
     add("--quiet", action="store_true", help="no progress bar")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Train, draw the pictures and print what was learnt."""
+    """Train, plot the run and print a summary."""
     _check_source(options)
-    options.trust |= options.resume is None  # a configuration is chosen as a program, a run's folder may be data
+    options.trust |= options.resume is None  # a person chose the configuration; a run's folder may be foreign data
     return _train(options)
 
 
@@ -98,11 +99,11 @@ def _train(options: argparse.Namespace) -> int:
         require_viser()
         options.record = options.record or RECORDS[0]
     if _has_several_seeds(options):
-        require(not options.view, "--view", "one run, as of --seed", "several")
+        require(not options.view, "--view", "a single run", "several seeds")
         return _train_several(options)
     for name in ("jobs", "scheduler", "ray"):
         given = getattr(options, name)
-        require(given is None, f"--{name}", "it together with --seeds, or with --resume of such runs", given)
+        require(given is None, f"--{name}", "--seeds, or --resume of runs with several seeds", "one run")
     begun = _begun(options)
     beside = page_beside(begun.folder, trust=options.trust) if options.view else nullcontext()
     with begun.runner or nullcontext(), beside as page:
@@ -121,18 +122,16 @@ def _has_several_seeds(options: argparse.Namespace) -> bool:
 def _check_source(options: argparse.Namespace) -> None:
     """Raise ValueError unless there is one source of the settings: a configuration, an environment or an old run."""
     given = [name for name in ("CONFIG", "--env", "--resume") if getattr(options, name.strip("-").lower())]
-    expected = "one of CONFIG, --env ID and --resume DIR"
+    expected = "exactly one of CONFIG, --env ID and --resume DIR"
     require(len(given) == 1, "train", expected, " and ".join(given) or "none")
     names = ("seed", "seeds", "set", "out", "algorithm", "policy")
     wrong = [f"--{name}" for name in names if options.resume and getattr(options, name) not in (None, [])]
-    require(
-        bool(options.resume) or not options.allow_provenance_change, ACCEPT, "it together with --resume", "it alone"
-    )
-    require(not wrong, "--resume", "the settings and the folder that the run began with", ", ".join(wrong))
+    require(bool(options.resume) or not options.allow_provenance_change, ACCEPT, "--resume DIR as well", "none")
+    require(not wrong, "--resume", "the settings and the folder of the run", ", ".join(wrong))
 
 
 def _configuration(options: argparse.Namespace, file: Path | None) -> Config:
-    """Return the settings of a file, or the defaults of an environment, with the changes that the options make."""
+    """Return the settings of a file, or the defaults for an environment, with the changes of the options."""
     names = ("seed", "iterations", "simulators")
     changes = [f"{name}={value}" for name in names if (value := getattr(options, name)) is not None]
     if options.algorithm is not None:
@@ -147,15 +146,15 @@ def _configuration(options: argparse.Namespace, file: Path | None) -> Config:
 
 
 def _learnable(config: Config, first_policy: Path | None, *, quiet: bool = False) -> tuple[Spaces, InlineRunner | None]:
-    """Return the spaces of a run that can be begun, and where policies can act in this process; nowhere on a robot.
+    """Check that a run can start; return its spaces and its runner in this process, which is None for a robot.
 
     Args:
-        config: the run.
-        first_policy: the file of the policy that it begins with, if any.
-        quiet: without a note on the horizon.
+        config: configuration of the run.
+        first_policy: file of the initial policy, if any.
+        quiet: do not print a note about the horizon.
 
     Raises:
-        ValueError: the environment cannot be served, or the settings or the first policy do not fit it.
+        ValueError: the environment cannot be used, or the settings or the initial policy do not fit it.
     """
     runner = None if config.environment.nodes else runner_of(config.environment)
     spaces = runner.spaces if runner else check_robot(config)
@@ -166,13 +165,13 @@ def _learnable(config: Config, first_policy: Path | None, *, quiet: bool = False
 
 
 class Begun(NamedTuple):
-    """One run that can be made.
+    """A run that is ready to start.
 
     Attributes:
-        config: its settings.
-        spaces: of its task.
-        runner: where its policies act in this process; None over topics.
-        folder: of its results.
+        config: its configuration.
+        spaces: spaces of its task.
+        runner: runs its episodes in this process; None if the run uses topics.
+        folder: folder of its results.
     """
 
     config: Config
@@ -182,14 +181,14 @@ class Begun(NamedTuple):
 
 
 def _begun(options: argparse.Namespace) -> Begun:
-    """Return a run that can be made, whose folder is there."""
+    """Check the options; return a run that is ready to start, with an existing folder."""
     config = _configuration(options, old_folder(options.resume) / "config.yaml" if options.resume else options.config)
     spaces, runner = _learnable(config, options.policy, quiet=options.quiet)
     over_topics = _is_over_topics(options.runner)
-    require(over_topics or options.record != "raw", "--record", "episodes in this process, which has no topics", "raw")
+    require(over_topics or options.record != "raw", "--record", "episodes, since --runner inline has no topics", "raw")
     if over_topics:
         if runner:
-            runner.simulation.close()  # a robot, say, is open once only: the simulator node shall have it
+            runner.simulation.close()  # hardware can be open only once, and the simulator node opens it
             runner = None
         config.check_for_topics()
         if options.runner == "composed":
@@ -197,17 +196,17 @@ def _begun(options: argparse.Namespace) -> Begun:
     else:
         runner = runner or runner_of(config.environment)
         if options.simulators:
-            print("note: --simulators is of no use in this process, which is the only simulator", file=sys.stderr)
+            print("note: --simulators: ignored, since --runner inline uses no simulator nodes", file=sys.stderr)
     folder = options.resume or new_folder(options.out, config.training.name)
     if options.policy:
         write_whole(folder / FIRST_POLICY, read_whole(options.policy))
     elif not options.resume:
-        (folder / FIRST_POLICY).unlink(missing_ok=True)  # left by a run that was killed before it began
+        (folder / FIRST_POLICY).unlink(missing_ok=True)  # left by a run that was killed before it started
     return Begun(config, spaces, runner, folder)
 
 
 def _check_for_composition(config: Config) -> None:
-    """Raise ValueError where there is not the one simulator that can share a process with the policy node."""
+    """Raise ValueError unless there is exactly one simulator to share a process with the policy node."""
     require(not config.environment.nodes, "--runner composed", "a simulator", "a robot")
     simulators = config.training.simulators
     require(simulators == 1, "--runner composed", "one simulator", simulators)
@@ -223,15 +222,15 @@ def _train_one(options: argparse.Namespace, begun: Begun) -> int:
         draw_run(folder)
         print(summary(folder, config), file=Lossy(sys.stdout), flush=True)
     elif code != BAD_INPUT:
-        with suppress(OSError):  # a full disk was told of
+        with suppress(OSError):  # a full disk is already reported
             _leave_resumable(config, folder, spaces)
     if code == INTERRUPTED:
-        print(what_was_kept(folder, config), file=sys.stderr)
+        print(interruption_summary(folder, config), file=sys.stderr)
     return code
 
 
 def _leave_resumable(config: Config, folder: Path, spaces: Spaces) -> None:
-    """Draw what a run that did not come to its end learnt; have it begun in its folder if it had not."""
+    """Make an unfinished run resumable, and plot the policy that it learnt so far."""
     if not is_begun(folder):
         Report(folder, config, spaces)
     if (folder / "policy.npz").is_file():
@@ -239,10 +238,10 @@ def _leave_resumable(config: Config, folder: Path, spaces: Spaces) -> None:
 
 
 def _is_over_topics(asked: str | None) -> bool:
-    """Return whether the run is made over topics: as asked, else if this Python can run nodes.
+    """Return whether the run uses topics: as requested, otherwise if this Python can run nodes.
 
     Raises:
-        ValueError: it is asked for, and this Python cannot.
+        ValueError: topics are requested, and this Python cannot run nodes.
     """
     if asked == "inline":
         return False
@@ -250,7 +249,7 @@ def _is_over_topics(asked: str | None) -> bool:
         require_ros(f"--runner {asked}")
     missing = missing_ros()
     if missing:
-        print(f"note: training in this process, since {missing}", file=sys.stderr)
+        print(f"note: training with --runner inline, since {missing}", file=sys.stderr)
     return not missing
 
 
@@ -285,12 +284,12 @@ def _in_process(config: Config, folder: Path, options: argparse.Namespace, runne
 
 
 def _train_several(options: argparse.Namespace) -> int:
-    """Make the runs of several seeds side by side; 1 where some failed, which are named."""
+    """Run several seeds in parallel; return 1 and report the runs that failed, if any."""
     workers = workers_of(options)
     require(options.runner in (None, "inline"), "--runner", "inline for several seeds", options.runner)
-    require(options.record != "raw", "--record", "episodes for several seeds, which have no topics", "raw")
-    require(options.seed is None, "--seed", "either it or --seeds", "both")
-    folder, runs = _runs_to_go_on_with(options) if options.resume else _new_runs(options)
+    require(options.record != "raw", "--record", "episodes, since several seeds run without topics", "raw")
+    require(options.seed is None, "--seed", "either --seed or --seeds", "both")
+    folder, runs = _runs_to_resume(options) if options.resume else _new_runs(options)
     title = next(iter(runs.values())).training.name
     try:
         failures = make_missing(
@@ -303,7 +302,7 @@ def _train_several(options: argparse.Namespace) -> int:
             provenance_may_change=options.allow_provenance_change,
         )
     except KeyboardInterrupt:
-        print(f"interrupted; {how_to_go_on(folder, next(iter(runs.values())))}", file=sys.stderr)
+        print(f"interrupted; {resume_hint(folder, next(iter(runs.values())))}", file=sys.stderr)
         return INTERRUPTED
     report_failures(failures)
     done = [path for path in runs if path not in failures]
@@ -313,7 +312,7 @@ def _train_several(options: argparse.Namespace) -> int:
     return FAILED if failures else 0
 
 
-def _runs_to_go_on_with(options: argparse.Namespace) -> tuple[Path, dict[Path, Config]]:
+def _runs_to_resume(options: argparse.Namespace) -> tuple[Path, dict[Path, Config]]:
     folders = seed_folders(options.resume)
     return options.resume, {folder: _configuration(options, folder / "config.yaml") for folder in folders}
 

@@ -1,4 +1,4 @@
-"""``rkhs tune``: search for settings that learn well."""
+"""``rkhs tune``: search for settings with a high return."""
 
 from __future__ import annotations
 
@@ -36,20 +36,22 @@ MOST_TRIALS = 100_000
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
-    add("config", type=Path, metavar="CONFIG", help="a YAML file, see config/, where the search begins")
-    add("--trials", type=int, required=True, metavar="N", help="settings that are tried, those of before included")
-    about = "settings to search, as algorithm.ridge or algorithm.ridge=1e-4:1 (the numbers of algorithm and kernel)"
+    add("config", type=Path, metavar="CONFIG", help="YAML file with the initial settings; see config/")
+    add("--trials", type=int, required=True, metavar="N", help="total number of trials, including earlier ones")
+    about = "settings to search, such as algorithm.ridge or algorithm.ridge=1e-4:1 (all numbers of algorithm, kernel)"
     add("--over", nargs="+", action="extend", default=[], metavar="KEY", help=about)
-    add("--seeds", default="0-2", metavar="SEEDS", help="a run for each in every trial, as 0-9 or 0,2,5 (%(default)s)")
-    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="settings that are not searched")
-    add("--storage", metavar="URL", help="where Optuna keeps the trials (sqlite in the folder)")
+    about = "seeds of the runs of each trial, such as 0-9 or 0,2,5 (%(default)s)"
+    add("--seeds", default="0-2", metavar="SEEDS", help=about)
+    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="fixed settings to replace")
+    add("--storage", metavar="URL", help="database in which Optuna stores the trials (SQLite in the folder)")
     add_worker_arguments(parser, "trials")
-    add("--out", type=Path, metavar="DIR", help="folder for the results (results/tuned/NAME); the same one goes on")
+    about = "folder for the results (results/tuned/NAME); pass the same folder to continue a search"
+    add("--out", type=Path, metavar="DIR", help=about)
     add("--quiet", action="store_true", help="no progress bar")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Make the trials that are missing, write them and the best configuration, and print what that is."""
+    """Run the missing trials, write the trials and the best configuration, and print a summary."""
     require_extra("optuna", "sweeps", "tune")
     require(1 <= options.trials <= MOST_TRIALS, "--trials", f"a number in [1, {MOST_TRIALS}]", options.trials)
     workers, search = workers_of(options), _search(options)
@@ -65,19 +67,19 @@ def run(options: argparse.Namespace) -> int:
                     if asking.tell(measured):
                         advance()
         except KeyboardInterrupt:
-            print("interrupted; the same command goes on", file=sys.stderr)
+            print("interrupted; run the same command to continue", file=sys.stderr)
             return INTERRUPTED
         _write(search, trials.ended(study))
     return 0
 
 
 def _search(options: argparse.Namespace) -> Search:
-    """Return what is to be searched.
+    """Return the search that the options describe.
 
     Raises:
-        ValueError: the settings cannot be begun with, or there is nothing to search.
+        ValueError: the initial settings are invalid, or there is nothing to search.
     """
-    from rkhs_ros.app.trials import Search  # once it is known that Optuna is there
+    from rkhs_ros.app.trials import Search  # here, since the import needs Optuna
 
     require_all_used(options.set, {"--seeds": ["seed"]})
     config = load_config(options.config, options.set)
@@ -96,7 +98,7 @@ def _write(search: Search, trials: list[FrozenTrial]) -> None:
     """Write the trials and the best configuration.
 
     Raises:
-        RunError: no trial came to its end.
+        RunError: no trial is complete.
     """
     text = StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
@@ -108,7 +110,7 @@ def _write(search: Search, trials: list[FrozenTrial]) -> None:
     write_whole(search.folder / "trials.csv", text.getvalue().encode())
     complete = [trial for trial in trials if trial.state.name == "COMPLETE"]
     if not complete:
-        raise RunError(f"{search.folder / 'trials.csv'}: expected a trial that came to its end, got none")
+        raise RunError(f"{search.folder / 'trials.csv'}: expected at least one complete trial, got none")
     best = max(complete, key=_value)
     evidence = _evidence(search, trials, best)
     content = "".join(f"# {line}\n" for line in evidence) + resolved(search.config(best.params))
@@ -121,15 +123,15 @@ def _value(trial: FrozenTrial) -> float:
 
 
 def _evidence(search: Search, trials: list[FrozenTrial], best: FrozenTrial) -> list[str]:
-    """Return in lines what the best settings are and what speaks for them."""
+    """Return the lines that report the best settings and the evidence for them."""
     states = [trial.state.name for trial in trials]
     iterations, seeds = search.first.training.iterations, ", ".join(map(str, search.seeds))
     before = search.first_parameters
     first = next((trial for trial in trials if trial.params == before), None)
-    began = "none" if first is None or first.value is None else f"{first.value:.5g}"
+    initial = "none" if first is None or first.value is None else f"{first.value:.5g}"
     return [
         f"Evaluation return after {iterations} iterations, median over the seeds {seeds}: {_value(best):.5g}",
-        f"of trial {best.number}; of the settings where the search began: {began}",
-        f"{len(trials)} trials: {states.count('PRUNED')} given up on their way, {states.count('FAIL')} failed",
+        f"in trial {best.number}; with the initial settings: {initial}",
+        f"{len(trials)} trials: {states.count('PRUNED')} pruned, {states.count('FAIL')} failed",
         *(f"{name}: {before[name]} -> {value}" for name, value in best.params.items()),
     ]

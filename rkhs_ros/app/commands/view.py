@@ -1,4 +1,4 @@
-"""``rkhs view``: show a run in the browser, while it learns or afterwards."""
+"""``rkhs view``: show a run in the browser, live or afterwards."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from rkhs_ros.recordings.recording import FILE
 HOST, PORT = "127.0.0.1", 8080
 MOST_PORT = 65535
 RESULTS = Path("results")
-NICENESS = 5  # of the page, which gives way to the run that it shows
+NICENESS = 5  # of the page process, so that the run has priority
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,9 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR|FILE",
         help="a run's folder, or a recording (the newest run in results/)",
     )
-    add("--wait", action="store_true", help="for a run that is about to begin its recording")
-    add("--host", default=HOST, help="address to listen at; 0.0.0.0 lets other machines in (%(default)s)")
-    add("--port", type=int, default=PORT, metavar="N", help="port, or the next free one (%(default)s)")
+    add("--wait", action="store_true", help="wait for a run that is about to start its recording")
+    add("--host", default=HOST, help="address to listen on; 0.0.0.0 admits other machines (%(default)s)")
+    add("--port", type=int, default=PORT, metavar="N", help="port; the next free port is used if taken (%(default)s)")
     add_trust_argument(parser)
 
 
@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C.
 
     Raises:
-        ValueError: there is no such run, or viser is missing.
+        ValueError: the run does not exist, or viser is not installed.
     """
     require_viser()
     require(0 <= options.port <= MOST_PORT, "--port", f"0 to {MOST_PORT}", options.port)
@@ -66,20 +66,20 @@ def run(options: argparse.Namespace) -> int:
     folder = source.path if source else path.parent
     if not is_local(options.host):
         print(
-            f"warning: --host {options.host}: whoever reaches it sees the run, and can stop it, a robot too",
+            f"warning: --host {options.host}: everyone who can reach this address can watch and stop the run or robot",
             file=sys.stderr,
         )
     monitor = Monitor(partial(monitor_process, folder))
-    told = partial(print, f"View {folder} at", flush=True)
+    print_address = partial(print, f"View {folder} at", flush=True)
     try:
-        serve(lambda: source or wait_for_recording(path), monitor, options.host, options.port, told)
-    except KeyboardInterrupt:  # the way it ends
+        serve(lambda: source or wait_for_recording(path), monitor, options.host, options.port, print_address)
+    except KeyboardInterrupt:  # the normal way to stop
         return INTERRUPTED
     return 0
 
 
 def monitor_process(folder: Path) -> subprocess.Popen[bytes] | None:
-    """Start the node that hears the others of a run over topics; None where there is no such run, or no ROS."""
+    """Start the node that listens to a run over topics; return None if there is no such run, or no ROS."""
     if missing_ros():
         return None
     with suppress(ValueError, OSError):
@@ -96,19 +96,19 @@ def monitor_process(folder: Path) -> subprocess.Popen[bytes] | None:
 
 
 def require_viser() -> None:
-    """Raise ValueError where what makes the page is missing."""
+    """Raise ValueError if viser is not installed."""
     require(find_spec("viser") is not None, "view", "viser (pip install 'rkhs_ros[view]')", "none")
 
 
 @contextmanager
 def page_beside(folder: Path, *, trust: bool) -> Iterator[subprocess.Popen[str]]:
-    """Serve the page of a run that is to be recorded, in a process of its own that may end as it likes.
+    """Serve the page of a run in a separate process, whose failure does not affect the run.
 
-    Print its address as soon as it is served, before the run begins.
+    Print the address of the page before the run starts.
 
     Args:
-        folder: of the run.
-        trust: whether the page may import what the run names.
+        folder: folder of the run, which must be recorded.
+        trust: whether the page may import modules that the run names.
     """
     trusted = ["--trust"] if trust else []
     command = [sys.executable, "-P", "-m", "rkhs_ros.app.cli", "view", "--wait", *trusted, str(folder / FILE)]
@@ -120,7 +120,7 @@ def page_beside(folder: Path, *, trust: bool) -> Iterator[subprocess.Popen[str]]
         process_group=0,
         preexec_fn=partial(terminate_with_parent, os.getpid()),
     )
-    end = page.kill  # while it starts it has nobody to take leave of
+    end = page.kill  # no browser is connected while the process starts
     try:
         if page.stdout and (address := page.stdout.readline()):
             print(address, end="", file=Lossy(sys.stdout), flush=True)
@@ -132,19 +132,19 @@ def page_beside(folder: Path, *, trust: bool) -> Iterator[subprocess.Popen[str]]
 
 
 def stay_with(page: subprocess.Popen[str]) -> None:
-    """Wait until the process of a page ends, or Ctrl-C."""
+    """Wait until the process of the page ends, or for Ctrl-C."""
     if page.poll() is None:
         with suppress(KeyboardInterrupt):
-            print("The page stays until Ctrl-C.", file=sys.stderr, flush=True)
+            print("The page stays open until Ctrl-C.", file=sys.stderr, flush=True)
             page.wait()
 
 
 def newest_run(results: Path) -> Path:
-    """Return the folder of the run that was written to last.
+    """Return the folder of the most recently written run.
 
     Raises:
-        ValueError: there is none.
+        ValueError: there is no run.
     """
     runs = {file.parent for file in results.glob("**/config.yaml")}
-    require(bool(runs), f"{results}", "the folder of a run in it, or one that is named", "none")
+    require(bool(runs), f"{results}", "at least one run, or the argument DIR", "none")
     return max(runs, key=lambda folder: max(path.stat().st_mtime for path in folder.iterdir()))

@@ -26,7 +26,7 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.evaluation import evaluation_of
 from rkhs_ros.runs.config import Config, Environment, environment_from
 from rkhs_ros.runs.episode_files import save_episodes
-from rkhs_ros.runs.report import is_begun, new_folder, old_folder, what_next, what_was_kept
+from rkhs_ros.runs.report import interruption_summary, is_begun, new_folder, next_steps, old_folder
 from rkhs_ros.runs.run import run_training
 
 Draw = Callable[[Path], object]
@@ -117,14 +117,14 @@ def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
             )
         except (StoppedError, KeyboardInterrupt):
             node.diagnostics.tell(STOP, "the run was asked to stop")
-            node.get_logger().info(what_was_kept(folder, config))
+            node.get_logger().info(interruption_summary(folder, config))
             if (folder / "policy.npz").is_file():
                 draw(folder)
             raise
         finally:
             node.topics.close()
         draw(folder)
-        node.get_logger().info(what_next(folder, config))
+        node.get_logger().info(next_steps(folder, config))
 
 
 def measure(node: LearnerNode, stop: Stop) -> None:

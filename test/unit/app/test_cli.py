@@ -51,7 +51,7 @@ def test_train_writes_its_results_and_says_where(rkhs: Run, tmp_path: Path) -> N
     assert (result.code, result.err) == (0, "")
     names = {"best_policy.npz", "config.yaml", "curve.csv", "curve.png", "episodes.npz", "policy.npz", "policy.png"}
     assert {path.name for path in (tmp_path / "run").iterdir()} == {*names, "checkpoints"}
-    assert result.out.startswith("Learnt rkhs/Toy-v0 in 20 episodes")
+    assert result.out.startswith("Trained on rkhs/Toy-v0 for 20 episodes")
     assert str(tmp_path / "run" / "curve.png") in result.out
     config = (tmp_path / "run" / "config.yaml").read_text()
     assert "seed: 3" in config
@@ -166,12 +166,14 @@ def test_a_folder_without_a_last_policy_is_refused_with_what_it_has(rkhs: Run, t
     run = tmp_path / "runs" / "one"
     run.mkdir(parents=True)
     (run / "config.yaml").touch()
-    named = f"runs: expected the folder of a run, got none with a config.yaml; name one of those in it, as {run}"
+    named = (
+        f"runs: expected the folder of a run, got none with a config.yaml. Pass one of the runs in it, such as {run}"
+    )
     assert_refused(rkhs(command, tmp_path / "runs"), named)
-    refusal = "policy.npz: expected the last policy, got none as the run has not ended"
+    refusal = "policy.npz: expected the last policy, got none since the run has not finished"
     assert_refused(rkhs(command, run), f"{refusal}\n")
     (run / "best_policy.npz").touch()
-    assert_refused(rkhs(command, run), f"{refusal}; the best one so far is {run / 'best_policy.npz'}")
+    assert_refused(rkhs(command, run), f"{refusal}. The best policy so far is {run / 'best_policy.npz'}")
     assert_refused(rkhs("train", run), f"got a folder; go on with a run by --resume {run}")
 
 
@@ -331,7 +333,7 @@ def unbuilt(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_without_interfaces_a_run_is_made_in_process_and_that_is_said(rkhs: Run, tmp_path: Path) -> None:
     code, _, err = rkhs("train", CONFIG, "--iterations", 1, "--quiet", "--out", "run")
     assert code == 0
-    assert err.startswith("note: training in this process, since rkhs_interfaces is not built (run 'make build'")
+    assert err.startswith("note: training with --runner inline, since rkhs_interfaces is not built (run 'make build'")
     assert err.count("\n") == 1
     assert (tmp_path / "run" / "policy.npz").is_file()
     assert rkhs("train", CONFIG, *SHORT, "--quiet", "--out", "other").err == ""

@@ -56,5 +56,5 @@ def test_what_was_seen_cannot_be_changed() -> None:
 def test_bad_options_are_refused(rkhs: Callable[..., Result]) -> None:
     assert_refused(rkhs("serve", "math:sine"), "no function 'sine' in math, did you mean")
     assert_refused(rkhs("serve", "math:sin", "--episodes", 0), "--episodes: expected at least 1, got 0")
-    assert_refused(rkhs("simulate"), "simulate: expected one of CONFIG and --env ID, got none")
+    assert_refused(rkhs("simulate"), "simulate: expected either CONFIG or --env ID, got none")
     assert_refused(rkhs("simulate", "--env", "rkhs/Pendulm-v0"), "did you mean 'rkhs/Pendulum-v0'?")

@@ -12,7 +12,7 @@ import pytest
 from rkhs_ros.app.cli import COMMANDS
 from rkhs_ros.base.user_code import TRUSTED, is_installed, only_installed, user_module
 from rkhs_ros.runs.config import load_config
-from rkhs_ros.runs.report import how_to_go_on
+from rkhs_ros.runs.report import resume_hint
 from test.unit.conftest import Result, assert_refused
 from test.unit.rollouts.test_custom_environment import MODULE
 
@@ -91,7 +91,7 @@ def test_an_environment_that_is_named_on_the_command_line_is_imported(rkhs: Rkhs
 
 
 def test_how_to_go_on_says_what_is_needed(begun: Path) -> None:
-    assert how_to_go_on(begun, load_config(begun / "config.yaml")) == "go on with: rkhs train --resume run --trust"
+    assert resume_hint(begun, load_config(begun / "config.yaml")) == "resume with: rkhs train --resume run --trust"
 
 
 @pytest.mark.parametrize("place", [".", "sub"])

@@ -102,7 +102,7 @@ def test_a_run_whose_curve_is_damaged_is_named(experiment: Experiment, tmp_path:
     make_table(experiment, tmp_path, runs=1)
     curve = min((tmp_path / "runs").iterdir()) / "curve.csv"
     curve.write_bytes(left)
-    with pytest.raises(RunError, match=rf"{curve}: .* \(1 of 3 runs failed; the same command goes on\)"):
+    with pytest.raises(RunError, match=rf"{curve}: .* \(1 of 3 runs failed; run the same command to continue\)"):
         make_table(experiment, tmp_path, runs=1)
     assert curve.read_bytes() == left
 
@@ -130,7 +130,7 @@ def test_runs_that_fail_are_told_of_after_the_others_are_made(experiment: Experi
     bad = min((tmp_path / "runs").iterdir())
     shutil.rmtree(bad)
     bad.write_text("in the way")
-    with pytest.raises(RunError, match=rf"{bad}: \w+: .*1 of 3 runs failed; the same command goes on"):
+    with pytest.raises(RunError, match=rf"{bad}: \w+: .*1 of 3 runs failed; run the same command to continue"):
         make_table(experiment, tmp_path, runs=1)
     bad.unlink()
     assert make_table(experiment, tmp_path, runs=1).read_bytes() == whole

@@ -357,8 +357,8 @@ def test_a_recording_with_a_damaged_head_or_episode_is_refused_as_damaged(
     file = recorded_run(tmp_path / "run", longer(1, episodes_per_iteration=1, evaluate_every=0))
     whole = file.read_bytes()
     for command, damaged, message in (
-        ("replay", 0, "expected the recording of a run, got a damaged one, whose head cannot be read"),
-        ("offline", 0, "expected a configuration beside a recording whose head is damaged"),
+        ("replay", 0, "expected the recording of a run, got one with a damaged header"),
+        ("offline", 0, "expected a configuration as well, since a recording with a damaged header"),
         ("offline", 2, "expected at least one finished episode, got none, as the file is damaged"),
     ):
         content = bytearray(whole)

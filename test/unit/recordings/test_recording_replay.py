@@ -147,17 +147,17 @@ def test_episodes_that_are_missing_are_named(whole: Path) -> None:
 
 
 def test_the_command_says_what_is_equal_and_what_is_not(whole: Path, rkhs: Callable[..., Result]) -> None:
-    assert rkhs("replay", whole.parent, "--quiet") == (0, "all 4 updates equal to the bit\n", "")
+    assert rkhs("replay", whole.parent, "--quiet") == (0, "all 4 updates are bit-identical\n", "")
     copy = changed(whole, "Update", 2, lambda update: setattr(update, "kl", 0.5))
     result = rkhs("replay", copy, "--quiet")
     assert (result.code, result.err) == (1, "")
     assert result.out.startswith("update 3, kl: recorded 0.5, made again ")
-    assert result.out.endswith("; 2 of 4 updates before it equal to the bit\n")
+    assert result.out.endswith("; the first 2 of 4 updates are bit-identical\n")
 
 
 def test_the_command_names_other_versions(whole: Path, rkhs: Callable[..., Result]) -> None:
     copy = changed(whole, "Task", 0, lambda task: task.versions.__setitem__(1, "numpy 0.1"))
-    assert rkhs("replay", copy, "--quiet").out == "all 4 updates equal to the bit\n"
+    assert rkhs("replay", copy, "--quiet").out == "all 4 updates are bit-identical\n"
     copy = changed(copy, "Update", 0, lambda update: setattr(update, "kl", 0.5))
     assert "(recorded with numpy 0.1)" in rkhs("replay", copy, "--quiet").out
 

@@ -48,7 +48,7 @@ def test_a_pendulum_is_learnt_from_ten_episodes_that_only_explored(
         "offline", f"explored{seed}", ROOT / "config/pendulum_model_nac.yaml", "--seed", seed, "--out", out, "--quiet"
     )
     assert learnt.code == 0, learnt.err
-    assert "from 10 recorded episodes, none ran" in learnt.out
+    assert "from 10 recorded episodes, without running new ones" in learnt.out
     assert json.loads(rkhs("evaluate", out).out)["mean"] > 45  # of 51.8
 
 
@@ -84,7 +84,7 @@ def test_recordings_of_several_tasks_are_refused(whole: Path, rkhs: Callable[...
     other = recorded_run(Path("other"), longer(1, horizon=7))
     assert_refused(rkhs("offline", whole, other, *SHORT), "other/recording.mcap: task: expected that of")
     pendulum = ROOT / "config" / "pendulum_nac.yaml"
-    assert_refused(rkhs("offline", whole, pendulum), "pendulum_nac.yaml: environment: expected that of")
+    assert_refused(rkhs("offline", whole, pendulum), "pendulum_nac.yaml: environment: expected the environment of")
     assert_refused(rkhs("offline", pendulum), "offline: expected at least one recording, got none")
 
 
@@ -100,7 +100,7 @@ def test_discarded_episodes_are_not_learnt_from(of_a_robot: Path, whole: Path, r
 def test_a_recording_is_imitated(whole: Path, rkhs: Callable[..., Result]) -> None:
     done = rkhs("imitate", whole, "--set", "centres=5", "--out", "shown.npz")
     assert done.code == 0
-    assert "Imitated 100 steps of 20 episodes by 5 centres" in done.out
+    assert "Fitted 5 centres to 100 steps of 20 episodes" in done.out
 
 
 @pytest.mark.parametrize("plugin", list(StoragePlugin))
@@ -141,13 +141,13 @@ def test_a_bag_is_seen_by_its_episodes(of_a_robot: Path, tmp_path: Path, plugin:
 
 def test_a_bag_is_learnt_from_with_a_configuration(whole: Path, rkhs: Callable[..., Result]) -> None:
     bag(Path("bag"), read_recording(whole))
-    assert_refused(rkhs("offline", "bag", *SHORT), "bag: expected a configuration beside a bag")
+    assert_refused(rkhs("offline", "bag", *SHORT), "bag: expected a configuration as well, since a bag names no task")
     config = Path("same.yaml")
     config.write_text((whole.parent / "config.yaml").read_text())
     assert rkhs("offline", "bag", config, *SHORT, "--out", "learnt").code == 0
     assert rkhs("offline", whole, config, *SHORT, "--out", "as_well").code == 0
     assert Path("learnt/policy.npz").read_bytes() == Path("as_well/policy.npz").read_bytes()
-    assert_refused(rkhs("replay", "bag"), "bag: expected the recording of a run, got a bag, which holds no policies")
+    assert_refused(rkhs("replay", "bag"), "bag: expected the recording of a run, got a bag, which contains no policies")
 
 
 class TestLeRobot:
@@ -227,7 +227,7 @@ class TestLeRobot:
     @pytest.mark.parametrize("fps", ["2.5", "0.4", "0", "-3", "nan", "inf"])
     def test_what_lerobot_cannot_store_is_refused(self, whole: Path, fps: str, rkhs: Callable[..., Result]) -> None:
         refused = rkhs("export", whole, "--lerobot", "out", f"--fps={fps}")
-        assert_refused(refused, f"--fps: expected a whole number of 1 or more, as LeRobot stores it, got {fps}")
+        assert_refused(refused, f"--fps: expected a positive whole number, which LeRobot requires, got {fps}")
 
     def test_what_is_missing_is_named(
         self, whole: Path, rkhs: Callable[..., Result], monkeypatch: pytest.MonkeyPatch

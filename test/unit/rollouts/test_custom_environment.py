@@ -125,7 +125,7 @@ def test_what_was_shown_is_imitated_measured_and_learnt_on_from(rkhs: Rkhs) -> N
     assert rkhs(*train, "--iterations", 8, "--out", "shown").code == 0
     result = rkhs("imitate", "shown", "--out", "imitated.npz", "--set", "centres=20")
     assert (result.code, result.err) == (0, "")
-    (centres,) = re.findall(r"^Imitated 60 steps of 2 episodes by (\d+) centres, to within", result.out)
+    (centres,) = re.findall(r"^Fitted (\d+) centres to 60 steps of 2 episodes; rms error", result.out)
     assert 0 < int(centres) <= 20
     shown, imitated = (
         json.loads(rkhs("evaluate", file, "--episodes", 1).out)["mean"] for file in ("shown", "imitated.npz")
@@ -169,7 +169,10 @@ def test_episodes_of_others_need_to_say_of_what_environment_they_are(rkhs: Rkhs)
             ("train", "--env", "my_slide:Slide-v0", "--algorithm", "nac"),
             "unknown algorithm 'nac', did you mean 'rkhs_nac' or 'enac'?",
         ),
-        (("train", "x.yaml", "--env", "Slide-v0"), "expected one of CONFIG, --env ID and --resume DIR, got CONFIG and"),
+        (
+            ("train", "x.yaml", "--env", "Slide-v0"),
+            "expected exactly one of CONFIG, --env ID and --resume DIR, got CONFIG and",
+        ),
         (("train", "--env", "my_slide:Slide-v0", "--policy", "none.npz"), "none.npz"),
         (("imitate", "none.npz"), "none.npz"),
         (

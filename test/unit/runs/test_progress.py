@@ -46,11 +46,11 @@ def test_a_bar_leaves_room_for_the_echo_of_ctrl_c_and_shows_the_time_left(tmp_pa
     )  # fmt: skip
     os.close(slave)
     seen = ""
-    while "noise-free 1" not in seen:
+    while "evaluation 1" not in seen:
         seen += os.read(master, 65536).decode()
     process.send_signal(signal.SIGINT)
     process.wait()
-    bars = [part for part in seen.split("\x1b[2K") if "noise-free" in part]
+    bars = [part for part in seen.split("\x1b[2K") if "evaluation" in part]
     widths = [len(line) for bar in bars for line in lines_on_terminal(bar)]
     assert max(widths) <= COLUMNS - len(ECHO)
     assert bars[-1].count(":") == 4  # the time that it took, and the time left
@@ -73,7 +73,7 @@ def test_name_bar_iteration_times_and_returns_of_a_run_with_a_model_fit_80_colum
     assert "299/300" in bar
     assert bar.count(":") == 4  # the time that it took, and the time left
     assert returns.startswith("return ")
-    assert returns.endswith(", imagined -1234 (model error 0.012)")
+    assert returns.endswith(", model -1234 (model error 0.012)")
 
 
 def test_a_return_of_any_size_fits_the_bar(capsys: pytest.CaptureFixture[str]) -> None:
@@ -81,7 +81,7 @@ def test_a_return_of_any_size_fits_the_bar(capsys: pytest.CaptureFixture[str]) -
     (iteration,) = train(training, InlineRunner(Simulation("rkhs/Toy-v0")))
     with progress_bar(training) as show:
         show(replace(iteration, exploration_returns=np.array([1.25e30]), evaluation_returns=np.array([-1e-30])))
-    assert "return 1.25e+30, noise-free -1e-30" in " ".join(capsys.readouterr().err.split())
+    assert "return 1.25e+30, evaluation -1e-30" in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize(("period", "numbers"), [(0.0, ["1", "2", "3", "4"]), (1000.0, ["1", "4"])])
@@ -99,7 +99,7 @@ def test_without_a_terminal_a_line_comes_every_few_seconds_and_with_the_last_ite
     lines = err.splitlines()
     assert out == ""
     assert [line.split()[2] for line in lines] == numbers
-    assert f"toy_nac: iteration 4 of 4, return {returns[-1]:.4g}, noise-free " in lines[-1]
+    assert f"toy_nac: iteration 4 of 4, return {returns[-1]:.4g}, evaluation " in lines[-1]
 
 
 def test_nothing_is_shown_of_a_quiet_run(capsys: pytest.CaptureFixture[str]) -> None:

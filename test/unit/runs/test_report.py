@@ -125,12 +125,10 @@ def test_the_summary_tells_first_and_last_return(tmp_path: Path, runner: InlineR
         folder = run_training(config, runner, tmp_path / str(iterations), quiet=True)
         rows = rows_of(folder)
         before, after = float(rows[0]["exploration_return"]), float(rows[-1]["evaluation_return"])
-        told = summary(folder, config)
-        assert f"Learnt rkhs/Toy-v0 in {3 * iterations} episodes, and {2 * iterations} noise-free ones" in told
-        assert (
-            f"Discounted return: {before:.4g} of the first exploring episodes, {after:.4g} noise-free at the end"
-            in told
-        )
+        text = summary(folder, config)
+        assert f"Trained on rkhs/Toy-v0 for {3 * iterations} episodes and {2 * iterations} evaluation episodes" in text
+        returns = f"{before:.4g} in the first iteration, {after:.4g} in the last evaluation"
+        assert f"Discounted return: {returns}" in text
 
 
 def test_a_folder_is_new_or_empty(tmp_path: Path) -> None:

@@ -117,7 +117,7 @@ def test_a_best_policy_that_is_lost_is_named_and_another_takes_its_place(
     resumed(folder)
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"warning: {best}: expected ")
-    assert line.endswith("; the best policy of the iterations to come replaces it")
+    assert line.endswith(". The best policy of the next iterations replaces it")
     assert read_policy(best).task == CONFIG.task
     resumed(folder)
     assert capsys.readouterr().err == ""
@@ -325,7 +325,7 @@ def test_a_run_of_other_code_goes_on_where_that_is_allowed_and_it_is_noted(
     assert f"rkhs_ros {__version__}+other" in second.versions
     assert rkhs("train", "--resume", "run", *INLINE, "--iterations", 5).code == 0  # it is noted, and asked for once
     assert (folder / "config.yaml").read_text().splitlines()[:2] == [began, went_on]
-    assert rkhs("replay", "run", "--quiet").out == "all 5 updates equal to the bit\n"
+    assert rkhs("replay", "run", "--quiet").out == "all 5 updates are bit-identical\n"
     assert [row.iteration for row in Recorded(folder).rows] == [1, 2, 3, 4, 5]
 
 
@@ -466,7 +466,7 @@ def test_the_command_goes_on_with_a_run(rkhs: Cli, tmp_path: Path, whole: dict[s
     stopped(tmp_path / "run", 5)
     code, out, err = rkhs("train", "--resume", "run", *INLINE)
     assert (code, err) == (0, "")
-    assert out.startswith("Learnt rkhs/Toy-v0 in 8 episodes")
+    assert out.startswith("Trained on rkhs/Toy-v0 for 8 episodes")
     assert results(tmp_path / "run") == whole
     assert rkhs("train", "--resume", "run", *INLINE, "--iterations", 5, "--simulators", 2)[0] == 0
     assert load_config(tmp_path / "run" / "config.yaml") == longer(5, simulators=2)
@@ -476,10 +476,10 @@ def test_the_command_goes_on_with_a_run(rkhs: Cli, tmp_path: Path, whole: dict[s
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "train: expected one of CONFIG, --env ID and --resume DIR, got none"),
+        ((), "train: expected exactly one of CONFIG, --env ID and --resume DIR, got none"),
         ((CONFIG_FILE, "--resume", "run"), "--resume DIR, got CONFIG and --resume"),
         (("--resume", "run", "--seed", "0"), "--resume: expected the settings and the folder that"),
-        (("--resume", "run", "--set", "horizon=5"), "that the run began with, got --set"),
+        (("--resume", "run", "--set", "horizon=5"), "folder of the run, got --set"),
         (("--resume", "run", "--out", "other", "--seed", "1"), "got --seed, --out"),
         (("--resume", "run", "--iterations", "0"), "iterations: expected a number in"),
         (("--resume", "none"), "none: expected the folder of a run, got none with a config.yaml"),

@@ -187,7 +187,7 @@ def test_an_interrupted_training_can_be_gone_on_with(rkhs: Run, tmp_path: Path) 
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=120)
     assert (process.returncode, out) == (130, "")
-    assert err == f"interrupted; go on with: rkhs train --resume {many}\n"
+    assert err == f"interrupted; resume with: rkhs train --resume {many}\n"
     assert rkhs("train", "--resume", many, "--quiet", "--jobs", 1).code == 0
     assert rkhs("train", CONFIG, *long, "--out", whole, "--jobs", 1).code == 0
     assert [results(path) for path in seed_folders(many)] == [results(path) for path in seed_folders(whole)]
@@ -227,11 +227,11 @@ def test_workers_end_with_a_training_that_is_killed(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("--seeds", "0-1", "--runner", "ros"), "--runner: expected inline for several seeds, got ros"),
-        (("--seeds", "0-1", "--seed", "3"), "--seed: expected either it or --seeds, got both"),
+        (("--seeds", "0-1", "--seed", "3"), "--seed: expected either --seed or --seeds, got both"),
         (("--seeds", "0-1", "--jobs", "0"), "--jobs: expected at least 1, or -1 for all cores, got 0"),
         (("--seeds", "x"), "--seeds: expected seeds as 0-9 or 0,2,5, got 'x'"),
         (("--seeds", ""), "--seeds: expected seeds as 0-9 or 0,2,5, got ''"),
-        (("--jobs", "2"), "--jobs: expected it together with --seeds"),
+        (("--jobs", "2"), "--jobs: expected --seeds, or --resume of runs with several seeds, got one run"),
         (("--seeds", "0-1", "--set", "exploration_sd=[1, 2]"), "exploration_sd: expected 1 number, got 2"),
         (("--seeds", "0-1", "--set", "environment.id=rkhs/Toi-v0"), "did you mean 'rkhs/Toy-v0'?"),
     ],
@@ -245,6 +245,6 @@ def test_what_does_not_fit_is_refused_once_and_nothing_is_begun(
 
 def test_other_seeds_than_the_run_began_with_are_refused(rkhs: Run, begun: Path) -> None:
     before = times(begun)
-    assert_refused(rkhs("train", "--resume", "many", "--seeds", "0-3"), "that the run began with, got --seeds")
+    assert_refused(rkhs("train", "--resume", "many", "--seeds", "0-3"), "folder of the run, got --seeds")
     assert_refused(rkhs("train", CONFIG, "--seeds", "0", "--out", "many"), "many: expected a new or empty folder")
     assert times(begun) == before

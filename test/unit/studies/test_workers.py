@@ -74,7 +74,7 @@ def ended_by_signal(number: int) -> int:
 @pytest.mark.slow
 def test_processes_that_were_killed_are_told_of_once_and_take_no_more_calls() -> None:
     numbers = iter(range(1000))
-    with Workers(2).opened(2) as pool, pytest.raises(WorkerLostError, match="the same command goes on"):
+    with Workers(2).opened(2) as pool, pytest.raises(WorkerLostError, match="run the same command to continue"):
         list(pool.results(ended_by_signal, lambda: (next(numbers),), most=pool.width))
     assert next(numbers) < 1000
 

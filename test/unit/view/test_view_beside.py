@@ -46,8 +46,8 @@ def test_the_address_is_printed_before_a_short_run_and_the_page_ends_without_wor
     assert run.stderr is not None
     address = f"View {tmp_path / 'run'} at http://localhost:"
     assert run.stdout.readline().startswith(address)
-    assert run.stdout.readline().startswith("Learnt rkhs/Toy-v0")
-    assert run.stderr.readline() == "The page stays until Ctrl-C.\n"
+    assert run.stdout.readline().startswith("Trained on rkhs/Toy-v0")
+    assert run.stderr.readline() == "The page stays open until Ctrl-C.\n"
     run.send_signal(signal.SIGINT)
     out, err = run.communicate()
     assert (run.returncode, err) == (0, "")
