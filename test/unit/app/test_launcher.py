@@ -38,7 +38,7 @@ def test_all_nodes_find_their_settings_and_the_learner_its_task() -> None:
 
 @pytest.mark.parametrize("path", ["\udcff", "a\0b"])
 def test_a_path_that_no_parameter_can_be_is_refused(path: str) -> None:
-    with pytest.raises(ValueError, match=r"learner\.output: expected .*text in UTF-8"):
+    with pytest.raises(ValueError, match=r"learner\.output: expected .*UTF-8 text"):
         for_all(PARAMETERS, 1, {"learner": {"output": path}})
 
 

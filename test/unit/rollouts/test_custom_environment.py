@@ -177,7 +177,7 @@ def test_episodes_of_others_need_to_say_of_what_environment_they_are(rkhs: Rkhs)
         (("imitate", "none.npz"), "none.npz"),
         (
             ("imitate", "few.npz", "--env", "Pendulum-v1"),
-            "observations: expected 3 numbers, as Pendulum-v1 has",
+            "observations: expected 3 numbers for Pendulum-v1",
         ),
         (("imitate", "few.npz", "--set", "centers=3"), "unknown key 'centers', did you mean 'centres'?"),
         (("evaluate", "nowhere.npz"), "expected a policy that names its environment"),
