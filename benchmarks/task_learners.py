@@ -84,7 +84,7 @@ def _deep(name: str, *packages: str) -> Learner:
 
 LEARNERS = {
     "ours": Learner(policy_search, settings=("",)),
-    "no-practice": Learner(policy_search, ("model.form=none",), settings=("",)),
+    "no-model": Learner(policy_search, ("model.form=none",), settings=("",)),
     "linear-cma-es": _linear(linear_search.CMAES),
     "linear-ars": _linear(linear_search.ARS),
     "sac": _deep("SAC", "stable-baselines3"),

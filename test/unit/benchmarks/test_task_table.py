@@ -99,7 +99,7 @@ def test_weights_are_constant_and_slopes_of_standardised_inputs() -> None:
     np.testing.assert_allclose(linear_search.linear(weights.ravel(), seen, spaces)(x), expected, atol=1e-9)
 
 
-@pytest.mark.parametrize(("learner", "generation"), [("linear-ars", 16), ("linear-cma-es", 7), ("no-practice", 5)])
+@pytest.mark.parametrize(("learner", "generation"), [("linear-ars", 16), ("linear-cma-es", 7), ("no-model", 5)])
 def test_every_exploring_episode_counts_and_no_other(learner: str, generation: int, quadratic: str) -> None:
     curve = curve_of(learner, quadratic, 2 * generation + 1, "horizon=9", "evaluation_episodes=4")
     assert [point.episodes for point in curve] == [generation, 2 * generation, 3 * generation]
