@@ -1,1 +1,1 @@
-"""What stands between a policy and a robot, without ROS."""
+"""The robot's safety gate, task, sensors and episodes, independent of ROS."""

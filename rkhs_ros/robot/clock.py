@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-SLACK = 0.1  # part of the period by which a tick may be late and the next one still come when it was due
+SLACK = 0.1  # fraction of the period by which a tick may be late without shifting the ticks after it
 
 
 @dataclass(frozen=True)
 class ElasticClock:
-    """When the next tick is due.
+    """A periodic clock that tolerates late ticks.
 
-    A tick that is late by little does not shift those after it, so that the mean period is kept. One that is later
-    shifts them all: it is not made up for by a short step, in which the robot would not do what it was told for as
-    long as the policy has learnt to expect.
+    A slightly late tick does not shift those after it, which preserves the mean period. A very late tick shifts them
+    all: a shortened step would execute its action for less time than the policy expects.
 
     Attributes:
         period: seconds.
@@ -34,12 +33,12 @@ class ElasticClock:
 
 @dataclass(frozen=True)
 class StepTiming:
-    """How long steps took.
+    """Durations of the steps of a robot.
 
     Attributes:
-        steps: their number.
-        seconds: of all of them.
-        worst: seconds of the longest one.
+        steps: number of steps.
+        seconds: total duration.
+        worst: duration of the longest step, seconds.
     """
 
     steps: int = 0
@@ -47,14 +46,14 @@ class StepTiming:
     worst: float = 0.0
 
     def with_step(self, seconds: float) -> StepTiming:
-        """Return the pace with one more step."""
+        """Return the timing with one more step."""
         return StepTiming(self.steps + 1, self.seconds + seconds, max(self.worst, seconds))
 
     def __add__(self, other: StepTiming) -> StepTiming:
-        """Return the pace of the steps of both."""
+        """Return the timing of the steps of both."""
         return StepTiming(self.steps + other.steps, self.seconds + other.seconds, max(self.worst, other.worst))
 
     @property
     def mean(self) -> float:
-        """Mean seconds of a step; 0 before the first one."""
+        """Mean duration of a step, seconds; 0 before the first one."""
         return self.seconds / self.steps if self.steps else 0.0

@@ -1,4 +1,4 @@
-"""One episode on a robot, by the wall clock."""
+"""One episode on a robot, timed by the wall clock."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from rkhs_ros.robot.task import RobotTask
 # Flags of a step, as in rkhs_interfaces/GateReport.
 REFUSED, NOT_ARMED = 16, 32
 MISSED, LATE, NO_REPORT = 256, 512, 1024
-LAST_ACTIONS_TIMEOUT_S = 0.5  # after the last step, for actions that are late
+LAST_ACTIONS_TIMEOUT_S = 0.5  # wait after the last step for late actions
 
 
 class Reading(NamedTuple):
-    """What the sensors say at a moment.
+    """One reading of the sensors.
 
     Attributes:
         observation: shape (d,).
-        reward: that a topic tells; 0 without one.
+        reward: from the reward topic; 0 without one.
         stamp: nanoseconds since 1970.
     """
 
@@ -39,7 +39,7 @@ class Reading(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FinishedEpisode:
-    """An episode that is over, finished or void."""
+    """An episode that has ended, whether it was completed or discarded."""
 
     batch: Batch
     episodes: Episodes
@@ -47,19 +47,19 @@ class FinishedEpisode:
 
 
 class RobotEpisode:
-    """One episode as it goes, driven by the time, what is sensed and the actions that come.
+    """One running episode, driven by time, sensor readings and incoming actions.
 
-    It waits at rest for the first action, with which its clock begins to tick. At each tick the reward of the step
-    before is earned and the next observation is there; an action that comes by the deadline becomes a command, after
-    it the miss is counted and nothing is sent. Late actions are recorded, since they are what was drawn, but not
-    executed. Whatever spoils the episode makes it void.
+    The episode waits at rest for the first action, which starts its clock. Each tick yields the reward of the last step
+    and the next observation. An action that arrives before the deadline becomes a command; otherwise the miss is
+    counted and no command is sent. Late actions are recorded, because the policy drew them, but not executed. Any fault
+    discards the episode.
 
-    Owns what was observed, drawn, executed and earned. Does not own any clock, and sends nothing.
+    Owns the observations, drawn actions, executed actions and rewards. Owns no clock and sends nothing.
 
     Args:
-        batch: of one row.
-        task: the robot's.
-        stamp: of the beginning, nanoseconds since 1970.
+        batch: the episode's batch, of one environment.
+        task: the robot's task.
+        stamp: start of the episode, nanoseconds since 1970.
     """
 
     def __init__(self, batch: Batch, task: RobotTask, stamp: int) -> None:
@@ -68,7 +68,7 @@ class RobotEpisode:
         self.step = 0
         self.discard_reason = ""
         self.misses = 0
-        self.pace = StepTiming()
+        self.timing = StepTiming()
         self._task = task
         self._observations: list[Array] = []
         self._stamps = [stamp]
@@ -85,32 +85,32 @@ class RobotEpisode:
 
     @property
     def over(self) -> bool:
-        """Whether it is finished or void."""
+        """Whether the episode has ended, completed or discarded."""
         return bool(self.discard_reason) or (self.complete and self._missing is None)
 
     @property
     def complete(self) -> bool:
-        """Whether no further step follows; actions that are late may still come, to be recorded."""
+        """Whether no further step follows; late actions may still arrive and are recorded."""
         return self._terminated or self.step == self.batch.horizon
 
     @property
     def terminated(self) -> bool:
-        """Whether the task ended it."""
+        """Whether the task terminated the episode."""
         return self._terminated
 
     @property
     def _missing(self) -> int | None:
-        """The first step whose action did not come yet, of those that are over."""
+        """The first finished step whose action has not arrived yet; None if there is none."""
         return next((step for step in range(self.step) if self._drawn[step] is None), None)
 
     @property
     def moving(self) -> bool:
-        """Whether its clock ticks, or did until it was complete."""
+        """Whether the first action has arrived and the episode has not ended."""
         return self._clock is not None and not self.over
 
     @property
     def due(self) -> float:
-        """Monotonic time of what is due next, the deadline of an action or a tick; infinity before the first action."""
+        """Monotonic time of the next event, a tick or an action's deadline; infinity before the first action."""
         if self._clock is None or self.over:
             return inf
         if self.complete:
@@ -124,7 +124,7 @@ class RobotEpisode:
 
     @property
     def stamp(self) -> int:
-        """When the newest observation was taken, in nanoseconds since 1970."""
+        """Time of the newest observation, nanoseconds since 1970."""
         return self._stamps[-1]
 
     @property
@@ -133,12 +133,12 @@ class RobotEpisode:
         return self._rewards[-1] if self._rewards else None
 
     def begin(self, sensed: Reading) -> None:
-        """Take the first observation."""
+        """Store the first observation."""
         self._observations.append(sensed.observation)
         self._stamps[0] = sensed.stamp
 
     def act(self, step: int, action: Array, now: float) -> Array | None:
-        """Take the action of a step; return the command to send, None where it comes late or again."""
+        """Store the action of a step; return the command to send, or None if the action is late or repeated."""
         if self.over or not self._observations or step > self.step or self._drawn[step] is not None:
             return None
         self._drawn[step] = action
@@ -150,34 +150,34 @@ class RobotEpisode:
         return self._sent[step]
 
     def report(self, step: int, executed: Array, flags: int) -> None:
-        """Take the gate's report of the command of a step."""
+        """Store the gate's report of the command of a step."""
         if self.over or step != self.step or self._sent[step] is None:
             return
         self._reported[step] = executed
         self._flags[step] |= flags
         if flags & (REFUSED | NOT_ARMED):
-            self.void(f"the gate refused the command of step {step}")
+            self.discard(f"the gate refused the command of step {step}")
 
-    def void(self, reason: str) -> None:
-        """Make the episode void, unless it is over."""
+    def discard(self, reason: str) -> None:
+        """Discard the episode, unless it has ended."""
         if not self.over:
             self.discard_reason = reason
 
     def proceed(self, now: float, sense: Callable[[], Reading]) -> bool:
-        """Do what is due; return whether there is a new observation.
+        """Process due events; return whether there is a new observation.
 
         Args:
             now: monotonic time, seconds.
-            sense: returns what the sensors say; may raise SensingError.
+            sense: reads the sensors; may raise SensingError.
 
         Raises:
-            RunError: the function of the reward or of the end fails.
+            RunError: the reward function or the end function fails.
         """
         if self._clock is None or self.over:
             return False
         if self.complete:
             if now >= self.due:
-                self.void(f"the action of step {self._missing} did not come")
+                self.discard(f"the action of step {self._missing} did not arrive")
             return False
         if not self._answered and now > self._deadline:
             self._miss()
@@ -186,14 +186,14 @@ class RobotEpisode:
         try:
             sensed = sense()
         except SensingError as error:
-            self.void(str(error))
+            self.discard(str(error))
             return False
         self._tick(now, sensed, self._clock)
         return True
 
     @property
     def _answered(self) -> bool:
-        """Whether the current step has its command, or was counted as missed."""
+        """Whether the current step has its command, or its action was counted as missed."""
         return self._sent[self.step] is not None or bool(self._flags[self.step] & MISSED)
 
     @property
@@ -204,28 +204,28 @@ class RobotEpisode:
         self._flags[self.step] |= MISSED
         self.misses += 1
         if self.misses > self._task.misses_allowed:
-            self.void(f"{self.misses} actions came too late, the last one of step {self.step}")
+            self.discard(f"{self.misses} actions arrived too late, the last one in step {self.step}")
 
     def _tick(self, now: float, sensed: Reading, clock: ElasticClock) -> None:
         step = self.step
         self._settle(step)
         late = clock.is_late(now)
         self._flags[step] |= LATE * late
-        self.pace = self.pace.with_step(now - self._ticked_at)
+        self.timing = self.timing.with_step(now - self._ticked_at)
         self._clock, self._ticked_at = clock.ticked(now), now
         action = self._task.action.action(self._executed[step])
         transition = (self.observation, action, sensed.observation)
-        reward = self._task.rules.earned(*transition, sensed.reward)
-        self._terminated = self._task.rules.ended(*transition)
-        self._rewards.append(reward)  # no sooner: where a rule fails the step is not there at all
+        reward = self._task.rules.step_reward(*transition, sensed.reward)
+        self._terminated = self._task.rules.is_terminal(*transition)
+        self._rewards.append(reward)  # last, so that a failing rule leaves no partial step
         self._observations.append(sensed.observation)
         self._stamps.append(sensed.stamp)
         self.step += 1
         if self._unreported > self._task.misses_allowed:
-            self.discard_reason = f"the gate did not report what it made of {self._unreported} commands"
+            self.discard_reason = f"the gate did not report {self._unreported} commands"
 
     def _settle(self, step: int) -> None:
-        """Note what was executed in a step that ends: what the gate reported, else what was sent or held."""
+        """Record the executed command of a finished step: reported by the gate, else sent, else held."""
         sent, reported = self._sent[step], self._reported[step]
         if sent is not None and reported is None:
             self._flags[step] |= NO_REPORT
@@ -234,9 +234,9 @@ class RobotEpisode:
         self._executed[step] = self._executed[step - 1] if executed is None else executed
 
     def ended(self) -> FinishedEpisode:
-        """Return the episode as it is, its steps up to now.
+        """Return the episode with its steps so far.
 
-        A void one may lack actions that did not come; they are 0 there.
+        In a discarded episode, actions that did not arrive are 0.
         """
         steps, horizon = len(self._rewards), self.batch.horizon
         observations = np.zeros((1, horizon, self._task.sensors.dimension))

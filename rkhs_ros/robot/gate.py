@@ -1,8 +1,7 @@
-"""The gate between whoever commands a robot and its hardware, as functions of values.
+"""The safety gate between the senders of commands and a robot's hardware, as pure functions.
 
-A gate is a `Gate`, which every command, every sensed state and every tick of its clock turn into the next one. It is
-asked for an output at each tick; between ticks nothing is sent. All times are seconds of one clock that never goes
-back, the stamps of messages among them.
+A `Gate` is a frozen state. Each command, each sensed joint state and each clock tick maps it to the next state.
+Outputs are produced at ticks only. All times, including message stamps, are seconds of one monotonic clock.
 """
 
 from __future__ import annotations
@@ -16,22 +15,22 @@ from rkhs_ros.robot.gate_state import CLAMPED, MOST_NUMBER, Command, CommandRepo
 from rkhs_ros.robot.limits import EFFORT, MOST, POSITION, VELOCITY, Limits, Sensed
 from rkhs_ros.robot.motion import Setpoint, advance, rest_at
 
-CLOCK_TOLERANCE_S = 0.01  # by which a stamp may be ahead of this machine's clock
-SAME = 1e-9  # relative difference of commands that are taken to be the same
+CLOCK_TOLERANCE_S = 0.01  # a stamp may be ahead of this machine's clock by this much
+SAME = 1e-9  # commands are equal up to this relative difference
 
 
 def begin(rules: Rules) -> Gate:
-    """Return the state of a gate that has just begun: disarmed."""
+    """Return the initial state of a gate, which is disarmed."""
     return Gate(motion=None if rules.limits.kind == POSITION else rest_at(np.zeros(rules.limits.joints)))
 
 
 def commanded(state: Gate, rules: Rules, now: float, command: Command) -> tuple[Gate, CommandReport]:
-    """Take a command, or refuse it; return what becomes of it."""
+    """Accept or refuse a command; return the next state and the report of the command."""
     state, motion = _count(state, commands=1), state.motion
     reason = _objection(state, rules, now, command)
     if motion is None or reason:
         newest = motion.value if motion else np.zeros(0)
-        refusal = reason or "expected positions to be sensed before a command, got none"
+        refusal = reason or "cannot take a command before the positions of the joints are sensed"
         return _count(state, refusals=1), CommandReport(newest, Flags.REFUSED, refusal)
     interval = now - state.heard_at if state.goal is not None else np.inf
     state = replace(state, heard_at=now, sender=command.instance, number=command.number)
@@ -47,26 +46,26 @@ def commanded(state: Gate, rules: Rules, now: float, command: Command) -> tuple[
 
 
 def sensed(state: Gate, rules: Rules, now: float, news: Sensed) -> tuple[Gate, str]:
-    """Take what was sensed, and stop where it passes a limit; return why it was refused, or nothing.
+    """Take a sensed joint state, and stop if it exceeds a limit; return why it was refused, or an empty string.
 
-    What is refused leaves what was sensed before to grow old.
+    A refused state does not replace the previous one, which therefore becomes stale.
     """
     reason = _flaw(state, rules, now, news)
     if reason:
         return _count(state, refusals=1), reason
     state = _timed_rest(_anchored(replace(state, sensed=news)), rules, now)
-    passed = next(rules.sensed.passed(news), "")
-    return stopped(state, passed) if passed else state, ""
+    exceeded = next(rules.sensed.exceeded(news), "")
+    return stopped(state, exceeded) if exceeded else state, ""
 
 
 def ticked(state: Gate, rules: Rules, now: float) -> tuple[Gate, Array | None]:
-    """Move on by a period where one has passed since the tick before; return what is to be sent.
+    """Advance by one period if a period has passed since the last tick; return the next state and the output.
 
-    A late tick is not made up for by a short one: outputs are a period apart or more, so what changes by no more than
-    a limit allows within a period never changes faster.
+    Outputs are at least one period apart, also after a late tick. A change that respects a limit per period therefore
+    also respects it per second.
 
     Returns:
-        The next state, and the output of shape (joints,); None where no tick is due or the gate is disarmed.
+        The next state, and the output of shape (joints,); None if no tick is due or the gate is disarmed.
     """
     if now < state.due:
         return state, None
@@ -77,9 +76,9 @@ def ticked(state: Gate, rules: Rules, now: float) -> tuple[Gate, Array | None]:
 
 
 def armed(state: Gate, rules: Rules, now: float) -> tuple[Gate, str]:
-    """Arm a gate at a person's word; return the reason if it refuses, else nothing.
+    """Arm the gate on request; return the next state and the reason if it refuses, else an empty string.
 
-    A gate that is not moving then takes commands of any process, whatever numbers it heard before.
+    A gate that is not moving then accepts commands of any process, whatever numbers it has received before.
     """
     if state.mode == Mode.MOVING:
         return state, ""
@@ -93,43 +92,43 @@ def armed(state: Gate, rules: Rules, now: float) -> tuple[Gate, str]:
 
 
 def stopped(state: Gate, reason: str) -> Gate:
-    """Come to rest and hold until armed again; a gate that is disarmed or stopped stays as it is."""
+    """Come to rest and hold until armed again; do nothing if the gate is disarmed or stopped."""
     if state.mode not in (Mode.HOLDING, Mode.MOVING):
         return state
     return _count(replace(_held(state), mode=Mode.STOPPED, reason=reason), stops=1)
 
 
-def stop_asked(state: Gate, reason: str) -> Gate:
-    """Stop, and refuse to be armed, as long as there is a reason: who requests a stop, in words."""
-    state = replace(state, stop_asked=reason)
+def stop_requested(state: Gate, reason: str) -> Gate:
+    """Stop, and refuse to arm while a stop is requested; `reason` says by whom, and is empty if by nobody."""
+    state = replace(state, stop_requested=reason)
     return stopped(state, reason) if reason else state
 
 
 def leave(state: Gate, rules: Rules, now: float) -> tuple[Gate, bool]:
-    """Stop the robot for good, and let go of it when it is at rest; return whether nothing remains to be sent.
+    """Stop the robot for good, and release it when it is at rest; return whether nothing remains to be sent.
 
-    A robot may keep the newest command for ever, so efforts go to 0 last: none is right without a look at the joints.
+    Hardware may hold the newest command for ever. Efforts therefore go to 0 last: without feedback no other is safe.
     """
-    state = replace(stopped(state, "the gate ends"), is_leaving=True)
+    state = replace(stopped(state, "the gate is shutting down"), is_shutting_down=True)
     motion = state.motion
     if not state.is_armed or motion is None:
         return state, True
-    state = replace(state, lets_go=state.lets_go or is_at_rest(state, rules, now))
+    state = replace(state, releases=state.releases or is_at_rest(state, rules, now))
     is_pushing = rules.limits.kind == EFFORT and bool(motion.value.any())
-    return state, state.lets_go and not is_pushing
+    return state, state.releases and not is_pushing
 
 
 def last_output(state: Gate, rules: Rules) -> Setpoint | None:
-    """Return the output to send when no other will follow, at rest or not; None if there is none to send.
+    """Return the last output of a gate, whether the robot is at rest or not; None if none need be sent.
 
-    Velocities and efforts become 0 at once. Positions stay: the newest one is held already.
+    Velocities and efforts become 0 at once. Positions need none: the hardware holds the newest one already.
     """
     is_held = not state.is_armed or rules.limits.kind == POSITION
     return None if is_held else rest_at(np.zeros(rules.limits.joints))
 
 
 def is_at_rest(state: Gate, rules: Rules, now: float) -> bool:
-    """Return whether the robot has been at rest for long enough: one reading may be that of a turning point."""
+    """Return whether the robot has been at rest for `rest_time`; a single reading may be a turning point."""
     return not state.is_armed or now - state.rest_since >= rules.rest_time
 
 
@@ -139,7 +138,7 @@ def _count(state: Gate, **more: int) -> Gate:
 
 
 def _held(state: Gate) -> Gate:
-    """Come to rest, and expect no further command; joints that hold by effort brake first, see `_anchored`."""
+    """Come to rest and expect no further command; joints that hold by effort brake first, see `_anchored`."""
     mode = Mode.HOLDING if state.mode == Mode.MOVING else state.mode
     if state.goal is not None and state.sensed is not None:
         state = replace(state, anchor=state.sensed.position, swing=state.sensed.velocity)
@@ -147,7 +146,7 @@ def _held(state: Gate) -> Gate:
 
 
 def _anchored(state: Gate) -> Gate:
-    """Hold joints where they first turn after a motion: the spring that braked them does not pull them back."""
+    """Hold each joint where it first turns after a motion, so that the braking spring does not pull it back."""
     if state.sensed is None or state.anchor is None or state.swing is None:
         return state
     turns = np.sign(state.swing) * np.sign(state.sensed.velocity) < 0
@@ -156,13 +155,13 @@ def _anchored(state: Gate) -> Gate:
 
 
 def _timed_rest(state: Gate, rules: Rules, now: float) -> Gate:
-    """Note since when the robot has been at rest, and forget it when it moves."""
+    """Record since when the robot has been at rest; reset when it moves."""
     since = min(state.rest_since, now) if _is_still(state, rules, now) else np.inf
     return replace(state, rest_since=since)
 
 
 def _is_still(state: Gate, rules: Rules, now: float) -> bool:
-    """Return whether the robot does not move now, by its commands, and of efforts by what is sensed."""
+    """Return whether the robot is at rest now, judged by its commands, or by sensing if they are efforts."""
     if state.goal is not None or state.motion is None:
         return False
     if rules.limits.kind != EFFORT:
@@ -173,29 +172,29 @@ def _is_still(state: Gate, rules: Rules, now: float) -> bool:
 
 
 def _objection(state: Gate, rules: Rules, now: float, command: Command) -> str:
-    """Return why a command is not to be taken; empty where it is."""
+    """Return why a command is refused; empty if it is accepted."""
     greatest = max(command.instance, command.number)
     if greatest > MOST_NUMBER:
-        return f"expected numbers of a process and of a command of at most {MOST_NUMBER}, got {greatest}"
+        return f"command: expected an instance and a number of at most {MOST_NUMBER}, got {greatest}"
     if state.goal is not None and command.instance != state.sender:
-        return f"expected commands of process {state.sender} until it holds, got one of {command.instance}"
+        return f"command: expected instance {state.sender}, which is moving the robot, got {command.instance}"
     if command.instance < state.sender:
-        return f"expected a process not before {state.sender}, got {command.instance}"
+        return f"command: expected instance {state.sender} or a newer one, got {command.instance}"
     if command.instance == state.sender and command.number <= state.number:
-        return f"expected a number above {state.number}, got {command.number}"
+        return f"command: expected a number above {state.number}, got {command.number}"
     age = now - command.stamp
     if not -CLOCK_TOLERANCE_S <= age <= rules.command_timeout:
-        return f"expected a stamp of the last {rules.command_timeout:g} s, got an age of {age:.3f} s"
+        return f"command: expected a stamp within the last {rules.command_timeout:g} s, got an age of {age:.3f} s"
     values = command.values
     if values is not None and np.shape(values) != (rules.limits.joints,):
-        return f"expected {rules.limits.joints} values, got {np.size(values)}"
+        return f"command: expected {rules.limits.joints} values, got {np.size(values)}"
     if values is not None and not np.isfinite(values).all():
-        return f"expected finite values, got {values}"
+        return f"command: expected finite values, got {values}"
     return ""
 
 
 def _clamp(limits: Limits, value: Array, asked: Array) -> tuple[Array, Flags]:
-    """Return the nearest command to the one asked for, of those within the range and a step's reach."""
+    """Return the requested command, clipped to the range and to the reach of one step, and the flags of the clips."""
     goal = np.clip(asked, *limits.bounds())
     near = np.clip(goal, value - limits.step, value + limits.step)
     flags = Flags.CLAMPED_VALUE if (goal != asked).any() else Flags(0)
@@ -203,7 +202,7 @@ def _clamp(limits: Limits, value: Array, asked: Array) -> tuple[Array, Flags]:
 
 
 def _foresee(rules: Rules, motion: Setpoint, goal: Array, interval: float) -> tuple[Array, Flags]:
-    """Return what the output comes to within an interval, the timeout at most, and what keeps it from its goal."""
+    """Return the output after an interval (the timeout at most), and which limit keeps it from its goal."""
     periods = max(round(min(interval, rules.command_timeout) / rules.period), 1)
     start = motion.value
     for _ in range(periods):
@@ -220,42 +219,42 @@ def _is_same(value: Array, goal: Array) -> bool:
 
 
 def _flaw(state: Gate, rules: Rules, now: float, news: Sensed) -> str:
-    """Return why what was sensed cannot be used; empty where it can."""
+    """Return why a sensed state cannot be used; empty if it can."""
     age = now - news.stamp
     if not -CLOCK_TOLERANCE_S <= age <= rules.stale_after:
-        return f"expected a stamp of the last {rules.stale_after:g} s, got an age of {age:.3f} s"
+        return f"joint state: expected a stamp within the last {rules.stale_after:g} s, got an age of {age:.3f} s"
     if state.sensed is not None and news.stamp < state.sensed.stamp:
-        return "expected a stamp not before the last one, got one that is"
+        return "joint state: expected a stamp no earlier than that of the previous message, got an earlier one"
     for name in rules.fields:
         if not (np.abs(getattr(news, name)) <= MOST).all():
-            return f"expected {name} of all joints, within {MOST:g}, got {getattr(news, name)}"
+            return f"joint state: expected the {name} of every joint within {MOST:g}, got {getattr(news, name)}"
     return ""
 
 
 def _stale(state: Gate, rules: Rules, now: float) -> str:
-    """Return in words that what was sensed is too old; empty where it is not, or where nothing need be sensed."""
+    """Return an error message if the sensed state is missing or stale; empty otherwise, or if no sensor is needed."""
     if rules.stale_after == np.inf:
         return ""
     if state.sensed is None:
-        return "expected the joints to be sensed, got nothing that can be used"
+        return "no usable joint state has been received"
     is_stale = now - state.sensed.stamp > rules.stale_after
-    return f"nothing was sensed of the joints for {rules.stale_after:g} s that can be used" if is_stale else ""
+    return f"no usable joint state for {rules.stale_after:g} s" if is_stale else ""
 
 
 def _watch(state: Gate, rules: Rules, now: float) -> Gate:
-    """Stop where commands fail to come, what was sensed is too old or the gate is late; a dry run just ends."""
+    """Stop if commands fail to arrive, the sensed state is stale or the gate is late; a dry run just ends."""
     is_silent = state.goal is not None and now - state.heard_at > rules.command_timeout
     if is_silent and not state.is_armed:
         return _held(state)
     fault = f"no command for {rules.command_timeout:g} s" if is_silent else _stale(state, rules, now)
     late = now - state.due if np.isfinite(state.due) else 0.0  # the first tick is never late
-    if late > min(rules.command_timeout, rules.stale_after):  # what was not heard meanwhile is no fault of others
+    if late > min(rules.command_timeout, rules.stale_after):  # messages missed meanwhile are not the senders' fault
         fault = f"the gate itself was late by {late:.2f} s"
     return stopped(state, fault) if fault else state
 
 
 def _next_motion(state: Gate, rules: Rules, now: float) -> Setpoint | None:
-    """Return the next output; while disarmed and without a goal, where an armed one would begin."""
+    """Return the next output; while disarmed and without a goal, the first output of an armed gate."""
     if state.motion is None or (not state.is_armed and state.goal is None):
         return _start(state.sensed, rules.limits)
     goal = state.goal
@@ -265,7 +264,7 @@ def _next_motion(state: Gate, rules: Rules, now: float) -> Setpoint | None:
 
 
 def _start(now_sensed: Sensed | None, limits: Limits) -> Setpoint | None:
-    """Return the output that changes nothing: positions where they are sensed, else 0."""
+    """Return the output that does not move the robot: the sensed positions, or velocities and efforts of 0."""
     if limits.kind != POSITION:
         return rest_at(np.zeros(limits.joints))
     return rest_at(np.clip(now_sensed.position, limits.minimum, limits.maximum)) if now_sensed is not None else None
@@ -274,11 +273,11 @@ def _start(now_sensed: Sensed | None, limits: Limits) -> Setpoint | None:
 def _holding_effort(state: Gate, rules: Rules, now: float) -> Array:
     """Return the effort of a spring and a damper at the anchor.
 
-    Where nothing is sensed any more the damper is left out, and the spring goes by what was sensed last: what it bore
-    of a load it bears on, and it drives nothing that it cannot see.
+    If the sensed state is stale, the damper is omitted and the spring uses the last position: it keeps bearing its
+    load, and drives no joint without feedback.
     """
     joints = state.sensed
-    if joints is None or state.anchor is None or state.lets_go:
+    if joints is None or state.anchor is None or state.releases:
         return np.zeros(rules.limits.joints)
     damping = np.zeros_like(rules.damping) if _stale(state, rules, now) else rules.damping
     effort = rules.stiffness * (state.anchor - joints.position) - damping * joints.velocity
@@ -286,19 +285,19 @@ def _holding_effort(state: Gate, rules: Rules, now: float) -> Array:
 
 
 def _obstacle(state: Gate, rules: Rules, now: float) -> str:
-    """Return why a gate cannot be armed now; empty where it can."""
-    if state.is_leaving:
-        return "expected a gate that goes on, got one that ends"
-    if state.stop_asked:
-        return f"cannot arm while {state.stop_asked}"
+    """Return why the gate cannot be armed now; empty if it can."""
+    if state.is_shutting_down:
+        return "cannot arm while the gate is shutting down"
+    if state.stop_requested:
+        return f"cannot arm while {state.stop_requested}"
     stale = _stale(state, rules, now)
     if stale or state.sensed is None:
-        return stale
-    if passed := next(rules.sensed.passed(state.sensed), ""):
-        return passed
+        return f"cannot arm: {stale}" if stale else ""
+    if exceeded := next(rules.sensed.exceeded(state.sensed), ""):
+        return f"cannot arm: {exceeded}"
     start = _start(state.sensed, rules.limits)
     if state.is_armed or rules.limits.kind != POSITION or start is None:
         return ""
     way = np.abs(start.value - state.sensed.position)
     beyond = bool((way > np.minimum(rules.limits.velocity * rules.period, rules.limits.step)).any())
-    return f"expected joints within their limits, got positions {state.sensed.position}" if beyond else ""
+    return f"cannot arm: expected joints within their limits, got positions {state.sensed.position}" if beyond else ""

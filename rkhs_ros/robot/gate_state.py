@@ -1,4 +1,4 @@
-"""What a gate is made of: its rules, its state, the commands it takes and its reports, all frozen values."""
+"""Frozen values of the gate: its rules, its state, the commands it receives and its reports."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.limits import EFFORT, LEAST, MOST, POSITION, VELOCITY, Limits, Sensed, SensedLimits
 from rkhs_ros.robot.motion import Setpoint
 
-MOST_NUMBER = 2**63 - 1  # of a process and of its commands; a parameter of ROS can be no greater
-STOP_ASKED = "a stop is requested"  # how the reason begins where somebody had the robot stop
+MOST_NUMBER = 2**63 - 1  # of an instance and of a command; the greatest integer of a ROS parameter
+STOP_REQUESTED = "a stop is requested"  # prefix of the reason for a requested stop
 
 
 class Mode(StrEnum):
-    """What a gate does."""
+    """Mode of a gate."""
 
     DISARMED = "disarmed"
     HOLDING = "holding"
@@ -26,7 +26,7 @@ class Mode(StrEnum):
 
 
 class Flags(IntFlag):
-    """What happened to a command."""
+    """Flags of a command in the gate's report."""
 
     CLAMPED_VALUE = 1
     CLAMPED_VELOCITY = 2
@@ -41,21 +41,21 @@ CLAMPED = Flags.CLAMPED_VALUE | Flags.CLAMPED_VELOCITY | Flags.CLAMPED_ACCELERAT
 
 @dataclass(frozen=True, eq=False)
 class Rules:
-    """What a gate goes by, fixed as long as it lives.
+    """The rules of a gate, fixed for its lifetime.
 
     Attributes:
         limits: of commands.
-        sensed: limits of what is sensed.
+        sensed: limits of the sensed joint states.
         stiffness: of joints that hold by effort, N m/rad or N/m, shape (joints,).
         damping: of joints that hold by effort, N m s/rad or N s/m, shape (joints,).
-        command_timeout: seconds without a command after which a motion is stopped.
-        stale_after: seconds after which what was sensed is too old; infinity where nothing is sensed.
-        period: seconds between outputs, at least.
-        rest_speed: rad/s or m/s sensed of a joint, up to which one that holds by effort is taken to be at rest.
-        rest_time: seconds for which a robot must be at rest without a break before it is left.
+        command_timeout: seconds without a command after which the gate stops a motion.
+        stale_after: seconds after which a sensed state is stale; infinity without a sensor.
+        period: least seconds between outputs.
+        rest_speed: greatest sensed speed, rad/s or m/s, of a joint at rest that holds by effort.
+        rest_time: seconds for which a robot must stay at rest before its gate exits.
 
     Raises:
-        ValueError: they do not fit each other.
+        ValueError: the rules are inconsistent.
     """
 
     limits: Limits
@@ -81,23 +81,23 @@ class Rules:
             require(0.0 <= getattr(self, name) < np.inf, name, "a number from 0", getattr(self, name))
         require(self.period <= self.command_timeout < np.inf, "period", "at most command_timeout", self.period)
         blind = self.stale_after == np.inf
-        require(not (blind and self.fields), "sensor", f"a topic that tells {', '.join(self.fields)}", "none")
+        require(not (blind and self.fields), "sensor", f"a topic with {', '.join(self.fields)}", "none")
 
     @property
     def fields(self) -> list[str]:
-        """What of the joints must be sensed."""
+        """Quantities that must be sensed."""
         to_hold = {POSITION: {POSITION}, VELOCITY: set(), EFFORT: {POSITION, VELOCITY}}[self.limits.kind]
         return sorted(to_hold | self.sensed.fields)
 
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """What a robot is to do next.
+    """A command to a robot.
 
     Attributes:
-        instance: the sender's process; a later one has a greater number.
-        number: of the command, which grows with each.
-        stamp: when the observation that it follows from was taken, in seconds of the gate's clock.
+        instance: the sender's process; a newer process has a greater number.
+        number: of the command; increases with each.
+        stamp: time of the observation that the command is based on, in seconds of the gate's clock.
         values: shape (joints,); None to come to rest and hold.
     """
 
@@ -109,13 +109,13 @@ class Command:
 
 @dataclass(frozen=True, eq=False)
 class CommandReport:
-    """What became of a command.
+    """The gate's report of a command.
 
     Attributes:
-        executed: what the output comes to by the time the next command is due, shape (joints,), as far as commands
-            came regularly; what it would come to where the gate is disarmed; the newest output where the command was
-            refused; empty for a hold, and where there is none.
-        flags: what happened to it.
+        executed: the output at the time the next command is due, if commands arrive regularly, shape (joints,).
+            Of a disarmed gate, the output that an armed one would reach. The newest output if the command was refused.
+            Empty for a hold, or if there is no output yet.
+        flags: limits that changed the command, and whether it was refused.
         reason: why it was refused; else empty.
     """
 
@@ -126,7 +126,7 @@ class CommandReport:
 
 @dataclass(frozen=True)
 class Counts:
-    """Counted since a gate began: commands heard, commands changed by a limit, messages refused, and stops."""
+    """Counters since the gate started: commands received, commands clamped, messages refused, and stops."""
 
     commands: int = 0
     clamps: int = 0
@@ -136,26 +136,26 @@ class Counts:
 
 @dataclass(frozen=True, eq=False)
 class Gate:
-    """A gate between two events.
+    """The state of a gate between two events.
 
     Attributes:
-        mode: what it does.
+        mode: of the gate.
         reason: why it is stopped; else empty.
-        counts: what it counted.
-        motion: the newest output, as long as it is disarmed the one that would be; None while positions are unknown.
-        goal: the command to go to, shape (joints,); None while none is due.
+        counts: its counters.
+        motion: the newest output, or of a disarmed gate the hypothetical one; None while positions are unknown.
+        goal: the command to move to, shape (joints,); None while no command is expected.
         anchor: position to hold by effort, shape (joints,).
-        swing: velocities with which joints that hold by effort came to their anchor, shape (joints,); 0 of one that
-            has turned since.
-        sensed: what was sensed last; None before.
-        heard_at: time of the newest command taken.
-        sender: process that it came from.
+        swing: velocities with which joints that hold by effort reached their anchor, shape (joints,); 0 for a joint
+            that has turned since.
+        sensed: the last sensed state; None before the first one.
+        heard_at: time of the newest accepted command.
+        sender: instance that sent it.
         number: of that command.
-        stop_asked: who keeps asking for a stop, in words; empty if nobody.
+        stop_requested: reason of the requested stop, with its publishers; empty if there is none.
         due: time of the next tick.
-        rest_since: time since which the robot has been at rest without a break; infinity while it is not.
-        is_leaving: whether the gate ends, and is not to be armed again.
-        lets_go: whether efforts go to 0 in place of holding, as the last thing before the gate ends.
+        rest_since: time since which the robot has been at rest; infinity while it moves.
+        is_shutting_down: whether the gate is about to exit and cannot be armed again.
+        releases: whether efforts go to 0 instead of holding, as the last step before the gate exits.
     """
 
     mode: Mode = Mode.DISARMED
@@ -169,11 +169,11 @@ class Gate:
     heard_at: float = -np.inf
     sender: int = -1
     number: int = -1
-    stop_asked: str = ""
+    stop_requested: str = ""
     due: float = -np.inf
     rest_since: float = np.inf
-    is_leaving: bool = False
-    lets_go: bool = False
+    is_shutting_down: bool = False
+    releases: bool = False
 
     @property
     def is_armed(self) -> bool:

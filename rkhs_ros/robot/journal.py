@@ -1,4 +1,4 @@
-"""The journal of a robot: each episode in a file of its own, written before anybody is told of it."""
+"""The journal of a robot: one file per episode, written before the episode is reported."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ EPISODES = [f.name for f in fields(Episodes)]
 
 
 class Journal:
-    """The episodes that a robot made, finished and void.
+    """The stored episodes of a robot, completed and discarded.
 
-    A finished one is found again by its numbers, so that it is run once whoever is killed; void ones are kept beside
-    it, numbered.
+    A completed episode is found again by its seed and number, so that it runs only once even if a process is killed.
+    Discarded episodes are stored beside it, numbered.
 
     Owns the files in a folder.
 
     Args:
-        folder: made where it is missing; None to remember nothing.
+        folder: created if missing; None to store nothing.
 
     Raises:
-        OSError: it cannot be made.
+        OSError: the folder cannot be created.
     """
 
     def __init__(self, folder: Path | None) -> None:
@@ -40,31 +40,31 @@ class Journal:
             folder.mkdir(parents=True, exist_ok=True)
 
     def add(self, ended: FinishedEpisode) -> None:
-        """Write an episode that is over, and wait until the disk has it.
+        """Write an episode durably to disk.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: the file cannot be written.
         """
         if self._folder is not None:
             path = self._path(ended.batch)
-            write_whole(self._next_void(path) if ended.execution.discard_reason else path, _content(ended))
+            write_whole(self._numbered_path(path) if ended.execution.discard_reason else path, _content(ended))
 
-    def discard_finished(self, ended: FinishedEpisode) -> None:
-        """Keep a finished episode as void, with the reason that it has now.
+    def discard(self, ended: FinishedEpisode) -> None:
+        """Store a completed episode as discarded, with the reason in its execution.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: the file cannot be written.
         """
         self.add(ended)
-        self.forget(ended.batch)
+        self.set_aside(ended.batch)
 
-    def forget(self, batch: Batch) -> None:
-        """Have the finished episode of a batch be run again; its file is kept beside, as one that is not used."""
+    def set_aside(self, batch: Batch) -> None:
+        """Rename the completed episode of a batch to an unused one, so that the batch runs again."""
         if self._folder is not None and (path := self._path(batch)).exists():
-            path.replace(self._next_void(path, "unused"))
+            path.replace(self._numbered_path(path, "unused"))
 
     def find(self, batch: Batch) -> FinishedEpisode | None:
-        """Return the finished episode of a batch; None where there is none, or its file is damaged, which is said."""
+        """Return the completed episode of a batch; None if there is none; log a warning if its file is damaged."""
         path = self._path(batch) if self._folder is not None else None
         if path is None or not path.exists():
             return None
@@ -73,7 +73,7 @@ class Journal:
             episodes = Episodes(*(arrays[name] for name in EPISODES))
             return FinishedEpisode(batch, episodes, Execution(arrays["stamps"], arrays["executed"], arrays["flags"]))
         except Exception as error:  # a damaged archive raises almost anything
-            print(f"warning: {path}: passed over, damaged ({truncated(error)})", file=sys.stderr)
+            print(f"warning: {path}: ignored, the file is damaged ({truncated(error)})", file=sys.stderr)
             return None
 
     def _path(self, batch: Batch) -> Path:
@@ -81,7 +81,7 @@ class Journal:
         name = f"{kind}_seed_{batch.seed}_episode_{batch.first_episode:07}_steps_{batch.horizon}.npz"
         return (self._folder or Path()) / name
 
-    def _next_void(self, path: Path, kind: str = "void") -> Path:
+    def _numbered_path(self, path: Path, kind: str = "discarded") -> Path:
         count = len(list(path.parent.glob(f"{path.stem}_{kind}_*.npz")))
         return path.with_name(f"{path.stem}_{kind}_{count + 1}.npz")
 

@@ -1,4 +1,4 @@
-"""Limits of commands and of what is sensed: values that are checked when they are made."""
+"""Limits of commands and of sensed joint states, validated on construction."""
 
 from __future__ import annotations
 
@@ -12,26 +12,27 @@ from rkhs_ros.rkhs.kernels import Array
 
 POSITION, VELOCITY, EFFORT = "position", "velocity", "effort"
 KINDS = (POSITION, VELOCITY, EFFORT)
-LEAST, MOST = 1e-9, 1e9  # magnitudes of a limit that is not 0: beyond them the numbers are not to be computed with
+LEAST, MOST = 1e-9, 1e9  # smallest and largest magnitude of a nonzero limit, so that arithmetic stays accurate
 UNITS = {POSITION: "rad or m", VELOCITY: "rad/s or m/s", EFFORT: "N m or N"}
 
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Limits of commands to joints, each an array of shape (joints,); infinity where there is none, 0 is a limit.
+    """Limits of the commands to joints.
+
+    Each is an array of shape (joints,). Infinity means no limit; 0 is a limit.
 
     Attributes:
-        kind: what a command is: 'position', 'velocity' or 'effort'.
-        minimum: least command; of velocities and efforts at most 0, so that rest is allowed.
-        maximum: greatest command; of velocities and efforts at least 0.
-        velocity: of positions: their change per second; of velocities: their magnitude; of efforts: change per second.
-        acceleration: of positions: the change per second of their velocity; of velocities: their change per second;
-            of efforts: none.
-        step: how far a command may be from the one before, whatever time passed.
+        kind: of the commands: 'position', 'velocity' or 'effort'.
+        minimum: least command; for velocities and efforts at most 0, so that rest is allowed.
+        maximum: greatest command; for velocities and efforts at least 0.
+        velocity: for positions and efforts the greatest change per second; for velocities the greatest magnitude.
+        acceleration: for positions the greatest change of their velocity per second; for velocities the greatest change
+            per second; none for efforts.
+        step: greatest difference of successive commands, however much time has passed.
 
     Raises:
-        ValueError: limits are missing, cross each other, are negative, too large to compute with, or are not as
-            many as joints.
+        ValueError: limits are missing, contradictory, negative, too large, or their number is not that of the joints.
     """
 
     kind: str
@@ -50,17 +51,17 @@ class Limits:
             _require_magnitudes(getattr(self, name), f"limits.{name}")
         for name in ("minimum", "maximum", *self._needed()):
             finite = bool(np.isfinite(getattr(self, name)).all())
-            require(finite, f"limits.{name}", f"a limit for each joint, for commands of {self.kind}", "none")
+            require(finite, f"limits.{name}", f"a limit for each joint (required for {self.kind} commands)", "none")
         _require_order(self.minimum, self.maximum, "limits")
         if self.kind != POSITION:
             good = bool((self.minimum <= 0).all() and (self.maximum >= 0).all())
             require(good, "limits", "minimum <= 0 <= maximum, so that rest is allowed", _pairs(self))
         none = self.kind != EFFORT or bool(np.isinf(self.acceleration).all())
-        require(none, "limits.acceleration", "none for commands of effort", self.acceleration)
+        require(none, "limits.acceleration", "no value for effort commands", self.acceleration)
 
     @property
     def joints(self) -> int:
-        """How many joints there are."""
+        """Number of joints."""
         return self.minimum.size
 
     @property
@@ -80,10 +81,10 @@ class Limits:
 
 @dataclass(frozen=True, eq=False)
 class Sensed:
-    """What was sensed of the joints, each of shape (joints,), nan where it was not.
+    """A sensed joint state; arrays have shape (joints,), nan where a value is missing.
 
     Attributes:
-        stamp: when, in seconds of the gate's clock.
+        stamp: time of the measurement, in seconds of the gate's clock.
         position: in rad or m.
         velocity: in rad/s or m/s.
         effort: in N m or N.
@@ -97,7 +98,7 @@ class Sensed:
 
 @dataclass(frozen=True, eq=False)
 class SensedLimits:
-    """Limits of what is sensed of joints, each an array of shape (joints,); infinity where there is none.
+    """Limits of the sensed joint states, each an array of shape (joints,); infinity means no limit.
 
     Attributes:
         minimum: least position.
@@ -106,7 +107,7 @@ class SensedLimits:
         effort: greatest magnitude of the effort.
 
     Raises:
-        ValueError: they cross each other, are negative, too large, or not as many as joints.
+        ValueError: limits are contradictory, negative, too large, or their number is not that of the joints.
     """
 
     minimum: Array
@@ -124,12 +125,12 @@ class SensedLimits:
 
     @property
     def fields(self) -> set[str]:
-        """What of the joints must be sensed for these limits."""
+        """Quantities that must be sensed to check these limits."""
         ranges = {POSITION: np.array([-self.minimum, self.maximum]), VELOCITY: self.velocity, EFFORT: self.effort}
         return {name for name, limit in ranges.items() if np.isfinite(limit).any()}
 
-    def passed(self, sensed: Sensed) -> Iterator[str]:
-        """Yield in words each limit that is passed; what was not sensed passes none."""
+    def exceeded(self, sensed: Sensed) -> Iterator[str]:
+        """Yield a message for each limit that is exceeded; missing values exceed none."""
         ranges = {
             POSITION: (self.minimum, self.maximum),
             VELOCITY: (-self.velocity, self.velocity),
@@ -143,13 +144,13 @@ class SensedLimits:
 
 
 def no_limits(joints: int) -> Array:
-    """Return what stands for no limit of so many joints, shape (joints,)."""
+    """Return the array that means no limit, shape (joints,)."""
     return np.full(joints, np.inf)
 
 
 def _array(values: Array, joints: int, what: str) -> Array:
     array = np.array(values, dtype=np.float64)
-    require(array.ndim == 1 and array.size == joints >= 1, what, f"{max(joints, 1)} numbers, one a joint", array.size)
+    require(array.ndim == 1 and array.size == joints >= 1, what, f"{max(joints, 1)} numbers, one per joint", array.size)
     require(not np.isnan(array).any(), what, "numbers", "nan")
     array.setflags(write=False)
     return array
@@ -161,7 +162,7 @@ def _require_magnitudes(values: Array, what: str) -> None:
 
 
 def _require_order(minimum: Array, maximum: Array, what: str) -> None:
-    """Raise ValueError where a minimum is above its maximum, or either is too large; infinity is none."""
+    """Raise ValueError if a minimum is above its maximum, or either is too large; infinity means no limit."""
     require(bool((minimum <= maximum).all()), what, "minimum <= maximum", f"{minimum} and {maximum}")
     finite = np.concatenate([minimum, maximum])
     good = bool((np.abs(finite[np.isfinite(finite)]) <= MOST).all())

@@ -1,8 +1,7 @@
-"""How commands change from one to the next within their limits.
+"""Rate-limited motion of commands towards a goal.
 
-Velocities and efforts go straight to where they are wanted, as fast as they may. Positions have a velocity of their
-own, which changes no faster than the acceleration allows, and is never so great that the joint could not come to rest
-before its range ends.
+Velocity and effort commands move straight to their goal at the greatest allowed rate. Position commands have a
+velocity whose change is limited by the acceleration, and from which the joint can always stop within its range.
 """
 
 from __future__ import annotations
@@ -17,11 +16,11 @@ from rkhs_ros.robot.limits import POSITION, Limits
 
 @dataclass(frozen=True, eq=False)
 class Setpoint:
-    """The newest command and how it changes.
+    """The newest command and its rate of change.
 
     Attributes:
         value: the command, shape (joints,).
-        rate: of positions their velocity, by which the command differs from the one before it, shape (joints,); else 0.
+        rate: velocity of position commands, per second, shape (joints,); 0 for other commands.
     """
 
     value: Array
@@ -34,13 +33,13 @@ def rest_at(value: Array) -> Setpoint:
 
 
 def advance(limits: Limits, period: float, motion: Setpoint, goal: Array | None) -> Setpoint:
-    """Return the next command on the way to a goal.
+    """Return the next command towards a goal.
 
     Args:
         limits: of the commands.
         period: seconds between commands.
-        motion: the command before.
-        goal: the command wanted, shape (joints,); None to come to rest: positions as fast as they may, else by 0.
+        motion: the previous command.
+        goal: the desired command, shape (joints,); None to come to rest: positions brake, other commands go to 0.
     """
     if limits.kind == POSITION:
         return _accelerate(limits, period, motion, goal)
@@ -51,16 +50,17 @@ def advance(limits: Limits, period: float, motion: Setpoint, goal: Array | None)
 
 
 def braking(limits: Limits, period: float, motion: Setpoint, most: int) -> list[tuple[float, Array]]:
-    """Return how positions come to rest, as `advance` without a goal does.
+    """Return the braking trajectory of position commands, equal to that of `advance` without a goal.
 
     Args:
         limits: of the commands.
         period: seconds between commands.
-        motion: the newest command, which holds from now on.
-        most: how many are returned at most, 2 or more.
+        motion: the newest command.
+        most: greatest number of points, 2 or more.
 
     Returns:
-        Some of the times from now on, in seconds, and the positions then; the first is now, in the last all is at rest.
+        Pairs of the time from now, in seconds, and the positions, shape (joints,). The first is now; in the last all
+        joints are at rest.
     """
     change = limits.acceleration * period
     speed = np.abs(motion.rate)
@@ -73,10 +73,10 @@ def braking(limits: Limits, period: float, motion: Setpoint, most: int) -> list[
 
 
 def _accelerate(limits: Limits, period: float, motion: Setpoint, goal: Array | None) -> Setpoint:
-    """Return the next positions: the velocity nearest to the one wanted, of those that keep all limits.
+    """Return the next positions, using the velocity nearest to the desired one that respects all limits.
 
-    A velocity from which a joint could come to rest before its goal, or slower by the whole acceleration than one of
-    these, always can before its range ends, as goals lie within it.
+    The desired velocity lets the joint come to rest before its goal; the actual one is at most that, or brakes with the
+    full acceleration. As goals lie within the range, the joint can always come to rest within its range.
     """
     top = np.minimum(limits.velocity, limits.step / period)
     change = limits.acceleration * period

@@ -1,4 +1,4 @@
-"""Sensors: what a robot's messages say, as numbers."""
+"""Sensors: observations from the messages of a robot's topics."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rkhs_ros.robot.commands import KINDS, UNITS
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINT_FIELDS = KINDS
-# Of the vectors in standard messages; a Pose's orientation has none.
+# Units of the vectors in standard messages; the orientation of a Pose has none.
 UNITS_OF_VECTORS = {
     "position": "m",
     "point": "m",
@@ -29,21 +29,21 @@ UNITS_OF_VECTORS = {
     "force": "N",
     "torque": "N m",
 }
-PART = re.compile(r"([A-Za-z]\w*)(?:\[(\d+)(?::(\d+))?\])?")  # of a path: name, name[2] or name[0:3]
+PART = re.compile(r"([A-Za-z]\w*)(?:\[(\d+)(?::(\d+))?\])?")  # part of a path: name, name[2] or name[0:3]
 TYPE = re.compile(r"[a-z]\w*/msg/[A-Z]\w*")
-MOST_NUMBERS = 1000  # of a field
+MOST_NUMBERS = 1000  # per field
 
 
 class SensingError(Exception):
-    """A sensor is silent or stale, or says what is no number; the message says so in one line."""
+    """A sensor is silent or stale, or its value is not a number; the message is one line."""
 
 
-class Heard(NamedTuple):
+class ReceivedMessage(NamedTuple):
     """The newest message of a topic.
 
     Attributes:
         message: any object with the fields of its type.
-        at: when it came, by the monotonic clock, in seconds.
+        at: monotonic time of arrival, seconds.
     """
 
     message: Any
@@ -51,7 +51,7 @@ class Heard(NamedTuple):
 
 
 class Part(NamedTuple):
-    """One step on the way to a field: an attribute, and the entries of it that are meant, all where there are none."""
+    """One part of a field's path: an attribute, and the selected entries of it; None for the attribute itself."""
 
     name: str
     entries: range | None
@@ -59,25 +59,28 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True)
 class Sensor(Settings):
-    """One sensor: a topic, and what of its messages is observed."""
+    """One sensor: a topic, and the observed fields of its messages."""
 
     topic: str = setting("joint_states", "topic of its messages")
     type: str = setting(JOINT_STATE, "type of its messages")
     fields: tuple[str, ...] = setting(
-        ("position", "velocity"), "fields that are observed, as linear.x, data[2] or data[0:3]"
+        ("position", "velocity"), "observed fields, such as linear.x, data[2] or data[0:3]"
     )
-    joints: tuple[str, ...] = setting((), "of a JointState: the joints of which the fields are observed, in this order")
-    units: tuple[str, ...] = setting((), "units for pictures, one per field; none for those that their names stand for")
+    joints: tuple[str, ...] = setting((), "for a JointState: the joints whose fields are observed, in this order")
+    units: tuple[str, ...] = setting(
+        (), "units for figures, one per field; empty for those implied by the fields' names"
+    )
 
     def __post_init__(self) -> None:
-        """Raise ValueError where a name is none, or the joints are of no JointState."""
+        """Raise ValueError if a name is invalid, or joints are given for another type than JointState."""
         super().__post_init__()
         require(bool(self.topic), "topic", "the name of a topic", repr(self.topic))
-        require(bool(TYPE.fullmatch(self.type)), "type", "PACKAGE/msg/TYPE, as std_msgs/msg/Float64", repr(self.type))
+        expected = "PACKAGE/msg/TYPE, such as std_msgs/msg/Float64"
+        require(bool(TYPE.fullmatch(self.type)), "type", expected, repr(self.type))
         require(bool(self.fields), "fields", "at least one", "none")
         require(len(self.units) in (0, len(self.fields)), "units", numbers(len(self.fields)), len(self.units))
         if self.joints:
-            require(self.type == JOINT_STATE, "joints", f"them for a {JOINT_STATE} alone", self.type)
+            require(self.type == JOINT_STATE, "joints", f"the type {JOINT_STATE}, the only one with joints", self.type)
             unknown = [field for field in self.fields if field not in JOINT_FIELDS]
             require(not unknown, "fields", f"some of {', '.join(JOINT_FIELDS)}", ", ".join(unknown))
         else:
@@ -86,16 +89,16 @@ class Sensor(Settings):
 
     @property
     def dimension(self) -> int:
-        """How many numbers it observes."""
+        """Number of observed values."""
         if self.joints:
             return len(self.fields) * len(self.joints)
         return sum(_size(parts_of(field)) for field in self.fields)
 
     def names(self, name: str) -> list[str]:
-        """Return what its numbers are called, each with its unit: as "elbow position (rad)", "tip position.x (m)".
+        """Return the names of its values with their units, such as "elbow position (rad)" or "tip position.x (m)".
 
         Args:
-            name: the sensor's.
+            name: of the sensor.
         """
         if self.joints:
             units = self.units or [UNITS[field] for field in self.fields]
@@ -106,10 +109,10 @@ class Sensor(Settings):
         return [f"{name} {path} ({unit})" if unit else f"{name} {path}" for path, unit in paths]
 
     def numbers(self, message: Any) -> list[float]:
-        """Return what a message says, a field after another, of each the joints in order.
+        """Return the observed values of a message, field by field, and within a field joint by joint.
 
         Raises:
-            SensingError: something is missing, no number, or not finite.
+            SensingError: a value is missing, not a number, or not finite.
         """
         if self.joints:
             values = [each for field in self.fields for each in joint_values(message, field, self.joints)]
@@ -124,10 +127,10 @@ def parts_of(path: str) -> list[Part]:
     """Return the parts of a field's path.
 
     Raises:
-        ValueError: it is none.
+        ValueError: the path is invalid.
     """
     found = [PART.fullmatch(part) for part in path.split(".")]
-    require(all(found), "field", "a path as linear.x, data[2] or data[0:3]", repr(path))
+    require(all(found), "field", "a path such as linear.x, data[2] or data[0:3]", repr(path))
     parts = [_part(match) for match in found if match]
     good = all(part.entries is None or len(part.entries) == 1 for part in parts[:-1])
     require(good and 1 <= _size(parts) <= MOST_NUMBERS, "field", f"1 to {MOST_NUMBERS} numbers", repr(path))
@@ -142,12 +145,12 @@ def _part(match: re.Match[str]) -> Part:
 
 
 def _unit_of(parts: list[Part]) -> str:
-    """Return the unit of a field by the names on its way, as the standard messages have them; empty where unknown."""
+    """Return the unit of a field, by the names that standard messages use; empty if unknown."""
     return next((UNITS_OF_VECTORS[part.name] for part in parts if part.name in UNITS_OF_VECTORS), "")
 
 
 def _paths(field: str) -> list[str]:
-    """Return the last two parts of the path of each number in a field."""
+    """Return the last two parts of the path of each value in a field."""
     *way, last = field.split(".")[-2:]
     (part,) = parts_of(last)
     ends = [last] if part.entries is None else [f"{part.name}[{entry}]" for entry in part.entries]
@@ -160,10 +163,10 @@ def _size(parts: list[Part]) -> int:
 
 
 def check_field(message: Any, path: str) -> None:
-    """Check that messages have a field, as far as an empty one shows.
+    """Check that messages have a field, as far as an empty message can show.
 
     Raises:
-        ValueError: they do not.
+        ValueError: the field does not exist.
     """
     for part in parts_of(path):
         names = [name.lstrip("_") for name in getattr(message, "__slots__", ())]
@@ -172,14 +175,14 @@ def check_field(message: Any, path: str) -> None:
             raise ValueError(f"unknown field '{path}' of {type(message).__name__}, {hint(part.name, known)}")
         message = getattr(message, part.name)
         if part.entries is not None:
-            return  # an empty message has no entries to look at
+            return  # an empty message has no entries to check
 
 
 def field_values(message: Any, path: str) -> list[float]:
-    """Return the numbers in a field.
+    """Return the values in a field.
 
     Raises:
-        SensingError: it is not there, or no number.
+        SensingError: the field is missing, or not a number.
     """
     *way, last = parts_of(path)
     try:
@@ -197,68 +200,68 @@ def _followed(message: Any, part: Part) -> Any:
 
 
 def joint_values(message: Any, field: str, joints: tuple[str, ...]) -> list[float]:
-    """Return a field of a JointState for some joints, by their names.
+    """Return a field of a JointState for the named joints.
 
     Raises:
-        SensingError: a joint is not among those of the message, or has no such value.
+        SensingError: a joint is missing from the message, or has no such value.
     """
     names, values = list(message.name), getattr(message, field)
     if missing := missing_joints(joints, names):
         raise SensingError(missing)
     for joint in joints:
         if names.index(joint) >= len(values):
-            raise SensingError(f"expected the {field} of joint '{joint}', got {len(values)} values")
+            raise SensingError(f"{field}: expected a value for joint '{joint}', got {len(values)} values")
     return [float(values[names.index(joint)]) for joint in joints]
 
 
 def missing_joints(joints: Iterable[str], names: Sequence[str]) -> str:
-    """Return in words which joints are not among the names of a message; empty if all are."""
+    """Return an error message that names the joints missing from a message; empty if none is missing."""
     missing = ", ".join(f"'{joint}'" for joint in joints if joint not in names)
     return f"missing joints {missing}, got {truncated(', '.join(names) or 'none')}" if missing else ""
 
 
 @dataclass(frozen=True)
 class Sensors:
-    """The sensors of a robot, in the order of their names, which is that of the observation.
+    """The sensors of a robot; an observation concatenates their values in the order of their names.
 
     Attributes:
         by_name: the sensors.
-        stale_after: seconds after which a message is too old.
+        stale_after: seconds after which a message is stale.
     """
 
     by_name: Mapping[str, Sensor]
     stale_after: float
 
     def __iter__(self) -> Iterator[tuple[str, Sensor]]:
-        """Walk through the sensors in order."""
+        """Iterate over the sensors in order."""
         return iter(sorted(self.by_name.items()))
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What the numbers of an observation are called, with their units."""
+        """Names of the observation's dimensions, with their units."""
         return tuple(each for name, sensor in self for each in sensor.names(name))
 
     @property
     def dimension(self) -> int:
-        """How many numbers are observed."""
+        """Dimension of an observation."""
         return sum(sensor.dimension for _, sensor in self)
 
     def columns(self) -> Iterator[tuple[int, str, Sensor]]:
-        """Walk through the sensors in order, each after the column of the observation at which its numbers begin."""
+        """Yield, for each sensor in order, its first column in the observation, its name and itself."""
         begin = 0
         for name, sensor in self:
             yield begin, name, sensor
             begin += sensor.dimension
 
-    def observation(self, heard: Mapping[str, Heard], now: float) -> Array:
-        """Return what is observed, shape (d,).
+    def observation(self, heard: Mapping[str, ReceivedMessage], now: float) -> Array:
+        """Return the observation, shape (d,).
 
         Args:
             heard: the newest message of each topic.
             now: monotonic time, seconds.
 
         Raises:
-            SensingError: a sensor is silent, stale or says what is no number; the message names it.
+            SensingError: a sensor is silent, stale or its value is not a number; the message names it.
         """
         numbers: list[float] = []
         for name, sensor in self:
@@ -269,17 +272,17 @@ class Sensors:
         return np.array(numbers)
 
 
-def fresh(heard: Mapping[str, Heard], topic: str, now: float, stale_after: float) -> Any:
+def fresh(heard: Mapping[str, ReceivedMessage], topic: str, now: float, stale_after: float) -> Any:
     """Return the newest message of a topic.
 
     Raises:
-        SensingError: there is none, or it is too old.
+        SensingError: no message has arrived, or the newest one is stale.
     """
     if topic not in heard:
-        raise SensingError(f"no message came on {topic}")
+        raise SensingError(f"no message has arrived on {topic}")
     message, at = heard[topic]
     if now - at > stale_after:
         raise SensingError(
-            f"stale: the last message on {topic} came {now - at:.3g} s ago (stale_after {stale_after:g})"
+            f"stale: the last message on {topic} arrived {now - at:.3g} s ago (stale_after {stale_after:g})"
         )
     return message

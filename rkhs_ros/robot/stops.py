@@ -1,4 +1,4 @@
-"""The stops that are requested on a topic, of which each publisher is heard by itself."""
+"""Stop requests on a topic, tracked separately for each publisher."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from rkhs_ros.robot.gate_state import STOP_ASKED
+from rkhs_ros.robot.gate_state import STOP_REQUESTED
 
 
 class StopRequest(NamedTuple):
     """The newest message of a publisher.
 
     Attributes:
-        is_stop: what it says.
-        number: of the message, which grows with each of a publisher.
-        heard_at: monotonic time, seconds.
+        is_stop: whether it requests a stop.
+        number: of the message; increases with each message of a publisher.
+        heard_at: monotonic time of arrival, seconds.
     """
 
     is_stop: bool
@@ -25,44 +25,45 @@ class StopRequest(NamedTuple):
 
 @dataclass(frozen=True)
 class Stops:
-    """The newest message of each publisher of a topic: a stop holds until the publisher that requested it clears it.
+    """The newest message of each publisher of a topic; a stop holds until its own publisher clears it.
 
     Attributes:
         topic: its name, for messages.
-        timeout: seconds of silence of a publisher, or of all, that mean stop; 0 if silence means nothing.
-        words: by publisher. One that is gone stays, with what it said last, until `without_gone`.
+        timeout: seconds of silence of any publisher, or without a publisher, that mean stop; 0 for no timeout.
+        requests: newest message by publisher, also of departed publishers until `without_departed`.
     """
 
     topic: str
     timeout: float = 0.0
-    words: Mapping[bytes, StopRequest] = field(default_factory=dict)
+    requests: Mapping[bytes, StopRequest] = field(default_factory=dict)
 
-    def heard(self, publisher: bytes, word: StopRequest) -> Stops:
-        """Take a message, unless it came before, as one that is heard through two subscriptions."""
-        last = self.words.get(publisher)
-        if last is not None and word.number <= last.number:
+    def with_request(self, publisher: bytes, request: StopRequest) -> Stops:
+        """Return the stops after a message; ignore one that has arrived before, through another subscription."""
+        last = self.requests.get(publisher)
+        if last is not None and request.number <= last.number:
             return self
-        return replace(self, words={**self.words, publisher: word})
+        return replace(self, requests={**self.requests, publisher: request})
 
-    def without_gone(self, present: Collection[bytes]) -> Stops:
-        """Forget publishers that are gone, at the word of a person who arms the gate."""
-        return replace(self, words={each: word for each, word in self.words.items() if each in present})
+    def without_departed(self, present: Collection[bytes]) -> Stops:
+        """Remove publishers that no longer exist, which only an operator who arms the gate may do."""
+        return replace(self, requests={each: request for each, request in self.requests.items() if each in present})
 
     def reason(self, now: float, names: Mapping[bytes, str]) -> str:
-        """Return in words who requests a stop, or is silent for too long; empty if nobody.
+        """Return which nodes request a stop or have been silent for too long; empty if none.
 
         Args:
             now: monotonic time, seconds.
             names: of the publishers' nodes, as far as they are known.
         """
-        on = f"{STOP_ASKED} on the topic '{self.topic}'"
-        if asking := [each for each, word in self.words.items() if word.is_stop]:
-            return f"{on} by {_listed(asking, names)}"
+        on_topic = f"{STOP_REQUESTED} on the topic '{self.topic}'"
+        if requesting := [each for each, request in self.requests.items() if request.is_stop]:
+            return f"{on_topic} by {_listed(requesting, names)}"
         if not self.timeout:
             return ""
-        silent = [each for each, word in self.words.items() if now - word.heard_at > self.timeout]
-        if silent or not self.words:
-            return f"{on} by the silence of {_listed(silent, names) or 'everybody'} (stop_timeout {self.timeout:g} s)"
+        silent = [each for each, request in self.requests.items() if now - request.heard_at > self.timeout]
+        if silent or not self.requests:
+            by = f"the silence of {_listed(silent, names) or 'all publishers'}"
+            return f"{on_topic} by {by} (stop_timeout {self.timeout:g} s)"
         return ""
 
 

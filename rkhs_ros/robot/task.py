@@ -1,4 +1,4 @@
-"""A robot's task: what is observed, commanded and earned in each period, as a configuration has it."""
+"""A robot's task: its observations, commands and rewards, as given by a configuration."""
 
 from __future__ import annotations
 
@@ -26,27 +26,30 @@ class RobotTask(Settings):
     """A robot's task.
 
     Attributes:
-        sensors: what is observed.
-        rules: the functions that the settings name.
+        sensors: the sensors whose values are observed.
+        rules: the functions named by the settings.
     """
 
     task: str = setting("robot", "name of the task in policies and recordings")
-    period: float = setting(0.02, "seconds of a step", minimum=0.001, maximum=3600.0)
+    period: float = setting(0.02, "seconds per step", minimum=0.001, maximum=3600.0)
     action_deadline: float = setting(
-        0.5, "part of the period in which an action must come; else the last command is held", minimum=0.01, maximum=1.0
+        0.5,
+        "fraction of the period within which an action must arrive; else the last command is held",
+        minimum=0.01,
+        maximum=1.0,
     )
     misses_allowed: int = setting(
-        2, "actions of an episode that may miss the deadline; with one more it is void", minimum=0, maximum=10**6
+        2, "missed action deadlines per episode; one more discards the episode", minimum=0, maximum=10**6
     )
-    stale_after: float = setting(0.1, "seconds after which a sensor's message is too old", minimum=1e-3, maximum=3600.0)
+    stale_after: float = setting(0.1, "seconds after which a sensor's message is stale", minimum=1e-3, maximum=3600.0)
     learner_timeout: float = setting(
         0.2,
-        "seconds without a sign of life of the learner, after which the episode is void",
+        "seconds without a heartbeat of the learner after which the episode is discarded",
         minimum=0.01,
         maximum=3600,
     )
     veto_window: float = setting(
-        0.0, "seconds for which a finished episode is held back, in which ~/veto makes it void", minimum=0, maximum=3600
+        0.0, "seconds to hold back a completed episode, during which ~/veto discards it", minimum=0, maximum=3600
     )
     action: Commands = Commands()
     reward: Reward = Reward()
@@ -56,33 +59,33 @@ class RobotTask(Settings):
 
     @cached_property
     def rules(self) -> Rules:
-        """The functions of reward and end.
+        """The functions of the reward and the end.
 
         Raises:
-            ValueError: one cannot be imported.
+            ValueError: a function cannot be imported.
         """
         return Rules.of(self.reward, self.end)
 
     @property
     def spaces(self) -> Spaces:
-        """The shape of an observation and the bounds of the actions, and what their numbers are called."""
+        """The observation and action spaces, with the names of their dimensions."""
         joints = self.reset.home.joints
         named = self.action.names(joints) if len(joints) == self.action.dimension else ()
         bounds = np.array(self.action.minimum), np.array(self.action.maximum)
         return Spaces((self.sensors.dimension,), *bounds, self.sensors.names, named)
 
     def entries(self) -> Iterator[Entry]:
-        """Walk through the settings by their dotted names."""
+        """Yield the settings by their dotted names."""
         yield from entries(self)
         for name, sensor in self.sensors:
             yield from entries(sensor, f"sensors.{name}.")
 
 
 def robot_task_from(tree: Mapping[str, Any]) -> RobotTask:
-    """Return the task of a robot's section.
+    """Return the task of a configuration's robot section.
 
     Raises:
-        ValueError: an unknown key, a value that does not fit, or a function that cannot be imported.
+        ValueError: an unknown key, an invalid value, or a function that cannot be imported.
     """
     require(isinstance(tree, Mapping), "robot", "a section of keys", repr(tree))
     sections = tree.get("sensors", {})
@@ -100,7 +103,7 @@ def robot_task_from(tree: Mapping[str, Any]) -> RobotTask:
             ", ".join(joints),
         )
     task = replace(task, sensors=Sensors(by_name, task.stale_after))
-    _ = task.rules  # which raises where a function is none
+    _ = task.rules  # raises if a function cannot be imported
     return task
 
 

@@ -1,4 +1,4 @@
-"""Limits of joints as a robot's description has them."""
+"""Joint limits from a robot's URDF."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from rkhs_ros.base.files import read_whole
 from rkhs_ros.base.validation import pick, require
 
 ROTATES_FREELY = "continuous"  # type of joints without a range
-PACKAGE = "package://"  # how a file in a package begins
+PACKAGE = "package://"  # prefix of a file in a package
 
 
 class JointLimit(NamedTuple):
-    """The limits of a joint: range of its position, greatest velocity and effort; infinity where there is none."""
+    """The limits of a joint: range of its position, greatest velocity and effort; infinity means no limit."""
 
     lower: float
     upper: float
@@ -28,10 +28,10 @@ class JointLimit(NamedTuple):
 
 
 def located(name: str) -> Path:
-    """Return where a file is that is named by its path, or as ``package://PACKAGE/FILE``.
+    """Return the path of a file that is given as a path, or as ``package://PACKAGE/FILE``.
 
     Args:
-        name: the file's; the package is a ROS package, or one of Python as ``pybullet_data``.
+        name: the file's; the package is a ROS package, or a Python package such as ``pybullet_data``.
 
     Raises:
         ValueError: there is no such package.
@@ -43,7 +43,7 @@ def located(name: str) -> Path:
     shares = [share for prefix in prefixes if prefix and (share := Path(prefix, "share", package)).is_dir()]
     spec = find_spec(package) if package.isidentifier() and not shares else None
     folders = [*shares, *map(Path, spec.submodule_search_locations or [])] if spec else shares
-    require(bool(folders), "urdf", f"a package '{package}' that is installed", "none")
+    require(bool(folders), "urdf", f"an installed package '{package}'", "none")
     return folders[0] / file
 
 
@@ -51,29 +51,29 @@ def read_urdf(file: Path) -> ElementTree.Element:
     """Read a URDF and return its root element.
 
     Raises:
-        ValueError: the file is no URDF.
-        OSError: it cannot be read.
+        ValueError: the file is not a URDF.
+        OSError: the file cannot be read.
     """
     try:
         root = ElementTree.fromstring(read_whole(file))
     except (ElementTree.ParseError, ValueError) as error:
-        raise ValueError(f"{file}: expected a URDF, got no XML: {error}") from error
-    require(root.tag == "robot", f"{file}", "a URDF, with a robot", root.tag)
+        raise ValueError(f"{file}: expected a URDF, got invalid XML: {error}") from error
+    require(root.tag == "robot", f"{file}", "a URDF with the root element 'robot'", root.tag)
     return root
 
 
 def read_limits(file: Path, joints: Iterable[str]) -> list[JointLimit]:
-    """Return the limits of joints that a URDF has.
+    """Return the limits of joints in a URDF.
 
-    A range that is not told is 0, as its specification has it; a joint that rotates freely has none.
+    An omitted range is 0, as the URDF specification says; a continuous joint has no range.
 
     Args:
         file: the URDF; xacro is not expanded.
         joints: their names.
 
     Raises:
-        ValueError: the file is no URDF, or a joint is missing or has no limits.
-        OSError: it cannot be read.
+        ValueError: the file is not a URDF, or a joint is missing or has no limits.
+        OSError: the file cannot be read.
     """
     root = read_urdf(file)
     elements = {element.get("name", ""): element for element in root.findall("joint")}

@@ -77,7 +77,7 @@ class Watch:
 
 def digests(journal: Path) -> dict[str, str]:
     """Return what each finished episode is, by the names of the files."""
-    files = [file for file in journal.glob("*.npz") if "_void_" not in file.name]
+    files = [file for file in journal.glob("*.npz") if "_discarded_" not in file.name]
     return {file.name: blake2b(file.read_bytes()).hexdigest() for file in files}
 
 
@@ -120,14 +120,14 @@ def test_killed_nodes_lose_no_finished_episode_and_have_none_run_twice(
         assert seen.items() <= found.items(), "an episode was lost, or run twice"
         seen = found
     code, err = ended(run)
-    print(f"{len(done)} kills: {', '.join(done)}; {len(list(journal.glob('*_void_*')))} discarded episodes")
+    print(f"{len(done)} kills: {', '.join(done)}; {len(list(journal.glob('*_discarded_*')))} discarded episodes")
     assert len(done) > len(victims) / 2
     assert (code, "Traceback" in err) == (0, False), err
     config = load_config(folder / "config.yaml")
     found = digests(journal)
     assert seen.items() <= found.items()
     assert len(found) == config.training.iterations * config.training.episodes_per_iteration
-    for file in journal.glob("*_void_*"):
+    for file in journal.glob("*_discarded_*"):
         with np.load(file) as content:
             assert str(content["discard_reason"]) != ""
     *_, last = train(config.training, Recorded(journal, folder / "config.yaml"))

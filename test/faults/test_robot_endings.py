@@ -41,7 +41,7 @@ def test_what_a_person_vetoes_is_run_again_and_not_learnt_from(start: Start, tmp
     code, _, err = run.finish()
     assert code == 0, err
     journal = folder / "checkpoints" / "episodes"
-    with np.load(next(journal.glob("*_void_*"))) as void:
+    with np.load(next(journal.glob("*_discarded_*"))) as void:
         assert str(void["discard_reason"]) == "vetoed by a person"
         again = np.load(journal / "training_seed_0_episode_0000000_steps_40.npz")
         assert void["stamps"][0] < again["stamps"][0]

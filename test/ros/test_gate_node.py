@@ -125,8 +125,8 @@ def test_a_stop_that_is_asked_for_holds_until_a_person_arms_it_after_it(
     robot.probe.ask("gate/arm", Trigger.Request())
     robot.until("moving")
     robot.is_sensed = False
-    assert "nothing was sensed" in robot.until("stopped").reason
-    assert "nothing was sensed" in robot.arm()
+    assert "no usable joint state" in robot.until("stopped").reason
+    assert "no usable joint state" in robot.arm()
 
 
 def test_a_gate_that_is_told_to_end_stops_the_robot_first(begin: Begin, start: Callable[..., Process]) -> None:
@@ -149,7 +149,7 @@ def test_a_gate_that_is_told_to_end_stops_the_robot_first(begin: Begin, start: C
     robot.probe.until(lambda: gate.popen.poll() is not None)
     robot.probe.settle(0.1)
     assert gate.finish()[0] == 0
-    assert "the gate ends" in robot.states[-1].reason
+    assert "the gate is shutting down" in robot.states[-1].reason
     assert len(robot.sent[-1].message.points) == 1  # at rest
     changes = changes_of_speed(robot.sent)
     assert len(changes) > 20
@@ -261,7 +261,7 @@ def test_what_is_wrong_with_the_source_of_the_joints_is_told_before_and_when_it_
     robot.probe.until(lambda: told().endswith(line))
     answer = robot.probe.ask("gate/arm", Trigger.Request())
     assert not answer.success
-    assert answer.message.startswith("expected the joints to be sensed, got nothing that can be used; /")
+    assert answer.message.startswith("cannot arm: no usable joint state has been received; /")
     assert answer.message.endswith(line)
 
 

@@ -108,7 +108,7 @@ def test_a_publisher_that_dies_neither_clears_its_stop_nor_locks_the_robot(
 def test_with_a_timeout_the_silence_of_a_publisher_is_a_stop(begin: Begin, panel: Callable[..., Publisher]) -> None:
     _, robot = begin(CALM | {"stop_timeout": SILENCE})
     silence = "cannot arm while a stop is requested on the topic 'stop' by the silence of {} (stop_timeout 2 s)"
-    assert robot.arm() == silence.format("everybody")
+    assert robot.arm() == silence.format("all publishers")
     hearts = [panel(name, BEST_EFFORT) for name in ("heart_a", "heart_b")]
     beating = set(hearts)
     robot.probe.create_timer(SILENCE / 10, lambda: [each.publish(Bool(data=False)) for each in beating])

@@ -100,10 +100,10 @@ def test_a_learner_that_asks_for_the_episode_under_way_is_given_that_one(
 @pytest.mark.parametrize(
     ("part", "limit", "words"),
     [
-        ("policy", {}, "4 actions came too late"),
+        ("policy", {}, "4 actions arrived too late"),
         ("learner", {"learner_timeout": 0.5}, "the learner gave no sign of life for"),
         ("sensor", {"stale_after": 0.3}, "sensor position: stale: the last message on position came"),
-        ("gate", {}, "the gate did not report what it made of 4 commands"),
+        ("gate", {}, "the gate did not report 4 commands"),
     ],
 )
 def test_whoever_falls_silent_the_robot_comes_to_rest_and_the_episode_is_void(
@@ -125,7 +125,7 @@ def test_whoever_falls_silent_the_robot_comes_to_rest_and_the_episode_is_void(
     bench.probe.settle()
     assert len(bench.moves) == commands
     assert [path.name for path in (tmp_path / "journal").iterdir()] == [
-        "training_seed_3_episode_0000000_steps_200_void_1.npz"
+        "training_seed_3_episode_0000000_steps_200_discarded_1.npz"
     ]
     assert reason(bench.play(horizon=HORIZON)) == ""
 
@@ -200,7 +200,7 @@ def test_an_episode_held_back_can_be_vetoed_before_anybody_hears_of_it(
 def test_steps_of_the_reset_follow_each_other_before_each_episode(begin: Callable[..., Process], bench: Bench) -> None:
     begin(reset={"steps": ["person"]})
     identity = bench.start()
-    bench.probe.until(lambda: "bring the scene into order" in bench.describe().waiting)
+    bench.probe.until(lambda: "prepare the scene" in bench.describe().waiting)
     assert not bench.moves
     assert bench.say("start").success
     assert reason(bench.ended(identity)) == ""

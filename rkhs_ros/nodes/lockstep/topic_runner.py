@@ -139,7 +139,7 @@ class TopicRunner:
         """Record which finished episodes a person discarded since; they are to run again."""
         for simulator in self._simulators:
             for ended in simulator.vetoed:
-                self._tell_void(ended)
+                self._report_discarded(ended)
                 self._discarded.append(ended.batch)
             simulator.vetoed.clear()
 
@@ -219,7 +219,7 @@ class TopicRunner:
             if simulator.void is None:
                 continue
             ended = simulator.void
-            reason = self._tell_void(ended)
+            reason = self._report_discarded(ended)
             simulator.voids += 1
             if simulator.voids >= MOST_VOIDS:
                 number = ended.batch.first_episode
@@ -227,7 +227,7 @@ class TopicRunner:
             self._begin([(simulator, ended.batch)])
             self._progressed(simulator)
 
-    def _tell_void(self, ended: FinishedBatch) -> str:
+    def _report_discarded(self, ended: FinishedBatch) -> str:
         """Record an episode that does not count, tell of it, and return why."""
         self.record(*ended)
         reason = next(execution.discard_reason for execution in ended.executions if execution.discard_reason)

@@ -16,7 +16,7 @@ from rkhs_ros.base.validation import truncated
 from rkhs_ros.nodes.core.messages import LATCHED_QOS, LOCKSTEP_QOS
 from rkhs_ros.policies.messages import doubles
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.robot.gate_state import STOP_ASKED
+from rkhs_ros.robot.gate_state import STOP_REQUESTED
 
 LAST_COMMAND_TIMEOUT_S = 0.5  # for the gate to take the last command before the node ends
 DISARMED, STOPPED = "disarmed", "stopped"
@@ -80,9 +80,9 @@ class GateLink:
         return self._state is not None and self._state.state in (DISARMED, STOPPED)
 
     @property
-    def stop_was_asked(self) -> bool:
+    def stop_was_requested(self) -> bool:
         """Whether somebody had the robot stop."""
-        return self._state is not None and self._state.reason.startswith(STOP_ASKED)
+        return self._state is not None and self._state.reason.startswith(STOP_REQUESTED)
 
     @property
     def remedy(self) -> str:

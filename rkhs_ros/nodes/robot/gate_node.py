@@ -34,9 +34,9 @@ from rkhs_ros.nodes.robot.gate_messages import (
     state_message,
 )
 from rkhs_ros.nodes.robot.stop_topic import StopTopic
-from rkhs_ros.robot.gate import armed, begin, commanded, last_output, leave, sensed, stop_asked, stopped, ticked
+from rkhs_ros.robot.gate import armed, begin, commanded, last_output, leave, sensed, stop_requested, stopped, ticked
 from rkhs_ros.robot.gate_settings import GateSettings, require_own_topic, rules
-from rkhs_ros.robot.gate_state import STOP_ASKED, Counts, Gate, Mode
+from rkhs_ros.robot.gate_state import STOP_REQUESTED, Counts, Gate, Mode
 from rkhs_ros.robot.motion import Setpoint
 from rkhs_ros.robot.sensors import JOINT_STATE
 
@@ -151,7 +151,7 @@ class GateNode(ReportingNode):
         if told == self._told:
             return
         is_new = self._told is None or self._told[0] != Mode.STOPPED
-        if state.mode == Mode.STOPPED and is_new and not state.is_leaving:
+        if state.mode == Mode.STOPPED and is_new and not state.is_shutting_down:
             self.get_logger().error(f"stopped: {state.reason}")
             self.diagnostics.tell(STOP, state.reason)
         self.diagnostics.stuck = state.reason
@@ -211,7 +211,7 @@ class GateNode(ReportingNode):
         return self._source.line("" if self._is_sensing else self._flaw) if self._source else "needs none"
 
     def _hear_stops(self) -> None:
-        self._turn(stop_asked(self._state, self._stops.reason()))
+        self._turn(stop_requested(self._state, self._stops.reason()))
 
     def _rivals(self) -> str:
         """Return in words who else publishes to the hardware; empty if nobody does."""
@@ -219,7 +219,7 @@ class GateNode(ReportingNode):
         return f"expected no other publisher, got {listed(self, topic)}" if self.count_publishers(topic) > 1 else ""
 
     def _arm(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._stops.forget_gone()
+        self._stops.drop_departed()
         self._hear_stops()
         state, reason = armed(self._state, self._rules, time.monotonic())
         if reason and not self._is_sensing:
@@ -236,7 +236,7 @@ class GateNode(ReportingNode):
         return response
 
     def _stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._turn(stopped(self._state, f"{STOP_ASKED} by the service 'stop'"))
+        self._turn(stopped(self._state, f"{STOP_REQUESTED} by the service 'stop'"))
         response.success, response.message = True, str(self._state.mode)
         return response
 

@@ -20,7 +20,7 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.clock import ElasticClock
 from rkhs_ros.robot.episode import Reading, RobotEpisode
-from rkhs_ros.robot.reset import Answer, Ask, Failed, Joints, Move, Resetting, Wait
+from rkhs_ros.robot.reset import Answer, CallService, Failed, Joints, Move, ResetProcess, Wait
 from rkhs_ros.robot.sensors import SensingError, field_values, fresh
 from rkhs_ros.robot.task import RobotTask
 
@@ -62,7 +62,7 @@ class EpisodeDriver:
         self._node = node
         self._task = task
         self._ended = ended
-        self._reset: Resetting | None = None
+        self._reset: ResetProcess | None = None
         self._reset_period = min(task.period, RESET_PERIOD_S)
         self._clock = ElasticClock(self._reset_period, 0.0)  # of a reset
         self._began_at = self._retry_at = 0.0  # monotonic times, seconds
@@ -95,21 +95,21 @@ class EpisodeDriver:
             if self._shown is not None:
                 self._show(self.episode)
 
-    def give_word(self) -> None:
+    def confirm(self) -> None:
         """Take a person's word that the robot may go on."""
         self.paused = False
         if self._reset is not None:
-            self._reset.word_given = True
+            self._reset.is_confirmed = True
 
-    def void(self, reason: str) -> None:
+    def discard(self, reason: str) -> None:
         """End the episode under way, if there is one, as void."""
         if self.episode is not None:
-            self.episode.void(reason)
+            self.episode.discard(reason)
             self._finish(self.episode)
 
     def close(self) -> None:
         """Have the robot hold before the node ends."""
-        self.void("the robot node was told to end")
+        self.discard("the robot node was told to end")
         self._gate.close()
 
     def proceed(self, now: float) -> float:
@@ -124,7 +124,7 @@ class EpisodeDriver:
         if self._shown is None:
             return self._prepare(episode, now)
         if spoilt := self._obstacle() or self._silence(now):
-            episode.void(spoilt)
+            episode.discard(spoilt)
         if not episode.moving and not episode.over:
             return self._ask_for_first_action(now)
         if episode.proceed(now, self._sense):
@@ -152,7 +152,7 @@ class EpisodeDriver:
         self._clock = self._clock.ticked(now)
         obstacle = self._obstacle()
         if self._reset is not None and obstacle:
-            self.void(obstacle)
+            self.discard(obstacle)
         elif self._reset is not None:
             self._continue_reset(self._reset, episode, now)
         elif obstacle or self.paused:
@@ -162,7 +162,7 @@ class EpisodeDriver:
             self._began_at = now
         elif self._is_sensing(now) and self._is_served(now):
             self.waiting = ""
-            self._reset = Resetting(self._task.reset, self._task.action.kind, self.call("start"), now)
+            self._reset = ResetProcess(self._task.reset, self._task.action.kind, self.call("start"), now)
         return self._clock.due
 
     def call(self, service: str) -> str:
@@ -202,7 +202,7 @@ class EpisodeDriver:
             raise RunError(f"reset.trigger: expected a service {name}, got none for {PEERS_TIMEOUT_S:g} s")
         return False
 
-    def _continue_reset(self, reset: Resetting, episode: RobotEpisode, now: float) -> None:
+    def _continue_reset(self, reset: ResetProcess, episode: RobotEpisode, now: float) -> None:
         outcome = reset.proceed(now, self._sense_joints)
         if isinstance(outcome, Move):
             self._sent = (self._gate.send(outcome.command, time.time_ns()), -1)
@@ -211,16 +211,16 @@ class EpisodeDriver:
             self._gate.hold()
         self.waiting = outcome.text if isinstance(outcome, Wait) else ""
         match outcome:
-            case Ask():
+            case CallService():
                 self._ask_service(reset)
             case Failed(reason):
-                self.void(reason)
+                self.discard(reason)
             case Wait():
                 pass
             case _:
                 self._show_first(episode)
 
-    def _ask_service(self, reset: Resetting) -> None:
+    def _ask_service(self, reset: ResetProcess) -> None:
         def answered(future: object) -> None:
             answer = future.result()  # type: ignore[attr-defined]  # rclpy's futures have no types
             reset.answer = Answer(answer.success, answer.message)
@@ -231,7 +231,7 @@ class EpisodeDriver:
         try:
             episode.begin(self._observe())
         except SensingError as error:
-            self.void(str(error))
+            self.discard(str(error))
             return
         self._show(episode)
         self._retry_s, self._retry_at = FIRST_RETRY_S, time.monotonic() + FIRST_RETRY_S

@@ -109,7 +109,7 @@ class RobotNode(ReportingNode):
             return self._motion.proceed(now)
         except RunError as error:
             self._failure = self.diagnostics.stuck = f"{self._task.task}: {error}"
-            self._motion.void(str(error))
+            self._motion.discard(str(error))
             return now
 
     def close(self) -> None:
@@ -150,10 +150,10 @@ class RobotNode(ReportingNode):
             self._motion.rename(request.batch, request.policy_version)
             return
         self._release()
-        self._motion.void("another episode was asked for")
+        self._motion.discard("another episode was asked for")
         self._request, self._said, self._failure, self.diagnostics.stuck = request, None, "", ""
         if request.anew:
-            self._journal.forget(batch)
+            self._journal.set_aside(batch)
         found = self._journal.find(batch)
         if found is not None:
             self._tell(found)
@@ -173,7 +173,7 @@ class RobotNode(ReportingNode):
     def _keep(self, episode: RobotEpisode) -> None:
         """Keep an episode that is over, then tell of it, once it can no longer be vetoed."""
         ended = episode.ended()
-        self._pace, self._misses = self._pace + episode.pace, self._misses + episode.misses
+        self._pace, self._misses = self._pace + episode.timing, self._misses + episode.misses
         self.diagnostics.steps += len(ended.execution.flags)
         self._journal.add(ended)
         if reason := ended.execution.discard_reason:
@@ -200,7 +200,7 @@ class RobotNode(ReportingNode):
     # What a person asks for.
 
     def _go_on(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._motion.give_word()
+        self._motion.confirm()
         response.success = True
         return response
 
@@ -211,7 +211,7 @@ class RobotNode(ReportingNode):
 
     def _stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._motion.paused, response.success = True, True
-        self._motion.void("stopped by a person")
+        self._motion.discard("stopped by a person")
         response.message = f"to go on: {self._motion.call('start')}"
         return response
 
@@ -235,7 +235,7 @@ class RobotNode(ReportingNode):
 
     def _voided(self, ended: FinishedEpisode) -> FinishedEpisode:
         void = replace(ended, execution=replace(ended.execution, discard_reason="vetoed by a person"))
-        self._journal.discard_finished(void)
+        self._journal.discard(void)
         self._voids += 1
         return void
 

@@ -16,7 +16,7 @@ from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.nodes.core.sources import OBSTACLE, PREFIX, Source
 from rkhs_ros.nodes.robot.robot_topics import check_fields, topics_of
 from rkhs_ros.robot.reset import STEPS
-from rkhs_ros.robot.sensors import Heard, SensingError, field_values
+from rkhs_ros.robot.sensors import ReceivedMessage, SensingError, field_values
 from rkhs_ros.robot.task import RobotTask
 
 # Of what comes faster than it is read the newest counts. Best effort hears reliable publishers as well.
@@ -67,7 +67,7 @@ class SensorTopics:
         self._told = ""
         self._due = time.monotonic() + CHECK_PERIOD_S
 
-    def heard(self) -> dict[str, Heard]:
+    def heard(self) -> dict[str, ReceivedMessage]:
         """Return the newest message of each topic that was heard."""
         return {topic: self._read(topic) for topic in self._newest}
 
@@ -90,9 +90,9 @@ class SensorTopics:
             self._obstacles.publish(String(data=obstacle))
             self._told = obstacle
 
-    def _read(self, topic: str) -> Heard:
+    def _read(self, topic: str) -> ReceivedMessage:
         content, at = self._newest[topic]
-        return Heard(deserialize_message(content, self._types[topic]), at)
+        return ReceivedMessage(deserialize_message(content, self._types[topic]), at)
 
     def _flaw(self, use: Use) -> str:
         """Return what is wrong with the newest message; empty if nothing, or if there is none."""

@@ -48,7 +48,7 @@ class SimulatedRobotLink:
 
         Not where somebody had the robot stop: that takes their word, as on any robot.
         """
-        if self._gate.stop_was_asked:
+        if self._gate.stop_was_requested:
             return False
         if now >= self._asked_at + RETRY_S and NAME in self._node.get_node_names():
             self._asked_at = now

@@ -14,7 +14,7 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import Bool
 
 from rkhs_ros.nodes.core.publishers import full_name
-from rkhs_ros.robot.gate_state import STOP_ASKED
+from rkhs_ros.robot.gate_state import STOP_REQUESTED
 from rkhs_ros.robot.stops import StopRequest, Stops
 
 DEPTH = 256  # messages between two looks, of all publishers together
@@ -76,14 +76,16 @@ class StopTopic:
         """Take what came; return who requests a stop, empty if nobody."""
         full = [all(self._hear(subscription) for _ in range(DEPTH)) for subscription in self._subscriptions]
         if any(full):  # a request may have been dropped
-            return f"{STOP_ASKED} on the topic '{self._topic}', perhaps: {DEPTH} or more messages between two checks"
-        if not self._stops.words.keys() <= self._names.keys():
+            return (
+                f"{STOP_REQUESTED} on the topic '{self._topic}', perhaps: {DEPTH} or more messages between two checks"
+            )
+        if not self._stops.requests.keys() <= self._names.keys():
             self._names |= self._present(named=True)
         return self._stops.reason(time.monotonic(), self._names)
 
-    def forget_gone(self) -> None:
+    def drop_departed(self) -> None:
         """Forget publishers that are gone, at the word of a person who arms the gate."""
-        self._stops = self._stops.without_gone(self._present())
+        self._stops = self._stops.without_departed(self._present())
 
     def _hear(self, subscription: Subscription) -> bool:
         """Take a message; return whether there was one."""
@@ -92,7 +94,7 @@ class StopTopic:
             if self._take(subscription.handle.pointer, ctypes.byref(data), ctypes.byref(info), None) != OK:
                 return False
         word = StopRequest(data.value, info.publication_sequence_number, time.monotonic())
-        self._stops = self._stops.heard(bytes(info.publisher_gid), word)
+        self._stops = self._stops.with_request(bytes(info.publisher_gid), word)
         return True
 
     def _present(self, *, named: bool = False) -> dict[bytes, str]:

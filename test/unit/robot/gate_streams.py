@@ -1,11 +1,11 @@
-"""Streams of commands to a gate, good and bad, and a robot's own protective check, which knows nothing of gates."""
+"""Streams of valid and invalid commands to a gate, and a robot's protective check that is independent of the gate."""
 
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from rkhs_ros.robot.gate import armed, begin, commanded, last_output, leave, sensed, stop_asked, stopped, ticked
+from rkhs_ros.robot.gate import armed, begin, commanded, last_output, leave, sensed, stop_requested, stopped, ticked
 from rkhs_ros.robot.gate_state import Command, CommandReport, Gate, Mode, Rules
 from rkhs_ros.robot.limits import EFFORT, POSITION, VELOCITY, Limits, Sensed, SensedLimits
 
@@ -19,7 +19,7 @@ LIMITS: dict[str, dict[str, Any]] = {
 
 
 def rules_of(kind: str, joints: int = 2, sensed: dict[str, Any] | None = None, **limits: Any) -> Rules:
-    """Return rules of the same limits for each joint, or of the lists given."""
+    """Return rules with equal limits for each joint, or with the given lists."""
 
     def each(name: str, given: dict[str, Any], none: float = np.inf) -> np.ndarray:
         return np.broadcast_to(np.asarray(given.get(name, none), dtype=float), joints).copy()
@@ -42,9 +42,9 @@ def rules_of(kind: str, joints: int = 2, sensed: dict[str, Any] | None = None, *
 
 @dataclass
 class Protection:
-    """Stops for good at the first of what a robot would stop for, by the commands it gets a period apart.
+    """Records the first violation that would trigger a robot's protective stop, from commands one period apart.
 
-    ``slack`` is what rounding may add: of the size of the numbers, over the time between commands.
+    ``slack`` allows for rounding, relative to the size of the numbers and divided by the period.
     """
 
     limits: Limits
@@ -83,7 +83,7 @@ class Protection:
 
 
 class World:
-    """A gate, the robot that obeys its outputs, and their clock."""
+    """A gate, the robot that executes its outputs, and their clock."""
 
     def __init__(self, rules: Rules, start: Any = 0.0) -> None:
         joints = rules.limits.joints
@@ -105,7 +105,7 @@ class World:
         return reason
 
     def tick(self, late: float = 0.0) -> None:
-        """Let a period pass, and whatever the gate is late."""
+        """Advance by a period plus the gate's lateness."""
         self.now += PERIOD + late
         self._obey(PERIOD + late)
         if self.senses:
@@ -121,7 +121,7 @@ class World:
             self.tick()
 
     def command(self, values: Any, instance: int = 1, age: float = 0.0, number: int | None = None) -> CommandReport:
-        """Send a command to the gate; ungated, it would go straight to the robot."""
+        """Send a command to the gate, and to the bare protection without a gate."""
         number = self.numbers.get(instance, 0) + 1 if number is None else number
         self.numbers[instance] = max(self.numbers.get(instance, 0), number)
         array = None if values is None else np.asarray(values, dtype=float)
@@ -135,11 +135,11 @@ class World:
         self.state, reason = armed(self.state, self.rules, self.now)
         return reason
 
-    def stop(self, reason: str = "asked for") -> None:
+    def stop(self, reason: str = "requested") -> None:
         self.state = stopped(self.state, reason)
 
     def leave(self, timeout: float = 3.0) -> float:
-        """Have the gate end as its process does; return after how many seconds."""
+        """Shut the gate down as its process does; return the seconds that it takes."""
         begun, is_left = self.now, False
         while not is_left and self.now < begun + timeout:
             self.state, is_left = leave(self.state, self.rules, self.now)
@@ -150,12 +150,12 @@ class World:
         return self.now - begun
 
     def coast(self, seconds: float) -> None:
-        """Let time pass without the gate; the robot keeps the last command."""
+        """Advance without the gate; the robot keeps the last command."""
         for _ in range(round(seconds / PERIOD)):
             self._obey(PERIOD)
 
-    def ask_stop(self, is_asked: bool) -> None:
-        self.state = stop_asked(self.state, "a stop is requested" if is_asked else "")
+    def request_stop(self, is_requested: bool) -> None:
+        self.state = stop_requested(self.state, "a stop is requested" if is_requested else "")
 
     def moves(self) -> bool:
         """Whether the last two outputs differ."""
@@ -174,7 +174,7 @@ class World:
 
 
 def play(rules: Rules, stream: np.random.Generator, events: int = 24) -> World:
-    """Send a gate a stream of what may come, and what should not."""
+    """Send a gate a random stream of valid and invalid events."""
     world = World(rules, start=rules.limits.minimum if stream.random() < 0.3 else 0.0)
     before: Gate = world.state
     if stream.random() < 0.7:
@@ -189,7 +189,7 @@ def play(rules: Rules, stream: np.random.Generator, events: int = 24) -> World:
 
 
 def _check_step(before: Gate, world: World) -> None:
-    """What was stopped or disarmed before a tick does not begin to move by one."""
+    """Check that a tick does not start a motion of a stopped gate."""
     if before.mode in (Mode.STOPPED, Mode.DISARMED):
         assert before.goal is None or before.mode == Mode.DISARMED
 
@@ -235,8 +235,8 @@ def _stop(world: World, stream: np.random.Generator) -> None:
     world.stop()
 
 
-def _ask_stop(world: World, stream: np.random.Generator) -> None:
-    world.ask_stop(bool(stream.integers(2)))
+def _request_stop(world: World, stream: np.random.Generator) -> None:
+    world.request_stop(bool(stream.integers(2)))
 
 
 def _arm(world: World, stream: np.random.Generator) -> None:
@@ -254,7 +254,7 @@ def _bad_sense(world: World, stream: np.random.Generator) -> None:
 
 
 _EVENTS = (
-    _good, _nasty, _misshapen, _burst, _stale, _other, _backwards, _silence, _hold, _stop, _ask_stop, _arm, _blind,
+    _good, _nasty, _misshapen, _burst, _stale, _other, _backwards, _silence, _hold, _stop, _request_stop, _arm, _blind,
     _bad_sense,
 )  # fmt: skip
 _ODDS = np.array([14, 3, 1, 2, 1, 1, 1, 1, 1, 1, 1, 7, 1, 1]) / 36

@@ -1,10 +1,10 @@
-"""Rules of a robot's task that tests name."""
+"""Reward and end functions that tests name in settings."""
 
 import numpy as np
 
 
-def told(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
-    """Return a reward from which all that it was made of can be told."""
+def encoded(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> float:
+    """Return a reward that encodes all its arguments in its digits."""
     return float(1e4 * before[0] + 1e2 * action[0] + after[0])
 
 

@@ -1,4 +1,4 @@
-"""What a gate does, state by state."""
+"""Transitions and outputs of the gate."""
 
 from dataclasses import replace
 from typing import Any
@@ -22,7 +22,7 @@ def armed_world(kind: str, **options: Any) -> World:
 
 
 @over_kinds
-def test_a_command_moves_an_armed_gate_until_it_is_to_hold(kind: str) -> None:
+def test_a_command_moves_an_armed_gate_until_a_hold_command(kind: str) -> None:
     world = armed_world(kind)
     for _ in range(20):
         report = world.command([0.4, -0.4])
@@ -37,12 +37,12 @@ def test_a_command_moves_an_armed_gate_until_it_is_to_hold(kind: str) -> None:
     world.wait(3.0)
     assert is_at_rest(world.state, world.rules, world.now)
     assert not world.moves() or kind == EFFORT
-    assert (world.state.mode, world.state.counts.stops) == (Mode.HOLDING, 0)  # silence is no fault any more
+    assert (world.state.mode, world.state.counts.stops) == (Mode.HOLDING, 0)  # silence while holding is no fault
     assert world.state.counts.commands == 21
 
 
 @over_kinds
-def test_before_it_is_armed_it_tells_what_would_be_sent(kind: str) -> None:
+def test_a_disarmed_gate_reports_what_it_would_send(kind: str) -> None:
     world = World(rules_of(kind))
     world.tick()
     report = world.command([99.0, 0.0])
@@ -59,7 +59,7 @@ def test_before_it_is_armed_it_tells_what_would_be_sent(kind: str) -> None:
 
 @over_kinds
 @pytest.mark.parametrize("sender", ["dies", "hangs_and_repeats", "sends_nan"])
-def test_silence_stops_within_the_timeout_and_a_period(kind: str, sender: str) -> None:
+def test_silence_stops_the_robot_within_the_timeout_plus_one_period(kind: str, sender: str) -> None:
     world = armed_world(kind)
     world.command([0.5, 0.5])
     begun, timeout = world.now, world.rules.command_timeout
@@ -74,13 +74,13 @@ def test_silence_stops_within_the_timeout_and_a_period(kind: str, sender: str) -
     assert world.state.reason == "no command for 0.2 s"
     world.wait(2.0)
     assert world.state.mode == Mode.STOPPED
-    assert len(world.outputs) > 200  # it holds; it does not fall silent
+    assert len(world.outputs) > 200  # it keeps sending
     assert world.arm() == ""
     assert (world.state.mode, world.state.reason) == (Mode.HOLDING, "")
 
 
 @over_kinds
-def test_a_stale_sensor_stops_and_it_cannot_be_armed_before_it_is_back(kind: str) -> None:
+def test_a_stale_sensor_stops_the_gate_and_prevents_arming(kind: str) -> None:
     world = armed_world(kind)
     world.command([0.5, 0.5])
     world.wait(0.1)
@@ -88,8 +88,8 @@ def test_a_stale_sensor_stops_and_it_cannot_be_armed_before_it_is_back(kind: str
     world.command([0.5, 0.5])
     world.wait(0.1 + 2 * PERIOD)
     assert world.state.mode == Mode.STOPPED
-    assert "nothing was sensed" in world.state.reason
-    assert "nothing was sensed" in world.arm()
+    assert "no usable joint state" in world.state.reason
+    assert "no usable joint state" in world.arm()
     count = len(world.outputs)
     world.wait(1.0)
     assert len(world.outputs) == count + 100
@@ -105,7 +105,7 @@ def test_a_stale_sensor_stops_and_it_cannot_be_armed_before_it_is_back(kind: str
     [({"position": [0.0, 1.6]}, "position"), ({"velocity": [-4.0, 0.0]}, "velocity"), ({"effort": [7, 0]}, "effort")],
 )
 @over_kinds
-def test_a_limit_of_what_is_sensed_stops_and_it_cannot_be_armed_beyond(
+def test_exceeding_a_sensed_limit_stops_the_gate_and_prevents_arming(
     kind: str, changes: dict[str, Any], word: str
 ) -> None:
     world = armed_world(kind, sensed={"minimum": -1.5, "maximum": 1.5, "velocity": 3.0, "effort": 6.0})
@@ -120,16 +120,16 @@ def test_a_limit_of_what_is_sensed_stops_and_it_cannot_be_armed_beyond(
 
 
 @over_kinds
-def test_a_stop_that_is_still_asked_for_keeps_it_from_being_armed(kind: str) -> None:
+def test_a_requested_stop_prevents_arming(kind: str) -> None:
     world = armed_world(kind)
-    world.ask_stop(True)
+    world.request_stop(True)
     assert (world.state.mode, world.state.reason) == (Mode.STOPPED, "a stop is requested")
     assert world.arm() == "cannot arm while a stop is requested"
-    world.ask_stop(False)
+    world.request_stop(False)
     assert world.state.mode == Mode.STOPPED
     assert world.arm() == ""
     unarmed = World(rules_of(kind))
-    unarmed.ask_stop(True)
+    unarmed.request_stop(True)
     assert "stop" in unarmed.arm()
     assert unarmed.state.mode == Mode.DISARMED
 
@@ -146,12 +146,12 @@ def test_a_stop_that_is_still_asked_for_keeps_it_from_being_armed(kind: str) -> 
         ("stamp", {"values": None, "age": np.nan}),
         ("number above 5", {"values": [0.0, 0.0], "number": 5}),
         ("number above 5", {"values": None, "number": 4}),
-        ("process 1 until it holds", {"values": [0.0, 0.0], "instance": 2}),
-        ("process 1 until it holds", {"values": None, "instance": 2}),
+        ("expected instance 1, which is moving the robot", {"values": [0.0, 0.0], "instance": 2}),
+        ("expected instance 1, which is moving the robot", {"values": None, "instance": 2}),
     ],
 )
 @over_kinds
-def test_what_is_refused_is_counted_and_changes_nothing(kind: str, message: str, options: dict[str, Any]) -> None:
+def test_a_refused_command_is_counted_and_changes_nothing(kind: str, message: str, options: dict[str, Any]) -> None:
     world = armed_world(kind)
     world.command([0.2, 0.2], number=5)
     world.wait(0.1)
@@ -165,28 +165,28 @@ def test_what_is_refused_is_counted_and_changes_nothing(kind: str, message: str,
     assert (world.state.counts.refusals, world.state.counts.commands) == (1, 2)
 
 
-def test_a_sender_may_follow_another_that_holds_but_none_that_is_younger() -> None:
+def test_a_sender_may_follow_an_older_one_that_holds() -> None:
     world = armed_world(VELOCITY)
     world.command([0.1, 0.1], instance=1)
     world.command(None, instance=1)
     assert not world.command([0.1, 0.1], instance=2).reason
     world.command(None, instance=2)
-    assert "a process not before 2" in world.command([0.1, 0.1], instance=1).reason
+    assert "expected instance 2 or a newer one" in world.command([0.1, 0.1], instance=1).reason
 
 
 @over_kinds
 @pytest.mark.parametrize("moves", [True, False])
-def test_arming_lets_a_robot_in_whatever_numbers_were_heard_before(kind: str, moves: bool) -> None:
+def test_arming_resets_the_expected_instance_and_number(kind: str, moves: bool) -> None:
     world = armed_world(kind)
     for name in ("instance", "number"):
         assert "at most 9223372036854775807" in world.command([0.1, 0.1], **{name: 2**63}).reason
     assert not world.command([0.1, 0.1], instance=2**63 - 1, number=2**63 - 1).reason
     if moves:
-        assert "until it holds" in world.command([0.1, 0.1], number=1).reason
+        assert "which is moving the robot" in world.command([0.1, 0.1], number=1).reason
         world.stop()
     else:
-        world.state = replace(world.state, goal=None, mode=Mode.HOLDING)  # no greater number is left for a hold
-    assert "not before" in world.command([0.1, 0.1], number=1).reason
+        world.state = replace(world.state, goal=None, mode=Mode.HOLDING)  # no greater number is available for a hold
+    assert "or a newer one" in world.command([0.1, 0.1], number=1).reason
     assert world.arm() == ""
     assert not world.command([0.1, 0.1], number=1).reason
 
@@ -207,7 +207,7 @@ def test_arming_lets_a_robot_in_whatever_numbers_were_heard_before(kind: str, mo
         (EFFORT, "step", 0.1, Flags.CLAMPED_STEP),
     ],
 )
-def test_the_report_tells_which_limit_changed_a_command(kind: str, limit: str, value: float, flag: Flags) -> None:
+def test_the_report_flags_the_limit_that_changed_a_command(kind: str, limit: str, value: float, flag: Flags) -> None:
     generous = {"minimum": -5.0, "maximum": 5.0, "velocity": 100.0, "acceleration": 1e4}
     if kind == EFFORT:
         del generous["acceleration"]
@@ -221,7 +221,7 @@ def test_the_report_tells_which_limit_changed_a_command(kind: str, limit: str, v
     bound.wait(0.05)
     second = bound.command(asked)
     bound.wait(0.05)
-    np.testing.assert_allclose(bound.outputs[-1], second.executed)  # it came to what was foretold
+    np.testing.assert_allclose(bound.outputs[-1], second.executed)  # as the report predicted
 
 
 @pytest.mark.parametrize(
@@ -251,14 +251,14 @@ def test_a_limit_of_zero_is_a_limit(kind: str, limit: str) -> None:
 LIMIT_OF_OTHER = {"velocity": 10.0, "acceleration": 10.0, "step": 1.0, "maximum": 1.0}
 
 
-def test_a_range_of_zero_holds_where_it_is() -> None:
+def test_a_range_of_zero_does_not_move() -> None:
     world = armed_world(POSITION, minimum=0.0, maximum=0.0)
     world.command([0.5, -0.5])
     world.wait(0.2)
     assert not np.array(world.outputs).any()
 
 
-def test_a_joint_at_speed_comes_to_rest_before_its_range_ends_however_it_is_stopped() -> None:
+def test_a_moving_joint_comes_to_rest_within_its_range() -> None:
     world = armed_world(POSITION, velocity=1.5, acceleration=2.0)  # braking takes 0.56 rad
     top = 0.0
     while world.state.mode == Mode.HOLDING or world.position[0] < 1.2:
@@ -275,7 +275,7 @@ def test_a_joint_at_speed_comes_to_rest_before_its_range_ends_however_it_is_stop
 
 @over_kinds
 @pytest.mark.parametrize("moment", ["at rest", "in motion", "at a turning point"])
-def test_a_gate_leaves_a_robot_at_rest_that_keeps_the_last_command(kind: str, moment: str) -> None:
+def test_a_gate_that_exits_leaves_the_robot_at_rest(kind: str, moment: str) -> None:
     world = armed_world(kind)
     while moment != "at rest" and world.position[0] < 0.3:
         world.command([1.0, -1.0])
@@ -296,7 +296,7 @@ def test_a_gate_leaves_a_robot_at_rest_that_keeps_the_last_command(kind: str, mo
 
 
 @pytest.mark.parametrize("fault", ["senses nothing", "timeout"])
-def test_efforts_end_in_none_even_where_rest_cannot_be_seen(fault: str) -> None:
+def test_efforts_end_at_0_even_if_rest_cannot_be_detected(fault: str) -> None:
     world = armed_world(EFFORT)
     while world.position[0] < 0.5:
         world.command([3.0, 3.0])
@@ -306,7 +306,7 @@ def test_efforts_end_in_none_even_where_rest_cannot_be_seen(fault: str) -> None:
     assert not world.outputs[-1].any()
 
 
-def test_efforts_that_bear_a_load_go_to_none_within_their_limits() -> None:
+def test_efforts_that_bear_a_load_go_to_0_within_their_limits() -> None:
     world = armed_world(EFFORT, velocity=20.0)
     world.load = 1.0
     world.wait(4.0)
@@ -320,7 +320,7 @@ def test_efforts_that_bear_a_load_go_to_none_within_their_limits() -> None:
     assert not world.protection.trips
 
 
-def test_a_robot_is_at_rest_when_no_reading_for_the_time_of_rest_was_of_a_motion() -> None:
+def test_a_robot_is_at_rest_if_no_reading_during_the_rest_time_shows_motion() -> None:
     world = armed_world(EFFORT)
     world.command([1.0, 1.0])
     world.tick()
@@ -338,23 +338,23 @@ def test_a_robot_is_at_rest_when_no_reading_for_the_time_of_rest_was_of_a_motion
                 world.sense(velocity=np.array([0.0, each]))
             world.tick()
         assert is_at_rest(world.state, world.rules, world.now) == rests
-        assert leave(world.state, world.rules, world.now)[0].lets_go == rests
+        assert leave(world.state, world.rules, world.now)[0].releases == rests
 
 
 @over_kinds
-def test_a_gate_that_ends_is_not_armed_again(kind: str) -> None:
+def test_a_gate_that_shuts_down_cannot_be_armed(kind: str) -> None:
     world = armed_world(kind)
     world.command([0.5, 0.5])
     world.tick()
     world.state, is_left = leave(world.state, world.rules, world.now)
     assert (world.state.mode, is_left) == (Mode.STOPPED, False)
-    assert "one that ends" in world.arm()
+    assert "shutting down" in world.arm()
     unarmed = World(rules_of(kind))
     assert unarmed.leave() == 0.0
     assert not unarmed.outputs
 
 
-def test_joints_that_brake_by_effort_are_held_where_they_first_turn() -> None:
+def test_joints_that_brake_by_effort_hold_where_they_first_turn() -> None:
     world = armed_world(EFFORT)
     while world.velocity[0] < 3.0:
         world.command([3.0, -3.0])
@@ -370,7 +370,7 @@ def test_joints_that_brake_by_effort_are_held_where_they_first_turn() -> None:
     assert not world.protection.trips
 
 
-def test_positions_begin_where_the_joints_are_and_not_far_outside_of_the_range() -> None:
+def test_positions_start_at_the_sensed_joints_and_within_the_range() -> None:
     world = World(rules_of(POSITION), start=[0.7, -0.2])
     assert world.arm() == ""
     world.wait(0.05)
@@ -384,14 +384,14 @@ def test_positions_begin_where_the_joints_are_and_not_far_outside_of_the_range()
     assert noisy.outputs[0][0] == 2.0
 
 
-def test_nothing_is_armed_or_taken_before_the_joints_are_sensed() -> None:
+def test_arming_and_commands_require_a_sensed_joint_state() -> None:
     world = World(rules_of(POSITION))
     world.state = type(world.state)()
-    assert "sensed" in world.arm()
+    assert "no usable joint state" in world.arm()
     assert "sensed" in world.command([0.0, 0.0]).reason
 
 
-def test_efforts_hold_against_a_load_and_bear_it_on_when_nothing_is_sensed() -> None:
+def test_efforts_keep_bearing_a_load_without_a_sensor() -> None:
     world = armed_world(EFFORT)
     world.load = 1.0  # N m, by which the joints sag until the springs bear it
     world.wait(3.0)
@@ -404,7 +404,7 @@ def test_efforts_hold_against_a_load_and_bear_it_on_when_nothing_is_sensed() -> 
 
 
 @pytest.mark.parametrize("bad", ["nan", "age", "order", "large"])
-def test_what_is_sensed_badly_is_refused_and_what_was_sensed_grows_old(bad: str) -> None:
+def test_a_bad_joint_state_is_refused_and_the_previous_one_becomes_stale(bad: str) -> None:
     world = armed_world(POSITION)
     changes: dict[str, Any] = {
         "nan": {"position": np.array([np.nan, 0.0])},
@@ -421,14 +421,14 @@ def test_what_is_sensed_badly_is_refused_and_what_was_sensed_grows_old(bad: str)
     assert world.state.mode == Mode.STOPPED
 
 
-def test_effort_that_is_not_sensed_matters_only_where_it_is_limited() -> None:
+def test_a_missing_effort_matters_only_if_it_is_limited() -> None:
     nothing = {"effort": np.full(2, np.nan)}
     assert World(rules_of(POSITION)).sense(**nothing) == ""
     assert "effort" in World(rules_of(POSITION, sensed={"effort": 5.0})).sense(**nothing)
 
 
 @over_kinds
-def test_a_gate_that_did_not_run_for_long_stops_and_says_so(kind: str) -> None:
+def test_a_gate_that_was_late_stops_and_reports_it(kind: str) -> None:
     world = armed_world(kind)
     world.tick()
     world.command([0.5, 0.5])
@@ -438,7 +438,7 @@ def test_a_gate_that_did_not_run_for_long_stops_and_says_so(kind: str) -> None:
     assert (world.state.mode, world.state.reason) == (Mode.STOPPED, "the gate itself was late by 0.15 s")
 
 
-def test_braking_is_what_a_stop_does() -> None:
+def test_braking_predicts_the_outputs_after_a_stop() -> None:
     world = armed_world(POSITION, acceleration=[3.0, 8.0])
     for _ in range(6):
         world.command([2.0, -1.0])
@@ -446,14 +446,14 @@ def test_braking_is_what_a_stop_does() -> None:
     motion = world.state.motion
     assert motion is not None
     assert motion.rate.any()
-    foretold = braking(world.rules.limits, PERIOD, motion, 10)
-    assert 2 <= len(foretold) <= 10
+    predicted = braking(world.rules.limits, PERIOD, motion, 10)
+    assert 2 <= len(predicted) <= 10
     begun = len(world.outputs) - 1
     world.stop()
     world.wait(1.0)
-    for seconds, values in foretold:
+    for seconds, values in predicted:
         np.testing.assert_allclose(world.outputs[begun + round(seconds / PERIOD)], values, atol=1e-12)
-    np.testing.assert_allclose(world.outputs[-1], foretold[-1][1], atol=1e-12)
+    np.testing.assert_allclose(world.outputs[-1], predicted[-1][1], atol=1e-12)
     at_rest = world.state.motion
     assert at_rest is not None
     ((seconds, values),) = braking(world.rules.limits, PERIOD, at_rest, 10)

@@ -1,4 +1,4 @@
-"""Requests to stop, by publisher."""
+"""Stop requests, per publisher."""
 
 import pytest
 
@@ -9,10 +9,10 @@ NAMES = {A: "/a", B: "/b"}
 
 
 def after(*messages: tuple[bytes, bool, int], timeout: float = 0.0) -> Stops:
-    """Return what follows from messages, heard a second apart: publisher, what it says, and number."""
+    """Return the stops after messages a second apart: publisher, whether it requests a stop, and number."""
     stops = Stops("stop", timeout)
     for second, (publisher, is_stop, number) in enumerate(messages):
-        stops = stops.heard(publisher, StopRequest(is_stop, number, float(second)))
+        stops = stops.with_request(publisher, StopRequest(is_stop, number, float(second)))
     return stops
 
 
@@ -34,18 +34,18 @@ def test_a_stop_holds_until_its_publisher_clears_it(messages: list[tuple[bytes, 
     assert reason == (f"a stop is requested on the topic 'stop' by {by}" if by else "")
 
 
-def test_a_publisher_that_is_gone_counts_until_a_person_arms() -> None:
+def test_a_departed_publisher_counts_until_the_gate_is_armed() -> None:
     stops = after((A, True, 1), (B, True, 1))
     assert stops.reason(1e9, NAMES).endswith("by /a, /b")
-    assert stops.without_gone({B}).reason(1e9, NAMES).endswith("by /b")
-    assert stops.without_gone(set()).reason(1e9, NAMES) == ""
+    assert stops.without_departed({B}).reason(1e9, NAMES).endswith("by /b")
+    assert stops.without_departed(set()).reason(1e9, NAMES) == ""
 
 
-def test_silence_of_one_or_of_all_is_a_stop_with_a_timeout() -> None:
+def test_with_a_timeout_silence_of_any_or_all_publishers_is_a_stop() -> None:
     stops = after((A, False, 1), (B, False, 1), timeout=1.5)
     assert stops.reason(1.4, NAMES) == ""
     assert "by the silence of /a (stop_timeout 1.5 s)" in stops.reason(1.6, NAMES)
     assert "by the silence of /a, /b" in stops.reason(9.0, NAMES)
-    assert stops.without_gone({B}).reason(1.6, NAMES) == ""
-    assert "by the silence of everybody" in stops.without_gone(set()).reason(1.6, NAMES)
-    assert stops.heard(A, StopRequest(True, 2, 1.6)).reason(9.0, NAMES).endswith("by /a")
+    assert stops.without_departed({B}).reason(1.6, NAMES) == ""
+    assert "by the silence of all publishers" in stops.without_departed(set()).reason(1.6, NAMES)
+    assert stops.with_request(A, StopRequest(True, 2, 1.6)).reason(9.0, NAMES).endswith("by /a")

@@ -1,4 +1,4 @@
-"""What a gate's settings refuse, and what follows from them and from a robot's description."""
+"""Validation of a gate's settings, and the rules derived from them and a URDF."""
 
 import re
 from collections.abc import Mapping
@@ -44,7 +44,7 @@ ROOT = Path(__file__).parents[3]
 
 
 def merged(tree: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a tree with some values changed; None takes one away."""
+    """Return a tree with some values changed; None removes a value."""
     result = dict(tree)
     for name, value in changes.items():
         result[name] = merged(result.get(name, {}), value) if isinstance(value, dict) else value
@@ -62,7 +62,7 @@ def urdf(tmp_path: Path) -> str:
     return str(file)
 
 
-def test_a_number_stands_for_all_joints_and_what_is_not_given_is_no_limit() -> None:
+def test_one_number_applies_to_all_joints_and_an_omitted_limit_is_none() -> None:
     limits = rules_from(POSITION).limits
     np.testing.assert_array_equal(limits.minimum, [-1.0, -1.0])
     np.testing.assert_array_equal(limits.maximum, [1.0, 2.0])
@@ -75,12 +75,16 @@ def test_a_number_stands_for_all_joints_and_what_is_not_given_is_no_limit() -> N
     ("tree", "changes", "message"),
     [
         (EFFORT, {"joints": None}, "joints: expected the names of the joints, got none"),
-        (EFFORT, {"joints": ["a", "a"], "limits": {"minimum": -1.0}}, "joints: expected names that differ"),
+        (EFFORT, {"joints": ["a", "a"], "limits": {"minimum": -1.0}}, "joints: expected unique names"),
         (EFFORT, {"command": {"topic": None}}, "command.topic: expected the topic"),
         (EFFORT, {"command": {"topic": "joint_states"}}, "command.topic: expected a topic that the gate does not use"),
         (EFFORT, {"command": {"topic": "stop"}}, "command.topic: expected a topic that the gate does not use"),
         (EFFORT, {"command": {"topic": "command"}}, "command.topic: expected a topic that the gate does not use"),
-        (EFFORT, {"limits": None}, "limits.minimum: expected a limit for each joint, for commands of effort, got none"),
+        (
+            EFFORT,
+            {"limits": None},
+            "limits.minimum: expected a limit for each joint (required for effort commands), got none",
+        ),
         (EFFORT, {"limits": {"maximum": None}}, "limits.maximum: expected a limit"),
         (EFFORT, {"limits": {"minimum": 4.0}}, "limits: expected minimum <= maximum"),
         (EFFORT, {"limits": {"minimum": 1.0}}, "limits: expected minimum <= 0 <= maximum"),
@@ -88,12 +92,12 @@ def test_a_number_stands_for_all_joints_and_what_is_not_given_is_no_limit() -> N
         (EFFORT, {"limits": {"step": float("nan")}}, "limits.step: expected a number"),
         (EFFORT, {"limits": {"step": 1e-12}}, "limits.step: expected 0, or from 1e-09"),
         (EFFORT, {"limits": {"step": [1.0, 2.0]}}, "limits.step: expected 1 number, got 2"),
-        (EFFORT, {"limits": {"acceleration": 1.0}}, "limits.acceleration: expected none for commands of effort"),
+        (EFFORT, {"limits": {"acceleration": 1.0}}, "limits.acceleration: expected no value for effort commands"),
         (EFFORT, {"limits": {"maximun": 1.0}}, "did you mean 'limits.maximum'?"),
         (EFFORT, {"limits": {"minimum": "low"}}, "limits.minimum: expected a list of numbers, got 'low'"),
         (EFFORT, {"hold": None}, "hold.stiffness: expected gains"),
         (EFFORT, {"hold": {"damping": -1.0}}, "hold.damping: expected a number"),
-        (EFFORT, {"sensor": {"topic": ""}}, "sensor: expected a topic that tells position, velocity"),
+        (EFFORT, {"sensor": {"topic": ""}}, "sensor: expected a topic with position, velocity"),
         (EFFORT, {"sensed": {"minimum": 1.0, "maximum": 0.0}}, "sensed: expected minimum <= maximum"),
         (EFFORT, {"period": 0.5}, "period: expected at most command_timeout"),
         (EFFORT, {"period": 0.0}, "period: expected a number"),
@@ -105,15 +109,15 @@ def test_a_number_stands_for_all_joints_and_what_is_not_given_is_no_limit() -> N
         (POSITION, {"limits": {"velocity": None}}, "limits.velocity: expected a limit for each joint"),
         (POSITION, {"limits": {"acceleration": None}}, "limits.acceleration: expected a limit for each joint"),
         (POSITION, {"limits": {"maximum": [1.0] * 3}}, "limits.maximum: expected 1 or 2 numbers, got 3"),
-        (POSITION, {"hold": {"damping": 1.0}}, "hold.damping: expected gains of joints commanded by effort"),
+        (POSITION, {"hold": {"damping": 1.0}}, "hold.damping: expected none (used for effort commands only)"),
         (POSITION, {"joints": [1, 2]}, "joints: expected a list of strings, got [1, 2]"),
-        (POSITION, {"command": {"type": TWIST, "kind": "velocity"}}, "joints: expected of linear.x"),
-        (BASE, {"sensor": None}, "sensor.topic: expected none for a Twist, which has no joints, got joint_states"),
-        (BASE, {"sensed": {"velocity": 1.0}}, "sensor: expected a topic that tells velocity, got none"),
+        (POSITION, {"command": {"type": TWIST, "kind": "velocity"}}, "joints: expected some of linear.x"),
+        (BASE, {"sensor": None}, "sensor.topic: expected '' for a Twist, which has no joints, got joint_states"),
+        (BASE, {"sensed": {"velocity": 1.0}}, "sensor: expected a topic with velocity, got none"),
         (POSITION, {"limits": {"urdf": "nowhere.urdf"}}, "nowhere.urdf"),
     ],
 )
-def test_what_does_not_fit_is_refused_in_one_line(
+def test_invalid_settings_are_refused_in_one_line(
     tree: Mapping[str, Any], changes: dict[str, Any], message: str
 ) -> None:
     with pytest.raises((ValueError, FileNotFoundError)) as refusal:
@@ -122,23 +126,23 @@ def test_what_does_not_fit_is_refused_in_one_line(
     assert "\n" not in str(refusal.value)
 
 
-def test_a_base_goes_by_velocities_and_needs_no_joints_sensed() -> None:
+def test_a_mobile_base_takes_velocities_and_needs_no_joint_states() -> None:
     assert rules_from(BASE).fields == []
     assert rules_from(BASE).stale_after == np.inf
 
 
-def test_the_parameters_of_the_documentation_are_good() -> None:
+def test_the_documented_parameters_are_valid() -> None:
     (block,) = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "gate.md").read_text(), flags=re.DOTALL)
     made = rules_from(yaml.safe_load(block)["/**/gate"]["ros__parameters"])
     assert made.limits.step[0] == 6.0
 
 
-def test_a_description_limits_positions_and_may_be_tightened_but_not_widened(urdf: str) -> None:
+def test_urdf_limits_of_positions_can_be_tightened_but_not_widened(urdf: str) -> None:
     urdf_range = {"urdf": urdf, "minimum": None, "maximum": None}
     given = urdf_range | {"maximum": [1.0, 0.0], "velocity": None}
     limits = rules_from(POSITION, joints=["turn", "bolt"], limits=given).limits
     np.testing.assert_array_equal(limits.minimum, [-1.5, 0.0])
-    np.testing.assert_array_equal(limits.maximum, [1.0, 0.0])  # of the bolt no range is told, which is one of 0
+    np.testing.assert_array_equal(limits.maximum, [1.0, 0.0])  # the omitted range of the bolt is 0
     np.testing.assert_array_equal(limits.velocity, [2.0, 1.0])
     with pytest.raises(ValueError, match=r"limits.velocity: expected limits no wider than the URDF's, \[2. 1.\]"):
         rules_from(POSITION, joints=["turn", "bolt"], limits=urdf_range | {"velocity": 1.5})
@@ -146,9 +150,7 @@ def test_a_description_limits_positions_and_may_be_tightened_but_not_widened(urd
         rules_from(POSITION, limits=given)
 
 
-def test_a_description_is_found_in_a_package_of_ros_or_of_python(
-    urdf: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_urdf_is_found_in_a_ros_or_python_package(urdf: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     share = tmp_path / "prefix" / "share" / "my_robot"
     share.mkdir(parents=True)
     (share / "arm.urdf").write_text(Path(urdf).read_text())
@@ -156,11 +158,11 @@ def test_a_description_is_found_in_a_package_of_ros_or_of_python(
     assert located("package://my_robot/arm.urdf") == share / "arm.urdf"
     assert located(urdf) == Path(urdf)
     assert located("package://sim_nodes/robots/arm.py").is_file()
-    with pytest.raises(ValueError, match="urdf: expected a package 'your_robot' that is installed"):
+    with pytest.raises(ValueError, match="urdf: expected an installed package 'your_robot'"):
         located("package://your_robot/arm.urdf")
 
 
-def test_a_description_limits_what_is_sensed_where_commands_do_not(urdf: str) -> None:
+def test_a_urdf_limits_sensed_states_that_commands_do_not_bound(urdf: str) -> None:
     none = {"urdf": urdf, "minimum": None, "maximum": None}
     made = rules_from(EFFORT, joints=["turn", "wheel"], limits=none)
     np.testing.assert_array_equal(made.limits.maximum, [30.0, 5.0])
@@ -181,13 +183,13 @@ def test_a_description_limits_what_is_sensed_where_commands_do_not(urdf: str) ->
         ("bad", "expected a number for upper, got x"),
     ],
 )
-def test_a_description_without_a_joints_limits_is_refused(urdf: str, joint: str, message: str) -> None:
+def test_a_urdf_without_limits_of_a_joint_is_refused(urdf: str, joint: str, message: str) -> None:
     with pytest.raises(ValueError, match=message.split(",")[0]):
         rules_from(POSITION, joints=["turn", joint], limits={"urdf": urdf})
 
 
 @pytest.mark.parametrize("content", ["", "<robot", "<model/>"])
-def test_a_file_that_is_no_description_is_refused(tmp_path: Path, content: str) -> None:
+def test_a_file_that_is_not_a_urdf_is_refused(tmp_path: Path, content: str) -> None:
     file = tmp_path / "bad.urdf"
     file.write_text(content)
     with pytest.raises(ValueError, match=r"bad.urdf: expected a URDF") as refusal:
@@ -195,7 +197,7 @@ def test_a_file_that_is_no_description_is_refused(tmp_path: Path, content: str) 
     assert "\n" not in str(refusal.value)
 
 
-def test_every_setting_says_what_it_is() -> None:
+def test_every_setting_has_a_description() -> None:
     names = {entry.name: entry.about["description"] for entry in entries(GateSettings())}
     assert {"joints", "sensor.topic", "command.type", "limits.urdf", "sensed.effort", "hold.damping"} <= set(names)
     assert all(names.values())

@@ -1,4 +1,4 @@
-"""Whatever is sent to a gate, a robot's own protective check finds nothing to stop for in what comes out."""
+"""Whatever a gate receives, its outputs never trigger a robot's protective stop."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ over_kinds = pytest.mark.parametrize("kind", KINDS)
 
 
 def random_rules(kind: str, stream: np.random.Generator) -> Rules:
-    """Return rules of random limits, some of them 0, some of them none."""
+    """Return rules with random limits, of which some are 0 or infinite."""
     joints = int(stream.integers(1, 4))
 
     def some(low: float, high: float, others: tuple[float, ...]) -> np.ndarray:
@@ -36,7 +36,7 @@ def random_rules(kind: str, stream: np.random.Generator) -> Rules:
 @over_kinds
 @settings(max_examples=STREAMS)
 @given(seed=seeds)
-def test_no_stream_trips_the_robots_protection(kind: str, seed: int) -> None:
+def test_no_stream_triggers_the_robots_protective_stop(kind: str, seed: int) -> None:
     stream = np.random.default_rng(seed)
     world = play(random_rules(kind, stream), stream)
     assert not world.protection.trips
@@ -44,7 +44,7 @@ def test_no_stream_trips_the_robots_protection(kind: str, seed: int) -> None:
 
 
 @over_kinds
-def test_streams_move_the_robot_and_would_trip_it_without_the_gate(kind: str) -> None:
+def test_streams_move_the_robot_and_would_stop_it_without_the_gate(kind: str) -> None:
     worlds = [play(rules_of(kind), np.random.default_rng(seed)) for seed in range(30)]
     assert not any(world.protection.trips for world in worlds)
     assert all(world.bare.trips for world in worlds)
@@ -62,7 +62,7 @@ def test_streams_move_the_robot_and_would_trip_it_without_the_gate(kind: str) ->
         (EFFORT, "velocity", 2.0),
     ],
 )
-def test_the_protection_sees_each_limit_passed(kind: str, limit: str, jump: float) -> None:
+def test_the_protection_detects_each_exceeded_limit(kind: str, limit: str, jump: float) -> None:
     world = World(rules_of(kind))
     world.protection.take(np.full(2, jump))
     assert limit in {name for name, _ in world.protection.trips}
@@ -78,7 +78,7 @@ def test_the_protection_sees_each_limit_passed(kind: str, limit: str, jump: floa
 @over_kinds
 @settings(max_examples=50)
 @given(values=st.lists(st.tuples(st.floats() | st.sampled_from(NASTY), st.integers(0, 4)), max_size=40))
-def test_any_numbers_at_all_come_out_finite_and_within_limits(kind: str, values: list[tuple[float, int]]) -> None:
+def test_outputs_are_finite_and_within_limits_for_any_numbers(kind: str, values: list[tuple[float, int]]) -> None:
     world = World(rules_of(kind, joints=1, step=0.3))
     assert world.arm() == ""
     for value, ticks in values:
@@ -92,7 +92,7 @@ def test_any_numbers_at_all_come_out_finite_and_within_limits(kind: str, values:
 
 @over_kinds
 @given(seed=seeds)
-def test_the_same_inputs_give_the_same_outputs(kind: str, seed: int) -> None:
+def test_equal_inputs_give_equal_outputs(kind: str, seed: int) -> None:
     first, second = (play(rules_of(kind), np.random.default_rng(seed)) for _ in range(2))
     assert np.array_equal(first.outputs, second.outputs)
     assert first.state.counts == second.state.counts
@@ -100,7 +100,7 @@ def test_the_same_inputs_give_the_same_outputs(kind: str, seed: int) -> None:
 
 @over_kinds
 @given(seed=seeds)
-def test_a_gate_that_nobody_arms_sends_nothing(kind: str, seed: int) -> None:
+def test_a_disarmed_gate_sends_nothing(kind: str, seed: int) -> None:
     class Unarmed(World):
         def arm(self) -> str:
             return "nobody does"
@@ -109,7 +109,7 @@ def test_a_gate_that_nobody_arms_sends_nothing(kind: str, seed: int) -> None:
     world = Unarmed(rules_of(kind))
     for _ in range(30):
         world.command(stream.choice([*NASTY, *stream.uniform(-2, 2, 9)], 2))
-        world.ask_stop(bool(stream.integers(2)))
+        world.request_stop(bool(stream.integers(2)))
         world.wait(stream.uniform(0, 0.1))
     assert not world.outputs
     assert world.state.mode == Mode.DISARMED
@@ -117,7 +117,7 @@ def test_a_gate_that_nobody_arms_sends_nothing(kind: str, seed: int) -> None:
 
 @over_kinds
 @given(seed=seeds, seconds=st.floats(0.0, 0.5))
-def test_after_a_stop_it_comes_to_rest_and_stays_there_whatever_comes(kind: str, seed: int, seconds: float) -> None:
+def test_a_stopped_gate_comes_to_rest_and_ignores_commands(kind: str, seed: int, seconds: float) -> None:
     world, alone = World(rules_of(kind)), World(rules_of(kind))
     for each in (world, alone):
         stream = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""Configurations with a robot in place of a simulator."""
+"""Configurations with a robot instead of a simulator."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ def code_of(*arguments: object) -> object:
     return end.value.code
 
 
-def test_the_environment_is_the_robots_task_and_its_spaces_follow() -> None:
+def test_the_environment_and_spaces_follow_from_the_robots_task() -> None:
     config = load_config(PENDULUM)
     assert (config.environment.id, config.environment.num_envs) == ("motor_pendulum", 1)
     assert list(config.environment.nodes) == ["robot", "gate", "simulated_robot"]
@@ -30,11 +30,11 @@ def test_the_environment_is_the_robots_task_and_its_spaces_follow() -> None:
     assert config.task.environment == "motor_pendulum"
 
 
-def test_settings_of_the_robot_are_changed_as_others_are_and_are_settings_of_the_run() -> None:
+def test_robot_settings_can_be_changed_and_are_settings_of_the_run() -> None:
     config = load_config(PENDULUM, ["robot.period=0.04", "simulated_robot.speed=5.0", "seed=3"])
     assert config.settings["robot.period"] == 0.04
     assert config.environment.nodes["simulated_robot"]["speed"] == 5.0
-    assert "simulated_robot.speed" not in config.settings  # what is practised on may be another the next day
+    assert "simulated_robot.speed" not in config.settings  # the simulated robot is not part of the run
     assert config.training.seed == 3
 
 
@@ -59,7 +59,7 @@ def test_settings_of_the_robot_are_changed_as_others_are_and_are_settings_of_the
         ("simulators=2", "simulators: expected 1, as there is one robot"),
     ],
 )
-def test_sections_that_do_not_fit_are_refused_before_anything_is_started(
+def test_invalid_sections_are_refused_before_any_node_starts(
     change: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code = code_of("train", PENDULUM, "--out", tmp_path / "run", "--set", change)
@@ -86,14 +86,14 @@ def test_a_robot_needs_its_gate(section: str, message: str, tmp_path: Path) -> N
     assert message in str(refusal.value)
 
 
-def test_a_robot_is_not_learnt_on_in_this_process(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_robot_is_refused_by_the_inline_runner(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code = code_of("train", PENDULUM, "--runner", "inline", "--out", tmp_path / "run")
     expected = "error: motor_pendulum: expected an environment of this process, not a robot"
     assert (code, capsys.readouterr().err.startswith(expected)) == (2, True)
     assert not (tmp_path / "run").exists()
 
 
-def test_all_nodes_of_a_robot_are_started_and_told_what_they_need() -> None:
+def test_all_nodes_of_a_robot_receive_their_parameters() -> None:
     config = load_config(PENDULUM)
     assert node_names(1, config.environment.nodes) == ["simulated_robot", "gate", "robot", "policy", "learner"]
     document = loaded(for_all(resolved(config), 1, {"robot": {"journal": "/somewhere"}}))
@@ -104,14 +104,14 @@ def test_all_nodes_of_a_robot_are_started_and_told_what_they_need() -> None:
     assert learner["environment"]["id"] == "motor_pendulum"
 
 
-def test_the_gate_of_a_real_robot_is_armed_by_a_person_alone() -> None:
+def test_only_an_operator_arms_the_gate_of_a_real_robot() -> None:
     document = loaded(resolved(load_config(PENDULUM)))
     del document["/**/simulated_robot"]
     robot = loaded(for_all(str(document), 1, {"robot": {"journal": "/somewhere"}}))["/**/robot"]["ros__parameters"]
     assert robot["simulated"] is False
 
 
-def test_a_file_in_the_place_of_the_journal_is_told_before_anything_starts(
+def test_a_file_at_the_journals_path_is_reported_before_any_node_starts(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     place = tmp_path / "run" / "checkpoints" / "episodes"
@@ -131,7 +131,7 @@ def test_a_file_in_the_place_of_the_journal_is_told_before_anything_starts(
         ("minimum: [-3.0], maximum: [3.0], step: [0.1]", ""),
     ],
 )
-def test_an_action_that_the_gate_lets_have_no_effect_is_told_in_a_line(
+def test_an_action_without_effect_is_reported_in_one_line(
     limits: str, words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     check_robot(load_config(PENDULUM, [f"gate.limits={{{limits}}}"]))

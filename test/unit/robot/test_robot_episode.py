@@ -1,4 +1,4 @@
-"""An episode on a robot as a state machine: the clock, deadlines, misses, and what makes it void."""
+"""An episode on a robot as a state machine: clock, deadlines, misses, and reasons to discard it."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,7 +25,7 @@ TASK = robot_task_from(
         "period": PERIOD,
         "sensors": {"position": {"topic": "position", "type": "std_msgs/msg/Float64", "fields": ["data"]}},
         "action": {"minimum": [-1.0], "maximum": [1.0], "scale": [2.0], "offset": [0.5]},
-        "reward": {"function": "test.unit.robot.robot_rules:told"},
+        "reward": {"function": "test.unit.robot.robot_rules:encoded"},
         "end": {"function": "test.unit.robot.robot_rules:high"},
     }
 )
@@ -44,12 +44,12 @@ def begun(task: RobotTask = TASK) -> RobotEpisode:
 def play(
     episode: RobotEpisode, delays: list[float | None], reports: bool = True, lateness: list[float] | None = None
 ) -> list[tuple[float, float]]:
-    """Play an episode from time 0, and return when each command was sent, and what.
+    """Play an episode from time 0; return the time and value of each sent command.
 
     Args:
-        episode: that begins.
+        episode: a started episode.
         delays: of each action after its observation, seconds; None for never. The first one starts the clock.
-        reports: whether the gate reports each command, as half of what was asked for.
+        reports: whether the gate reports each command, as half of the requested one.
         lateness: of each tick, seconds.
     """
     sent: list[tuple[float, float]] = []
@@ -76,7 +76,7 @@ def play(
     return sent
 
 
-def test_actions_in_time_are_sent_when_they_come_and_all_is_recorded() -> None:
+def test_actions_in_time_are_sent_on_arrival_and_recorded() -> None:
     episode = begun()
     sent = play(episode, [0.01] * 5)
     np.testing.assert_allclose(
@@ -115,29 +115,29 @@ def test_an_action_after_the_deadline_is_recorded_but_not_sent() -> None:
     assert (executed[1], executed[3]) == (executed[0], executed[2])  # what was held
 
 
-def test_more_misses_than_allowed_make_it_void_before_a_third_period_is_over() -> None:
+def test_more_misses_than_allowed_discard_the_episode() -> None:
     episode = begun()
     sent = play(episode, [0.0, 0.01, None, None, None])
-    assert episode.discard_reason == "3 actions came too late, the last one of step 4"
+    assert episode.discard_reason == "3 actions arrived too late, the last one in step 4"
     assert len(sent) == 2
     assert len(episode.ended().execution.flags) == 4
 
 
-def test_the_last_action_may_come_late_as_well() -> None:
+def test_the_last_action_may_arrive_late() -> None:
     episode = begun()
     sent = play(episode, [0.0, 0.01, 0.01, 0.01, 0.4])
     assert (episode.discard_reason, len(sent)) == ("", 4)
     np.testing.assert_allclose(episode.ended().episodes.actions[0, :, 0], 0.1 * np.arange(1, 6))
 
 
-def test_an_action_that_never_comes_makes_it_void_at_its_end() -> None:
+def test_an_action_that_never_arrives_discards_the_episode() -> None:
     episode = begun()
     play(episode, [0.0, 0.01, None, 0.01, 0.01])
-    assert episode.discard_reason == "the action of step 2 did not come"
+    assert episode.discard_reason == "the action of step 2 did not arrive"
 
 
 @given(st.lists(st.floats(0.0, 0.3), min_size=1, max_size=50), st.floats(0.01, 1.0))
-def test_no_step_is_shortened_to_make_up_for_a_late_one(lateness: list[float], period: float) -> None:
+def test_no_step_is_shortened_after_a_late_one(lateness: list[float], period: float) -> None:
     clock, ticks = ElasticClock(period, due=10.0), [10.0 - period]
     for late in lateness:
         ticks.append(clock.due + late)
@@ -151,7 +151,7 @@ def test_no_step_is_shortened_to_make_up_for_a_late_one(lateness: list[float], p
     st.lists(st.floats(0.0, 0.3) | st.none(), min_size=5, max_size=5),
     st.lists(st.floats(0.0, 0.04), min_size=5, max_size=5),
 )
-def test_whatever_comes_when_the_count_of_misses_decides(delays: list[float | None], lateness: list[float]) -> None:
+def test_the_number_of_misses_decides_for_any_delays(delays: list[float | None], lateness: list[float]) -> None:
     episode = begun()
     delays[0] = delays[0] or 0.0
     sent = play(episode, delays, lateness=lateness)
@@ -172,17 +172,17 @@ def test_a_late_tick_is_flagged() -> None:
     episode = begun()
     play(episode, [0.01] * 5, lateness=[0.0, 0.03, 0.0, 0.0, 0.0])
     assert [bool(flags & LATE) for flags in episode.ended().execution.flags] == [False, True, False, False, False]
-    assert episode.pace.worst == pytest.approx(PERIOD + 0.03, abs=1e-6)
+    assert episode.timing.worst == pytest.approx(PERIOD + 0.03, abs=1e-6)
 
 
-def test_a_silent_gate_makes_it_void() -> None:
+def test_a_silent_gate_discards_the_episode() -> None:
     episode = begun()
     play(episode, [0.01] * 5, reports=False)
-    assert episode.discard_reason == "the gate did not report what it made of 3 commands"
+    assert episode.discard_reason == "the gate did not report 3 commands"
     assert (episode.ended().execution.flags == NO_REPORT).all()
 
 
-def test_a_command_that_the_gate_refused_makes_it_void() -> None:
+def test_a_refused_command_discards_the_episode() -> None:
     episode = begun()
     episode.act(0, np.zeros(1), 0.0)
     episode.report(0, np.zeros(1), NOT_ARMED)
@@ -190,7 +190,7 @@ def test_a_command_that_the_gate_refused_makes_it_void() -> None:
     assert episode.discard_reason == "the gate refused the command of step 0"
 
 
-def test_a_stale_sensor_makes_it_void() -> None:
+def test_a_stale_sensor_discards_the_episode() -> None:
     episode = begun()
     episode.act(0, np.zeros(1), 0.0)
 
@@ -202,7 +202,7 @@ def test_a_stale_sensor_makes_it_void() -> None:
     assert not episode.ended().episodes.mask.any()
 
 
-def test_the_task_ends_it_before_the_horizon() -> None:
+def test_the_task_ends_the_episode_before_the_horizon() -> None:
     episode = begun()
     episode.act(0, np.zeros(1), 0.0)
     episode.report(0, np.zeros(1), 0)
@@ -220,23 +220,23 @@ def test_a_reward_that_fails_ends_the_run() -> None:
         episode.proceed(PERIOD, sensed(1.0))
 
 
-def test_actions_of_no_step_that_is_awaited_are_passed_over() -> None:
+def test_unexpected_actions_are_ignored() -> None:
     episode = RobotEpisode(BATCH, TASK, stamp=0)
     assert episode.act(0, np.zeros(1), 0.0) is None  # nothing was observed yet
     episode.begin(sensed(0.0)())
     assert episode.act(1, np.zeros(1), 0.0) is None
     assert episode.act(0, np.zeros(1), 0.0) is not None
     assert episode.act(0, np.ones(1), 0.01) is None
-    episode.void("stopped")
+    episode.discard("stopped")
     assert episode.act(0, np.ones(1), 0.01) is None
 
 
-def test_the_journal_knows_finished_episodes_again_and_keeps_void_ones_beside(tmp_path: Path) -> None:
+def test_the_journal_finds_completed_episodes_and_stores_discarded_ones(tmp_path: Path) -> None:
     journal = Journal(tmp_path / "journal")
     assert journal.find(BATCH) is None
-    void = begun()
-    void.void("stopped by a person")
-    journal.add(void.ended())
+    discarded = begun()
+    discarded.discard("stopped by a person")
+    journal.add(discarded.ended())
     assert journal.find(BATCH) is None
     episode = begun()
     play(episode, [0.01] * 5)
@@ -249,12 +249,12 @@ def test_the_journal_knows_finished_episodes_again_and_keeps_void_ones_beside(tm
     assert journal.find(replace(BATCH, explore=False)) is None
     assert journal.find(replace(BATCH, first_episode=8)) is None
     assert journal.find(replace(BATCH, seed=4)) is None
-    journal.forget(BATCH)
+    journal.set_aside(BATCH)
     assert journal.find(BATCH) is None
     assert len(list((tmp_path / "journal").iterdir())) == 2
 
 
-def test_a_damaged_file_of_the_journal_is_passed_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_damaged_file_of_the_journal_is_ignored(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     journal = Journal(tmp_path)
     episode = begun()
     play(episode, [0.01] * 5)
@@ -262,27 +262,27 @@ def test_a_damaged_file_of_the_journal_is_passed_over(tmp_path: Path, capsys: py
     (file,) = tmp_path.iterdir()
     file.write_bytes(file.read_bytes()[:200])
     assert journal.find(BATCH) is None
-    assert "passed over, damaged" in capsys.readouterr().err
+    assert "ignored, the file is damaged" in capsys.readouterr().err
 
 
-def test_a_vetoed_episode_is_void_and_forgotten(tmp_path: Path) -> None:
+def test_a_vetoed_episode_is_stored_as_discarded(tmp_path: Path) -> None:
     journal = Journal(tmp_path)
     episode = begun()
     play(episode, [0.01] * 5)
     ended = episode.ended()
     journal.add(ended)
-    journal.discard_finished(replace(ended, execution=replace(ended.execution, discard_reason="vetoed")))
+    journal.discard(replace(ended, execution=replace(ended.execution, discard_reason="vetoed")))
     assert journal.find(BATCH) is None
-    assert len(list(tmp_path.glob("*void*"))) == 1
+    assert len(list(tmp_path.glob("*discarded*"))) == 1
 
 
-def test_without_functions_a_topic_alone_tells_the_reward() -> None:
+def test_the_reward_can_come_from_a_topic_only() -> None:
     rules = Rules.of(Reward(topic="reward"), End())
-    assert rules.earned(np.zeros(1), np.zeros(1), np.zeros(1), 2.5) == 2.5
+    assert rules.step_reward(np.zeros(1), np.zeros(1), np.zeros(1), 2.5) == 2.5
 
 
 @pytest.mark.parametrize("rule", ["reward", "end"])
-def test_where_a_rule_fails_the_steps_before_are_whole(rule: str) -> None:
+def test_steps_before_a_failing_rule_are_complete(rule: str) -> None:
     breaking = "test.unit.robot.robot_rules:breaks"
     changes = {"reward": Reward(function=breaking)} if rule == "reward" else {"end": End(function=breaking)}
     episode = begun(replace(TASK, **changes))

@@ -1,4 +1,4 @@
-"""What a robot's messages say, as numbers; and what is refused."""
+"""Observations from a robot's messages, and refused fields."""
 
 from types import SimpleNamespace as Message
 
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rkhs_ros.robot.sensors import Heard, SensingError, Sensor, Sensors, field_values, parts_of
+from rkhs_ros.robot.sensors import ReceivedMessage, SensingError, Sensor, Sensors, field_values, parts_of
 
 NUMBERS = st.floats(-1e6, 1e6)
 IMU = Message(linear_acceleration=Message(x=1.0, y=2.0, z=3.0), covariance=[4.0, 5.0, 6.0])
@@ -24,12 +24,12 @@ POSES = Message(poses=[Message(position=Message(x=1.0)), Message(position=Messag
         (POSES, "ok", [1.0]),
     ],
 )
-def test_a_path_leads_to_numbers(message: Message, path: str, values: list[float]) -> None:
+def test_a_path_selects_numbers(message: Message, path: str, values: list[float]) -> None:
     assert field_values(message, path) == values
 
 
 @pytest.mark.parametrize("path", ["", ".", "a..b", "a[", "a[1:1]", "a[-1]", "a[0:2].b", "a b", "_a", "a[0:99999]"])
-def test_what_is_no_path_is_refused(path: str) -> None:
+def test_an_invalid_path_is_refused(path: str) -> None:
     with pytest.raises(ValueError, match="field: expected"):
         parts_of(path)
 
@@ -37,7 +37,7 @@ def test_what_is_no_path_is_refused(path: str) -> None:
 @pytest.mark.parametrize(
     "path", ["nothing", "linear_acceleration", "covariance[3]", "covariance", "linear_acceleration[0]"]
 )
-def test_a_field_that_is_no_number_is_told(path: str) -> None:
+def test_a_field_that_is_not_a_number_is_reported(path: str) -> None:
     with pytest.raises(SensingError, match="expected a number"):
         field_values(IMU, path)
 
@@ -66,33 +66,36 @@ def test_joints_are_found_by_name_in_any_order(names: list[str], values: list[fl
         (Sensor("p", "a/msg/B", ("data[1:3]",), units=("m",)), ["tip data[1] (m)", "tip data[2] (m)"]),
     ],
 )
-def test_numbers_are_called_by_joint_or_field_with_their_unit(sensor: Sensor, names: list[str]) -> None:
+def test_values_are_named_by_joint_or_field_with_their_unit(sensor: Sensor, names: list[str]) -> None:
     assert sensor.names("tip") == names
     assert len(names) == sensor.dimension
 
 
-def test_a_joint_or_field_that_is_missing_is_named() -> None:
+def test_a_missing_joint_or_field_is_named() -> None:
     message = Message(name=["a"], position=[1.0], velocity=[], effort=[])
     with pytest.raises(SensingError, match="missing joints 'b', got a"):
         Sensor("j", joints=("b",)).numbers(message)
-    with pytest.raises(SensingError, match="expected the velocity of joint 'a', got 0 values"):
+    with pytest.raises(SensingError, match="velocity: expected a value for joint 'a', got 0 values"):
         Sensor("j", joints=("a",)).numbers(message)
 
 
-def test_the_observation_is_in_the_order_of_the_sensors_names_whatever_that_of_the_file() -> None:
+def test_the_observation_is_sorted_by_sensor_name() -> None:
     sensors = {
         name: Sensor(name, type="std_msgs/msg/Float64", fields=("data",)) for name in ("second", "first", "third")
     }
-    heard = {name: Heard(Message(data=value), 0.0) for name, value in (("first", 1.0), ("second", 2.0), ("third", 3.0))}
+    heard = {
+        name: ReceivedMessage(Message(data=value), 0.0)
+        for name, value in (("first", 1.0), ("second", 2.0), ("third", 3.0))
+    }
     reader = Sensors(sensors, stale_after=0.1)
     np.testing.assert_array_equal(reader.observation(heard, 0.05), [1.0, 2.0, 3.0])
     assert reader.dimension == 3
 
 
 @given(age=st.floats(0.0, 1.0), stale_after=st.floats(0.001, 1.0))
-def test_a_message_counts_until_it_is_stale(age: float, stale_after: float) -> None:
+def test_a_message_is_valid_until_it_is_stale(age: float, stale_after: float) -> None:
     sensors = Sensors({"s": Sensor("t", type="std_msgs/msg/Float64", fields=("data",))}, stale_after)
-    heard = {"t": Heard(Message(data=1.0), 5.0)}
+    heard = {"t": ReceivedMessage(Message(data=1.0), 5.0)}
     if 5.0 + age - 5.0 > stale_after:
         with pytest.raises(SensingError, match="sensor s: stale"):
             sensors.observation(heard, 5.0 + age)
@@ -100,9 +103,9 @@ def test_a_message_counts_until_it_is_stale(age: float, stale_after: float) -> N
         assert sensors.observation(heard, 5.0 + age) == [1.0]
 
 
-def test_a_silent_sensor_and_one_that_says_nan_are_named() -> None:
+def test_a_silent_sensor_and_a_nan_are_reported_with_the_sensors_name() -> None:
     sensors = Sensors({"s": Sensor("t", type="std_msgs/msg/Float64", fields=("data",))}, 0.1)
-    with pytest.raises(SensingError, match="sensor s: no message came on t"):
+    with pytest.raises(SensingError, match="sensor s: no message has arrived on t"):
         sensors.observation({}, 0.0)
     with pytest.raises(SensingError, match="sensor s: t: expected finite numbers"):
-        sensors.observation({"t": Heard(Message(data=float("nan")), 0.0)}, 0.0)
+        sensors.observation({"t": ReceivedMessage(Message(data=float("nan")), 0.0)}, 0.0)

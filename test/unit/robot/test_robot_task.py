@@ -1,4 +1,4 @@
-"""The settings of a robot's task: commands, rules and what is refused."""
+"""The settings of a robot's task: commands, rules and validation."""
 
 import signal
 import sys
@@ -75,7 +75,7 @@ def several(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> np.nda
 
 
 def changed(path: str, value: object) -> dict[str, Any]:
-    """Return the section with one value replaced; a None leaves it out."""
+    """Return the section with one value replaced; None removes it."""
 
     def replaced(tree: Mapping[str, Any], names: list[str]) -> dict[str, Any]:
         head, *rest = names
@@ -107,7 +107,7 @@ def test_the_spaces_follow_from_the_section() -> None:
         ("sensors.joints.type", "Imu", "sensors.joints: type: expected PACKAGE/msg/TYPE"),
         ("action.minimum", [1.0, 0.0], "action.minimum: expected less than action.maximum"),
         ("action.minimum", [1.0], "action.maximum: expected 1 number, got 2"),
-        ("action.scale", [0.0, 1.0], "action.scale: expected no 0"),
+        ("action.scale", [0.0, 1.0], "action.scale: expected nonzero numbers"),
         ("action.scale", [1.0, 1.0, 1.0], "action.scale: expected 1 or 2 numbers, got 3"),
         ("reward.function", None, "reward: expected a function or a topic"),
         ("reward.function", "nowhere:f", "reward.function: expected an importable module 'nowhere', "),
@@ -121,7 +121,7 @@ def test_the_spaces_follow_from_the_section() -> None:
         ("reset.home.speed", [1.0, 2.0, 3.0], "reset.home.speed: expected 1 number, got 3"),
     ],
 )
-def test_what_does_not_fit_is_refused_in_one_line(path: str, value: object, message: str) -> None:
+def test_invalid_settings_are_refused_in_one_line(path: str, value: object, message: str) -> None:
     with pytest.raises(ValueError, match=r"expected|unknown|no function") as refusal:
         robot_task_from(changed(path, value))
     assert message in str(refusal.value)
@@ -129,7 +129,7 @@ def test_what_does_not_fit_is_refused_in_one_line(path: str, value: object, mess
 
 
 @given(st.lists(FINITE, min_size=2, max_size=2), st.lists(st.floats(0.1, 10.0), min_size=2, max_size=2))
-def test_commands_stay_within_the_images_of_the_bounds(action: list[float], scale: list[float]) -> None:
+def test_commands_stay_within_the_mapped_bounds(action: list[float], scale: list[float]) -> None:
     commands = Commands((-1.0, -2.0), (1.0, 2.0), tuple(scale), (0.5,))
     low, high = (commands.command(np.array(bound)) for bound in (commands.minimum, commands.maximum))
     command = commands.command(np.array(action))
@@ -138,11 +138,11 @@ def test_commands_stay_within_the_images_of_the_bounds(action: list[float], scal
     np.testing.assert_allclose(commands.action(command), np.clip(action, [-1, -2], [1, 2]), atol=1e-9)
 
 
-def test_the_reward_is_the_functions_plus_the_topics() -> None:
+def test_the_reward_is_the_sum_of_function_and_topic() -> None:
     rules = Rules.of(Reward(function=f"{HERE}:squares"), End())
     ones = np.ones(2)
-    assert rules.earned(ones, ones, ones, 10.0) == 16.0
-    assert not rules.ended(ones, ones, ones)
+    assert rules.step_reward(ones, ones, ones, 10.0) == 16.0
+    assert not rules.is_terminal(ones, ones, ones)
 
 
 @pytest.mark.parametrize(
@@ -152,26 +152,26 @@ def test_the_reward_is_the_functions_plus_the_topics() -> None:
         ("spoilt", "finite"),
         ("leaves", "SystemExit"),
         ("beyond", "expected a number, got 1000"),
-        ("giant", "at most 1e.100 in size"),
+        ("giant", "number within 1e.100"),
     ],
 )
-def test_a_reward_that_fails_is_told_and_what_it_edits_is_its_own(name: str, message: str) -> None:
+def test_a_failing_reward_is_reported_and_cannot_edit_our_arrays(name: str, message: str) -> None:
     rules, ones = Rules.of(Reward(function=f"{HERE}:{name}"), End()), np.ones(2)
     with pytest.raises(RunError, match=message):
-        rules.earned(ones, ones, ones, 0.0)
+        rules.step_reward(ones, ones, ones, 0.0)
     np.testing.assert_array_equal(ones, 1.0)
 
 
 @pytest.mark.parametrize(
     ("name", "message"), [("several", "expected True or False, got array"), ("leaves", "end function: SystemExit: 0")]
 )
-def test_an_end_that_is_neither_true_nor_false_is_told(name: str, message: str) -> None:
+def test_an_end_that_is_not_a_boolean_is_reported(name: str, message: str) -> None:
     rules, ones = Rules.of(Reward(topic="score"), End(function=f"{HERE}:{name}")), np.ones(2)
     with pytest.raises(RunError, match=message):
-        rules.ended(ones, ones, ones)
+        rules.is_terminal(ones, ones, ones)
 
 
-def test_a_reward_that_hangs_is_told_and_an_alarm_that_was_set_before_still_comes(
+def test_a_hanging_reward_is_reported_and_earlier_alarms_still_fire(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("rkhs_ros.robot.rules.ANSWER_TIMEOUT_S", 0.05)
@@ -180,7 +180,7 @@ def test_a_reward_that_hangs_is_told_and_an_alarm_that_was_set_before_still_come
     left, _ = signal.setitimer(signal.ITIMER_REAL, 2.0)
     try:
         with pytest.raises(RunError, match=r"reward function: did not return within 0\.05 s"):
-            rules.earned(ones, ones, ones, 0.0)
+            rules.step_reward(ones, ones, ones, 0.0)
         assert not alarms
         while not alarms:
             time.sleep(0.01)
@@ -189,19 +189,19 @@ def test_a_reward_that_hangs_is_told_and_an_alarm_that_was_set_before_still_come
         signal.setitimer(signal.ITIMER_REAL, left)
 
 
-def test_an_interrupt_that_no_person_made_is_an_error_of_the_function() -> None:
+def test_an_interrupt_raised_by_a_function_is_its_error() -> None:
     rules, ones = Rules.of(Reward(function=f"{HERE}:interrupts"), End()), np.ones(2)
     handler = signal.signal(signal.SIGINT, lambda number, frame: None)  # as of a node
     try:
         with pytest.raises(RunError, match="reward function: KeyboardInterrupt"):
-            rules.earned(ones, ones, ones, 0.0)
+            rules.step_reward(ones, ones, ones, 0.0)
     finally:
         signal.signal(signal.SIGINT, handler)
     with pytest.raises(KeyboardInterrupt):
-        rules.earned(ones, ones, ones, 0.0)
+        rules.step_reward(ones, ones, ones, 0.0)
 
 
-def test_actions_are_called_by_joint_kind_and_what_1_stands_for() -> None:
+def test_action_names_include_joint_kind_and_scale() -> None:
     action = Commands(minimum=(-1.0, -1.0), maximum=(1.0, 1.0), kind="velocity")
     assert action.names(("a", "b")) == ("a velocity (rad/s)", "b velocity (rad/s)")
     scaled = replace(action, scale=(1.0, 0.5), unit=("m/s",))
@@ -209,7 +209,7 @@ def test_actions_are_called_by_joint_kind_and_what_1_stands_for() -> None:
 
 
 @pytest.mark.parametrize("names", [((), ()), (("angle (rad)", "speed (rad/s)"), ("torque (N m)",))])
-def test_names_of_spaces_travel_in_messages_and_files(
+def test_names_of_spaces_survive_messages_and_files(
     names: tuple[tuple[str, ...], ...], tmp_path: Path, random_policy: Callable[..., GaussianPolicy]
 ) -> None:
     spaces = Spaces((2,), np.array([-1.0]), np.array([1.0]), *names)
@@ -218,4 +218,4 @@ def test_names_of_spaces_travel_in_messages_and_files(
     assert read_policy(tmp_path / "p.npz").spaces == spaces
     without = vars(SimpleNamespace(**spaces_fields(spaces)))
     old = SimpleNamespace(**{name: value for name, value in without.items() if not name.endswith("_names")})
-    assert spaces_of(old).observation_names == ()  # as in recordings of before
+    assert spaces_of(old).observation_names == ()  # as in older recordings

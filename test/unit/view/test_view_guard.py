@@ -88,7 +88,7 @@ def test_a_control_takes_only_what_somebody_at_it_can_set() -> None:
     assert is_fitting(SimpleNamespace(value=False, disabled=False), {"value": True})
 
 
-class Heard(Monitor):
+class ReceivedMessage(Monitor):
     """A monitor of nodes that are not there; it keeps what is said."""
 
     def __init__(self) -> None:
@@ -110,7 +110,7 @@ class Served:
     def __init__(self, path: Path) -> None:
         self.source = Recorded(path)
         self.server = opened("127.0.0.1", 0)
-        self.monitor = Heard()
+        self.monitor = ReceivedMessage()
         self.page = Page(self.server, self.source, self.monitor)
         self.page.refresh()
         self.port = self.server.get_port()
