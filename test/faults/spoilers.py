@@ -190,7 +190,7 @@ ALWAYS: dict[Any, dict[str, Spoiler]] = {
     msg.Episodes: {
         "batch": foreign,
         "policy_version": foreign,
-        "num_envs": other("rows", UINT32),
+        "num_envs": other("num_envs", UINT32),
         "horizon": other("horizon", UINT32),
         "lengths": lambda message: st.one_of(
             missized(message.lengths),
@@ -233,7 +233,7 @@ THEN: dict[Any, dict[str, Spoiler]] = {
         "num_evaluation": other("num_evaluation", UINT32),
         "first_evaluation": other("first_evaluation", UINT64),
         "explore": lambda message: st.just(not message.explore),
-        "num_envs": other("rows", UINT32),
+        "num_envs": other("num_envs", UINT32),
     },
     msg.Action: {"step": other("step", UINT32)},
     StartEpisodes.Request: {
@@ -243,7 +243,7 @@ THEN: dict[Any, dict[str, Spoiler]] = {
         "first_episode": other("first_episode", UINT64),
         "num_evaluation": other("num_evaluation", UINT32),
         "first_evaluation": other("first_evaluation", UINT64),
-        "num_envs": other("rows", UINT32),
+        "num_envs": other("num_envs", UINT32),
         "horizon": other("horizon", UINT32),
         "explore": lambda message: st.just(not message.explore),
     },

@@ -97,7 +97,7 @@ class Bench:
     def start(self, episode: int = 0, **changes: object) -> int:
         """Ask for an episode under a number of its own, which is returned."""
         self._identity += 1
-        numbers = {"batch": self._identity, "policy_version": 1, "seed": 3, "rows": 1, "horizon": HORIZON}
+        numbers = {"batch": self._identity, "policy_version": 1, "seed": 3, "num_envs": 1, "horizon": HORIZON}
         request = {"environment": "slider", "options": "{}", "explore": True, "first_episode": episode, **numbers}
         response = self.probe.ask("start_episodes", StartEpisodes.Request(**{**request, **changes}))
         assert response.accepted, response.message

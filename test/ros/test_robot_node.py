@@ -290,7 +290,7 @@ def test_a_bad_section_ends_the_node_with_one_line(
 
 @pytest.mark.parametrize(
     ("changes", "words"),
-    [({"rows": 2}, "rows: expected 1"), ({"environment": "rkhs/Toy-v0"}, "task: expected slider")],
+    [({"num_envs": 2}, "num_envs: expected 1"), ({"environment": "rkhs/Toy-v0"}, "task: expected slider")],
 )
 def test_what_no_robot_can_do_is_refused(
     begin: Callable[..., Process], bench: Bench, changes: dict[str, object], words: str

@@ -47,7 +47,7 @@ def begin(start: Start, probe: Probe, *parameters: str) -> None:
 
 
 def play(probe: Probe, batch: int) -> None:
-    numbers = {"batch": batch, "policy_version": 1, "seed": 3, "first_episode": 5, "rows": 2, "horizon": 1}
+    numbers = {"batch": batch, "policy_version": 1, "seed": 3, "first_episode": 5, "num_envs": 2, "horizon": 1}
     request = StartEpisodes.Request(environment=TASK, options="{}", explore=True, **numbers)
     assert probe.ask("start_episodes", request).accepted
     probe.say("action", Action(batch=batch, step=0, policy_version=1, actions=array("d", ACTIONS.ravel())))

@@ -26,7 +26,7 @@ def simulator(start: Start, parameters: Callable[..., Path], probe: Probe) -> Pr
 
 
 def request(batch: int = 9, **changes: object) -> StartEpisodes.Request:
-    numbers = {"batch": batch, "policy_version": 1, "seed": 3, "first_episode": 5, "rows": 2, "horizon": 4}
+    numbers = {"batch": batch, "policy_version": 1, "seed": 3, "first_episode": 5, "num_envs": 2, "horizon": 4}
     return StartEpisodes.Request(
         **{"environment": "rkhs/Toy-v0", "options": "{}", "explore": True, **numbers, **changes}
     )
@@ -115,8 +115,8 @@ def test_late_actions_of_an_abandoned_batch_do_not_touch_the_next(simulator: Pro
 REFUSED: list[tuple[dict[str, object], str]] = [
     ({"environment": "rkhs/Pendulum-v0"}, "task: expected rkhs/Toy-v0 with options {}, got rkhs/Pendulum-v0"),
     ({"options": '{"angle": "wrap"}'}, 'got rkhs/Toy-v0 with options {"angle": "wrap"}'),
-    ({"rows": 0}, "rows: expected 1 to 10000"),
-    ({"rows": 10_000, "horizon": 1_000_000}, "rows and horizon: expected at most 10000000 samples"),
+    ({"num_envs": 0}, "num_envs: expected 1 to 10000"),
+    ({"num_envs": 10_000, "horizon": 1_000_000}, "num_envs and horizon: expected at most 10000000 samples"),
 ]
 
 

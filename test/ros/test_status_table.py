@@ -70,8 +70,8 @@ def test_what_is_the_matter_stands_below_the_table_of_a_robots_nodes() -> None:
     rows = printed(table(statuses))
     assert [line.split()[:3] for line in rows if line.startswith("/")] == [
         ["/gate", "stuck", "stopped"],
-        ["/simulated_robot", "well", "0"],
         ["/robot", "waits", "getting"],
+        ["/simulated_robot", "well", "0"],
     ]
     assert [str(line) for line in reasons(statuses)] == [
         f"/gate stuck: {why}",

@@ -133,7 +133,7 @@ class RobotNode(ReportingNode):
             batch = batch_of(request)
             asked = (request.environment, request.options)
             require(asked == (self._task.task, "{}"), "task", self._task.task, " with options ".join(asked))
-            require(batch.num_envs == 1, "rows", ONE_ROW, batch.num_envs)
+            require(batch.num_envs == 1, "num_envs", ONE_ROW, batch.num_envs)
             if request.batch == self._request.batch:
                 require(request == self._request, f"batch {request.batch}", "the request of before", "another")
                 self._repeat()
