@@ -1,4 +1,4 @@
-"""The documentation as tests see it, and a program that does in a folder what a page says."""
+"""Read the pages of the documentation, and run the code blocks of a page in a folder."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ RUN = ("python", "bash")  # languages
 NOT_RUN = re.compile(r"<!-- not run: (.+) -->")
 FILE = re.compile(r"<!-- file: (\S+) -->")
 INTO = re.compile(r"<!-- in (\S+) (before|for): (.+) -->")
-TIMEOUT_S = 200  # of a page, which takes some seconds where nothing else runs
-LINKED = ("config", "launch", "requirements")  # what the commands of a page read, beside the code
+TIMEOUT_S = 200  # per page; an idle machine needs some seconds
+LINKED = ("config", "launch", "requirements")  # folders that the commands of a page read
 
 
 @dataclass(frozen=True)
 class Block:
-    """A piece of code in a page, and the comment right before it."""
+    """A fenced code block of a page, with the HTML comment before it."""
 
     language: str
     code: str
@@ -40,25 +40,25 @@ class Block:
 
 
 def blocks(page: Path) -> list[Block]:
-    """Return the fenced code of a page."""
+    """Return the fenced code blocks of a page."""
     tokens = MarkdownIt().parse(page.read_text())
     before = ["", *(token.content.strip() if token.type == "html_block" else "" for token in tokens)]
     fences = ((token, comment) for token, comment in zip(tokens, before, strict=False) if token.type == "fence")
     return [Block(t.info.strip(), t.content, comment, t.map[0] + 1) for t, comment in fences if t.map]
 
 
-def do(page: Path) -> None:
-    """Run the blocks of a page in order in the current folder; the Python ones share their names."""
+def run_blocks(page: Path) -> None:
+    """Run the blocks of a page in order, in the current folder; Python blocks share a namespace."""
     namespace: dict[str, Any] = {"__name__": "__main__"}
     for block in blocks(page):
         if not block.is_run:
             continue
         print(f"{page.name}:{block.line}", flush=True)
         if file := FILE.fullmatch(block.comment):
-            _own_copy(file[1])
+            _copy_package(file[1])
             Path(file[1]).write_text(block.code)
         elif place := INTO.fullmatch(block.comment):
-            _own_copy(place[1])
+            _copy_package(place[1])
             _insert(Path(place[1]), block.code, place[2] == "for", place[3])
         elif block.language == "bash":
             subprocess.run(["bash", "-euo", "pipefail", "-c", block.code], check=True)
@@ -66,8 +66,8 @@ def do(page: Path) -> None:
             exec(compile(block.code, f"{page.name}:{block.line}", "exec"), namespace)
 
 
-def _own_copy(name: str) -> None:
-    """Have a copy of the code here where a file of it is changed."""
+def _copy_package(name: str) -> None:
+    """Copy the package of a file to the current folder, so that the block changes the copy."""
     package = Path(name).parts[0]
     if (ROOT / package / "__init__.py").is_file() and not Path(package).exists():
         shutil.copytree(ROOT / package, package, ignore=shutil.ignore_patterns("__pycache__"))
@@ -82,8 +82,8 @@ def _insert(path: Path, code: str, replace: bool, beginning: str) -> None:
     path.write_text("".join(lines))
 
 
-def follow(page: Path, folder: Path) -> subprocess.CompletedProcess[str]:
-    """Do what a page says in a folder, in a process of its own."""
+def run_page(page: Path, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run the blocks of a page in a folder, in a separate process."""
     for name in LINKED:
         (folder / name).symlink_to(ROOT / name)
     path = [str(folder), *filter(None, [os.environ.get("PYTHONPATH")])]
@@ -93,7 +93,7 @@ def follow(page: Path, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def links(page: Path) -> Iterator[str]:
-    """Yield the targets of a page's links and pictures."""
+    """Yield the targets of the links and pictures of a page."""
     for token in MarkdownIt().enable("table").parse(page.read_text()):
         for child in token.children or []:
             target = child.attrGet("href") or child.attrGet("src")
@@ -102,7 +102,7 @@ def links(page: Path) -> Iterator[str]:
 
 
 def anchors(page: Path) -> set[str]:
-    """Return the anchors of a page's headings, as GitHub and the site make them."""
+    """Return the anchors of the headings of a page, as on GitHub and on the site."""
     tokens = MarkdownIt().parse(page.read_text())
     texts = [tokens[i + 1] for i, token in enumerate(tokens) if token.type == "heading_open"]
     words = ("".join(child.content for child in text.children or []) for text in texts)
@@ -110,4 +110,4 @@ def anchors(page: Path) -> set[str]:
 
 
 if __name__ == "__main__":
-    do(Path(sys.argv[1]))
+    run_blocks(Path(sys.argv[1]))

@@ -1,4 +1,4 @@
-"""The pages of the algorithms: one for each, complete, with the returns that the reproduced figures have."""
+"""Each algorithm has a complete page, and the table of returns matches the reproduced figures."""
 
 import re
 from dataclasses import fields
@@ -25,7 +25,7 @@ SECTIONS = ("Update", "Settings", "Metrics", "Deviations from the paper", "Repro
 
 
 def returns(figure: str) -> dict[str, str]:
-    """Return the returns at the end of a figure's curves by their labels."""
+    """Return the final returns of a figure by the label of the curve."""
     section = (ROOT / "docs" / "results.md").read_text().split(f"\n## {figure}\n")[1].split("\n## ")[0]
     rows = (line.split(" | ") for line in section.splitlines() if line.startswith("| "))
     return {cells[1]: cells[5] for cells in rows}
@@ -47,7 +47,7 @@ def test_every_metric_has_a_formula() -> None:
     assert [name for name in Row._fields if f"`{name}`" not in text] == []
 
 
-def test_the_returns_are_those_of_the_results() -> None:
+def test_the_table_of_returns_matches_the_results() -> None:
     index = (PAGES / "index.md").read_text()
     expected = [returns(figure) for figure in FIGURES]
     for name, label in LABELS.items():

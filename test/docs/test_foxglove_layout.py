@@ -1,4 +1,4 @@
-"""The layout for Foxglove shows topics that there are, in panels that Foxglove knows."""
+"""The Foxglove layout uses existing topics and fields, in known types of panels."""
 
 import json
 import re
@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[2]
 LAYOUT = json.loads((ROOT / "docs" / "foxglove_layout.json").read_text())
 PANELS = {"3D", "Plot", "DiagnosticSummary", "StateTransitions", "RawMessages"}
 MESSAGES = {"/progress": "LearningProgress", "/gate/state": "GateState", "/rkhs/events": "LearningEvent"}
-OF_OTHERS = {"/learning_markers", "/diagnostics"}
+STANDARD_TOPICS = {"/learning_markers", "/diagnostics"}
 
 
 def panels(layout: Any) -> Iterator[str]:
@@ -24,7 +24,7 @@ def panels(layout: Any) -> Iterator[str]:
 
 
 def paths(value: Any) -> Iterator[str]:
-    """Yield all texts and keys of a configuration that name a topic."""
+    """Yield all keys and values of a configuration that start with a topic."""
     if isinstance(value, str) and value.startswith("/"):
         yield value
     elif isinstance(value, dict):
@@ -35,19 +35,19 @@ def paths(value: Any) -> Iterator[str]:
             yield from paths(each)
 
 
-def test_every_panel_has_a_place_and_is_known() -> None:
-    shown = list(panels(LAYOUT["layout"]))
-    assert sorted(shown) == sorted(LAYOUT["configById"])
-    assert {name.partition("!")[0] for name in shown} == PANELS
+def test_every_panel_is_placed_and_of_a_known_type() -> None:
+    placed = list(panels(LAYOUT["layout"]))
+    assert sorted(placed) == sorted(LAYOUT["configById"])
+    assert {name.partition("!")[0] for name in placed} == PANELS
 
 
 def test_every_path_names_a_topic_and_a_field() -> None:
     named = set(paths(LAYOUT["configById"]))
-    assert {*MESSAGES, *OF_OTHERS} <= {path.partition(".")[0] for path in named}
+    assert {*MESSAGES, *STANDARD_TOPICS} <= {path.partition(".")[0] for path in named}
     page = (ROOT / "docs" / "nodes.md").read_text()
     for path in named:
         topic, _, field = path.partition(".")
-        if topic in OF_OTHERS:
+        if topic in STANDARD_TOPICS:
             assert not field
         elif field:
             kinds = {name: about[0].name for name, about in store().fielddefs[PACKAGE + MESSAGES[topic]][1]}

@@ -1,4 +1,4 @@
-"""The notebook runs, and what it shows is what comes out."""
+"""The notebook runs, and its stored outputs are up to date."""
 
 from pathlib import Path
 from typing import Any
@@ -12,19 +12,19 @@ from test.docs.pages import ROOT
 NOTEBOOK = ROOT / "docs" / "first_steps.ipynb"
 
 
-def shown(notebook: Any) -> list[list[str]]:
-    """Return what each cell of code prints, and the kinds of what else it shows."""
+def outputs(notebook: Any) -> list[list[str]]:
+    """Return the printed text of each code cell, or the kind of its other outputs."""
     cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
     return [[output.get("text", output.output_type) for output in cell.outputs] for cell in cells]
 
 
 @pytest.mark.pages
-def test_the_notebook_gives_the_outputs_that_it_shows(tmp_path: Path) -> None:
+def test_the_stored_outputs_of_the_notebook_are_reproduced(tmp_path: Path) -> None:
     stored = nbformat.read(NOTEBOOK, as_version=4)
     executed = nbformat.read(NOTEBOOK, as_version=4)
     for cell in executed.cells:
         if cell.cell_type == "code":
             cell.outputs = []
     NotebookClient(executed, timeout=60, resources={"metadata": {"path": str(tmp_path)}}).execute()
-    assert shown(executed) == shown(stored)
-    assert sum(len(outputs) for outputs in shown(stored)) >= 5
+    assert outputs(executed) == outputs(stored)
+    assert sum(len(each) for each in outputs(stored)) >= 5

@@ -1,4 +1,4 @@
-"""What the documentation says can be done, and where it leads to is there."""
+"""The code blocks of the documentation run, and its links have targets."""
 
 import runpy
 from collections.abc import Iterator
@@ -18,16 +18,16 @@ from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF
 from rkhs_ros.runs.curve import Row
-from test.docs.pages import NOT_RUN, PAGES, ROOT, RUN, TIMEOUT_S, Block, anchors, blocks, follow, links
+from test.docs.pages import NOT_RUN, PAGES, ROOT, RUN, TIMEOUT_S, Block, anchors, blocks, links, run_page
 
-MOST_LINES = 150  # of the README
+README_MAX_LINES = 150
 over_pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-TO_DO = [page for page in PAGES if any(block.is_run for block in blocks(page))]
+WITH_CODE = [page for page in PAGES if any(block.is_run for block in blocks(page))]
 
 
 @pytest.fixture
 def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """A free ROS domain for the nodes that a page starts."""
+    """Set a free ROS domain for the nodes that a page starts."""
     with domain_coordinator.domain_id() as number:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
         yield number
@@ -36,13 +36,13 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 @pytest.mark.pages
 @pytest.mark.ros
 @pytest.mark.timeout(TIMEOUT_S + 20)
-@pytest.mark.parametrize("page", TO_DO, ids=lambda page: str(page.relative_to(ROOT)))
-def test_what_a_page_says_can_be_done(page: Path, tmp_path: Path, domain: int) -> None:
-    done = follow(page, tmp_path)
-    assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
+@pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: str(page.relative_to(ROOT)))
+def test_the_code_blocks_of_a_page_run(page: Path, tmp_path: Path, domain: int) -> None:
+    result = run_page(page, tmp_path)
+    assert result.returncode == 0, f"{result.stdout}\n{result.stderr}"
 
 
-def test_code_that_fails_is_seen(tmp_path: Path) -> None:
+def test_a_block_that_fails_fails_the_page(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     for number, (language, code) in enumerate(
         [("python", "assert 1 == 2"), ("bash", "false\ntrue"), ("bash", "a | b")]
@@ -50,10 +50,10 @@ def test_code_that_fails_is_seen(tmp_path: Path) -> None:
         page.write_text(f"# A page\n\n```{language}\n{code}\n```\n")
         folder = tmp_path / str(number)
         folder.mkdir()
-        assert follow(page, folder).returncode != 0
+        assert run_page(page, folder).returncode != 0
 
 
-def test_blocks_of_a_page_follow_one_another(tmp_path: Path) -> None:
+def test_blocks_run_in_order_and_share_names(tmp_path: Path) -> None:
     page, folder = tmp_path / "page.md", tmp_path / "folder"
     folder.mkdir()
     page.write_text(
@@ -61,12 +61,12 @@ def test_blocks_of_a_page_follow_one_another(tmp_path: Path) -> None:
         "<!-- not run: it would fail -->\n```bash\nfalse\n```\n\n- in a list\n\n  ```python\n  y = x + 1\n  ```\n\n"
         "```bash\necho 3 > b\n```\n\n```python\nassert y == int(open('b').read())\n```\n"
     )
-    done = follow(page, folder)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count("page.md") == 5
+    result = run_page(page, folder)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.count("page.md") == 5
 
 
-def test_code_is_put_into_a_copy(tmp_path: Path) -> None:
+def test_a_block_that_changes_a_package_changes_a_copy(tmp_path: Path) -> None:
     page, folder = tmp_path / "page.md", tmp_path / "folder"
     folder.mkdir()
     page.write_text(
@@ -74,13 +74,13 @@ def test_code_is_put_into_a_copy(tmp_path: Path) -> None:
         '```python\nimport rkhs_ros\nassert rkhs_ros.__version__ == "ours"\n```\n'
     )
     before = (ROOT / "rkhs_ros" / "__init__.py").read_text()
-    done = follow(page, folder)
-    assert done.returncode == 0, done.stderr
+    result = run_page(page, folder)
+    assert result.returncode == 0, result.stderr
     assert (ROOT / "rkhs_ros" / "__init__.py").read_text() == before
 
 
 @over_pages
-def test_code_that_is_not_run_says_why(page: Path) -> None:
+def test_a_block_that_is_not_run_states_why(page: Path) -> None:
     def bad(block: Block) -> bool:
         return block.language in RUN and block.comment.startswith("<!-- not") and not NOT_RUN.fullmatch(block.comment)
 
@@ -88,16 +88,16 @@ def test_code_that_is_not_run_says_why(page: Path) -> None:
 
 
 @over_pages
-def test_links_lead_somewhere(page: Path) -> None:
-    lost = []
+def test_links_have_targets(page: Path) -> None:
+    broken = []
     for link in links(page):
         if link.startswith(("http:", "https:", "mailto:")):
             continue
         name, _, anchor = unquote(link).partition("#")
         target = (page.parent / name).resolve() if name else page
         good = target.exists() and (not anchor or (target.suffix == ".md" and anchor in anchors(target)))
-        lost += [] if good else [link]
-    assert lost == []
+        broken += [] if good else [link]
+    assert broken == []
 
 
 def test_targets_and_anchors_are_found(tmp_path: Path) -> None:
@@ -107,7 +107,7 @@ def test_targets_and_anchors_are_found(tmp_path: Path) -> None:
     assert anchors(page) == {"a-b-c"}
 
 
-def test_the_page_of_the_settings_is_what_the_code_says() -> None:
+def test_the_page_of_settings_is_up_to_date() -> None:
     script = ROOT / "docs" / "make_settings.py"
     page = runpy.run_path(str(script))["page"]()
     assert (ROOT / "docs" / "settings.md").read_text() == page, "run python docs/make_settings.py"
@@ -127,4 +127,4 @@ def test_every_column_and_array_is_described() -> None:
 
 
 def test_the_readme_is_short() -> None:
-    assert len((ROOT / "README.md").read_text().splitlines()) <= MOST_LINES
+    assert len((ROOT / "README.md").read_text().splitlines()) <= README_MAX_LINES
