@@ -1,1 +1,1 @@
-"""The command line, a module for each command, and the launcher of a run's nodes."""
+"""Command line with one module per command, the library functions, and the launcher of a run's nodes."""

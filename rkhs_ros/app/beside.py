@@ -1,4 +1,4 @@
-"""A node that is started beside the run in a folder, for as long as it has something to do."""
+"""Auxiliary nodes of a run, such as the status node, which run until their task is done."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from rkhs_ros.base.ros import require_ros
 
 def add_folder(parser: argparse.ArgumentParser) -> None:
     """Declare the argument that names the run."""
-    about = "a run under way, in whose domain its nodes are found (the domain of ROS_DOMAIN_ID)"
+    about = "folder of an active run, which names the ROS domain of its nodes (the domain of ROS_DOMAIN_ID)"
     parser.add_argument("folder", type=Path, nargs="?", metavar="DIR", help=about)
 
 
 def run_beside(folder: Path | None, node: str, parameters: Iterable[str] = ()) -> int:
-    """Start a node in the domain of a run, and wait for its end.
+    """Start a node in the ROS domain of a run, and wait until it ends.
 
     Args:
-        folder: of the run; None for the domain of the environment.
+        folder: folder of the run; None for the domain of ROS_DOMAIN_ID.
         node: a key of `launcher.MODULES`.
-        parameters: of the node, ``name:=value`` each.
+        parameters: parameters of the node, each ``name:=value``.
 
     Returns:
-        Its exit code.
+        Exit code of the node.
 
     Raises:
-        ValueError: there is no ROS, or no run under way in the folder.
-        KeyboardInterrupt: as it came, after the node's end.
+        ValueError: ROS is missing, or the folder has no active run.
+        KeyboardInterrupt: Ctrl-C, after the node ended.
     """
     require_ros(f"{node} node")
     if folder is not None:

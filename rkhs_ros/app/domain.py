@@ -1,4 +1,4 @@
-"""The ROS domain of a run: one of its own, unless ROS_DOMAIN_ID says which."""
+"""ROS domain of a run: a free domain, unless ROS_DOMAIN_ID is set."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from rkhs_ros.base.lock import locked
 from rkhs_ros.base.validation import require
 
 VARIABLE = "ROS_DOMAIN_ID"
-# Whoever has this port, plus a domain, bound has that domain: so have it the coordinator of ROS's own tests.
+# A process owns a domain while it binds the port PORT_BASE + domain, as the coordinator of ROS's tests does.
 PORT_BASE = 32768
-DOMAINS = range(100, 0, -1)  # from the top, as people who choose one take small numbers
+DOMAINS = range(100, 0, -1)  # from the top, since people tend to choose small numbers
 
 
 @contextmanager
 def own_domain(folder: Path, default: str | None = None) -> Iterator[None]:
-    """Have the nodes that are started meanwhile in a domain that no other run has, and say in the folder which.
+    """Set a ROS domain that no other run uses for the nodes started in this context, and write it to the run's folder.
 
-    Where the environment says which domain, that stays.
+    A domain set by ROS_DOMAIN_ID stays.
 
     Args:
-        folder: the run's; the file ``checkpoints/domain`` is in it as long as the run goes on.
-        default: the domain where the environment does not say, as of a robot; None for one that no other run has.
+        folder: folder of the run; contains the file ``checkpoints/domain`` while the run is running.
+        default: domain if ROS_DOMAIN_ID is unset, such as that of a robot; None for a free domain.
 
     Raises:
-        RunError: all domains are taken.
-        ValueError: another process is in the folder.
+        RunError: all domains are in use.
+        ValueError: another process uses the folder.
         OSError: the folder cannot be written.
     """
     given = os.environ.get(VARIABLE)
     with socket.socket() as claim:
         domain = given or default or str(_claimed(claim))
-        with locked(folder):  # else the run under way could not be found any more
+        with locked(folder):  # otherwise the active run could no longer be found
             _file(folder).write_text(f"{domain}\n")
         os.environ[VARIABLE] = domain
         try:
@@ -50,12 +50,12 @@ def own_domain(folder: Path, default: str | None = None) -> Iterator[None]:
 
 
 def domain_of(folder: Path) -> str:
-    """Return the domain of a run that goes on.
+    """Return the ROS domain of an active run.
 
     Raises:
-        ValueError: none is under way in the folder.
+        ValueError: the folder has no active run over topics.
     """
-    require(_file(folder).is_file(), f"{folder}", "the folder of a run under way over topics", "none")
+    require(_file(folder).is_file(), f"{folder}", "the folder of an active run over topics", "none")
     return read_whole(_file(folder)).decode(errors="replace").strip()
 
 
@@ -68,4 +68,4 @@ def _claimed(claim: socket.socket) -> int:
         with suppress(OSError):
             claim.bind(("", PORT_BASE + domain))
             return domain
-    raise RunError(f"expected a free ROS domain of {len(DOMAINS)}, got none; set {VARIABLE}")
+    raise RunError(f"expected a free ROS domain among {len(DOMAINS)}, got none. Set {VARIABLE}")

@@ -1,4 +1,4 @@
-"""Runs and policies in this process, on any task: those of the project are registered here."""
+"""Runs and policies in this process; importing this module registers the project's tasks."""
 
 from __future__ import annotations
 
@@ -21,31 +21,30 @@ from rkhs_ros.runs.report import last_policy
 
 
 def runner_of(environment: Environment) -> InlineRunner:
-    """Return where policies can act in an environment.
+    """Return a runner of policies in an environment.
 
     Raises:
-        ValueError: the environment is unknown, its options do not fit, or a space is not continuous; or it is a robot.
+        ValueError: the environment is unknown or a robot, its options do not fit, or a space is not continuous.
     """
-    where = "an environment of this process, not a robot, which is there over topics alone"
-    require(not environment.nodes, environment.id, where, "a robot")
+    require(not environment.nodes, environment.id, "an environment of this process", "a robot, which needs topics")
     return InlineRunner(Simulation(environment.id, environment.options, environment.num_envs))
 
 
 def spaces_of(environment: Environment) -> Spaces:
-    """Return the spaces of an environment, which is closed again.
+    """Return the spaces of an environment, and close it.
 
     Raises:
-        ValueError: the environment is unknown, its options do not fit, or a space is not continuous; or it is a robot.
+        ValueError: the environment is unknown or a robot, its options do not fit, or a space is not continuous.
     """
     with runner_of(environment) as runner:
         return runner.spaces
 
 
 def warn_of_horizon(simulation: Simulation, horizon: int, *, given: bool) -> None:
-    """Print a note if episodes end at another step than users may expect.
+    """Print a note if the horizon differs from the time limit of the environment.
 
     Args:
-        simulation: of the environment.
+        simulation: simulation of the environment.
         horizon: steps of an episode.
         given: whether the user set the horizon.
     """
@@ -53,35 +52,35 @@ def warn_of_horizon(simulation: Simulation, horizon: int, *, given: bool) -> Non
     if own is None and not given:
         note = f"{name} has no time limit; episodes end after {horizon} steps. Set horizon=N to change that"
     elif own not in (None, horizon):
-        note = f"{horizon} steps, in place of {name}'s own {own}"
+        note = f"{horizon} steps, instead of the {own} steps of {name}"
     else:
         return
     print(f"note: horizon: {note}", file=sys.stderr)
 
 
 def iterations(config: Config) -> Iterator[Iteration]:
-    """Make the run of a configuration, yielding each iteration as it is done."""
+    """Run the training of a configuration, and yield each iteration."""
     with runner_of(config.environment) as runner:
         yield from train(config.training, runner)
 
 
 @contextmanager
 def load_acting(path: Path, environment: str | None = None) -> Iterator[tuple[GaussianPolicy, Task, InlineRunner]]:
-    """Load a policy; yield it, its task and where it can act, which is closed at the end.
+    """Load a policy; yield it with its task and a runner, which closes when the context exits.
 
     Args:
-        path: a policy file, or a run's folder, of which it is the last policy.
-        environment: the id that the file must name, if it names any.
+        path: a policy file, or the folder of a run, which stands for its last policy.
+        environment: id that the file must name if it names an environment.
 
     Raises:
-        ValueError: the folder holds no policy yet, the file is damaged, or its policy does not fit its task.
+        ValueError: the folder contains no policy yet, the file is damaged, or the policy does not fit its task.
         OSError: the file cannot be read.
     """
     path = last_policy(path) if path.is_dir() else path
     policy, task = load_policy(path)
     named = task.environment or environment or ""
-    require(named != "", f"{path}", "a policy that names its environment", "one of none (see --env)")
-    require(environment in (None, named), "--env", f"{named}, which {path} names", environment)
+    require(named != "", f"{path}", "a policy that names its environment", "one without (see --env)")
+    require(environment in (None, named), "--env", f"{named}, the environment of {path}", environment)
     task = replace(task, environment=named)
     with runner_of(Environment(task.environment, task.options)) as runner:
         spaces = runner.spaces
@@ -89,7 +88,7 @@ def load_acting(path: Path, environment: str | None = None) -> Iterator[tuple[Ga
         require(
             (input_dim, spaces.action_dim) == (policy.mean.input_dim, policy.mean.output_dim),
             f"{path}",
-            f"a policy from {input_dim} to {spaces.action_dim} dimensions, as {task.environment} has",
+            f"a policy from {input_dim} to {spaces.action_dim} dimensions for {task.environment}",
             f"{policy.mean.input_dim} to {policy.mean.output_dim}",
         )
         yield policy, task, runner

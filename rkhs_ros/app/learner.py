@@ -1,4 +1,4 @@
-"""The executable ``learner`` of ``ros2 run`` and the launch files: the learner node, which draws its run at the end."""
+"""Executable ``learner`` of ``ros2 run`` and the launch files: the learner node, which plots its run at the end."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from pathlib import Path
 
 
 def draw(folder: Path) -> None:
-    """Draw the pictures of a run, as ``rkhs train`` does."""
-    import rkhs_ros.app.inline  # noqa: F401  # here, since a run needs neither tasks, whose known returns are drawn,
+    """Plot a run, as ``rkhs train`` does."""
+    import rkhs_ros.app.inline  # noqa: F401  # registers the tasks; here, since the run needs neither tasks
     from rkhs_ros.pictures.run_pictures import draw_run  # nor pictures before its end
 
     draw_run(folder)
@@ -15,7 +15,7 @@ def draw(folder: Path) -> None:
 
 def main() -> None:
     """Run the learner node."""
-    from rkhs_ros.nodes.lockstep.learner_node import main as run_node  # here, since without ROS it cannot be imported
+    from rkhs_ros.nodes.lockstep.learner_node import main as run_node  # here, since the import needs ROS
 
     run_node(draw)
 

@@ -1,4 +1,4 @@
-"""Configurations with a robot: what is looked at before anything is started."""
+"""Checks of a configuration with a robot before any node starts."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def check_robot(config: Config) -> Spaces:
     """Check the sections of a configuration with a robot; return the spaces of its task.
 
     Raises:
-        ValueError: a section has an unknown key or a value that does not fit, or the sections do not fit together.
+        ValueError: a section has an unknown key or an invalid value, or the sections contradict each other.
         OSError: a URDF cannot be read.
     """
     nodes = config.environment.nodes
@@ -38,10 +38,10 @@ def check_robot(config: Config) -> Spaces:
         with _named("simulated_robot"):
             section = dict(nodes["simulated_robot"])
             settings_of(str(section.pop("robot", DEFAULT)), section)
-    require(config.training.simulators == 1, "simulators", "1, as there is one robot", config.training.simulators)
+    require(config.training.simulators == 1, "simulators", "1, since there is one robot", config.training.simulators)
     _check_together(task, gate)
     if not missing_ros():
-        from rkhs_ros.nodes.robot.robot_topics import check_topics  # here, since others than robots do without ROS
+        from rkhs_ros.nodes.robot.robot_topics import check_topics  # here, since the import needs ROS
 
         check_topics(task, gate)
     for line in ineffective_actions(task, limits.limits):
@@ -50,19 +50,19 @@ def check_robot(config: Config) -> Spaces:
 
 
 def default_domain(config: Config) -> str | None:
-    """Return the ROS domain in which the nodes of a real robot are, unless the environment says otherwise."""
+    """Return the default ROS domain: 0 for a real robot, None for a simulator or a simulated robot."""
     nodes = config.environment.nodes
     return "0" if nodes and "simulated_robot" not in nodes else None
 
 
 def robot_of(path: Path) -> Config | None:
-    """Return the configuration of a run on a robot; None of other runs and policies.
+    """Return the configuration of a run on a robot; None for other runs and policies.
 
     Args:
-        path: the run's folder, or a policy file in it.
+        path: folder of the run, or a policy file in it.
 
     Raises:
-        ValueError: the folder holds no policy yet, or its configuration is none.
+        ValueError: the folder contains no policy yet, or its configuration is invalid.
     """
     policy = last_policy(path) if path.is_dir() else path
     file = policy.parent / "config.yaml"
@@ -71,25 +71,25 @@ def robot_of(path: Path) -> Config | None:
 
 
 def ineffective_actions(task: RobotTask, limits: Limits) -> Iterator[str]:
-    """Say in a line each which actions can have no effect, as the gate lets none of their commands differ."""
+    """Yield a warning for each action without effect, if the limits of the gate allow only one command for it."""
     ends = [task.action.command(np.array(bound)) for bound in (task.action.minimum, task.action.maximum)]
     low, high = limits.bounds()
     least, greatest = np.clip(np.sort(ends, axis=0), low, high)
     stays = np.minimum(limits.rate, limits.step) == 0.0
     for number in np.flatnonzero((least == greatest) | stays):
         limit = "changes of 0" if stays[number] else f"commands from {low[number]:g} to {high[number]:g}"
-        yield f"robot.action: number {number} has no effect, for the gate's limits allow {limit}; it learns nothing"
+        yield f"robot.action: action {number} has no effect and cannot be learnt, since the gate's limits allow {limit}"
 
 
 def _check_together(task: RobotTask, gate: GateSettings) -> None:
-    """Raise ValueError where commands and joints differ, or the gate would stop before an episode is void."""
+    """Raise ValueError if commands or joints differ, or if the gate stops before an episode is discarded."""
     size = task.action.dimension
-    require(size == len(gate.joints), "robot.action", f"{len(gate.joints)}, one for each joint of the gate", size)
+    require(size == len(gate.joints), "robot.action", f"{len(gate.joints)}, one per joint of the gate", size)
     kind, homes = gate.command.kind, "home" in task.reset.steps
-    require(task.action.kind == kind or not homes, "robot.action.kind", f"the gate's, {kind}", task.action.kind)
+    require(task.action.kind == kind or not homes, "robot.action.kind", f"gate.command.kind, {kind}", task.action.kind)
     joints = task.reset.home.joints
     ours, theirs = ", ".join(joints), ", ".join(gate.joints)
-    require(joints == gate.joints or not homes, "robot.reset.home.joints", f"the gate's, {theirs}", ours)
+    require(joints == gate.joints or not homes, "robot.reset.home.joints", f"gate.joints, {theirs}", ours)
     longest = (task.misses_allowed + 1 + task.action_deadline) * task.period
     what = "(robot.misses_allowed + 1 + robot.action_deadline) * robot.period"
     good = longest < gate.command_timeout
@@ -98,7 +98,7 @@ def _check_together(task: RobotTask, gate: GateSettings) -> None:
 
 @contextmanager
 def _named(section: str) -> Iterator[None]:
-    """Say which section is refused."""
+    """Prefix errors with the name of the section."""
     try:
         yield
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""One configuration learnt from several seeds: an ordinary run's folder for each of them, made side by side."""
+"""Runs of one configuration with several seeds, each with an ordinary run folder, in parallel."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from rkhs_ros.runs.report import FIRST_POLICY, begin, is_begun
 
 SEEDS = re.compile(r"(\d{1,18})(?:-(\d{1,18}))?", re.ASCII)
 MOST_SEEDS = 10_000
-PREFIX = "seed_"  # of the runs' folders
+PREFIX = "seed_"  # of the folder names
 
 
 def parse_seeds(text: str) -> tuple[int, ...]:
-    """Return the seeds that are meant by "0-9", "0,2,5" or "0-3,7", each once and in order.
+    """Return the distinct seeds of a text such as "0-9", "0,2,5" or "0-3,7", in ascending order.
 
     Raises:
-        ValueError: the text is of another form, a range runs backwards, or there are too many.
+        ValueError: the text has another form, a range is descending, or there are too many seeds.
     """
     seeds: set[int] = set()
     for part in text.split(","):
         match = SEEDS.fullmatch(part.strip())
         if match is None:
-            raise ValueError(f"--seeds: expected seeds as 0-9 or 0,2,5, got '{part.strip()}'")
+            raise ValueError(f"--seeds: expected seeds such as 0-9 or 0,2,5, got '{part.strip()}'")
         first, last = int(match[1]), int(match[2] or match[1])
-        require(first <= last, "--seeds", "ranges from a smaller seed to a greater one", part)
+        require(first <= last, "--seeds", "ascending ranges", part)
         require(len(seeds) + last - first < MOST_SEEDS, "--seeds", f"at most {MOST_SEEDS} seeds", f"more in '{part}'")
         seeds.update(range(first, last + 1))
     return tuple(sorted(seeds))
 
 
 def seed_folders(folder: Path) -> list[Path]:
-    """Return the folders of the runs that were begun from several seeds, in the order of these, as absolute paths."""
+    """Return the absolute folders of the started runs of several seeds, in the order of the seeds."""
     found = [path for path in folder.resolve().glob(f"{PREFIX}*") if is_begun(path)]
     return sorted(found, key=lambda path: (len(path.name), path.name))
 
@@ -44,13 +44,13 @@ def seed_folders(folder: Path) -> list[Path]:
 def begin_seeds(
     folder: Path, config: Config, seeds: Iterable[int], first_policy: Path | None = None
 ) -> dict[Path, Config]:
-    """Begin a run for each seed, so that all can be gone on with, and return them by their absolute folders.
+    """Start a run for each seed, so that each can be resumed; return the configurations by absolute folder.
 
     Args:
-        folder: for the runs' folders.
-        config: the run, whose seed is replaced.
-        seeds: of the runs.
-        first_policy: the file of a policy that all begin from.
+        folder: parent of the folders of the runs.
+        config: configuration of the runs, except for the seed.
+        seeds: seeds of the runs.
+        first_policy: file of the initial policy of all runs.
 
     Raises:
         OSError: a folder cannot be written.

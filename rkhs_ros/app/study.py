@@ -1,4 +1,4 @@
-"""Many runs made side by side, each in its folder; those that are there whole are not made again."""
+"""Many runs in parallel, each in its folder; finished runs are not repeated."""
 
 from __future__ import annotations
 
@@ -17,35 +17,35 @@ from rkhs_ros.runs.run import run_training
 from rkhs_ros.studies.parallel import run_parallel
 from rkhs_ros.studies.workers import ALL_CORES, WorkerLostError, Workers
 
-LAST_FILE, LAST_PICTURE = "episodes.npz", "policy.png"  # that a run leaves
-KILLED = "its process was killed, or one beside it"
+LAST_FILE, LAST_PICTURE = "episodes.npz", "policy.png"  # that a run writes
+KILLED = "its worker process, or another one, was killed"
 
 
 def add_worker_arguments(parser: argparse.ArgumentParser, what: str = "runs") -> None:
-    """Declare where the runs are made."""
-    parser.add_argument("--jobs", type=int, metavar="J", help=f"{what} side by side on this machine (all cores)")
-    parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster, in place of this machine")
-    parser.add_argument("--ray", metavar="ADDRESS", help="a Ray cluster, in place of this machine")
+    """Declare the options that choose the workers."""
+    parser.add_argument("--jobs", type=int, metavar="J", help=f"parallel {what} on this machine (number of cores)")
+    parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster instead of this machine")
+    parser.add_argument("--ray", metavar="ADDRESS", help="a Ray cluster instead of this machine")
 
 
 def workers_of(options: argparse.Namespace) -> Workers:
-    """Return who makes the runs.
+    """Return the workers that the options choose.
 
     Raises:
-        ValueError: the options do not go together, or a library is not installed.
+        ValueError: the options exclude each other, or a library is not installed.
     """
     return Workers(ALL_CORES if options.jobs is None else options.jobs, options.scheduler, options.ray)
 
 
 def study_folder(given: Path | None, *default: str) -> Path:
-    """Return the folder of a study, as an absolute path: who makes its runs may be in another folder.
+    """Return the folder of a study as an absolute path, since workers may have another working directory.
 
     Args:
-        given: by the user.
-        default: its place in results/ where none is.
+        given: folder that the user chose, if any.
+        default: path within results/ of the default folder.
 
     Raises:
-        ValueError: there is a file in its place.
+        ValueError: the path, or a parent, is a file.
     """
     folder = (given or Path("results", *default)).resolve()
     file = next((each for each in (folder, *folder.parents) if each.exists() and not each.is_dir()), None)
@@ -54,17 +54,17 @@ def study_folder(given: Path | None, *default: str) -> Path:
 
 
 def require_all_used(changes: Sequence[str], others: Mapping[str, Iterable[str]]) -> None:
-    """Raise ValueError where another option replaces what --set says.
+    """Raise ValueError if --set and another option give the same setting.
 
     Args:
-        changes: of --set.
-        others: by the options' names the settings that they say.
+        changes: values of --set.
+        others: names of the settings that each other option gives.
     """
     for change in changes:
         name = change.partition("=")[0].strip()
         for option, names in others.items():
             replaced = any(f"{name}.".startswith(f"{each}.") for each in names)
-            require(not replaced, "--set", f"no setting that {option} says", name)
+            require(not replaced, "--set", "each setting once", f"{name} in both --set and {option}")
 
 
 def make_missing(
@@ -77,16 +77,16 @@ def make_missing(
     record: bool = False,
     provenance_may_change: bool = False,
 ) -> dict[Path, str]:
-    """Make what is missing of some runs and return, by the folders of those that failed, why they did.
+    """Start or resume the unfinished runs; return the errors of the failed runs by folder.
 
     Args:
-        runs: by their folders, as absolute paths, for those who make them may be in another one.
-        workers: who make them.
-        title: of the progress bar.
-        quiet: without progress bar.
-        drawn: with pictures of each.
-        record: with a recording of each.
-        provenance_may_change: go on with those of other code, libraries or threads.
+        runs: configurations by absolute folder, since workers may have another working directory.
+        workers: workers that execute the runs.
+        title: title of the progress bar.
+        quiet: show no progress bar.
+        drawn: plot each run.
+        record: record each run.
+        provenance_may_change: resume runs of other code, libraries or threads.
     """
     how = drawn, record, provenance_may_change
     missing = [(path, each, *how) for path, each in runs.items() if not _is_done(path, each, drawn)]
@@ -99,7 +99,7 @@ def make_missing(
 
 
 def report_failures(failures: Mapping[Path, str]) -> None:
-    """Name the runs that failed on stderr."""
+    """Print the failed runs and their errors to stderr."""
     for path, why in failures.items():
         print(f"error: {path.name}: {why}", file=sys.stderr)
 
@@ -107,7 +107,7 @@ def report_failures(failures: Mapping[Path, str]) -> None:
 def _is_done(folder: Path, config: Config, drawn: bool) -> bool:
     curve, last = folder / "curve.csv", folder / (LAST_PICTURE if drawn else LAST_FILE)
     finished = last.is_file() and curve.is_file() and last.stat().st_mtime_ns >= curve.stat().st_mtime_ns
-    with suppress(ValueError):  # a damaged curve: the run cannot be resumed
+    with suppress(ValueError):  # from a damaged curve; the run then fails to resume
         return finished and len(Curve(curve).rows()) == config.training.iterations
     return False
 
@@ -115,20 +115,20 @@ def _is_done(folder: Path, config: Config, drawn: bool) -> bool:
 def _make(
     folder: Path, config: Config, drawn: bool, record: bool, provenance_may_change: bool
 ) -> tuple[Path, str | None]:
-    """Begin a run or go on with it; return why that failed, None where it did not."""
+    """Start or resume a run; return its folder and its error, which is None if the run succeeded."""
     try:
         advance(folder, config, record=record, provenance_may_change=provenance_may_change)
         if drawn:
-            from rkhs_ros.pictures.run_pictures import draw_run  # here, for most studies need no pictures of each run
+            from rkhs_ros.pictures.run_pictures import draw_run  # here, since most studies do not plot each run
 
             draw_run(folder)
-    except Exception as error:  # of one run, which shall not end the others
+    except Exception as error:  # one failed run must not stop the others
         return folder, " ".join(f"{type(error).__name__}: {error}".split())
     return folder, None
 
 
 def advance(folder: Path, config: Config, *, record: bool = False, provenance_may_change: bool = False) -> None:
-    """Begin a run in this process, or go on with it, until it has made its iterations; as `run_training`."""
+    """Start or resume a run in this process until its iterations are done; see `run_training`."""
     if not is_begun(folder):
         folder.mkdir(parents=True, exist_ok=True)
         begin(folder, config)

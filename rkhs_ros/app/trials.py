@@ -1,4 +1,4 @@
-"""Trials of a search for settings: what each is, where all are stored, and how they are made."""
+"""Trials of a search for settings, and their storage and execution."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from rkhs_ros.studies.grid import Outcome
 from rkhs_ros.studies.run_index import indexed_folder
 from rkhs_ros.studies.search_space import Dimension
 
-RUNGS = 4  # of a run, at which it may be given up
-WHY = "why"  # attribute of a trial that failed
+RUNGS = 4  # points of a run at which its trial may be pruned
+WHY = "why"  # attribute of a failed trial
 Parameters = Mapping[str, Any]
 
 
@@ -34,12 +34,12 @@ class Search:
     """A search for settings.
 
     Attributes:
-        file: the configuration where it begins.
+        file: configuration with the initial settings.
         changes: settings that replace the file's.
-        seeds: of the runs of a trial.
-        space: what is searched.
-        folder: where the runs go, as an absolute path.
-        storage: where the trials are kept, a URL as Optuna has them.
+        seeds: seeds of the runs of each trial.
+        space: settings to search, with their ranges.
+        folder: absolute folder of the runs.
+        storage: Optuna's URL of the database of trials.
     """
 
     file: Path
@@ -53,32 +53,32 @@ class Search:
         """Return the configuration of a run.
 
         Raises:
-            ValueError: the settings do not go together.
+            ValueError: the settings contradict each other.
         """
         found = [f"{name}={json.dumps(value)}" for name, value in parameters.items()]
         return load_config(self.file, [*self.changes, *found, *([] if seed is None else [f"seed={seed}"])])
 
     @cached_property
     def first(self) -> Config:
-        """The configuration where it begins."""
+        """Initial configuration."""
         return self.config({})
 
     @property
     def first_parameters(self) -> dict[str, Any]:
-        """What is searched, as the configuration has it."""
+        """Initial values of the searched settings."""
         given = self.first.settings
         values = {each.name: given[each.name] for each in self.space}
         return {name: value[0] if isinstance(value, tuple) else value for name, value in values.items()}
 
     @property
     def name(self) -> str:
-        """The name of the study in its storage; another one for all that its trials follow from."""
+        """Name of the study in its storage; it depends on everything that determines the trials."""
         content = [self.first.settings, self.seeds, [str(each) for each in self.space], provenance(*TASKS)]
         digest = blake2b(json.dumps(content, default=str).encode(), digest_size=6).hexdigest()
         return f"{self.first.training.name}-{digest}"
 
     def study(self) -> optuna.Study:
-        """Return the study, a new one or that which is there."""
+        """Return the stored study, or a new one."""
         optuna.logging.set_verbosity(logging.ERROR)
         return optuna.create_study(
             study_name=self.name,
@@ -91,16 +91,16 @@ class Search:
 
 
 def begin(search: Search) -> optuna.Study:
-    """Return the study with its first trial to be made, or, where it goes on, those that were cut off.
+    """Return the study; enqueue the initial settings if it is new, otherwise the trials that were interrupted.
 
     Raises:
         ValueError: the storage cannot be used.
     """
     try:
         study = search.study()
-    except Exception as error:  # of the database's library, or of one that is not installed
+    except Exception as error:  # from the database's library, which may also be missing
         why = " ".join(str(error).split())
-        raise ValueError(f"--storage: expected a URL as Optuna has them, got {search.storage} ({why})") from error
+        raise ValueError(f"--storage: expected a database URL for Optuna, got {search.storage} ({why})") from error
     trials = study.get_trials(deepcopy=False)
     if not trials:
         study.enqueue_trial(search.first_parameters)
@@ -112,19 +112,19 @@ def begin(search: Search) -> optuna.Study:
 
 
 def ended(study: optuna.Study) -> list[FrozenTrial]:
-    """Return the trials that came to an end, in their order; of those cut off nobody says why they failed."""
-    came = (TrialState.COMPLETE, TrialState.PRUNED)
-    return [trial for trial in study.get_trials(deepcopy=False) if trial.state in came or WHY in trial.user_attrs]
+    """Return the finished trials in order; interrupted trials have no attribute with an error."""
+    states = (TrialState.COMPLETE, TrialState.PRUNED)
+    return [trial for trial in study.get_trials(deepcopy=False) if trial.state in states or WHY in trial.user_attrs]
 
 
 class Measured(NamedTuple):
-    """What a trial came to on its way.
+    """Intermediate result of a trial.
 
     Attributes:
-        trial: its number in the study.
-        iterations: after which it was measured.
-        value: the median over the seeds of the last evaluation return.
-        why: it cannot be learnt with these settings; empty where it can.
+        trial: number of the trial in the study.
+        iterations: number of iterations so far.
+        value: median over the seeds of the last evaluation return.
+        why: error of the trial; empty if it did not fail.
     """
 
     trial: int
@@ -134,15 +134,15 @@ class Measured(NamedTuple):
 
 
 class Asking:
-    """The trials of a search that are under way.
+    """Running trials of a search.
 
-    Owns the study: it alone asks for settings and tells what came of them. Who learns knows of no study, nor
-    where it is stored, and is asked for no more than the way to the next rung.
+    Owns the study: only this class asks it for settings and reports results. Workers know neither the study nor its
+    storage; each task for a worker ends at the next rung.
 
     Args:
-        search: what is looked for.
-        study: its study.
-        count: trials to be made.
+        search: the search.
+        study: study of the search.
+        count: total number of trials.
     """
 
     def __init__(self, search: Search, study: optuna.Study, count: int) -> None:
@@ -151,11 +151,11 @@ class Asking:
         self._rungs = rungs(search.first.training.iterations)
         self._space = {each.name: _distribution(each) for each in search.space}
         self._numbers = iter(range(len(ended(study)), count))
-        self._under_way: dict[int, optuna.Trial] = {}
-        self._waiting: list[tuple[optuna.Trial, int]] = []  # and until which iteration they are to be measured
+        self._running: dict[int, optuna.Trial] = {}
+        self._waiting: list[tuple[optuna.Trial, int]] = []  # each with the iteration of its next rung
 
     def take(self) -> tuple[Search, int, Parameters, int] | None:
-        """Return what is to be measured next: one that goes on, or a new trial; None where there is none for now."""
+        """Return the arguments of `measure` for a waiting trial or a new one; None if there is none at the moment."""
         ready = self._ready()
         if ready is None and (number := next(self._numbers, None)) is not None:
             self._study.sampler = sampler(number)
@@ -165,17 +165,17 @@ class Asking:
             return None
         self._waiting.remove(ready)
         trial, iterations = ready
-        self._under_way[trial.number] = trial
+        self._running[trial.number] = trial
         return self._search, trial.number, dict(trial.params), iterations
 
     def _ready(self) -> tuple[optuna.Trial, int] | None:
-        """Return a trial that can go on; not one with the settings, and so the runs, of another at work."""
-        at_work = [trial.params for trial in self._under_way.values()]
-        return next((each for each in self._waiting if each[0].params not in at_work), None)
+        """Return a waiting trial, unless a running one has the same settings and therefore the same runs."""
+        running = [trial.params for trial in self._running.values()]
+        return next((each for each in self._waiting if each[0].params not in running), None)
 
     def tell(self, measured: Measured) -> bool:
-        """Take what a trial came to; return whether that is its end."""
-        trial = self._under_way.pop(measured.trial)
+        """Report an intermediate result of a trial; return whether the trial is finished."""
+        trial = self._running.pop(measured.trial)
         if measured.why:
             trial.set_user_attr(WHY, measured.why)
             self._study.tell(trial, state=TrialState.FAIL)
@@ -192,19 +192,19 @@ class Asking:
 
 
 def measure(search: Search, trial: int, parameters: Parameters, iterations: int) -> Measured:
-    """Go on with the runs of a trial until they have made so many iterations; of settings that fail say why."""
+    """Advance the runs of a trial to a number of iterations; return their median return, or the error if one fails."""
     try:
         runs = {indexed_folder(search.folder, each, *TASKS): each for each in _configs(search, parameters)}
         value = median(_return_after(folder, config, iterations) for folder, config in runs.items())
         if not isfinite(value):
             raise ValueError(f"evaluation return: expected a number, got {value} after {iterations} iterations")
-    except Exception as error:  # of these settings, which shall not end the search
+    except Exception as error:  # failing settings must not stop the search
         return Measured(trial, iterations, nan, " ".join(f"{type(error).__name__}: {error}".split()))
     return Measured(trial, iterations, value)
 
 
 def sampler(number: int) -> optuna.samplers.BaseSampler:
-    """Return what proposes settings, after a number of trials on which alone its randomness depends."""
+    """Return a sampler of settings whose randomness depends only on the number of the trial."""
     return optuna.samplers.TPESampler(seed=number, constant_liar=True)
 
 
@@ -222,12 +222,12 @@ def _configs(search: Search, parameters: Parameters) -> Iterator[Config]:
 
 
 def rungs(iterations: int) -> Sequence[int]:
-    """Return the numbers of iterations after which a trial may be given up, and the last one."""
+    """Return the numbers of iterations after which a trial may be pruned, and the last iteration."""
     return sorted({-(-iterations * k // RUNGS) for k in range(1, RUNGS + 1)})
 
 
 def _return_after(folder: Path, config: Config, iterations: int) -> float:
-    """Return the last evaluation return of a run after so many iterations, which is gone on with until then."""
+    """Return the last evaluation return of a run within a number of iterations; run the missing ones first."""
     curve = Curve(folder / "curve.csv")
     if len(curve.rows()) < iterations:
         advance(folder, replace(config, training=replace(config.training, iterations=iterations)))

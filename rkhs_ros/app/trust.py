@@ -1,4 +1,4 @@
-"""Which code the commands may import: what a person names, and what is installed."""
+"""Trust model of the commands: they import only installed modules and modules that the user names."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ Run = Callable[[argparse.Namespace], int]
 
 
 def add_trust_argument(parser: argparse.ArgumentParser) -> None:
-    """Declare the option that lets data files name modules that are not installed."""
-    parser.add_argument("--trust", action="store_true", help="import from this folder, too, the modules that it names")
+    """Declare the option that allows data files to name modules that are not installed."""
+    about = "allow the data file to import modules that are not installed, from the current folder"
+    parser.add_argument("--trust", action="store_true", help=about)
 
 
 def reads_data(run: Run) -> Run:
-    """Have a command import none but installed modules, unless its options trust the data files that it reads.
+    """Decorate a command so that it imports only installed modules, unless --trust is given.
 
-    The module of its option ``--env`` is trusted, for a person named it.
+    The module of the option ``--env`` is trusted, since the user named it.
     """
 
     @wraps(run)

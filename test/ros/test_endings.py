@@ -202,7 +202,7 @@ def test_runs_choose_domains_of_their_own(start: Start, tmp_path: Path, monkeypa
     code, _, err = start("rkhs", "status", tmp_path / "a").finish()
     assert (code, err) == (
         2,
-        f"error: {tmp_path / 'a'}: expected the folder of a run under way over topics, got none\n",
+        f"error: {tmp_path / 'a'}: expected the folder of an active run over topics, got none\n",
     )
 
 

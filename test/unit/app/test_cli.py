@@ -197,7 +197,7 @@ def test_a_policy_of_other_dimensions_than_its_task_ends_with_one_line(
     rkhs: Run, tmp_path: Path, random_policy: Callable[..., GaussianPolicy]
 ) -> None:
     save_policy(tmp_path / "p.npz", random_policy(d=3, n=1), Task("rkhs/Toy-v0", {}, 20, 0.9))
-    assert_refused(rkhs("evaluate", "p.npz"), "expected a policy from 1 to 1 dimensions, as rkhs/Toy-v0 has")
+    assert_refused(rkhs("evaluate", "p.npz"), "expected a policy from 1 to 1 dimensions for rkhs/Toy-v0")
 
 
 @pytest.mark.parametrize(
@@ -450,5 +450,5 @@ def test_an_option_that_cannot_go_over_topics_is_refused_before_a_folder_is_made
 
 def test_a_horizon_in_place_of_the_environments_own_is_told(rkhs: Run) -> None:
     arguments = ("train", "--env", "Pendulum-v1", "--runner", "inline", "--iterations", 1, "--set", *SHORT_EPISODES)
-    assert "note: horizon: 3 steps, in place of Pendulum-v1's own 200\n" in rkhs(*arguments, "--out", "run").err
+    assert "note: horizon: 3 steps, instead of the 200 steps of Pendulum-v1\n" in rkhs(*arguments, "--out", "run").err
     assert "note: horizon" not in rkhs(*arguments, "--out", "quiet", "--quiet").err

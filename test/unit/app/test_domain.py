@@ -25,7 +25,7 @@ def test_runs_side_by_side_have_domains_of_their_own_and_say_which(tmp_path: Pat
         os.environ[VARIABLE] = ""  # taken away at the end
     assert VARIABLE not in os.environ
     for folder in (one, other):
-        with pytest.raises(ValueError, match="expected the folder of a run under way over topics, got none"):
+        with pytest.raises(ValueError, match="expected the folder of an active run over topics, got none"):
             domain_of(folder)
 
 

@@ -87,7 +87,7 @@ def test_an_environment_that_is_named_on_the_command_line_is_imported(rkhs: Rkhs
     told = rkhs("evaluate", "run/policy.npz", "--env", "theirs:Slide-v0", "--episodes", 1)
     assert json.loads(told.out)["environment"] == "theirs:Slide-v0"
     other = rkhs("evaluate", "run/policy.npz", "--env", "Pendulum-v1")
-    assert_refused(other, "--env: expected theirs:Slide-v0, which run/policy.npz names, got Pendulum-v1")
+    assert_refused(other, "--env: expected theirs:Slide-v0, the environment of run/policy.npz, got Pendulum-v1")
 
 
 def test_how_to_go_on_says_what_is_needed(begun: Path) -> None:

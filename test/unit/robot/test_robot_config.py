@@ -49,14 +49,14 @@ def test_robot_settings_can_be_changed_and_are_settings_of_the_run() -> None:
         ("simulated_robot.robot=motor_pendulun", "simulated_robot: unknown robot 'motor_pendulun', did you mean"),
         ("robot.misses_allowed=9", "less than gate.command_timeout, 0.3 s, got 0.525 s"),
         ("robot.action={minimum: [0.0, 0.0], maximum: [1.0, 1.0], kind: effort}", "reset.home.joints: expected 2"),
-        ("robot.action.kind=velocity", "robot.action.kind: expected the gate's, effort"),
-        ("robot.reset.home.joints=[shoulder]", "robot.reset.home.joints: expected the gate's, motor, got shoulder"),
+        ("robot.action.kind=velocity", "robot.action.kind: expected gate.command.kind, effort"),
+        ("robot.reset.home.joints=[shoulder]", "robot.reset.home.joints: expected gate.joints, motor, got shoulder"),
         ("robot.sensors.motor.topic='a b'", "robot.sensors.motor.topic: Invalid topic name: topic name must not"),
         ("robot.reset.trigger.service=1st", "robot.reset.trigger.service: Invalid topic name"),
         ("gate.command.topic='a b'", "gate.command.topic: Invalid topic name"),
         ("robot.reward={topic: score, type: std_msgs/msg/Float65}", "unknown type of messages 'std_msgs/msg/Float65'"),
         ("robot.sensors.motor={topic: a, type: sensor_msgs/msg/Imu, fields: [speed]}", "unknown field 'speed' of Imu"),
-        ("simulators=2", "simulators: expected 1, as there is one robot"),
+        ("simulators=2", "simulators: expected 1, since there is one robot"),
     ],
 )
 def test_invalid_sections_are_refused_before_any_node_starts(
@@ -88,7 +88,7 @@ def test_a_robot_needs_its_gate(section: str, message: str, tmp_path: Path) -> N
 
 def test_a_robot_is_refused_by_the_inline_runner(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code = code_of("train", PENDULUM, "--runner", "inline", "--out", tmp_path / "run")
-    expected = "error: motor_pendulum: expected an environment of this process, not a robot"
+    expected = "error: motor_pendulum: expected an environment of this process, got a robot"
     assert (code, capsys.readouterr().err.startswith(expected)) == (2, True)
     assert not (tmp_path / "run").exists()
 
@@ -126,8 +126,8 @@ def test_a_file_at_the_journals_path_is_reported_before_any_node_starts(
 @pytest.mark.parametrize(
     ("limits", "words"),
     [
-        ("minimum: [0.0], maximum: [0.0]", "allow commands from 0 to 0;"),
-        ("minimum: [-3.0], maximum: [3.0], step: [0.0]", "allow changes of 0;"),
+        ("minimum: [0.0], maximum: [0.0]", "allow commands from 0 to 0"),
+        ("minimum: [-3.0], maximum: [3.0], step: [0.0]", "allow changes of 0"),
         ("minimum: [-3.0], maximum: [3.0], step: [0.1]", ""),
     ],
 )

@@ -20,7 +20,8 @@ from test.unit.conftest import Result, assert_refused
 pytestmark = pytest.mark.slow
 
 CONFIG = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
-SHORT = ("--set", "horizon=4", "iterations=2", "episodes_per_iteration=2")
+EPISODES = ("--set", "horizon=4", "episodes_per_iteration=2")
+SHORT = (*EPISODES, "iterations=2")
 RESULTS = ("config.yaml", "policy.npz", "episodes.npz", "curve.png", "policy.png")
 Run = Callable[..., Result]
 ranges = st.tuples(st.integers(0, 300), st.integers(0, 20)).map(lambda pair: range(pair[0], pair[0] + pair[1] + 1))
@@ -62,13 +63,13 @@ def test_other_text_is_refused_in_one_line_or_gives_seeds(text: str) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "expected seeds as 0-9 or 0,2,5, got ''"),
+        ("", "expected seeds such as 0-9 or 0,2,5, got ''"),
         ("0-9,", "got ''"),
         ("-3", "got '-3'"),
         ("1-2-3", "got '1-2-3'"),
         ("1.5", "got '1.5'"),
         ("٣", "got '٣'"),
-        ("0,9-7", "expected ranges from a smaller seed to a greater one, got 9-7"),
+        ("0,9-7", "expected ascending ranges, got 9-7"),
         ("0-999999999999", f"expected at most {MOST_SEEDS} seeds"),
         (f"0-{MOST_SEEDS - 1},{MOST_SEEDS}", f"expected at most {MOST_SEEDS} seeds"),
     ],
@@ -182,7 +183,7 @@ def workers(process: subprocess.Popen[str]) -> list[int]:
 @pytest.mark.slow
 def test_an_interrupted_training_can_be_gone_on_with(rkhs: Run, tmp_path: Path) -> None:
     many, whole = tmp_path / "many", tmp_path / "whole"
-    long = (*SHORT, "iterations=60", "--seeds", "0-2", "--quiet")
+    long = (*EPISODES, "iterations=60", "--seeds", "0-2", "--quiet")
     process = started(many, CONFIG, *long, "--out", many)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=120)
@@ -197,19 +198,19 @@ def test_an_interrupted_training_can_be_gone_on_with(rkhs: Run, tmp_path: Path) 
 @pytest.mark.slow
 def test_a_worker_that_is_killed_ends_with_lines_not_a_traceback(tmp_path: Path) -> None:
     many = tmp_path / "many"
-    process = started(many, CONFIG, *SHORT, "iterations=3000", "--seeds", "0-1", "--quiet", "--out", many)
+    process = started(many, CONFIG, *EPISODES, "iterations=3000", "--seeds", "0-1", "--quiet", "--out", many)
     for pid in workers(process)[:1]:
         os.kill(pid, signal.SIGKILL)
     _, err = process.communicate(timeout=120)
     assert process.returncode == 1
-    assert err.splitlines() == [f"error: seed_{k}: its process was killed, or one beside it" for k in (0, 1)]
+    assert err.splitlines() == [f"error: seed_{k}: its worker process, or another one, was killed" for k in (0, 1)]
 
 
 @pytest.mark.faults
 @pytest.mark.slow
 def test_workers_end_with_a_training_that_is_killed(tmp_path: Path) -> None:
     many = tmp_path / "many"
-    process = started(many, CONFIG, *SHORT, "iterations=3000", "--seeds", "0-1", "--quiet", "--out", many)
+    process = started(many, CONFIG, *EPISODES, "iterations=3000", "--seeds", "0-1", "--quiet", "--out", many)
     at_work = workers(process)
     process.kill()
     process.communicate(timeout=120)
@@ -229,8 +230,8 @@ def test_workers_end_with_a_training_that_is_killed(tmp_path: Path) -> None:
         (("--seeds", "0-1", "--runner", "ros"), "--runner: expected inline for several seeds, got ros"),
         (("--seeds", "0-1", "--seed", "3"), "--seed: expected either --seed or --seeds, got both"),
         (("--seeds", "0-1", "--jobs", "0"), "--jobs: expected at least 1, or -1 for all cores, got 0"),
-        (("--seeds", "x"), "--seeds: expected seeds as 0-9 or 0,2,5, got 'x'"),
-        (("--seeds", ""), "--seeds: expected seeds as 0-9 or 0,2,5, got ''"),
+        (("--seeds", "x"), "--seeds: expected seeds such as 0-9 or 0,2,5, got 'x'"),
+        (("--seeds", ""), "--seeds: expected seeds such as 0-9 or 0,2,5, got ''"),
         (("--jobs", "2"), "--jobs: expected --seeds, or --resume of runs with several seeds, got one run"),
         (("--seeds", "0-1", "--set", "exploration_sd=[1, 2]"), "exploration_sd: expected 1 number, got 2"),
         (("--seeds", "0-1", "--set", "environment.id=rkhs/Toi-v0"), "did you mean 'rkhs/Toy-v0'?"),

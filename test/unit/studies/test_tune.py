@@ -229,7 +229,7 @@ def test_a_configuration_that_was_spoilt_is_mended(rkhs: Run, tmp_path: Path) ->
         (("--set", "evaluate_every=0"), "evaluate_every: expected 1 to 40"),
         (("--trials", "0"), "--trials: expected a number in [1, 100000], got 0"),
         (("--storage", "nowhere"), "--storage: expected"),
-        (("--set", "seed=3"), "--set: expected no setting that --seeds says, got seed"),
+        (("--set", "seed=3"), "--set: expected each setting once, got seed in both --set and --seeds"),
         (("--out", CONFIG), f"--out: expected a folder, got the file {CONFIG}"),
     ],
 )
