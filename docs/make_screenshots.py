@@ -47,9 +47,9 @@ class Shot(NamedTuple):
 
 
 SHOTS = {
-    "view_pendulum.png": Shot("pendulum_model_nac", 5, "noise-free 1", 0.1, ("iterations=40",)),
-    "view_pr2.png": Shot("pr2_door_nac", 11, "noise-free 1", 0.75, ("iterations=60",)),
-    "view_arm.png": Shot("robot_arm", 8, "exploring 1", 0.45, over_topics=True),
+    "view_pendulum.png": Shot("pendulum_model_nac", 5, "evaluation 1", 0.1, ("iterations=40",)),
+    "view_pr2.png": Shot("pr2_door_nac", 11, "evaluation 1", 0.75, ("iterations=60",)),
+    "view_arm.png": Shot("robot_arm", 8, "exploration 1", 0.45, over_topics=True),
 }
 
 
@@ -103,8 +103,8 @@ def taken(tab: browser.Tab, shot: Shot) -> Image.Image:
     """Return the page once the run has come to an iteration."""
     tab.wait_for(reached(shot.iteration), LEARNING_TIMEOUT_S)
     tab.value("document.querySelector('.mantine-Notification-closeButton')?.click()")
-    if tab.value("!!document.querySelector('input[value=\"noise-free 1\"]')") and shot.kind != "noise-free 1":
-        tab.click_on("document.querySelector('input[value=\"noise-free 1\"]')")
+    if tab.value("!!document.querySelector('input[value=\"evaluation 1\"]')") and shot.kind != "evaluation 1":
+        tab.click_on("document.querySelector('input[value=\"evaluation 1\"]')")
         tab.click_on(f"[...document.querySelectorAll('[role=option]')].find(e => e.innerText === '{shot.kind}')")
     tab.click_on(f"{browser.each('input[type=checkbox]')}[0]")  # play
     slide(tab, shot.part)

@@ -1,1 +1,1 @@
-"""A page in the browser that shows runs while they learn and afterwards, from what they leave in their folders."""
+"""A browser page that shows running and finished runs from the files in their folders."""

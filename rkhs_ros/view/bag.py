@@ -1,4 +1,4 @@
-"""A run seen through what others recorded of its topics, as ``ros2 bag record`` does: episodes and their returns."""
+"""Read a run from a bag that ``ros2 bag record`` wrote: its episodes and their returns."""
 
 from __future__ import annotations
 
@@ -17,26 +17,27 @@ from rkhs_ros.runs.curve import BEGINNING, NAN, Row
 from rkhs_ros.view.recorded import both_kinds
 from rkhs_ros.view.source import IterationView
 
-UNDISCOUNTED = 1.0  # nobody tells the discount
+UNDISCOUNTED = 1.0  # a bag does not contain the discount
 
 
 class Bag:
-    """A run in a bag: an iteration is what one policy explored, with the evaluation episodes after it.
+    """A run in a bag.
 
-    Owns what the bag holds, which does not grow any more.
+    An iteration consists of the exploring episodes of one policy and the evaluation episodes after them.
+    The whole bag is read once; a bag does not grow.
 
     Args:
-        path: the folder of a bag, or an MCAP file.
+        path: folder of a bag, or an MCAP file.
 
     Raises:
-        ValueError: it holds no episodes of a run.
-        OSError: it cannot be read.
+        ValueError: the bag contains no complete episodes.
+        OSError: the bag cannot be read.
     """
 
     def __init__(self, path: Path) -> None:
         recording = read_recording(path)
         batches = recording.finished
-        require(bool(batches), f"{path}", "a bag with whole episodes of a run", "none")
+        require(bool(batches), f"{path}", "a bag with complete episodes of a run", "none")
         self.path, self.name = path, path.stem
         self.task = Task("", {}, batches[0].batch.horizon, UNDISCOUNTED)
         self.nodes: Mapping[str, Mapping[str, Any]] = {}
@@ -48,21 +49,21 @@ class Bag:
 
     @property
     def iterations(self) -> Sequence[int]:
-        """All of them."""
+        """All iterations."""
         return range(1, self.total + 1)
 
     def refresh(self) -> None:
-        """Look at nothing anew: it is whole."""
+        """Do nothing: a bag does not change."""
 
-    def seen(self, iteration: int) -> IterationView | None:
-        """Return the episodes of an iteration, and the policy after it where that was recorded."""
+    def load(self, iteration: int) -> IterationView | None:
+        """Return the episodes of an iteration, and the policy after it if the bag contains it."""
         part = self._parts[iteration - 1]
         version = next((each.version for each in part if not each.batch.explore), part[0].version)
         return IterationView(self._policies.get(version), *both_kinds(part))
 
 
 def _iterations(batches: Sequence[RecordedBatch]) -> Iterator[list[RecordedBatch]]:
-    """Yield the batches of each iteration: one begins where another policy explores."""
+    """Yield the batches of each iteration. An iteration starts when a new policy explores."""
     part = [batches[0]]
     for last, batch in pairwise(batches):
         if batch.batch.explore and (not last.batch.explore or last.version != batch.version):
@@ -73,20 +74,20 @@ def _iterations(batches: Sequence[RecordedBatch]) -> Iterator[list[RecordedBatch
 
 
 def _rows(parts: Sequence[list[RecordedBatch]]) -> Iterator[Row]:
-    """Yield the row of each iteration; what its episodes do not tell is not a number."""
-    row, began = BEGINNING, parts[0][0].time
+    """Yield the row of the learning curve for each iteration; values that the bag lacks are NaN."""
+    row, start = BEGINNING, parts[0][0].time
     for part in parts:
         exploration, evaluation = both_kinds(part)
         row = row._replace(
             iteration=row.iteration + 1,
             episodes=row.episodes + len(exploration or ()),
             evaluation_episodes=row.evaluation_episodes + len(evaluation or ()),
-            exploration_return=_earned(exploration),
-            evaluation_return=_earned(evaluation),
-            seconds=(part[-1].time - began) / 1e9,
+            exploration_return=_mean_return(exploration),
+            evaluation_return=_mean_return(evaluation),
+            seconds=(part[-1].time - start) / 1e9,
         )
         yield row
 
 
-def _earned(episodes: Episodes | None) -> float:
+def _mean_return(episodes: Episodes | None) -> float:
     return NAN if episodes is None else float(episodes.returns(UNDISCOUNTED).mean())

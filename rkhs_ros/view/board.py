@@ -1,4 +1,4 @@
-"""The picture of a policy that hangs beside the task: its mean action, its centres, and the episodes that led to it."""
+"""Draw the policy plot of the page: the mean action, the centres and the latest episodes."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.sketches.policy_coordinates import PolicyCoordinates
 
 SIZE, DPI = (4.2, 4.9), 180  # inches
-CELLS = 90  # of the map, along each side
-MARGIN = 0.06  # of the range visited, beyond it
+CELLS = 90  # along each side of the map
+MARGIN = 0.06  # beyond the visited range, as a part of it
 BLUE, RED, _, _, PALE, CENTRE, EPISODE, _ = COLOURS
 FAINTEST = 0.15  # opacity of the oldest episode
 
 
 class Choice(NamedTuple):
-    """What is drawn: the coordinates along x and y, and which number of the actions."""
+    """Indices of what to draw: the coordinates along x and y, and the action component."""
 
     x: int
     y: int
@@ -36,11 +36,11 @@ class Choice(NamedTuple):
 
 @dataclass(frozen=True)
 class Board:
-    """A picture, and where on it the points of its last episode are.
+    """A rendered policy plot, with the position of the newest episode in it.
 
     Attributes:
         image: RGB, shape (height, width, 3).
-        points: before each step, from 0 to 1 across and up the picture, shape (steps, 2).
+        points: position in the image before each step, from 0 to 1 rightwards and upwards, shape (steps, 2).
     """
 
     image: NDArray[np.uint8]
@@ -48,14 +48,14 @@ class Board:
 
 
 class Subject(NamedTuple):
-    """What the picture is of.
+    """The input of a policy plot.
 
     Attributes:
-        title: above it.
-        coordinates: of the policy.
-        episodes: one row each, the newest, whose points are marked, last.
-        spaces: of the task; None where they are not known.
-        discount: of the returns.
+        title: title of the plot.
+        coordinates: coordinates to draw the policy over.
+        episodes: single episodes; the last one is the newest and is marked.
+        spaces: spaces of the task; None if unknown.
+        discount: discount factor of the returns.
     """
 
     title: str
@@ -66,21 +66,21 @@ class Subject(NamedTuple):
 
     @property
     def actions(self) -> tuple[str, ...]:
-        """Names of the actions' numbers."""
+        """Names of the action components."""
         return self.coordinates.names.actions
 
 
 def draw(subject: Subject, choice: Choice) -> Board:
-    """Draw a policy: over one or two coordinates, or, of a task of one step, among the actions that were tried."""
+    """Draw a policy over one or two coordinates; for one-step tasks, draw the sampled actions."""
     figure, points = board_figure(subject, choice)
     image, axes = pixels(figure), figure.axes[0]
     ends = np.sort([axes.get_xlim(), axes.get_ylim()])
-    places = axes.transData.transform(np.clip(points, *ends.T)) / [image.shape[1], image.shape[0]]
-    return Board(image, np.asarray(places))
+    positions = axes.transData.transform(np.clip(points, *ends.T)) / [image.shape[1], image.shape[0]]
+    return Board(image, np.asarray(positions))
 
 
 def board_figure(subject: Subject, choice: Choice) -> tuple[Figure, Array]:
-    """Return the figure of a policy, and the points of its last episode by the numbers of the axes: (steps, 2)."""
+    """Return the figure of a policy, and the newest episode in data coordinates of the axes, shape (steps, 2)."""
     figure = sheet(*SIZE, subject.title)
     figure.set_dpi(DPI)
     axes, policy = figure.subplots(), subject.coordinates.policy
@@ -118,9 +118,9 @@ def _draw_map(axes: Axes, policy: GaussianPolicy, subject: Subject, choice: Choi
 
 
 def _draw_paths(axes: Axes, subject: Subject, choice: Choice) -> Array:
-    """Draw the episodes alone, where the policy is not known."""
+    """Draw only the episodes, for a run whose policy is not available."""
     names = [*subject.coordinates.names.observations, subject.actions[choice.action]]
-    pair = [choice.x, choice.y if len(names) > 2 else 1]  # of a single number observed against the action
+    pair = [choice.x, choice.y if len(names) > 2 else 1]  # a single observation is drawn against the action
     numbers = [np.column_stack([each.observations[0], each.actions[0][:, choice.action]]) for each in subject.episodes]
     paths = [each[episode.mask[0]][:, pair] for each, episode in zip(numbers, subject.episodes, strict=True)]
     low, high = _range(paths)
@@ -131,7 +131,7 @@ def _draw_paths(axes: Axes, subject: Subject, choice: Choice) -> Array:
 
 
 def _draw_episodes(axes: Axes, paths: Sequence[Array], sizes: Array) -> None:
-    """Draw the paths of episodes, the older the fainter."""
+    """Draw the paths of episodes; older ones are fainter."""
     for points, age in zip(paths, _ages(len(paths)), strict=True):
         broken = _broken(points, sizes)
         axes.plot(*broken.T, color=EPISODE, alpha=age, linewidth=1 + (age == 1), label="episodes" if age == 1 else None)
@@ -146,7 +146,7 @@ def _draw_line(axes: Axes, policy: GaussianPolicy, subject: Subject, choice: Cho
     inputs = coordinates.inputs(x[:, None])
     mean, sd = policy.mean(inputs)[:, action], np.sqrt(policy.variance(inputs)[:, action])
     least, most = _limits(subject, action)
-    room = MARGIN * (most - least)
+    margin = MARGIN * (most - least)
     lower, upper, mean, *done = (np.clip(values, least, most) for values in (mean - sd, mean + sd, mean, *done))
     axes.fill_between(x, lower, upper, color=PALE, alpha=0.35, linewidth=0, label="exploration")
     axes.plot(x, mean, color=BLUE, linewidth=2.5, label="mean action")
@@ -156,35 +156,35 @@ def _draw_line(axes: Axes, policy: GaussianPolicy, subject: Subject, choice: Cho
     if centres is not None:
         heights = np.clip(policy.mean(policy.mean.centres)[:, action], least, most)
         axes.plot(centres[:, 0], heights, "o", color=CENTRE, mec="black", mew=0.5, markersize=5, label="centres")
-    axes.set(xlim=(low, high), ylim=(least - room, most + room))
+    axes.set(xlim=(low, high), ylim=(least - margin, most + margin))
     label(axes, coordinates.labels[0], subject.actions[action])
     return np.stack([visited[-1][:, 0], done[-1]], axis=1)
 
 
 def _draw_attempts(axes: Axes, policy: GaussianPolicy, subject: Subject) -> Array:
-    """Draw the first two numbers of the actions tried, coloured by what they earned, and the mean action."""
+    """Draw the first two components of the sampled actions, coloured by return, and the mean action."""
     tried = np.concatenate([each.actions[:, 0, :2] for each in subject.episodes])
     if subject.spaces is not None:
         tried = subject.spaces.clip(np.concatenate([each.actions[:, 0] for each in subject.episodes]))[:, :2]
-    earned = np.concatenate([each.returns(subject.discount) for each in subject.episodes])
+    returns = np.concatenate([each.returns(subject.discount) for each in subject.episodes])
     newest = subject.episodes[-1]
     inputs = newest.seen_through(policy.inputs).observations[0]
     mean, sd = policy.mean(inputs)[0, :2], np.sqrt(policy.variance(inputs))[0, :2]
-    norm = Normalize(min(0.0, float(earned.min())), max(float(earned.max()), 1e-9))
+    norm = Normalize(min(0.0, float(returns.min())), max(float(returns.max()), 1e-9))
     dots: Any = {"edgecolors": "black", "linewidths": 0.5, "label": "attempts"}
-    image = axes.scatter(tried[:, 0], tried[:, 1], 45, earned, cmap=UNSIGNED, norm=norm, **dots)
+    image = axes.scatter(tried[:, 0], tried[:, 1], 45, returns, cmap=UNSIGNED, norm=norm, **dots)
     colour_bar(axes, image, "return")
     bars: Any = {"color": RED, "capsize": 4, "linewidth": 2, "zorder": 3}
     axes.errorbar(mean[0], mean[1], xerr=sd[0], yerr=sd[1], fmt="D", label="mean action, exploration", **bars)
     (xlow, xhigh), (ylow, yhigh) = (_limits(subject, action) for action in (0, 1))
-    room = MARGIN * np.array([xhigh - xlow, yhigh - ylow])
-    axes.set(xlim=(xlow - room[0], xhigh + room[0]), ylim=(ylow - room[1], yhigh + room[1]))
+    margin = MARGIN * np.array([xhigh - xlow, yhigh - ylow])
+    axes.set(xlim=(xlow - margin[0], xhigh + margin[0]), ylim=(ylow - margin[1], yhigh + margin[1]))
     label(axes, subject.actions[0], subject.actions[1])
     return tried[-1:]
 
 
 def _limits(subject: Subject, action: int) -> tuple[float, float]:
-    """Return the bounds of an action; where it has none, the range of what was done."""
+    """Return the bounds of an action component; if it has none, the range of the actions taken."""
     if subject.spaces is not None:
         low, high = (float(bound.ravel()[action]) for bound in (subject.spaces.action_low, subject.spaces.action_high))
         if np.isfinite(high - low) and high > low:
@@ -196,16 +196,16 @@ def _limits(subject: Subject, action: int) -> tuple[float, float]:
 def _range(visited: Sequence[Array]) -> tuple[Array, Array]:
     points = np.concatenate(visited)
     low, high = points.min(axis=0), points.max(axis=0)
-    room = MARGIN * np.where(high > low, high - low, np.maximum(np.abs(high), 1e-6))
-    return low - room, high + room
+    margin = MARGIN * np.where(high > low, high - low, np.maximum(np.abs(high), 1e-6))
+    return low - margin, high + margin
 
 
 def _broken(points: Array, sizes: Array) -> Array:
-    """Return a line with gaps where it jumps through most of the range, as an angle does that wraps."""
+    """Return a line with gaps at jumps through most of the range, for example at a wrapped angle."""
     jumps = np.flatnonzero((np.abs(np.diff(points, axis=0)) > 0.6 * sizes).any(axis=1))
     return np.insert(points, jumps + 1, np.nan, axis=0)
 
 
 def _ages(count: int) -> Array:
-    """Return the opacity of each of some episodes, the newest last."""
+    """Return the opacity of each episode, the newest last."""
     return np.linspace(FAINTEST, 1.0, count) if count > 1 else np.ones(1)

@@ -1,4 +1,4 @@
-"""The bodies that a page shows, and how they move."""
+"""Rigid bodies on the page, and their poses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ NO_TURN = (1.0, 0.0, 0.0, 0.0)  # unit quaternion w, x, y, z
 
 
 class Primitive(NamedTuple):
-    """A box, a ball or a cylinder, as `rkhs_ros.rollouts.visualization.Body` describes it."""
+    """A box, a ball or a cylinder; implements `rkhs_ros.rollouts.visualization.Body`."""
 
     shape: str
     size: tuple[float, float, float]
@@ -21,14 +21,14 @@ class Primitive(NamedTuple):
 
 
 class Surface(NamedTuple):
-    """A rigid body of triangles.
+    """A rigid body made of triangles.
 
     Attributes:
-        shape: "mesh".
-        size: of the box around it, in metres.
-        colour: as "#0072B2".
-        vertices: in metres, shape (k, 3).
-        faces: numbers of the vertices of each triangle, shape (m, 3).
+        shape: always "mesh".
+        size: edge lengths of the bounding box, in metres.
+        colour: hexadecimal, such as "#0072B2".
+        vertices: positions in metres, shape (k, 3).
+        faces: vertex indices of each triangle, shape (m, 3).
     """
 
     shape: str
@@ -39,7 +39,7 @@ class Surface(NamedTuple):
 
 
 class Poses(NamedTuple):
-    """The pose of each body at each step, as `rkhs_ros.rollouts.visualization.Motion` describes it."""
+    """The pose of each body at each step; implements `rkhs_ros.rollouts.visualization.BodyTrajectories`."""
 
     times: Array
     places: Array

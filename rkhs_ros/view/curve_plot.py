@@ -1,4 +1,4 @@
-"""The learning curve on the page: returns against episodes, beside what is known of the task."""
+"""Plot the learning curve on the page: returns against episodes, with the task's reference returns."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from viser import GuiApi
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.curve import Row
 
-MOST_POINTS = 1000
-PADDING_PX = 8  # above the plot and beside it, for the numbers at its ends
-TICKS_PX, LABEL_PX = 26, 22  # heights of the numbers along the episodes, and of the word below
-WHOLE = tuple(digit * 10**power for power in range(7) for digit in (1, 2, 5))  # distances of ticks
-NAMES = {"exploration_return": "exploring", "evaluation_return": "noise-free", "model_return": "imagined"}
+MAX_POINTS = 1000
+PADDING_PX = 8  # above and beside the plot, for the outermost tick labels
+TICKS_PX, LABEL_PX = 26, 22  # heights of the tick labels and of the axis label
+WHOLE = tuple(digit * 10**power for power in range(7) for digit in (1, 2, 5))  # tick distances
+NAMES = {"exploration_return": "exploration", "evaluation_return": "evaluation", "model_return": "model rollouts"}
 COLOURS = {"exploration_return": "#E69F00", "evaluation_return": "#0072B2", "model_return": "#CC79A7"}
-GREYS = ("#333333", "#777777", "#aaaaaa")  # of known returns
+GREYS = ("#333333", "#777777", "#aaaaaa")  # of reference returns
 
 
 class CurvePlot:
     """The plot of a learning curve.
 
-    Owns the plot, and which lines were drawn last.
+    Owns the plot and the number of rows drawn last.
 
     Args:
-        gui: of the page.
-        place: folder of the page that it is in.
-        known: returns that are known of the task, by name.
-        height_px: of the plot.
+        gui: GUI of the page.
+        place: GUI folder that contains the plot.
+        known: reference returns of the task, by name.
+        height_px: height of the plot.
     """
 
     def __init__(self, gui: GuiApi, place: Any, known: Mapping[str, float], height_px: int) -> None:
@@ -42,7 +42,7 @@ class CurvePlot:
         self._drawn = 0
 
     def draw(self, rows: Sequence[Row]) -> None:
-        """Draw the lines of the curve, if there are others than before."""
+        """Draw the learning curve if it changed since the last call."""
         if len(rows) == self._drawn or not rows:
             return
         self._drawn = len(rows)
@@ -61,18 +61,18 @@ class CurvePlot:
         across = {"label": "episodes", "size": TICKS_PX, "labelSize": LABEL_PX, "labelGap": 0, "incrs": WHOLE}
         axes: Any = (across, {"label": "return"})
         more: Any = {"scales": {"x": {"time": False}}, "padding": (PADDING_PX, PADDING_PX, 0, 0)}
-        more["legend"] = {"live": False}  # else "--" until somebody points
+        more["legend"] = {"live": False}  # a live legend shows "--" until the user points at the plot
         with self._place:
             self._plot = self._gui.add_uplot(data, series, axes=axes, height=self._height_px, **more)
 
 
 def plotted(rows: Sequence[Row], known: Mapping[str, float]) -> dict[str, Array]:
-    """Return what is drawn by column, the episodes first; of many lines a bounded number, the last among them.
+    """Return the columns to plot, episodes first; long curves are thinned, keeping the last row.
 
-    A return that is not measured in each iteration is drawn straight from one that is to the next; one that is never
-    measured is left out.
+    Returns that are not measured in every iteration are interpolated linearly. A return that is never measured is
+    left out.
     """
-    places = np.unique(np.linspace(0, len(rows) - 1, MOST_POINTS).round().astype(int))
+    places = np.unique(np.linspace(0, len(rows) - 1, MAX_POINTS).round().astype(int))
     some = [rows[place] for place in places]
     data = {"episodes": np.array([row.episodes for row in some], dtype=float)}
     for name in NAMES:

@@ -1,4 +1,4 @@
-"""A run seen through its folder, where it is not recorded: the curve, and the policies and episodes that are kept."""
+"""Read an unrecorded run from its folder: the curve, and the stored policies and episodes."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.episode_files import load_episodes
 from rkhs_ros.runs.report import BEST_POLICY, old_folder
-from rkhs_ros.view.source import IterationView, imagining
+from rkhs_ros.view.source import IterationView, model_rollout_function
 
 
 class Folder:
-    """A run in its folder.
+    """A run in its folder, without a recording.
 
-    Owns the lines of the curve that were read.
+    Owns the rows of the curve read so far.
 
     Args:
-        path: the folder.
+        path: folder of the run.
 
     Raises:
-        ValueError: there is no run in it.
+        ValueError: the folder contains no run.
     """
 
     def __init__(self, path: Path) -> None:
@@ -44,44 +44,44 @@ class Folder:
 
     @property
     def rows(self) -> Sequence[Row]:
-        """The lines of the learning curve so far."""
+        """The rows of the learning curve so far."""
         return self._rows
 
     @property
     def iterations(self) -> Sequence[int]:
-        """The iterations of which a policy is kept: those of the checkpoints."""
+        """The iterations whose policy is stored in a checkpoint."""
         return sorted(int(path.stem) for path in (self.path / "checkpoints").glob("*.npz"))
 
     def refresh(self) -> None:
-        """Read the curve if it changed, and what the task's spaces are once that is known."""
+        """Read the curve if it changed, and the task's spaces once they are stored."""
         about = self._curve.path.stat() if self._curve.path.exists() else None
         stamp = (about.st_mtime_ns, about.st_size) if about else (0, 0)
         if stamp != self._stamp:
             self._rows, self._stamp = self._curve.rows(), stamp
         best = self.path / BEST_POLICY
         if self.spaces is None:
-            with suppress(ValueError, OSError):  # it is not there yet, or damaged
+            with suppress(ValueError, OSError):  # the file does not exist yet, or is damaged
                 self.spaces = read_policy(best).spaces
 
-    def seen(self, iteration: int) -> IterationView | None:
-        """Return what is kept of an iteration."""
+    def load(self, iteration: int) -> IterationView | None:
+        """Return the stored policy and episodes of an iteration."""
         try:
             arrays = unpacked(read_whole(self.path / "checkpoints" / f"{iteration:07}.npz"))
             memory = Episodes(*(arrays[f"memory_{name}"] for name in MEMORY))
             policy = policy_of(arrays)
-        except Exception:  # it is gone meanwhile, or damaged, which raises almost anything
+        except Exception:  # deleted meanwhile, or damaged, which raises almost anything
             return None
-        imagine = imagining(self._model_settings, policy, lambda: memory, self.spaces)
-        return IterationView(policy, self._explored(memory, iteration), self._evaluated(iteration), imagine)
+        roll_out_model = model_rollout_function(self._model_settings, policy, lambda: memory, self.spaces)
+        return IterationView(policy, self._explored(memory, iteration), self._evaluated(iteration), roll_out_model)
 
     def _explored(self, memory: Episodes, iteration: int) -> Episodes | None:
         if not isinstance(self._model_settings, ModelBased) or iteration > len(self._rows):
             return None
         ends = [0, *(row.episodes for row in self._rows[:iteration])]
-        return memory.take(slice(ends[-2], ends[-1]))  # of all episodes, as they were observed
+        return memory.take(slice(ends[-2], ends[-1]))  # the memory stores all episodes, as observed
 
     def _evaluated(self, iteration: int) -> Episodes | None:
-        """Return the episodes that are kept at the end, of the last policy."""
+        """Return the evaluation episodes of the last policy, which a run stores at its end."""
         file = self.path / "episodes.npz"
         if iteration < len(self._rows) or not file.exists():
             return None

@@ -1,4 +1,4 @@
-"""What a browser may say to the page: move what is there to be moved, and press what is there to be pressed."""
+"""Filter browser messages: accept only the updates that the page's controls can send."""
 
 from __future__ import annotations
 
@@ -9,30 +9,30 @@ from urllib.parse import urlsplit
 
 from viser import ViserServer
 
-FOREIGN = 1008  # code of a closed web socket: against the rules
-UPDATE = "GuiUpdateMessage"  # what a control sends
-SILENT = ("websockets.server", "asyncio")  # loggers that would tell of each piece of garbage
+FOREIGN = 1008  # close code of a web socket: policy violation
+UPDATE = "GuiUpdateMessage"  # sent by controls
+SILENT = ("websockets.server", "asyncio")  # loggers that would report each malformed message
 
 
 def guard(server: ViserServer, *, local: bool) -> None:
-    """Make a viser server ignore every message that no control of the page can send.
+    """Make a viser server ignore all messages except updates that its controls can send.
 
-    Browsers cannot send files to it or ask for a public address. Pages of other origins, which a browser on this
-    machine may have open, are disconnected. viser has no public hook for messages or for the headers of a connection.
+    Browsers cannot upload files or request a public address. Connections from pages of other origins are closed.
+    viser has no public hook for messages or for the headers of a connection.
 
     Args:
-        server: the server.
-        local: whether it serves this machine only; a browser that uses another host name was misled.
+        server: server to protect.
+        local: whether it serves this machine only; connections that use another host name are then closed, too.
     """
     for name in SILENT:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     sockets: Any = server._websock_server
     controls, handle = server.gui._gui_input_handle_from_uuid, sockets._handle_incoming_message
-    strangers: set[int] = set()  # what they sent before they were disconnected may still arrive
+    rejected: set[int] = set()  # messages sent before the disconnection may still arrive
 
     async def checked(client_id: int, message: Any) -> None:
         control = controls.get(message.uuid) if type(message).__name__ == UPDATE else None
-        if client_id not in strangers and control is not None and is_fitting(control, message.updates):
+        if client_id not in rejected and control is not None and is_fitting(control, message.updates):
             await handle(client_id, message)
 
     sockets._handle_incoming_message = checked
@@ -41,12 +41,12 @@ def guard(server: ViserServer, *, local: bool) -> None:
     async def _(client: Any) -> None:
         connection = sockets._live_connections[client.client_id]
         if not is_allowed(connection.request.headers, local=local):
-            strangers.add(client.client_id)
+            rejected.add(client.client_id)
             await connection.close(FOREIGN, "from another page")
 
 
 def is_allowed(headers: Any, *, local: bool) -> bool:
-    """Return whether a web socket is from our page, not from one of another origin, or of another name for us."""
+    """Return whether a web socket has the origin of this page and, if local, a local host name."""
     host, origin = headers.get("Host", ""), headers.get("Origin")
     return (origin is None or urlsplit(origin).netloc == host) and (
         not local or is_local(urlsplit(f"//{host}").hostname)
@@ -54,7 +54,7 @@ def is_allowed(headers: Any, *, local: bool) -> bool:
 
 
 def is_local(host: str | None) -> bool:
-    """Return whether a name or an address is that of this machine to itself."""
+    """Return whether a host name or address is local to this machine."""
     try:
         return host == "localhost" or ip_address(host or "").is_loopback
     except ValueError:
@@ -62,7 +62,7 @@ def is_local(host: str | None) -> bool:
 
 
 def is_fitting(control: Any, updates: Any) -> bool:
-    """Return whether an update is one that somebody at the control can make."""
+    """Return whether a user of the control could make this update."""
     if not isinstance(updates, dict) or set(updates) != {"value"}:
         return False
     value, now = updates["value"], control.value

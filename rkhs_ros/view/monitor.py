@@ -1,4 +1,4 @@
-"""What the nodes of a run report meanwhile, as a process beside the page hears it, so that the page knows no ROS."""
+"""Receive the reports of a run's nodes from a child process, so that the page itself does not depend on ROS."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Start = Callable[[], "subprocess.Popen[bytes] | None"]
 
 
 class NodeReport(NamedTuple):
-    """What a node says of itself: its name, "ok", "warning", "error" or "silent", and why."""
+    """The state of a node: its name, its level ("ok", "warning", "error" or "silent"), and a message."""
 
     name: str
     level: str
@@ -25,12 +25,12 @@ class NodeReport(NamedTuple):
 
 
 class Report(NamedTuple):
-    """What was heard last.
+    """The latest report of all nodes.
 
     Attributes:
-        nodes: that report.
-        gate: fields of its state by name; None where there is no gate.
-        answer: what came of what a person asked for last.
+        nodes: reports of the individual nodes.
+        gate: fields of the gate's state by name; None without a gate.
+        answer: result of the user's last request.
     """
 
     nodes: tuple[NodeReport, ...] = ()
@@ -39,24 +39,24 @@ class Report(NamedTuple):
 
 
 class Monitor:
-    """Hears the nodes of a run while somebody looks.
+    """Receives reports from the nodes of a run while a browser shows the page.
 
-    Owns the process that listens, and what it told last.
+    Owns the listening process and its latest report.
 
     Args:
-        start: starts the process, with pipes as its standard input and output; returns None where nothing can be heard.
+        start: starts the process with pipes as standard input and output; returns None if there are no nodes.
     """
 
     def __init__(self, start: Start) -> None:
         self._start = start
         self._process: subprocess.Popen[bytes] | None = None
         self._retry_at = 0.0
-        self._forget()
+        self._reset()
 
     def listen(self) -> Report:
-        """Return what was heard last; begin to listen if nobody does."""
+        """Return the latest report; start the listening process if it is not running."""
         if self._process is not None and self._process.poll() is not None:
-            self.rest()
+            self.stop_listening()
         if self._process is None and time.monotonic() >= self._retry_at:
             self._process, self._retry_at = self._start(), time.monotonic() + RETRY_S
             if self._process is not None and self._process.stdout is not None:
@@ -64,10 +64,10 @@ class Monitor:
         self._read()
         return self._report
 
-    def rest(self) -> None:
-        """Listen no more, and forget what was heard."""
+    def stop_listening(self) -> None:
+        """Stop the listening process and discard its report."""
         process, self._process = self._process, None
-        self._forget()
+        self._reset()
         if process is None:
             return
         for pipe in (process.stdin, process.stdout):
@@ -81,13 +81,13 @@ class Monitor:
             process.kill()
             process.wait()
 
-    def say(self, word: str) -> None:
-        """Pass on what a person decided, if somebody listens."""
+    def send(self, command: str) -> None:
+        """Send a user's command to the nodes, if the process is running."""
         if self._process is not None and self._process.stdin is not None:
             with suppress(OSError):
-                os.write(self._process.stdin.fileno(), f"{word}\n".encode())
+                os.write(self._process.stdin.fileno(), f"{command}\n".encode())
 
-    def _forget(self) -> None:
+    def _reset(self) -> None:
         self._report = Report()
         self._rest = b""
 
@@ -99,5 +99,6 @@ class Monitor:
                 self._rest += content
         *lines, self._rest = self._rest.split(b"\n")
         if lines:
-            told = json.loads(lines[-1])
-            self._report = Report(tuple(NodeReport(*each) for each in told["nodes"]), told["gate"], told["answer"])
+            latest = json.loads(lines[-1])
+            nodes = tuple(NodeReport(*each) for each in latest["nodes"])
+            self._report = Report(nodes, latest["gate"], latest["answer"])

@@ -1,4 +1,4 @@
-"""The part of the page that shows the nodes of a run over topics, and what a person may tell a robot from there."""
+"""Show the nodes of a run over topics on the page, and offer the commands that are safe to send from there."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from viser import GuiApi
 from rkhs_ros.view.monitor import Monitor, NodeReport, Report
 
 WORST_FIRST = ("error", "silent", "warning", "ok")
-MOST_NODES = 12  # that are shown, the worst first
-MOST_LETTERS = 160  # of what a node says
-# What a person may tell the nodes from a page. To arm the gate is for somebody who stands beside the robot.
+MAX_NODES = 12  # shown, worst first
+MAX_LETTERS = 160  # of a node's message
+# The commands of the page. Arming is not among them: it requires a person beside the robot.
 STOP = "stop"
 EPISODES = {"Pause": "pause", "Start next": "start", "Veto last": "veto"}
-STOP_HINT = "the gate brings it to rest, until it is armed again with rkhs robot arm"
+STOP_HINT = "The gate stops the robot until someone arms it again with rkhs robot arm."
 EPISODES_HINT = (
-    "Pause: none begins; Start next: the scene is in order, or the pause is over; "
-    "Veto last: it counts for nothing, if nothing was learnt from it yet"
+    "Pause: start no further episode. Start next: confirm that the scene is ready, or end the pause. "
+    "Veto last: discard the last episode, unless an update has used it already."
 )
 
 
 class NodesPanel:
-    """The nodes of a run, the gate of its robot, and the buttons for that.
+    """The state of a run's nodes and of its robot's gate, with buttons for the robot.
 
-    Owns these controls; they are there as long as nodes are heard.
+    Owns these controls. They are visible while reports arrive.
 
     Args:
-        gui: of the page.
-        monitor: hears the nodes.
+        gui: GUI of the page.
+        monitor: receives the reports of the nodes.
     """
 
     def __init__(self, gui: GuiApi, monitor: Monitor) -> None:
@@ -41,34 +41,34 @@ class NodesPanel:
             stop = gui.add_button("Stop the robot", hint=STOP_HINT, color="red")
             episodes = gui.add_button_group("Episodes", tuple(EPISODES), hint=EPISODES_HINT)
             self._answer = gui.add_markdown("")
-        stop.on_click(lambda _: monitor.say(STOP))
-        episodes.on_click(lambda event: monitor.say(EPISODES[event.target.value]))
+        stop.on_click(lambda _: monitor.send(STOP))
+        episodes.on_click(lambda event: monitor.send(EPISODES[event.target.value]))
 
     def refresh(self, *, running: bool) -> None:
-        """Show what is heard; listen only to nodes of a run that is under way."""
+        """Show the latest report; listen only while the run is in progress."""
         if running:
             self._show(self._monitor.listen())
         else:
-            self.rest()
+            self.stop_listening()
 
-    def rest(self) -> None:
-        """Listen no more."""
-        self._monitor.rest()
+    def stop_listening(self) -> None:
+        """Stop listening and hide the controls."""
+        self._monitor.stop_listening()
         self._show(Report())
 
     def _show(self, report: Report) -> None:
         self._robot.visible, self._nodes.visible = report.gate is not None, bool(report.nodes)
-        for words, text in (
+        for control, text in (
             (self._gate, gate_text(report.gate or {})),
             (self._answer, plain(report.answer)),
             (self._nodes, node_text(report.nodes)),
         ):
-            if words.content != text:
-                words.content = text
+            if control.content != text:
+                control.content = text
 
 
 def gate_text(gate: Mapping[str, Any]) -> str:
-    """Return in Markdown how the gate fares."""
+    """Return the state of the gate as Markdown."""
     if not gate:
         return ""
     state, reason = str(gate["state"]), plain(gate["reason"])
@@ -77,15 +77,15 @@ def gate_text(gate: Mapping[str, Any]) -> str:
 
 
 def node_text(nodes: Sequence[NodeReport]) -> str:
-    """Return in Markdown how the nodes fare: those that are not well one by one, the worst first, then the others."""
+    """Return the state of the nodes as Markdown: one line per node with a problem, worst first, then the others."""
     ranked = sorted(nodes, key=lambda node: WORST_FIRST.index(node.level))
-    ill = [node for node in ranked if node.level != "ok"][:MOST_NODES]
-    lines = [f"**{plain(node.name)} {node.level}** {plain(node.message)}" for node in ill]
-    well = [plain(node.name.strip("/")) for node in ranked if node.level == "ok"][: MOST_NODES - len(ill)]
-    return "\n\n".join([*lines, *([f"Nodes well: {', '.join(well)}"] if well else [])])
+    faulty = [node for node in ranked if node.level != "ok"][:MAX_NODES]
+    lines = [f"**{plain(node.name)} {node.level}** {plain(node.message)}" for node in faulty]
+    ok = [plain(node.name.strip("/")) for node in ranked if node.level == "ok"][: MAX_NODES - len(faulty)]
+    return "\n\n".join([*lines, *([f"Nodes without problems: {', '.join(ok)}"] if ok else [])])
 
 
 def plain(text: str) -> str:
-    """Return a text of others without what Markdown or a browser would take for more than words."""
-    some = text if len(text) <= MOST_LETTERS else f"{text[:MOST_LETTERS]} …"
+    """Return a text with Markdown and HTML characters escaped, truncated to a bounded length."""
+    some = text if len(text) <= MAX_LETTERS else f"{text[:MAX_LETTERS]} …"
     return "".join(f"\\{letter}" if letter in "\\`*_{}[]()<>#+!|~$" else letter for letter in " ".join(some.split()))

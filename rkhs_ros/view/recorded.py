@@ -1,4 +1,4 @@
-"""A run seen through its recording, whole: policy and episodes of each iteration, read when they are looked at."""
+"""Read a run from its recording: the policy and the episodes of every iteration, on demand."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from rkhs_ros.runs.config import load_config, robot_nodes
 from rkhs_ros.runs.curve import Row
 from rkhs_ros.runs.recorded import training_of
 from rkhs_ros.runs.report import is_begun
-from rkhs_ros.view.source import IterationView, imagining
+from rkhs_ros.view.source import IterationView, model_rollout_function
 
 
 class StoredIteration(NamedTuple):
-    """Where in the recording is what an iteration left."""
+    """The positions of an iteration's policy and episodes in the recording."""
 
     policy: Place
     episodes: tuple[Place, ...]
 
 
 class Recorded:
-    """A run in its recording.
+    """A recorded run.
 
-    Owns the lines of the learning curve, and where policies and episodes are.
+    Owns the rows of the learning curve and the positions of policies and episodes in the file.
 
     Args:
-        path: the folder of a run, or an MCAP file.
+        path: folder of a run, or an MCAP file.
 
     Raises:
-        ValueError: it is no recording, or holds no run.
-        OSError: there is none.
+        ValueError: the file is no recording, or contains no run.
+        OSError: the file does not exist.
     """
 
     def __init__(self, path: Path) -> None:
@@ -46,64 +46,66 @@ class Recorded:
         self.path = file.parent if is_begun(file.parent) else file
         self._following = Following(file)
         self.spaces: Spaces | None = None
-        self._forget()
+        self._reset()
         self.refresh()
-        require(self._head is not None, f"{file}", "the recording of a run", "none of a run, or not begun yet")
+        require(self._head is not None, f"{file}", "the recording of a run", "a file without the header of a run")
 
     def refresh(self) -> None:
-        """Read what was recorded since the last time."""
+        """Read the messages recorded since the last call."""
         is_other, news = self._following.news()
         if is_other:
-            self._forget()
+            self._reset()
         with faults_named(self._following.path):
             for place, message in news:
                 self._take(place, message)
 
     @property
     def rows(self) -> Sequence[Row]:
-        """The lines of the learning curve so far."""
+        """The rows of the learning curve so far."""
         return self._rows
 
     @property
     def iterations(self) -> Sequence[int]:
-        """The iterations done."""
-        return list(self._left)
+        """The completed iterations."""
+        return list(self._stored)
 
-    def seen(self, iteration: int) -> IterationView | None:
-        """Return what an iteration left."""
-        left = self._left.get(iteration)
-        if left is None:
+    def load(self, iteration: int) -> IterationView | None:
+        """Return the policy and the episodes of an iteration."""
+        stored = self._stored.get(iteration)
+        if stored is None:
             return None
         try:
             with faults_named(self._following.path):
-                policy = policy_of(self._following.message(left.policy))
-                batches = [self._batch(place) for place in left.episodes]
-        except (ValueError, OSError):  # the run goes on with another file, of which more is known in a moment
+                policy = policy_of(self._following.message(stored.policy))
+                batches = [self._batch(place) for place in stored.episodes]
+        except (ValueError, OSError):  # the run continues in another file, which the next refresh reads
             return None
-        imagine = imagining(self._model_settings, policy, lambda: self._explored(iteration), self.spaces)
-        return IterationView(policy, *both_kinds(batches), imagine)
+        roll_out_model = model_rollout_function(
+            self._model_settings, policy, lambda: self._explored(iteration), self.spaces
+        )
+        return IterationView(policy, *both_kinds(batches), roll_out_model)
 
     def _explored(self, iteration: int) -> Episodes:
-        """Return the exploring episodes of the iterations up to one."""
-        places = [place for number, left in self._left.items() if number <= iteration for place in left.episodes]
+        """Return the exploring episodes of all iterations up to the given one."""
+        places = [place for number, stored in self._stored.items() if number <= iteration for place in stored.episodes]
         episodes, _ = both_kinds(map(self._batch, places))
         if episodes is None:
             raise ValueError("recording: expected exploring episodes, got none")
         return episodes
 
-    def _forget(self) -> None:
+    def _reset(self) -> None:
         self._head: Head | None = None
         self._rows: list[Row] = []
-        self._left: dict[int, StoredIteration] = {}
+        self._stored: dict[int, StoredIteration] = {}
         self._policies: dict[int, Place] = {}
-        self._episodes: list[tuple[int, Place]] = []  # that no update had yet, and the first exploring one's number
+        self._episodes: list[tuple[int, Place]] = []  # not used by an update yet, with the first exploring number
 
     def _take(self, place: Place, message: Any) -> None:
         if place.kind == "Task":
-            if self._head is None:  # later ones tell of other versions
+            if self._head is None:  # later ones belong to other versions
                 self._begin(head_of(message), place)
         elif self._head is None:
-            return  # it is no recording of a run, or its head is damaged
+            return  # no recording of a run, or a damaged header
         elif place.kind == "Policy":
             self._policies[message.version] = place
         elif place.kind == "RecordedEpisodes":
@@ -111,13 +113,13 @@ class Recorded:
         elif place.kind == "Update" and message.policy_version in self._policies:
             self._rows.append(self._row(message, place))
             mine = [place for first, place in self._episodes if first < message.episodes]
-            self._left[message.iteration] = StoredIteration(self._policies[message.policy_version], tuple(mine))
-            self._episodes = [each for each in self._episodes if each[1] not in mine]  # which ran ahead
+            self._stored[message.iteration] = StoredIteration(self._policies[message.policy_version], tuple(mine))
+            self._episodes = [each for each in self._episodes if each[1] not in mine]  # episodes that ran ahead
 
     def _begin(self, head: Head, place: Place) -> None:
         training = training_of(head)
         if self.path.is_dir():
-            training = load_config(self.path / "config.yaml").training  # which may have been told to go on for longer
+            training = load_config(self.path / "config.yaml").training  # a resumed run may have more iterations
         self._head, self._began_ns, self._model_settings = head, place.time, training.model
         self.name, self.task, self.spaces, self.total = training.name, head.task, head.spaces, training.iterations
         self.nodes: Mapping[str, Mapping[str, Any]] = robot_nodes(loaded(head.configuration))
@@ -131,7 +133,7 @@ class Recorded:
 
 
 def both_kinds(batches: Iterable[RecordedBatch]) -> tuple[Episodes | None, Episodes | None]:
-    """Return the exploring and the evaluation episodes that count; None if there are none of a kind."""
+    """Return the exploring and the evaluation episodes, without discarded ones; None for a kind without episodes."""
     finished = countable(batches).values()
     kinds = ([each.episodes for each in finished if each.batch.explore == explore] for explore in (True, False))
     explored, evaluated = (Episodes.concatenate(kind) if kind else None for kind in kinds)

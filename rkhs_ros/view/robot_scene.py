@@ -1,4 +1,4 @@
-"""A robot's episodes in space: its bodies where its joints were sensed or commanded, and the points that it senses."""
+"""Show a robot's episodes in 3D: its bodies at the sensed or commanded joint positions, and the sensed points."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from rkhs_ros.view.urdf_bodies import UrdfBodies
 
 Point = tuple[float, float, float]
 AXES = "xyz"
-BALL_M = 0.06  # diameter of a point that is sensed
-MARGIN_M = 0.02  # around all that is seen
+BALL_M = 0.06  # diameter of a sensed point
+MARGIN_M = 0.02  # around all bodies
 EYE = (0.9, -1.6, 0.5)
 BLUE, RED, GREEN, PINK, *_ = COLOURS
-SHADES = (RED, GREEN, PINK, BLUE)  # of the points
+SHADES = (RED, GREEN, PINK, BLUE)  # of the sensed points
 
 
 class RobotScene:
-    """The bodies of a robot and the points that it senses.
+    """The bodies of a robot and the points that it senses; implements `ShowsBodies`.
 
-    Joints that are not observed follow what they are commanded to, if it is positions.
+    Joints without a sensor follow the commands, if these are positions.
 
     Args:
-        bodies: of the robot.
-        task: what is observed and commanded.
-        gate: settings of its gate: the joints that are commanded, and their greatest velocity.
-        observations: of an episode, around which is the room, shape (steps, d).
-        actions: of that episode, shape (steps, n).
+        bodies: bodies of the robot.
+        task: task of the robot: its sensors and its action.
+        gate: settings of the gate: the commanded joints and their velocity limits.
+        observations: observations of an episode, which determines the room, shape (steps, d).
+        actions: actions of that episode, shape (steps, n).
     """
 
     def __init__(
@@ -48,20 +48,20 @@ class RobotScene:
         self._room = self._around(self.motion(observations, actions))
 
     def eye(self) -> tuple[float, float, float]:
-        """Return the direction from which it is looked at."""
+        """Return the viewing direction: from the robot towards the viewer."""
         return EYE
 
     def room(self) -> tuple[Point, Point]:
-        """Return the corners of the box around what the first episode shows."""
+        """Return the lower and the upper corner of the box around the first episode."""
         return self._room
 
     def bodies(self) -> list[Surface | Primitive]:
-        """Return what is seen."""
+        """Return the bodies of the robot and a ball for each sensed point."""
         balls = [Primitive("ball", (BALL_M,) * 3, shade) for shade, _ in zip(SHADES, self._points, strict=False)]
         return [*(visual.body for visual in self._bodies.visuals), *balls]
 
     def motion(self, observations: Array, actions: Array) -> Poses:
-        """Return how the bodies move in an episode."""
+        """Return the poses of the bodies during an episode."""
         count = len(observations)
         frames = np.stack(self._bodies.frames(self._positions(observations, actions), count), axis=1)
         points = self._placed(observations)[:, : len(SHADES)]
@@ -71,7 +71,7 @@ class RobotScene:
         return Poses(self._task.period * np.arange(count, dtype=np.float64), places, turns)
 
     def _positions(self, observations: Array, actions: Array) -> dict[str, Array]:
-        """Return the position of each joint at each step, as far as it is known."""
+        """Return the positions of all sensed or commanded joints, by name, shape (steps,) each."""
         positions = {joint: observations[:, column] for joint, column in self._sensed.items()}
         if self._task.action.kind == "position" and len(self._joints) == actions.shape[1]:
             reset, still = self._task.reset, self._task.action.command(np.zeros(actions.shape[1]))
@@ -82,7 +82,7 @@ class RobotScene:
         return positions
 
     def _followed(self, first: Array, commands: Array) -> Array:
-        """Return where joints are before each command that follow the commands no faster than the gate lets them."""
+        """Return joint positions before each command, for joints that follow commands at the gate's velocity limit."""
         most = self._velocity * self._task.period
         moved = [first]
         for command in commands[:-1]:
@@ -90,7 +90,10 @@ class RobotScene:
         return np.array(moved)
 
     def _placed(self, observations: Array) -> Array:
-        """Return where the points are, shape (steps, points, 3); what is not observed of one, as the others have it."""
+        """Return the positions of the points, shape (steps, points, 3).
+
+        A coordinate that is not observed of one point is the mean of the other points' coordinate.
+        """
         points = np.full((len(observations), len(self._points), 3), np.nan)
         for i, columns in enumerate(self._points.values()):
             for axis, column in columns.items():
@@ -112,17 +115,17 @@ class RobotScene:
 def robot_scene(
     nodes: Mapping[str, Mapping[str, Any]], task: RobotTask, observations: Array, actions: Array
 ) -> RobotScene | None:
-    """Return how a robot looks whose gate takes its limits from a URDF; None of another.
+    """Return the scene of a robot whose gate reads its limits from a URDF; None for other robots.
 
     Args:
-        nodes: parameters of the robot's nodes by their names.
-        task: the robot's.
-        observations: of an episode.
-        actions: of that.
+        nodes: parameters of the robot's nodes by node name.
+        task: task of the robot.
+        observations: observations of an episode, shape (steps, d).
+        actions: actions of that episode, shape (steps, n).
 
     Raises:
-        ValueError: the URDF is damaged, or shows nothing.
-        OSError: it cannot be read.
+        ValueError: the URDF is damaged or has no visible bodies.
+        OSError: the URDF cannot be read.
     """
     gate = nodes.get("gate", {})
     urdf = gate.get("limits", {}).get("urdf", "")
@@ -132,7 +135,7 @@ def robot_scene(
 
 
 def sensed_joints(task: RobotTask) -> dict[str, int]:
-    """Return which column of the observation is the position of each joint that is sensed."""
+    """Return the observation column of each sensed joint position, by joint name."""
     columns: dict[str, int] = {}
     for begin, _, sensor in task.sensors.columns():
         if sensor.type == JOINT_STATE and "position" in sensor.fields:
@@ -142,7 +145,7 @@ def sensed_joints(task: RobotTask) -> dict[str, int]:
 
 
 def sensed_points(task: RobotTask) -> dict[str, dict[int, int]]:
-    """Return for each point that is sensed, by its sensor's name, the columns of its coordinates by their axes."""
+    """Return the observation columns of each sensed point: by sensor name, then by axis (0 to 2)."""
     points: dict[str, dict[int, int]] = {}
     for begin, name, sensor in task.sensors.columns():
         for i, field in enumerate(sensor.fields):
@@ -153,7 +156,7 @@ def sensed_points(task: RobotTask) -> dict[str, dict[int, int]]:
 
 
 def _ends(body: Surface | Primitive) -> Array:
-    """Return points of a body between which all of it is, shape (k, 3)."""
+    """Return two corners of the box around a body, shape (2, 3)."""
     if isinstance(body, Surface):
         return np.array([body.vertices.min(axis=0), body.vertices.max(axis=0)])
     half = np.array(body.size) / 2

@@ -1,4 +1,4 @@
-"""Serves the page of a run until it is told to end."""
+"""Serve the page of a run until an interrupt."""
 
 from __future__ import annotations
 
@@ -22,92 +22,94 @@ from rkhs_ros.view.page import Page
 from rkhs_ros.view.recorded import Recorded
 from rkhs_ros.view.source import Source
 
-REFRESH_S = 0.5  # between looks at the run
-TICK_S = 0.05  # between looks at the controls
-REST_S = 5.0  # without a browser, as while one loads the page again, after which the nodes are heard no more
-BEGIN_TIMEOUT_S = 30.0  # for a run to begin
-LAST_WORDS_S = 0.3  # for the browsers to take the last words
+REFRESH_S = 0.5  # between reads of the run
+TICK_S = 0.05  # between reads of the controls
+REST_S = 5.0  # without a browser until the nodes' reports stop; longer than a browser needs to reload the page
+BEGIN_TIMEOUT_S = 30.0  # for a run to start
+END_MESSAGE_S = 0.3  # for the browsers to receive the last message
 
 
 def source_of(path: Path) -> Source:
-    """Return the run in a folder, in a recording, or in a bag that others recorded.
+    """Open the run in a folder, in a recording, or in a bag of ``ros2 bag record``.
 
     Raises:
-        ValueError: there is none.
-        OSError: there is no such folder or file.
+        ValueError: the path contains no run.
+        OSError: the folder or file does not exist.
     """
     folder = path.parent if path.name == FILE and is_begun(path.parent) else path
     if (folder / BAG).is_file():
         return Bag(folder)
     if folder.is_file():
-        with suppress(ValueError):  # it has no head, as what others record
+        with suppress(ValueError):  # bags of other tools have no header
             return Recorded(folder)
         return Bag(folder)
     return Recorded(folder) if (folder / FILE).is_file() else Folder(folder)
 
 
 def wait_for_recording(file: Path) -> Source:
-    """Wait until a run that is about to begin has begun its recording, and return it.
+    """Wait for a starting run to begin its recording, and open it.
 
     Raises:
-        ValueError: it does not in time.
+        ValueError: the recording does not begin in time.
     """
     deadline = time.monotonic() + BEGIN_TIMEOUT_S
     while time.monotonic() < deadline:
         with suppress(ValueError, OSError):
-            Recorded(file)  # else it has no head yet
+            Recorded(file)  # raises until the file has a header
             return source_of(file)
         time.sleep(TICK_S)
-    raise ValueError(f"{file}: expected a run to begin its recording within {BEGIN_TIMEOUT_S:g} s, got none")
+    raise ValueError(f"{file}: expected a recording to begin within {BEGIN_TIMEOUT_S:g} s, got none")
 
 
 def opened(host: str, port: int) -> ViserServer:
-    """Return a server that takes from browsers what controls send, and nothing else.
+    """Start a server that accepts only updates of controls from browsers.
 
     Args:
-        host: address to listen at.
-        port: port to listen at; the next free one is taken.
+        host: address to listen on.
+        port: port to listen on, or the next free one.
 
     Raises:
-        ValueError: the address is none of this machine, for which the server would wait without end.
+        ValueError: the address does not belong to this machine. The server would wait forever.
     """
     try:
         create_server((host, 0)).close()
     except (OSError, UnicodeError) as error:
         raise ValueError(f"host: expected an address of this machine, got {truncated(host)} ({error})") from error
-    with redirect_stdout(StringIO()):  # it prints addresses, too
+    with redirect_stdout(StringIO()):  # viser prints addresses, too
         server = ViserServer(host=host, port=port, verbose=False)
     guard(server, local=is_local(host))
     return server
 
 
-def serve(begun: Callable[[], Source], monitor: Monitor, host: str, port: int, tell: Callable[[str], None]) -> None:
+def serve(
+    begun: Callable[[], Source], monitor: Monitor, host: str, port: int, on_address: Callable[[str], None]
+) -> None:
     """Serve the page of a run until an interrupt.
 
     Args:
-        begun: returns the run, once it has begun; the page is empty until then.
-        monitor: hears its nodes.
-        host: address to listen at.
-        port: port to listen at; the next free one is taken.
-        tell: is told the address of the page as soon as it is served.
+        begun: waits for the run to start and returns it; the page is empty until then.
+        monitor: receives the reports of the run's nodes.
+        host: address to listen on.
+        port: port to listen on, or the next free one.
+        on_address: called with the address of the page as soon as it is served.
 
     Raises:
-        ValueError: the address is none of this machine, or no run begins.
-        KeyboardInterrupt: the process was told to end; the page was told of it.
+        ValueError: the address does not belong to this machine, or no run starts.
+        KeyboardInterrupt: the process was interrupted; the page shows that it has ended.
     """
     server = opened(host, port)
     name = "localhost" if is_local(host) or host == "0.0.0.0" else host
     try:
-        tell(f"http://{name}:{server.get_port()}")
+        on_address(f"http://{name}:{server.get_port()}")
         page = Page(server, begun(), monitor)
         try:
             page.refresh()
             page.tick()
             _work(server, page)
         finally:
-            page.rest()
+            page.stop_listening()
             page.announce_end()
-            time.sleep(LAST_WORDS_S)
+            time.sleep(END_MESSAGE_S)
     finally:
         with redirect_stdout(StringIO()):
             server.stop()
@@ -126,6 +128,6 @@ def _work(server: ViserServer, page: Page) -> None:
                 due = now + REFRESH_S
             page.tick()
         elif watched_at is not None and now - watched_at > REST_S:
-            page.rest()  # nobody looks: nothing is done any more
+            page.stop_listening()  # without a browser the page is idle
             watched_at = None
         time.sleep(TICK_S)

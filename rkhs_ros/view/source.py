@@ -1,4 +1,4 @@
-"""What is seen of a run, whatever it is read from: the learning curve, and policy and episodes of its iterations."""
+"""Interface of the runs that a page can show: folders, recordings and bags."""
 
 from __future__ import annotations
 
@@ -16,37 +16,37 @@ from rkhs_ros.policies.storage import Task
 from rkhs_ros.runs.control import is_pausing
 from rkhs_ros.runs.curve import Row
 
-MOST_IMAGINED = 3  # episodes
+MODEL_ROLLOUTS = 3  # per iteration
 RUNNING, PAUSED, FINISHED, ENDED = "running", "paused", "finished", "not running"
 
 
 class IterationView(NamedTuple):
-    """What an iteration left.
+    """The policy and the episodes of an iteration.
 
     Attributes:
-        policy: after it; None where it was not kept.
-        exploration: its exploring episodes, as observed; None where they were not kept.
-        evaluation: the evaluation episodes after it, alike.
-        imagine: returns evaluation episodes of the policy as a model of all episodes so far expects them; None where
-            none is learnt.
+        policy: policy after the update; None if it is not stored.
+        exploration: exploring episodes of the iteration, as observed; None if they are not stored.
+        evaluation: evaluation episodes of the updated policy, as observed; None if there are none.
+        roll_out_model: rolls the policy out, without exploration noise, in a model of all episodes so far; None for
+            a run without a model.
     """
 
     policy: GaussianPolicy | None
     exploration: Episodes | None
     evaluation: Episodes | None
-    imagine: Callable[[], Episodes] | None = None
+    roll_out_model: Callable[[], Episodes] | None = None
 
 
 class Source(Protocol):
     """A run that may still grow.
 
     Attributes:
-        path: its folder or file.
-        name: of the run.
-        task: what it learns.
-        nodes: of a robot the parameters of its nodes, by their names; none of a simulator.
-        spaces: of the task; None where they are not known.
-        total: number of iterations that it is to make.
+        path: folder or file of the run.
+        name: name of the run.
+        task: task of the run.
+        nodes: parameters of a robot's nodes by node name; empty for a simulator.
+        spaces: spaces of the task; None if unknown.
+        total: planned number of iterations.
     """
 
     path: Path
@@ -57,38 +57,38 @@ class Source(Protocol):
     total: int
 
     def refresh(self) -> None:
-        """Look at what it is read from anew."""
+        """Read new data from the folder or file."""
 
     @property
     def rows(self) -> Sequence[Row]:
-        """The lines of the learning curve so far."""
+        """The rows of the learning curve so far."""
 
     @property
     def iterations(self) -> Sequence[int]:
-        """The iterations of which a policy can be seen, in order."""
+        """The iterations that can be loaded, in order."""
 
-    def seen(self, iteration: int) -> IterationView | None:
-        """Return what one of these left; None where it is gone meanwhile."""
+    def load(self, iteration: int) -> IterationView | None:
+        """Load an iteration; return None if it is no longer stored."""
 
 
-def imagining(
+def model_rollout_function(
     settings: ModelSettings, policy: GaussianPolicy, episodes: Callable[[], Episodes], spaces: Spaces | None
 ) -> Callable[[], Episodes] | None:
-    """Return what imagines a policy's episodes; None where it does not practise, or the spaces are not known.
+    """Return a cached function that rolls a policy out in the model; None without a model or known spaces.
 
     Args:
-        settings: of the run.
-        policy: who acts.
-        episodes: returns all real ones so far.
-        spaces: of the task.
+        settings: model settings of the run.
+        policy: policy to roll out.
+        episodes: returns all real episodes so far, the data of the model.
+        spaces: spaces of the task; None if unknown.
     """
     if not isinstance(settings, ModelBased) or spaces is None:
         return None
-    return cache(lambda: model_rollouts_of(settings, policy, episodes(), spaces, MOST_IMAGINED))
+    return cache(lambda: model_rollouts_of(settings, policy, episodes(), spaces, MODEL_ROLLOUTS))
 
 
 def state_of(source: Source) -> str:
-    """Return whether a run is under way."""
+    """Return the state of a run: RUNNING, PAUSED, FINISHED or ENDED (before its last iteration)."""
     if source.path.is_dir() and is_locked(source.path):
         return PAUSED if is_pausing(source.path) else RUNNING
     done = source.rows[-1].iteration if source.rows else 0

@@ -1,4 +1,4 @@
-"""What stands in the page's space: the task as it moves, and beside it the picture of the policy."""
+"""Arrange the page's 3D scene: the moving task, with the policy plot beside it."""
 
 from __future__ import annotations
 
@@ -17,23 +17,24 @@ from rkhs_ros.view.bodies import Surface
 
 VERTICAL_ANGLE = 0.7  # rad, of the camera
 UP = (0.0, 0.0, 1.0)
-ASPECT, SAME_ASPECT = 1.0, 0.02  # of a narrow window beside the panel, until it tells its own; and what is no other one
-ROOM = 1.04  # that is seen, in sizes of what is there
-GAP = 0.1  # between task and picture, in heights of the picture
-LARGER = 1.6  # times as high as the task is the picture beside it
-WIDE = 1.6  # times as wide as high is a task that stands below the picture, not beside it
-MARKER = 0.011  # radius of the mark on the picture, in widths of it
+ASPECT = 1.0  # of the view until a browser reports its own
+SAME_ASPECT = 0.02  # greatest difference that does not move the camera
+ROOM = 1.04  # extent of the view, relative to its content
+GAP = 0.1  # between task and picture, relative to the picture's height
+LARGER = 1.6  # height of a picture beside the task, relative to the task's height
+WIDE = 1.6  # width to height of a task from which the picture is above it, not beside it
+MARKER = 0.011  # radius of the marker on the picture, relative to the picture's width
 MARK = (0, 230, 115)
 
 
 class Stage:
-    """The space of a page: the bodies of a task, a picture, and a mark on it where the episode is.
+    """The 3D scene of a page: the bodies of a task, a policy plot, and a marker at the current step on the plot.
 
-    Owns what is drawn there.
+    Owns the objects of the scene.
 
     Args:
-        server: of the page.
-        task: that shows itself.
+        server: server of the page.
+        task: task with 3D bodies.
     """
 
     def __init__(self, server: ViserServer, task: ShowsBodies) -> None:
@@ -52,7 +53,7 @@ class Stage:
         self._points: Array = np.zeros((0, 2))
 
     def _light(self, scene: SceneApi) -> None:
-        """Light all from above and from the eye; shadows and mirrored surroundings take minutes without a GPU."""
+        """Light the scene from above and from the viewer; without a GPU, shadows and reflections take minutes."""
         scene.configure_default_lights(enabled=False)
         scene.configure_environment_map(hdri=None)
         scene.add_light_ambient("/light/everywhere", intensity=1.2)
@@ -60,7 +61,7 @@ class Stage:
             scene.add_light_directional(f"/light/{name}", intensity=intensity, position=tuple(place))
 
     def _arrange(self, low: Array, high: Array) -> None:
-        """Set the place of the picture and the camera, for a task within these corners."""
+        """Set the positions of picture and camera for a task within these corners."""
         corners = np.array(list(product(*zip(low, high, strict=True))))
         across, up, depth = corners @ self._right, corners @ self._up, float((low + high) @ self._eye) / 2
         begin, end = np.array([across.min(), up.min()]), np.array([across.max(), up.max()])
@@ -76,35 +77,37 @@ class Stage:
         seen = (begin + end) / 2 + (distance + way @ (board - task) / 2) / 2 * way
         self._aim_cameras(self._in_space(seen, depth), whole)
 
-    def hang(self, board: Board) -> None:
-        """Hang a picture beside the task, or above it."""
+    def set_picture(self, board: Board) -> None:
+        """Show a policy plot beside or above the task."""
         self._points = board.points
         if self._picture is not None:
             self._picture.image = board.image
             return
         scene, radius = self._server.scene, MARKER * self._width
-        self._picture = self._hung("/policy", board.image, (self._width, self._height), self._middle)
+        self._picture = self._add_picture("/policy", board.image, (self._width, self._height), self._middle)
         self._mark = scene.add_icosphere("/mark", radius, color=MARK, position=self._middle)
 
     def set_backdrop(self, image: NDArray[np.uint8]) -> None:
-        """Hang a picture behind the bodies, as large as the task is."""
+        """Show an image behind the bodies, as large as the task."""
         if self._backdrop is None:
-            self._backdrop = self._hung("/backdrop", image, self._task_size, self._task_middle)
+            self._backdrop = self._add_picture("/backdrop", image, self._task_size, self._task_middle)
         else:
             self._backdrop.image = image
 
-    def _hung(self, name: str, image: NDArray[np.uint8], size: Array | tuple[float, float], middle: Array) -> Any:
-        # The axes of a picture: to its right, down, and away from who looks at it.
+    def _add_picture(
+        self, name: str, image: NDArray[np.uint8], size: Array | tuple[float, float], middle: Array
+    ) -> Any:
+        # The axes of an image point right, down, and away from the viewer.
         turn = SO3.from_matrix(np.stack([self._right, -self._up, -self._eye], axis=1)).wxyz
         return self._server.scene.add_image(name, image, *size, format="png", wxyz=turn, position=middle)
 
     def show(self, motion: BodyTrajectories | None, frame: int, step: int) -> None:
-        """Show a moment.
+        """Show one moment of the episode.
 
         Args:
-            motion: of the task; None where nothing is known of it.
-            frame: of the motion.
-            step: of the episode.
+            motion: motion of the task; None if unknown, which hides the bodies.
+            frame: index into the motion.
+            step: step of the episode.
         """
         with self._server.atomic():
             for i, handle in enumerate(self._handles):
@@ -117,11 +120,11 @@ class Stage:
                 self._mark.position = place + MARKER * self._width * self._eye
 
     def _in_space(self, place: Array, depth: float) -> Array:
-        """Return the point at so much to the right and up, and towards the eye."""
+        """Return the 3D point at a position (right, up) in the view plane and a depth towards the viewer."""
         return np.asarray(place[0] * self._right + place[1] * self._up + depth * self._eye)
 
     def _aim_cameras(self, target: Array, whole: Array) -> None:
-        """Have each browser see all of a rectangle, of some width and height."""
+        """Aim the camera of each browser so that a rectangle (width, height) fits into its window."""
 
         def aim(camera: Any, aspect: float) -> None:
             distance = ROOM * max(whole[0] / aspect, whole[1]) / 2 / np.tan(VERTICAL_ANGLE / 2)
@@ -139,7 +142,7 @@ class Stage:
             @client.camera.on_update  # type: ignore[untyped-decorator]
             def fit(camera: Any) -> None:
                 nonlocal aimed_for
-                if abs(camera.aspect - aimed_for) > SAME_ASPECT:  # of another window than before
+                if abs(camera.aspect - aimed_for) > SAME_ASPECT:  # the window was resized
                     aimed_for = camera.aspect
                     aim(camera, aimed_for)
 
@@ -159,7 +162,7 @@ def _added(scene: SceneApi, name: str, body: Body) -> Any:
 
 
 def _move(handle: Any, place: Array, turn: Array) -> None:
-    """Place a body, if it is elsewhere: what stays where it is takes no message."""
+    """Move a body; send no message if it does not move."""
     if not np.array_equal(handle.position, place):
         handle.position = place
     if not np.array_equal(handle.wxyz, turn):

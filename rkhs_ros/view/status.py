@@ -1,4 +1,4 @@
-"""How far a run is, in words."""
+"""Describe the progress of a run."""
 
 from __future__ import annotations
 
@@ -10,39 +10,39 @@ from rkhs_ros.view.source import RUNNING, Source
 
 
 def status(source: Source, state: str) -> str:
-    """Return in Markdown how far a run is."""
+    """Return the progress of a run as Markdown."""
     rows = source.rows
     lines = [f"### {state.capitalize()}: iteration {rows[-1].iteration if rows else 0} of {source.total}"]
     if rows:
         last = rows[-1]
         sizes = counted(last.episodes, "episode") + (f", {counted(last.centres, 'centre')}" if last.centres else "")
         lines.append(f"{sizes}, {clock(last.seconds)}{left(source, state)}")
-        lines.append(f"Return **{last.exploration_return:.4g}** exploring{measured(rows)}")
+        lines.append(f"Return: exploration **{last.exploration_return:.4g}**{measured(rows)}")
     what = f"`{source.task.environment}` in " * bool(source.task.environment)
     return "\n\n".join([*lines, f"{what}`{source.path}`"])
 
 
 def measured(rows: Sequence[Row]) -> str:
-    """Return the last noise-free and model returns in words; nothing of those that there are not."""
-    num_evaluation = next((row.evaluation_return for row in reversed(rows) if not isnan(row.evaluation_return)), None)
-    imagined = rows[-1].model_return
-    text = "" if num_evaluation is None else f", **{num_evaluation:.4g}** noise-free"
-    return text + ("" if isnan(imagined) else f", {imagined:.4g} imagined")
+    """Return the last evaluation return and model return, if there are any, as text."""
+    evaluation = next((row.evaluation_return for row in reversed(rows) if not isnan(row.evaluation_return)), None)
+    model = rows[-1].model_return
+    text = "" if evaluation is None else f", evaluation **{evaluation:.4g}**"
+    return text + ("" if isnan(model) else f", model rollouts {model:.4g}")
 
 
 def left(source: Source, state: str) -> str:
-    """Return how long a run will take still, by the pace of its last iterations; nothing of one not running."""
+    """Return the remaining time of a run, estimated from its last iterations; empty if it is not running."""
     seconds = seconds_left(source.rows, source.total) if state == RUNNING else float("nan")
     return "" if isnan(seconds) else f", about {clock(seconds)} left"
 
 
 def counted(number: int, what: str) -> str:
-    """Return a number of things."""
+    """Return a number with its noun, such as "3 episodes"."""
     return f"{number} {what}{'s' * (number != 1)}"
 
 
 def clock(seconds: float) -> str:
-    """Return a time as people say it."""
+    """Return a duration in rounded units, such as "5 h 33 min"."""
     if seconds < 100:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60)

@@ -1,4 +1,4 @@
-"""How the episodes of a task look in space, and what its numbers are called, if it says so."""
+"""Find the 3D scene of a task and the names of its observations and actions."""
 
 from __future__ import annotations
 
@@ -19,40 +19,40 @@ from rkhs_ros.rollouts.visualization import ShowsBodies
 from rkhs_ros.view.robot_scene import robot_scene, sensed_joints
 from rkhs_ros.view.timeline import Timeline
 
-TWIN = Task("rkhs/Pendulum-v0", {}, 1, 1.0)  # which the simulated robot with this joint looks like
+TWIN = Task("rkhs/Pendulum-v0", {}, 1, 1.0)  # has the scene of the simulated robot with this joint
 TWINS_JOINT = "motor"
 
 
 class TaskAppearance(NamedTuple):
-    """What is shown of a task: the names of its numbers, and its episodes in space."""
+    """The names of a task's observations and actions, and its 3D scene."""
 
     names: Names
     scene: ShowsBodies
 
 
-def look_of(
+def appearance_of(
     task: Task, spaces: Spaces | None, nodes: Mapping[str, Mapping[str, Any]], observations: Array, actions: Array
 ) -> TaskAppearance:
-    """Return what is shown of a task; its numbers over time of one that does not say how it looks.
+    """Return the appearance of a task; a timeline of its observations and actions if it defines no scene.
 
     Args:
-        task: what is learnt.
-        spaces: of the task; None where they are not known.
-        nodes: of a robot the parameters of its nodes, by their names.
-        observations: of an episode, shape (steps, d).
-        actions: of that episode, shape (steps, n).
+        task: task of the run.
+        spaces: spaces of the task; None if unknown.
+        nodes: parameters of a robot's nodes by node name; empty for a simulator.
+        observations: observations of an episode, shape (steps, d).
+        actions: actions of that episode, shape (steps, n).
     """
     widths = observations.shape[1], actions.shape[1]
-    with suppress(Exception):  # of another robot than this one, or somebody's code
+    with suppress(Exception):  # the nodes do not fit the robot, or user code fails
         if nodes:
-            return _look_of_robot(task, nodes, observations, actions)
+            return _robot_appearance(task, nodes, observations, actions)
     names = names_of(task, *widths, spaces)
-    return TaskAppearance(names, in_space(task) or Timeline(names))
+    return TaskAppearance(names, scene_of(task) or Timeline(names))
 
 
-def in_space(task: Task) -> ShowsBodies | None:
-    """Return the task where its class says how its episodes look; None for others, which are not made at all."""
-    with suppress(Exception):  # somebody's code, which the page can do without
+def scene_of(task: Task) -> ShowsBodies | None:
+    """Return the task if its class defines a 3D scene; return None without creating it otherwise."""
+    with suppress(Exception):  # user code that the page can do without
         for maker in _makers(task):
             if all(hasattr(maker, name) for name in ("eye", "room", "bodies", "motion")):
                 made = maker(**task.options)
@@ -60,13 +60,13 @@ def in_space(task: Task) -> ShowsBodies | None:
     return None
 
 
-def _look_of_robot(
+def _robot_appearance(
     task: Task, nodes: Mapping[str, Mapping[str, Any]], observations: Array, actions: Array
 ) -> TaskAppearance:
-    """Return how a robot looks: by its URDF, as its twin in simulation, or by its numbers.
+    """Return the appearance of a robot: its URDF, the scene of its simulated twin, or a timeline.
 
     Raises:
-        ValueError: its parameters do not fit.
+        ValueError: the parameters of the nodes are invalid.
     """
     robot = robot_task_from(nodes["robot"])
     names = names_of(task, observations.shape[1], actions.shape[1], robot.spaces)
@@ -74,12 +74,12 @@ def _look_of_robot(
     with suppress(ValueError, OSError):
         scene = robot_scene(nodes, robot, observations, actions)
     if scene is None and "simulated_robot" in nodes and sensed_joints(robot).get(TWINS_JOINT) == 0:
-        scene = in_space(TWIN)
+        scene = scene_of(TWIN)
     return TaskAppearance(names, scene or Timeline(names))
 
 
 def _makers(task: Task) -> list[Any]:
-    """Return the classes or functions that make the environment, that of many rows first."""
+    """Return the entry points of the environment, the vectorized one first."""
     spec = spec_of(task.environment)
     entries = [entry for entry in (spec.vector_entry_point, spec.entry_point) if entry is not None]
     return [load_env_creator(entry) if isinstance(entry, str) else entry for entry in entries]

@@ -1,4 +1,4 @@
-"""A task that does not say how it looks: what is observed and done in an episode, as bars over its steps."""
+"""Show a task without a 3D scene: bars of its observations and actions over the steps of an episode."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ from rkhs_ros.policies.input_names import Names
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.view.bodies import NO_TURN, Poses, Primitive
 
-MOST_OBSERVED, MOST_DONE = 8, 4  # numbers that are shown
-MOST_BARS = 120  # of a number
-STEP_S = 0.1  # that a step takes on the page
+MOST_OBSERVED, MOST_DONE = 8, 4  # observations and actions shown
+MOST_BARS = 120  # in a row
+STEP_S = 0.1  # duration of a step on the page
 SIZE, DPI = (4.7, 4.7), 150  # inches
-LEFT, RIGHT, BOTTOM, TOP = 0.34, 0.97, 0.05, 0.97  # of the bars, in parts of the picture
-NAME_IN, NAME_SIZE = 1.45, 9  # width of a name, inches, and points
-EDGE = 1.1  # of the picture, to each side of its middle
+LEFT, RIGHT, BOTTOM, TOP = 0.34, 0.97, 0.05, 0.97  # edges of the bars, relative to the picture
+NAME_IN, NAME_SIZE = 1.45, 9  # width of a name in inches, and its size in points
+EDGE = 1.1  # distance of each edge of the picture from its middle
 BLUE, ORANGE, *_ = COLOURS
-CURSOR = Primitive("box", (0.012, 0.004, 2 * EDGE * (TOP - BOTTOM)), "#00B85C")  # at the step that is shown
+CURSOR = Primitive("box", (0.012, 0.004, 2 * EDGE * (TOP - BOTTOM)), "#00B85C")  # at the current step
 
 
 class Timeline:
-    """A task of which nothing is known but its numbers: bars for each, and a line that moves over them.
+    """The scene of a task without a scene of its own: a plot of bars, with a line that moves over it.
 
     Args:
-        names: of what is observed and done.
+        names: names of the observations and actions.
     """
 
     def __init__(self, names: Names) -> None:
         self._names = names
 
     def eye(self) -> tuple[float, float, float]:
-        """Return the direction from which it is looked at."""
+        """Return the viewing direction: from the picture towards the viewer."""
         return (0.0, -1.0, 0.1)
 
     def room(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """Return the corners of the picture."""
+        """Return the lower and the upper corner of the picture."""
         return (-EDGE, 0.0, -EDGE), (EDGE, 0.0, EDGE)
 
     def bodies(self) -> Sequence[Primitive]:
@@ -48,7 +48,7 @@ class Timeline:
         return [CURSOR]
 
     def motion(self, observations: Array, actions: Array) -> Poses:
-        """Return how the line moves in an episode, before the picture."""
+        """Return the poses of the line, in front of the picture, during an episode."""
         count = len(observations)
         part = LEFT + (RIGHT - LEFT) * (np.arange(count) + 0.5) / count
         across, middle = EDGE * (2 * part - 1), EDGE * (BOTTOM + TOP - 1)
@@ -61,7 +61,7 @@ class Timeline:
         return pixels(self.figure(observations, actions))
 
     def figure(self, observations: Array, actions: Array) -> Figure:
-        """Return the figure of an episode: a row of bars for each number, those that are done below."""
+        """Return the figure of an episode: a row of bars for each observation, then for each action."""
         rows = [
             *zip(self._names.observations[:MOST_OBSERVED], observations.T, [BLUE] * MOST_OBSERVED, strict=False),
             *zip(self._names.actions[:MOST_DONE], actions.T, [ORANGE] * MOST_DONE, strict=False),
@@ -79,13 +79,13 @@ class Timeline:
 
 
 def _draw_bars(axes: Any, values: Array, colour: str) -> None:
-    """Draw bars from zero, of the extreme of each of some parts of a long episode."""
+    """Draw bars from zero; a long episode is split into parts, whose extremes are drawn."""
     parts = np.array_split(values, min(len(values), MOST_BARS))
     heights = np.array([part[np.argmax(np.abs(part))] for part in parts])
     edges = np.linspace(0.0, len(values), len(parts) + 1)
     axes.stairs(heights, edges, fill=True, color=colour)
     axes.axhline(0.0, color="0.6", linewidth=0.6)
     low, high = min(float(heights.min()), 0.0), max(float(heights.max()), 0.0)
-    room = 0.05 * (high - low) or 1.0
-    axes.set(xlim=(0, len(values)), ylim=(low - room, high + room), xticks=[], yticks=[])
+    margin = 0.05 * (high - low) or 1.0
+    axes.set(xlim=(0, len(values)), ylim=(low - margin, high + margin), xticks=[], yticks=[])
     axes.spines[:].set_visible(False)

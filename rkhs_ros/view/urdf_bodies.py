@@ -1,4 +1,4 @@
-"""A robot as its URDF has it: the bodies that are seen, and where its joints take them."""
+"""Read the visible bodies of a robot from its URDF and compute their frames from joint positions."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.urdf import PACKAGE, located, read_urdf
 from rkhs_ros.view.bodies import Primitive, Surface, three
 
-GREY = "#B4B6BA"  # of what has no colour
-SHADE = 0.87  # of what is white, which would not be seen before a white page
+GREY = "#B4B6BA"  # of bodies without a colour
+SHADE = 0.87  # darkens all colours, so that white is visible on a white page
 
 
 class Joint(NamedTuple):
-    """A joint.
+    """A joint of a URDF.
 
     Attributes:
-        name: its name.
-        kind: of the URDF: revolute, continuous, prismatic or fixed.
-        parent: link that it is on.
-        frame: its own in that of the link, shape (4, 4).
-        axis: of its motion, in its frame.
-        middle: of its range.
-        leader: name of the joint that it mimics; empty if none.
-        multiplier: of the leader's position.
-        offset: added to that.
+        name: name of the joint.
+        kind: revolute, continuous, prismatic or fixed.
+        parent: name of the parent link.
+        frame: frame of the joint in that of the parent link, shape (4, 4).
+        axis: unit vector of the motion, in the joint's frame.
+        middle: middle of the position range.
+        leader: name of the joint that this one mimics; empty if none.
+        multiplier: factor of the leader's position.
+        offset: added to the multiplied position.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Joint(NamedTuple):
 
 
 class Visual(NamedTuple):
-    """A body, the link that it is a part of, and its frame in that of the link."""
+    """A visible body: the link it belongs to, its frame in that of the link, and its shape."""
 
     link: str
     frame: Array
@@ -55,14 +55,14 @@ class Visual(NamedTuple):
 
 
 class UrdfBodies:
-    """The bodies of a robot.
+    """The visible bodies of a robot.
 
     Args:
-        file: its URDF. Meshes that are not found, or of unknown formats, are left out.
+        file: URDF of the robot. Meshes that are missing or of an unknown format are left out.
 
     Raises:
-        ValueError: it is none, or nothing of it can be seen.
-        OSError: it cannot be read.
+        ValueError: the file is no URDF, or has no visible bodies.
+        OSError: the file cannot be read.
     """
 
     def __init__(self, file: Path) -> None:
@@ -76,12 +76,12 @@ class UrdfBodies:
         }
         self.visuals = [visual for link in root.findall("link") for visual in _visuals(link, paints, file.parent)]
         if not self.visuals:
-            raise ValueError(f"{file}: expected bodies that are seen, got none")
+            raise ValueError(f"{file}: expected visible bodies, got none")
 
     def frames(self, positions: Mapping[str, Array], count: int) -> list[Array]:
-        """Return the frame of each body, shape (count, 4, 4), by the positions of joints.
+        """Return the frame of each body, shape (count, 4, 4), for the given joint positions, shape (count,) each.
 
-        A joint of which none is given follows the joint that it mimics, or is in the middle of its range.
+        A joint without a given position follows the joint that it mimics, or stays in the middle of its range.
         """
         frames: dict[str, Array] = {}
         return [self._frame(visual.link, positions, count, frames) @ visual.frame for visual in self.visuals]
@@ -106,15 +106,15 @@ class UrdfBodies:
     def _check_leaders(self, file: Path, name: str) -> None:
         """Raise ValueError if a joint mimics itself, directly or through others."""
         leader = name
-        for _ in self._named:  # without a circle the leaders end before that
+        for _ in self._named:  # without a cycle, the chain of leaders is no longer than this
             leader = self._named[leader].leader
             if leader not in self._named:
                 return
-        raise ValueError(f"{file}: joint '{name}': expected it to mimic another joint, got a circle")
+        raise ValueError(f"{file}: joint '{name}': expected mimic joints without a cycle, got a cycle")
 
 
 def _moved(joint: Joint, position: Array) -> Array:
-    """Return what a joint does to the frame of its link, shape (k, 4, 4)."""
+    """Return the transforms of a joint at some positions, shape (k, 4, 4)."""
     along = position[:, None] * joint.axis
     turn, shift = along * (joint.kind in ("revolute", "continuous")), along * (joint.kind == "prismatic")
     return np.asarray(SE3.from_rotation_and_translation(SO3.exp(turn), shift).as_matrix(), dtype=np.float64)
@@ -139,15 +139,15 @@ def _joint(element: Element) -> Joint:
 
 def _visuals(link: Element, paints: Mapping[str, str], folder: Path) -> Iterator[Visual]:
     for element in link.findall("visual"):
-        with suppress(Exception):  # a mesh that is missing or of an unknown format: the rest is still seen
+        with suppress(Exception):  # a missing or unreadable mesh must not hide the other bodies
             yield Visual(link.get("name", ""), _frame(element), _body(element, _colour(element, paints), folder))
 
 
 def _body(visual: Element, colour: str, folder: Path) -> Surface | Primitive:
-    """Return what a visual shows.
+    """Return the shape of a visual element.
 
     Raises:
-        Exception: it has no known shape, or its mesh cannot be read.
+        Exception: the shape is unknown, or its mesh cannot be read.
     """
     shape = visual.findall("geometry/*")[0]
     match shape.tag:
@@ -162,16 +162,16 @@ def _body(visual: Element, colour: str, folder: Path) -> Surface | Primitive:
 
 
 def _surface(file: Path, scale: Array, colour: str) -> Surface:
-    import trimesh  # here, since it takes 0.3 s and few need it
+    import trimesh  # imported on use: it takes 0.3 s, and most robots have no meshes
 
-    with open_regular(file):  # else a pipe would be waited for
+    with open_regular(file):  # reading a pipe would block
         mesh: Any = trimesh.load(file, force="mesh", skip_materials=True)
     vertices = np.asarray(mesh.vertices) * scale
     return Surface("mesh", three(np.ptp(vertices, axis=0)), colour, vertices, np.asarray(mesh.faces))
 
 
 def _mesh_file(name: str, folder: Path) -> Path:
-    """Return where a mesh is: in a package, or beside the URDF."""
+    """Return the path of a mesh: beside the URDF, or in a package."""
     beside = folder / name.removeprefix("file://").removeprefix(PACKAGE)
     return beside if beside.is_file() else located(name)
 
@@ -185,14 +185,14 @@ def _colour(visual: Element, paints: Mapping[str, str]) -> str:
 
 
 def _frame(element: Element) -> Array:
-    """Return the frame at the origin of a joint or a visual, shape (4, 4)."""
+    """Return the frame at the origin element of a joint or a visual, shape (4, 4)."""
     place, angles = (_numbers(_value(element, "origin", name, "0 0 0")) for name in ("xyz", "rpy"))
     frame = SE3.from_rotation_and_translation(SO3.from_rpy_radians(*angles), place)
     return np.asarray(frame.as_matrix(), dtype=np.float64)
 
 
 def _value(element: Element, path: str, name: str, default: str = "") -> str:
-    """Return an attribute of an element within another; the default if either is missing or empty."""
+    """Return an attribute of a child element; the default if the child or the attribute is missing or empty."""
     found = element.find(path)
     return (None if found is None else found.get(name)) or default
 

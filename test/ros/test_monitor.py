@@ -29,7 +29,7 @@ def monitor(domain: int, tmp_path: Path) -> Iterator[Monitor]:
     (tmp_path / "checkpoints" / "domain").write_text(f"{domain}\n")
     listening = Monitor(lambda: monitor_process(tmp_path))
     yield listening
-    listening.rest()
+    listening.stop_listening()
 
 
 class Peers:
@@ -80,10 +80,10 @@ def test_gate_and_nodes_are_heard_and_told_what_is_safe(monitor: Monitor, probe:
     }  # fmt: skip
     assert report.nodes == (NodeReport("/gate", "error", "stuck: too fast"), NodeReport("/policy", "ok", "well"))
     for word in ("arm", "gate/arm", "ARM", "\0", "arm\nstop\narm"):
-        monitor.say(word)
+        monitor.send(word)
     probe.until(lambda: peers.asked == ["gate/stop"])
     for number, word in enumerate(("pause", "start", "veto")):
-        monitor.say(word)
+        monitor.send(word)
         probe.until(lambda expected=number + 2: len(peers.asked) == expected)
     probe.until(lambda: monitor.listen().answer == "veto: refused (there is none)")
     assert peers.asked == ["gate/stop", "robot/pause", "robot/start", "robot/veto"]
@@ -96,9 +96,9 @@ def test_an_answer_to_an_older_word_is_not_shown(monitor: Monitor, probe: Probe)
     peers = Peers(probe)
     peers.held["gate/stop"] = Future()
     probe.until(lambda: bool(monitor.listen() and monitor._process))
-    monitor.say("stop")
+    monitor.send("stop")
     probe.until(lambda: "gate/stop" in peers.asked)
-    monitor.say("pause")
+    monitor.send("pause")
     probe.until(lambda: monitor.listen().answer == "pause: done")
     peers.held["gate/stop"].set_result(None)
     probe.settle(1.0)
@@ -108,7 +108,7 @@ def test_an_answer_to_an_older_word_is_not_shown(monitor: Monitor, probe: Probe)
 def test_words_said_before_the_nodes_are_found_reach_them_in_order(monitor: Monitor, probe: Probe) -> None:
     probe.until(lambda: bool(monitor.listen() and monitor._process))
     for word in ("stop", "pause", "start"):
-        monitor.say(word)
+        monitor.send(word)
     probe.until(lambda: monitor.listen().answer == "start: asked")
     peers = Peers(probe)
     probe.until(lambda: monitor.listen().answer == "start: done")
@@ -136,7 +136,7 @@ def test_it_ends_with_the_page(monitor: Monitor, probe: Probe) -> None:
     probe.until(lambda: monitor.listen().nodes is not None and "monitor" in probe.get_node_names())
     process = monitor._process
     assert process is not None
-    monitor.rest()
+    monitor.stop_listening()
     assert process.poll() is not None
 
 

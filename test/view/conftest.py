@@ -1,4 +1,4 @@
-"""The page of a run in a real browser without a window, Debian's Chromium; skipped where that is missing."""
+"""The page of a run in a headless browser, Debian's Chromium; skipped if it is not installed."""
 
 import os
 import signal
@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-browser = pytest.importorskip("browser")  # of docs/, for pictures of the page, too
-PATIENCE_S = 60.0  # far above what anything here takes
-TASK = 0.25  # part of the window's width where the task ends
-PANEL = 0.61  # part of the window's width where the panel begins, of a window of 1000 pixels
+browser = pytest.importorskip("browser")  # from docs/, which uses it for screenshots
+PATIENCE_S = 60.0  # far longer than any operation here
+TASK = 0.25  # right end of the task, relative to the window's width
+PANEL = 0.61  # left end of the panel, relative to a window's width of 1000 pixels
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -66,7 +66,7 @@ class Viewing:
 
 @pytest.fixture
 def serve() -> Iterator[Callable[..., Viewing]]:
-    """Start processes that end with the test at the latest."""
+    """Start processes; those that remain are killed after the test."""
     started: list[Viewing] = []
 
     def begin(*arguments: object) -> Viewing:
@@ -79,8 +79,8 @@ def serve() -> Iterator[Callable[..., Viewing]]:
         each.popen.communicate()
 
 
-def seen(tab: browser.Tab, what: Callable[[np.ndarray], bool], timeout_s: float = PATIENCE_S) -> np.ndarray:
-    """Return a picture of the page once it shows something."""
+def shown(tab: browser.Tab, what: Callable[[np.ndarray], bool], timeout_s: float = PATIENCE_S) -> np.ndarray:
+    """Return a picture of the page once it meets a condition."""
     deadline = time.monotonic() + timeout_s
     while True:
         picture = tab.picture()
@@ -96,15 +96,15 @@ def near(picture: np.ndarray, colour: tuple[int, int, int], tolerance: int = 12)
 
 
 def scene(picture: np.ndarray) -> np.ndarray:
-    """Return the part of a picture where the task stands."""
+    """Return the part of a picture that shows the task."""
     return picture[150:, : int(TASK * picture.shape[1])]
 
 
 def policy(picture: np.ndarray) -> np.ndarray:
-    """Return the part of a picture where the policy hangs."""
+    """Return the part of a picture that shows the policy plot."""
     return picture[150:, int(TASK * picture.shape[1]) : int(PANEL * picture.shape[1])]
 
 
 def panel(picture: np.ndarray) -> np.ndarray:
-    """Return the panel's part of a picture."""
+    """Return the part of a picture that shows the panel."""
     return picture[:, int(PANEL * picture.shape[1]) :]

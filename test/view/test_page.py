@@ -1,4 +1,4 @@
-"""The page of a run: while it learns over topics, of its folder afterwards, and of its recording alone."""
+"""The page of a run: over topics during the run, from its folder afterwards, and from its recording alone."""
 
 import shutil
 import time
@@ -12,17 +12,17 @@ from browser import Browser, Tab, each
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.run import run_training
-from test.view.conftest import PATIENCE_S, Viewing, near, panel, policy, scene, seen
+from test.view.conftest import PATIENCE_S, Viewing, near, panel, policy, scene, shown
 
 CONFIGS = Path(__file__).parents[2] / "config"
-NOISE_FREE, RED, BLUE = (0, 114, 178), (180, 4, 38), (59, 76, 192)
-ORANGE = ((180, 60, 0), (255, 190, 110))  # between these are the beads of the torque, in light and shade
+EVALUATION, RED, BLUE = (0, 114, 178), (180, 4, 38), (59, 76, 192)
+ORANGE = ((180, 60, 0), (255, 190, 110))  # range of the colours of the torque's arc, in light and shade
 Serve = Callable[..., Viewing]
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run that is finished, and recorded."""
+    """A finished run with a recording."""
     from rkhs_ros.app.inline import runner_of
 
     config = load_config(CONFIGS / "pendulum_few_nac.yaml", ["iterations=3"])
@@ -40,7 +40,7 @@ def shows_pendulum(picture: np.ndarray) -> bool:
 
 
 def shows_curve(picture: np.ndarray) -> bool:
-    return near(panel(picture), NOISE_FREE, 30) > 150
+    return near(panel(picture), EVALUATION, 30) > 150
 
 
 def shows_all(picture: np.ndarray) -> bool:
@@ -67,13 +67,13 @@ def lines(folder: Path) -> int:
 
 
 @pytest.mark.ros
-def test_a_run_over_topics_is_seen_paused_resumed_and_stopped(chromium: Browser, serve: Serve, tmp_path: Path) -> None:
+def test_the_page_shows_pauses_resumes_and_stops_a_run(chromium: Browser, serve: Serve, tmp_path: Path) -> None:
     out = tmp_path / "run"
-    # as many iterations as the test does not wait for
+    # more iterations than the test waits for
     train = serve("train", CONFIGS / "pendulum_few_nac.yaml", "--iterations", 2000, "--out", out, "--view", "--quiet")
     tab = chromium.open(train.address)
     tab.wait_for_text("Running", PATIENCE_S)
-    seen(tab, shows_all)
+    shown(tab, shows_all)
     press(tab, "Pause after this iteration")
     tab.wait_for_text("Paused", PATIENCE_S)
     second = chromium.open(train.address)
@@ -95,7 +95,7 @@ def test_a_run_over_topics_is_seen_paused_resumed_and_stopped(chromium: Browser,
     assert (out / "policy.npz").exists()
 
 
-def test_a_finished_folder_is_seen_and_the_slider_moves_the_robot(
+def test_the_time_slider_moves_the_robot_of_a_finished_run(
     chromium: Browser, serve: Serve, folder: Path, tmp_path: Path
 ) -> None:
     bare = tmp_path / "run"
@@ -103,7 +103,7 @@ def test_a_finished_folder_is_seen_and_the_slider_moves_the_robot(
     view = serve("view", bare)
     tab = chromium.open(view.address)
     tab.wait_for_text("Finished: iteration 3 of 3", PATIENCE_S)
-    seen(tab, shows_all)
+    shown(tab, shows_all)
     stop_playing(tab)
     slide(tab, 1, "Home")
     tab.wait_for_text("Step 1 of 100")
@@ -118,12 +118,12 @@ def test_a_finished_folder_is_seen_and_the_slider_moves_the_robot(
     assert view.finish()[0] == 130
 
 
-def test_all_of_it_is_within_a_window_that_loads_it_first(chromium: Browser, serve: Serve, folder: Path) -> None:
+def test_the_scene_fits_into_the_first_window(chromium: Browser, serve: Serve, folder: Path) -> None:
     tab = chromium.open(serve("view", folder).address, 1280, 800)
-    seen(tab, lambda picture: near(picture[:, :880], RED, 60) + near(picture[:, :880], BLUE, 60) > 8_000)
+    shown(tab, lambda picture: near(picture[:, :880], RED, 60) + near(picture[:, :880], BLUE, 60) > 8_000)
     stop_playing(tab)
     picture = settled(tab)
-    edges = (picture[150:, :6], picture[150:, 872:878], picture[-6:, :878])  # of what is beside the panel
+    edges = (picture[150:, :6], picture[150:, 872:878], picture[-6:, :878])  # of the area beside the panel
     assert all((edge > 240).all() for edge in edges)
 
 
@@ -133,13 +133,13 @@ def test_a_recording_alone_shows_each_iteration(chromium: Browser, serve: Serve,
     view = serve("view", alone)
     tab = chromium.open(view.address)
     tab.wait_for_text("Finished: iteration 3 of 3", PATIENCE_S)
-    newest = seen(tab, shows_all)
+    newest = shown(tab, shows_all)
     slide(tab, 0, "Home")
-    seen(tab, lambda picture: (policy(picture) != policy(newest)).any(axis=2).sum() > 1000)
+    shown(tab, lambda picture: (policy(picture) != policy(newest)).any(axis=2).sum() > 1000)
 
 
 def settled(tab: Tab) -> np.ndarray:
-    """Return a picture of the page once it is still."""
+    """Return a picture of the page once it no longer changes."""
     before = tab.picture()
     while True:
         time.sleep(0.5)

@@ -142,7 +142,7 @@ def test_vetoed_episodes_are_not_viewed(whole: Path, never_vetoed: Path, order: 
 
     run, expected = Recorded(ordered(whole, order)), Recorded(never_vetoed)
     for number in expected.iterations:
-        seen, right = run.seen(number), expected.seen(number)
+        seen, right = run.load(number), expected.load(number)
         for kind in ("exploration", "evaluation"):
             got, wanted = (getattr(each, kind).rewards for each in (seen, right))
             assert np.array_equal(np.sort(got, axis=0), np.sort(wanted, axis=0))  # what runs again comes last
@@ -185,7 +185,7 @@ class TestTwoRunsInOneBag:
         seen = Bag(bag(tmp_path / "bag", *recordings))
         assert list(seen.iterations) == [1, 2, 3, 4]
         assert seen.rows[-1].episodes == 12
-        third = seen.seen(3)
+        third = seen.load(3)
         assert third is not None
         assert np.array_equal(third.exploration.rewards, recordings[1].batches[0].episodes.rewards)
 

@@ -131,12 +131,12 @@ def test_a_bag_is_seen_by_its_episodes(of_a_robot: Path, tmp_path: Path, plugin:
         assert list(seen.iterations) == list(run.iterations)
         assert state_of(seen) == FINISHED
         for number in run.iterations:
-            ours, theirs = seen.seen(number), run.seen(number)
+            ours, theirs = seen.load(number), run.load(number)
             assert ours.policy is None
             assert np.array_equal(ours.exploration.rewards, theirs.exploration.rewards)
             assert (ours.evaluation is None) == (theirs.evaluation is None)
         assert [row.episodes for row in seen.rows] == [row.episodes for row in run.rows]
-        assert seen.rows[0].exploration_return == pytest.approx(seen.seen(1).exploration.returns(1.0).mean())
+        assert seen.rows[0].exploration_return == pytest.approx(seen.load(1).exploration.returns(1.0).mean())
 
 
 def test_a_bag_is_learnt_from_with_a_configuration(whole: Path, rkhs: Callable[..., Result]) -> None:

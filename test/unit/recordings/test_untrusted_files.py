@@ -147,7 +147,7 @@ def looked_at(path: Path) -> None:
     source = source_of(path)
     source.refresh()
     for iteration in source.iterations:
-        source.seen(iteration)
+        source.load(iteration)
 
 
 def test_a_changed_byte_after_the_data_changes_nothing_that_is_seen(whole: Path, tmp_path: Path) -> None:
@@ -159,7 +159,7 @@ def test_a_changed_byte_after_the_data_changes_nothing_that_is_seen(whole: Path,
         path.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
         source = source_of(path)
         source.refresh()
-        assert source.seen(1) is not None
+        assert source.load(1) is not None
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""What the page of a run shows; in a browser it is seen in test/view."""
+"""The contents of a run's page; test/view tests the page in a browser."""
 
 import shutil
 from contextlib import redirect_stdout, suppress
@@ -31,14 +31,14 @@ viser = pytest.importorskip("viser")
 
 from rkhs_ros.sketches.policy_coordinates import PolicyCoordinates  # noqa: E402
 from rkhs_ros.view.board import Choice, Subject, board_figure, draw  # noqa: E402
-from rkhs_ros.view.curve_plot import MOST_POINTS, plotted  # noqa: E402
+from rkhs_ros.view.curve_plot import MAX_POINTS, plotted  # noqa: E402
 from rkhs_ros.view.folder import Folder  # noqa: E402
 from rkhs_ros.view.iteration_panel import IterationPanel  # noqa: E402
 from rkhs_ros.view.recorded import Recorded  # noqa: E402
 from rkhs_ros.view.serving import opened  # noqa: E402
 from rkhs_ros.view.source import ENDED, FINISHED, PAUSED, RUNNING, state_of  # noqa: E402
 from rkhs_ros.view.status import clock, status  # noqa: E402
-from rkhs_ros.view.tasks import in_space  # noqa: E402
+from rkhs_ros.view.tasks import scene_of  # noqa: E402
 from rkhs_ros.view.timeline import Timeline  # noqa: E402
 
 pytestmark = pytest.mark.slow
@@ -48,29 +48,29 @@ CONFIGS = Path(__file__).parents[3] / "config"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run that is finished, and recorded."""
+    """A finished run with a recording."""
     config = load_config(CONFIGS / "pendulum_few_nac.yaml", ["iterations=4", "horizon=30", "evaluate_every=2"])
     path = tmp_path_factory.mktemp("view") / "run"
     return run_training(config, runner_of(config.environment), path, quiet=True, record=True)
 
 
-def test_a_recording_shows_what_the_run_left(folder: Path) -> None:
+def test_a_recording_contains_all_iterations(folder: Path) -> None:
     source, recording = Recorded(folder), read_recording(folder)
     rows = Curve(folder / "curve.csv").rows()
     assert np.array_equal([row[:-1] for row in source.rows], [row[:-1] for row in rows], equal_nan=True)  # less seconds
     assert source.iterations == [1, 2, 3, 4]
     for number, (explored, evaluated) in zip(source.iterations, ((0, None), (1, 2), (3, None), (4, 5)), strict=True):
-        seen = source.seen(number)
-        assert np.array_equal(seen.exploration.observations, recording.batches[explored].episodes.observations)
-        assert (seen.evaluation is None) == (evaluated is None)
+        loaded = source.load(number)
+        assert np.array_equal(loaded.exploration.observations, recording.batches[explored].episodes.observations)
+        assert (loaded.evaluation is None) == (evaluated is None)
         if evaluated is not None:
-            assert np.array_equal(seen.evaluation.actions, recording.batches[evaluated].episodes.actions)
+            assert np.array_equal(loaded.evaluation.actions, recording.batches[evaluated].episodes.actions)
     last, _ = load_policy(folder / "policy.npz")
-    assert np.array_equal(source.seen(4).policy.mean.weights, last.mean.weights)
-    assert source.seen(5) is None
+    assert np.array_equal(source.load(4).policy.mean.weights, last.mean.weights)
+    assert source.load(5) is None
 
 
-def test_a_recording_is_followed_as_it_grows_and_where_it_is_cut(folder: Path, tmp_path: Path) -> None:
+def test_a_growing_recording_is_read_message_by_message(folder: Path, tmp_path: Path) -> None:
     whole = (folder / FILE).read_bytes()
     _, expected = Following(folder / FILE).news()
     file, found = tmp_path / FILE, []
@@ -87,7 +87,7 @@ def test_a_recording_is_followed_as_it_grows_and_where_it_is_cut(folder: Path, t
         assert repr(following.message(place)) == repr(message)
 
 
-def test_a_recording_that_is_written_anew_is_read_anew(folder: Path, tmp_path: Path) -> None:
+def test_a_replaced_recording_is_read_from_its_start(folder: Path, tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     shutil.copy(folder / FILE, file)
     source = Recorded(file)
@@ -99,88 +99,88 @@ def test_a_recording_that_is_written_anew_is_read_anew(folder: Path, tmp_path: P
 
 
 @given(st.integers(min_value=0), st.integers(1, 255))
-def test_damage_to_a_recording_stops_nothing(
+def test_a_damaged_recording_does_not_stop_the_page(
     folder: Path, tmp_path_factory: pytest.TempPathFactory, place: int, flip: int
 ) -> None:
     content = bytearray((folder / FILE).read_bytes())
     content[8 + place % (len(content) - 8)] ^= flip
     file = tmp_path_factory.mktemp("damaged") / "run.mcap"
     file.write_bytes(content)
-    with suppress(ValueError):  # the head may be hit
+    with suppress(ValueError):  # the damage may be in the header
         source = Recorded(file)
         for number in source.iterations:
-            source.seen(number)
+            source.load(number)
 
 
-def test_a_folder_without_a_recording_shows_what_it_keeps(folder: Path, tmp_path: Path) -> None:
+def test_a_folder_without_a_recording_shows_its_checkpoints(folder: Path, tmp_path: Path) -> None:
     bare = tmp_path / "bare"
     shutil.copytree(folder, bare, ignore=shutil.ignore_patterns("*.mcap"))
     source = Folder(bare)
     source.refresh()
     assert len(source.rows) == 4
-    assert source.iterations[-2:] == [3, 4]  # and one that the disk has for sure
-    assert np.array_equal(source.seen(4).policy.mean.centres, load_policy(bare / "policy.npz")[0].mean.centres)
-    assert source.seen(4).evaluation.horizon == 30
-    assert source.seen(3).evaluation is None
+    assert source.iterations[-2:] == [3, 4]  # an older one may remain until the newer ones are synced to disk
+    assert np.array_equal(source.load(4).policy.mean.centres, load_policy(bare / "policy.npz")[0].mean.centres)
+    assert source.load(4).evaluation.horizon == 30
+    assert source.load(3).evaluation is None
     assert source.spaces.action_high.tolist() == [3.0]
-    assert source.seen(5) is None
+    assert source.load(5) is None
 
 
 @pytest.fixture(scope="module")
 def model_update(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run that trained in a model, is finished, and recorded."""
+    """A finished run of model-based training with a recording."""
     changes = ["iterations=2", "horizon=20", "model.updates=1", "model.rollouts=2"]
     config = load_config(CONFIGS / "pendulum_model_nac.yaml", changes)
-    path = tmp_path_factory.mktemp("practised") / "run"
+    path = tmp_path_factory.mktemp("model_based") / "run"
     return run_training(config, runner_of(config.environment), path, quiet=True, record=True)
 
 
-def test_a_run_that_practises_shows_its_episodes_without_a_recording(model_update: Path) -> None:
-    recorded, kept = Recorded(model_update), Folder(model_update)
-    kept.refresh()
+def test_model_based_training_shows_its_episodes_without_a_recording(model_update: Path) -> None:
+    recorded, stored = Recorded(model_update), Folder(model_update)
+    stored.refresh()
     for number in (1, 2):
-        expected, got = (source.seen(number).exploration for source in (recorded, kept))
+        expected, got = (source.load(number).exploration for source in (recorded, stored))
         assert np.array_equal(expected.observations, got.observations)
-        assert np.array_equal(*(source.seen(number).imagine().observations for source in (recorded, kept)))
-    starts = kept.seen(2).imagine().observations[:, 0]
+        assert np.array_equal(*(source.load(number).roll_out_model().observations for source in (recorded, stored)))
+    starts = stored.load(2).roll_out_model().observations[:, 0]
     real = read_recording(model_update).batches
     of_both = np.concatenate([each.episodes.observations[:, 0] for each in real if each.batch.explore])
     assert len(starts) == 3
     assert all((start == of_both).all(axis=1).any() for start in starts)
 
 
-def test_a_run_that_does_not_practise_imagines_nothing(folder: Path) -> None:
-    assert Recorded(folder).seen(4).imagine is None
-    assert Folder(folder).seen(4).imagine is None
+def test_a_run_without_a_model_offers_no_model_rollouts(folder: Path) -> None:
+    assert Recorded(folder).load(4).roll_out_model is None
+    assert Folder(folder).load(4).roll_out_model is None
 
 
-def test_what_is_imagined_can_be_looked_at(model_update: Path) -> None:
+def test_model_rollouts_can_be_selected(model_update: Path) -> None:
     source = Folder(model_update)
     source.refresh()
     server = opened("127.0.0.1", 0)
     try:
         showing = IterationPanel(server, source)
-        seen = {number: source.seen(number) for number in (1, 2)}
-        showing.show(seen)
+        iterations = {number: source.load(number) for number in (1, 2)}
+        showing.show(iterations)
         (choice,) = (each for each in server.gui._gui_input_handle_from_uuid.values() if each.label == "Episode")
-        choice.value = next(option for option in choice.options if option.startswith("imagined"))
-        showing.show(seen)
-        assert showing.is_of(2)
-        assert np.array_equal(showing.episode.observations[0], source.seen(2).imagine().observations[0])
+        choice.value = "model rollout 1"
+        showing.show(iterations)
+        assert showing.is_showing(2)
+        assert np.array_equal(showing.episode.observations[0], source.load(2).roll_out_model().observations[0])
 
         def fails() -> Episodes:
             raise ValueError("no such function")
 
-        showing.show({number: each._replace(imagine=fails) for number, each in seen.items()})
-        assert np.array_equal(showing.episode.observations, seen[2].exploration.observations[:1])
+        showing.show({number: each._replace(roll_out_model=fails) for number, each in iterations.items()})
+        assert np.array_equal(showing.episode.observations, iterations[2].exploration.observations[:1])
         showing.move()
-        assert "no such function" in showing.words.content
+        assert "The model rollout failed (no such function)" in showing.text.content
     finally:
         with redirect_stdout(StringIO()):
             server.stop()
 
 
-def test_the_state_of_a_run_is_told_by_its_lock(folder: Path, tmp_path: Path) -> None:
+def test_the_lock_determines_the_state_of_a_run(folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "run"
     shutil.copytree(folder, path)
     source = Recorded(path)
@@ -199,7 +199,7 @@ def row(number: int, **values: float) -> Row:
     return Row(**zeros | {"iteration": number, "episodes": 5 * number, "model_return": float("nan")} | values)
 
 
-def test_the_curve_has_what_was_measured_and_what_is_known() -> None:
+def test_the_curve_shows_measured_and_reference_returns() -> None:
     rows = [
         row(i, exploration_return=i, evaluation_return=10 * i if i % 3 == 0 else float("nan")) for i in range(1, 10)
     ]
@@ -210,14 +210,14 @@ def test_the_curve_has_what_was_measured_and_what_is_known() -> None:
     assert set(data["optimum"]) == {7.0}
 
 
-def test_a_long_curve_is_thinned_to_its_last_line() -> None:
+def test_a_long_curve_is_thinned_and_keeps_its_last_row() -> None:
     data = plotted([row(i, exploration_return=i) for i in range(1, 50_001)], {})
-    assert len(data["episodes"]) == MOST_POINTS
+    assert len(data["episodes"]) == MAX_POINTS
     assert data["exploration_return"][-1] == 50_000
 
 
 @pytest.mark.parametrize("angles", ["none", (0.0,), (1.0,), (0.0, 2.0)])
-def test_centres_are_put_back_where_they_were_observed(angles: Any, random_policy: Any, rng: Any) -> None:
+def test_centres_are_converted_back_to_observations(angles: Any, random_policy: Any, rng: Any) -> None:
     inputs = Inputs(angles=angles)
     policy = random_policy(d=inputs.dimension(3, 2))
     observed = rng.uniform(-3, 3, (5, 3))
@@ -226,7 +226,7 @@ def test_centres_are_put_back_where_they_were_observed(angles: Any, random_polic
     assert np.allclose(PolicyCoordinates(policy, names).centres(), observed)
 
 
-def test_the_mark_is_where_the_episode_is_on_the_picture(random_policy: Any, random_episodes: Any) -> None:
+def test_the_marker_is_at_the_current_step_on_the_policy_plot(random_policy: Any, random_episodes: Any) -> None:
     policy = random_policy(d=2, n=1)
     episodes = random_episodes(policy, n=1)
     names = names_of(SimpleNamespace(environment="?"), 2, 1)
@@ -243,7 +243,7 @@ def test_the_mark_is_where_the_episode_is_on_the_picture(random_policy: Any, ran
 
 
 @pytest.mark.parametrize(("d", "n", "horizon"), [(1, 1, 8), (2, 1, 8), (17, 3, 8), (3, 2, 1), (1, 1, 1), (2, 1, 1)])
-def test_every_size_is_drawn(d: int, n: int, horizon: int, random_policy: Any, random_episodes: Any) -> None:
+def test_all_dimensions_are_drawn(d: int, n: int, horizon: int, random_policy: Any, random_episodes: Any) -> None:
     policy = random_policy(d=d, n=n)
     episodes = random_episodes(policy, n=3, horizon=horizon)
     coordinates = PolicyCoordinates(policy, names_of(SimpleNamespace(environment="?"), d, n))
@@ -256,8 +256,8 @@ def test_every_size_is_drawn(d: int, n: int, horizon: int, random_policy: Any, r
 
 
 @pytest.mark.parametrize("environment", ["rkhs/Pendulum-v0", "rkhs/PendulumPOMDP-v0", "rkhs/Toy-v0"])
-def test_a_task_says_how_it_looks(environment: str) -> None:
-    task = in_space(Task(environment, {}, 10, 0.99))
+def test_tasks_define_a_scene(environment: str) -> None:
+    task = scene_of(Task(environment, {}, 10, 0.99))
     assert isinstance(task, ShowsBodies)
     observations = np.linspace(-1, 1, 14).reshape(7, -1)
     motion = task.motion(observations, np.ones((7, 1)))
@@ -265,8 +265,8 @@ def test_a_task_says_how_it_looks(environment: str) -> None:
     assert np.allclose(np.linalg.norm(motion.turns, axis=2), 1.0)
 
 
-def test_the_rod_points_where_the_angle_says() -> None:
-    task = in_space(Task("rkhs/Pendulum-v0", {"angle": "wrap"}, 10, 0.99))
+def test_the_rod_points_along_the_angle() -> None:
+    task = scene_of(Task("rkhs/Pendulum-v0", {"angle": "wrap"}, 10, 0.99))
     motion = task.motion(np.array([[0.0, 0.0], [np.pi / 2, 0.0], [np.pi, 0.0]]), np.zeros((3, 1)))
     weight = motion.places[:, 1]
     assert np.allclose(weight, [[0, 0, 1], [1, 0, 0], [0, 0, -1]], atol=1e-12)
@@ -274,9 +274,9 @@ def test_the_rod_points_where_the_angle_says() -> None:
     assert np.allclose(axis, weight, atol=1e-12)
 
 
-def test_a_task_that_says_nothing_is_not_made_but_shown_by_its_numbers() -> None:
-    assert in_space(Task("MountainCarContinuous-v0", {}, 10, 0.99)) is None
-    assert in_space(Task("nobody/Knows-v0", {}, 10, 0.99)) is None
+def test_a_task_without_a_scene_is_not_created_and_has_a_timeline() -> None:
+    assert scene_of(Task("MountainCarContinuous-v0", {}, 10, 0.99)) is None
+    assert scene_of(Task("nobody/Knows-v0", {}, 10, 0.99)) is None
     timeline = Timeline(names_of(SimpleNamespace(environment="?"), 20, 2))
     motion = timeline.motion(np.arange(100.0).reshape(5, 20), np.zeros((5, 2)))
     assert motion.places.shape == (5, len(timeline.bodies()), 3)
@@ -285,5 +285,5 @@ def test_a_task_that_says_nothing_is_not_made_but_shown_by_its_numbers() -> None
     assert ((motion.places[..., ::2] > low[::2]) & (motion.places[..., ::2] < high[::2])).all()
 
 
-def test_times_are_told_as_people_say_them() -> None:
+def test_durations_have_rounded_units() -> None:
     assert [clock(seconds) for seconds in (3.2, 150.0, 20_000.0)] == ["3 s", "2 min", "5 h 33 min"]

@@ -1,4 +1,4 @@
-"""The page beside a run: its address comes before the run begins, and its end is not one more message."""
+"""A page beside a run: it prints its address before the run starts, and ends without a message."""
 
 import os
 import signal
@@ -18,7 +18,7 @@ Start = Callable[..., "subprocess.Popen[str]"]
 
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Start]:
-    """Start training with a page; whatever is left ends with the test."""
+    """Start training with a page; processes that remain are killed after the test."""
     started: list[subprocess.Popen[str]] = []
 
     def begin(*arguments: str) -> "subprocess.Popen[str]":
@@ -38,9 +38,7 @@ def start(tmp_path: Path) -> Iterator[Start]:
         each.communicate()
 
 
-def test_the_address_is_printed_before_a_short_run_and_the_page_ends_without_words(
-    start: Start, tmp_path: Path
-) -> None:
+def test_the_address_is_printed_before_a_short_run_and_the_page_ends_silently(start: Start, tmp_path: Path) -> None:
     run = start("--iterations", "1", "--quiet")
     assert run.stdout is not None
     assert run.stderr is not None
@@ -54,7 +52,7 @@ def test_the_address_is_printed_before_a_short_run_and_the_page_ends_without_wor
     assert address not in out
 
 
-def test_an_interrupted_run_with_a_page_says_so_once(start: Start) -> None:
+def test_an_interrupted_run_with_a_page_reports_it_once(start: Start) -> None:
     run = start("--iterations", "100000")
     assert run.stderr is not None
     first = run.stderr.readline()

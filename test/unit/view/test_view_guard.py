@@ -1,4 +1,4 @@
-"""What the page of a run lets others do: move what is there to be moved, press its buttons, and nothing else."""
+"""The page accepts updates that its controls can send, and nothing else."""
 
 import os
 import re
@@ -26,12 +26,12 @@ from rkhs_ros.view import page  # noqa: E402
 from rkhs_ros.view.guard import is_allowed, is_fitting, is_local  # noqa: E402
 from rkhs_ros.view.monitor import Monitor, NodeReport, Report  # noqa: E402
 from rkhs_ros.view.nodes_panel import EPISODES  # noqa: E402
-from rkhs_ros.view.page import KEPT, Page  # noqa: E402
+from rkhs_ros.view.page import MAX_CACHED, Page  # noqa: E402
 from rkhs_ros.view.recorded import Recorded  # noqa: E402
 from rkhs_ros.view.serving import opened  # noqa: E402
 from rkhs_ros.view.source import PAUSED, RUNNING  # noqa: E402
 
-# What a browser says first; until then it is not there.
+# The first message of a browser; viser counts it as a client only then.
 CAMERA = {"type": "ViewerCameraMessage", "wxyz": [1, 0, 0, 0], "position": [0, 0, 1], "fov": 1.0, "image_height": 100,
           "image_width": 100, "near": 0.1, "far": 10.0, "look_at": [0, 0, 0], "up_direction": [0, 1, 0]}  # fmt: skip
 CONFIGS = Path(__file__).parents[3] / "config"
@@ -39,7 +39,7 @@ CONFIGS = Path(__file__).parents[3] / "config"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run that is finished, and recorded."""
+    """A finished run with a recording."""
     config = load_config(CONFIGS / "toy_few_nac.yaml", ["iterations=4"])
     path = tmp_path_factory.mktemp("view") / "run"
     return run_training(config, runner_of(config.environment), path, quiet=True, record=True)
@@ -58,17 +58,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ({}, True, False),
     ],
 )
-def test_other_pages_are_turned_away(headers: dict[str, str], local: bool, welcome: bool) -> None:
+def test_pages_of_other_origins_are_rejected(headers: dict[str, str], local: bool, welcome: bool) -> None:
     assert is_allowed(headers, local=local) == welcome
 
 
-def test_addresses_of_this_machine_are_known() -> None:
+def test_loopback_addresses_are_local() -> None:
     assert [is_local(host) for host in ("127.0.0.1", "localhost", "::1", "0.0.0.0", "10.0.0.1", "robot", None)] == [
         True, True, True, False, False, False, False,
     ]  # fmt: skip
 
 
-def test_a_control_takes_only_what_somebody_at_it_can_set() -> None:
+def test_a_control_accepts_only_values_that_a_user_can_set() -> None:
     slider = SimpleNamespace(value=3, min=0, max=10, disabled=False)
     for updates in (
         {"value": 11},
@@ -88,29 +88,29 @@ def test_a_control_takes_only_what_somebody_at_it_can_set() -> None:
     assert is_fitting(SimpleNamespace(value=False, disabled=False), {"value": True})
 
 
-class ReceivedMessage(Monitor):
-    """A monitor of nodes that are not there; it keeps what is said."""
+class FixedMonitor(Monitor):
+    """A monitor with a fixed report and no nodes; it stores the commands."""
 
     def __init__(self) -> None:
         super().__init__(lambda: None)
-        self.said: list[str] = []
+        self.sent: list[str] = []
 
     def listen(self) -> Report:
         counts = dict.fromkeys(("commands", "clamps", "refusals", "stops"), 3)
-        nodes = (NodeReport("/policy", "ok", "well"), NodeReport("/gate", "error", "stuck: <b>too *fast*"))
+        nodes = (NodeReport("/policy", "ok", ""), NodeReport("/gate", "error", "stuck: <b>too *fast*"))
         return Report(nodes, {"state": "stopped", "reason": "too fast", **counts}, "veto: refused")
 
-    def say(self, word: str) -> None:
-        self.said.append(word)
+    def send(self, command: str) -> None:
+        self.sent.append(command)
 
 
 class Served:
-    """A page in this process, and a way to talk to it."""
+    """A page in this process, with access to its controls and its socket."""
 
     def __init__(self, path: Path) -> None:
         self.source = Recorded(path)
         self.server = opened("127.0.0.1", 0)
-        self.monitor = ReceivedMessage()
+        self.monitor = FixedMonitor()
         self.page = Page(self.server, self.source, self.monitor)
         self.page.refresh()
         self.port = self.server.get_port()
@@ -149,7 +149,7 @@ def eventually(condition: Callable[[], bool]) -> bool:
     return bool(condition())
 
 
-def test_the_socket_is_bound_to_this_machine_alone(served: Served) -> None:
+def test_the_socket_is_bound_to_the_loopback_address(served: Served) -> None:
     sockets = [line.split()[1:4] for line in Path("/proc/self/net/tcp").read_text().splitlines()[1:]]
     bound = [place for place, _, state in sockets if place.endswith(f":{served.port:04X}") and state == "0A"]
     assert bound == [f"0100007F:{served.port:04X}"]
@@ -158,7 +158,7 @@ def test_the_socket_is_bound_to_this_machine_alone(served: Served) -> None:
     ]
 
 
-def test_garbage_harms_nothing(served: Served, rng: np.random.Generator) -> None:
+def test_malformed_messages_change_nothing(served: Served, rng: np.random.Generator) -> None:
     slider, buttons = served.control("Iteration"), served.control("Run")
     update = {"type": "GuiUpdateMessage", "uuid": slider._impl.uuid}
     garbage = [
@@ -172,7 +172,7 @@ def test_garbage_harms_nothing(served: Served, rng: np.random.Generator) -> None
     ]  # fmt: skip
     before = sorted(path.name for path in served.source.path.iterdir())
     for piece in garbage:
-        with suppress(Exception), served.connect() as connection:  # it may be cut off at once
+        with suppress(Exception), served.connect() as connection:  # the server may close it at once
             connection.send(piece)
             connection.recv(0.2)
     assert slider.value == 4
@@ -192,7 +192,7 @@ def test_a_page_of_another_origin_can_change_nothing(served: Served) -> None:
     assert slider.value == 4
 
 
-def test_buttons_ask_only_what_the_run_can_do(served: Served) -> None:
+def test_buttons_match_the_state_of_the_run(served: Served) -> None:
     path, shown = served.source.path, served.page._buttons
 
     def visible() -> list[str]:
@@ -208,7 +208,7 @@ def test_buttons_ask_only_what_the_run_can_do(served: Served) -> None:
         (path / ASKED).unlink()
         (path / "pausing").touch()
         assert visible() == ["Resume", "Stop"]
-        press(served, shown[RUNNING], "Stop")  # which nobody sees any more
+        press(served, shown[RUNNING], "Stop")  # hidden by now
         press(served, shown[PAUSED], "Resume")
         assert eventually((path / ASKED).exists)
         assert (path / ASKED).read_text() == RESUME
@@ -219,12 +219,12 @@ def press(served: Served, buttons: Any, label: str) -> None:
         connection.recv(10.0)
         connection.send(packed(CAMERA))
         assert eventually(lambda: len(served.server.get_clients()) > 0)
-        seen = buttons.update_timestamp
+        before = buttons.update_timestamp
         connection.send(packed({"type": "GuiUpdateMessage", "uuid": buttons._impl.uuid, "updates": {"value": label}}))
-        assert eventually(lambda: buttons.update_timestamp > seen)
+        assert eventually(lambda: buttons.update_timestamp > before)
 
 
-def test_gate_and_nodes_are_shown_while_the_run_is_under_way(served: Served) -> None:
+def test_gate_and_nodes_are_shown_while_the_run_is_in_progress(served: Served) -> None:
     panel = served.page._nodes
     served.page.listen()
     assert not panel._robot.visible
@@ -237,14 +237,14 @@ def test_gate_and_nodes_are_shown_while_the_run_is_under_way(served: Served) -> 
     assert "The gate is **stopped**: too fast" in panel._gate.content
     assert "3 commands: 3 limited, 3 refused; 3 stops" in panel._gate.content
     assert panel._nodes.content.splitlines()[0] == r"**/gate error** stuck: \<b\>too \*fast\*"
-    assert "Nodes well: policy" in panel._nodes.content
+    assert "Nodes without problems: policy" in panel._nodes.content
     assert panel._answer.content == "veto: refused"
-    served.page.rest()
+    served.page.stop_listening()
     assert not panel._robot.visible
 
 
 def test_no_request_arms_a_robot(served: Served) -> None:
-    """All buttons of the page at once, each value and each name that could be meant to arm."""
+    """Send all values and names that could mean arming to every control of the page."""
     with locked(served.source.path), served.connect() as connection:
         served.page.refresh()
         served.page.listen()
@@ -254,12 +254,12 @@ def test_no_request_arms_a_robot(served: Served) -> None:
         for uuid in [*served.server.gui._gui_input_handle_from_uuid, "arm", "gate/arm"]:
             for updates in ({"value": True}, {"value": "arm"}, {"arm": True}, {"value": True, "word": "arm"}):
                 connection.send(packed({"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates}))
-        assert eventually(lambda: served.monitor.said == ["stop"])
+        assert eventually(lambda: served.monitor.sent == ["stop"])
         uuid = served.control("Episodes")._impl.uuid
         for number, (label, word) in enumerate(EPISODES.items(), start=2):
             connection.send(packed({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": label}}))
-            assert eventually(lambda number=number: len(served.monitor.said) == number)
-            assert served.monitor.said[-1] == word
+            assert eventually(lambda number=number: len(served.monitor.sent) == number)
+            assert served.monitor.sent[-1] == word
     for path in (Path(page.__file__).parent).glob("*.py"):
         assert not re.search(r"""["'](gate/|~/)?arm["']""", path.read_text()), path
 
@@ -278,8 +278,8 @@ def test_memory_stays_bounded_over_a_long_run(tmp_path: Path) -> None:
         page.tick()
         sizes[number] = resident_bytes()
     print({number: f"{size / 1e6:.0f} MB" for number, size in sizes.items() if number % 300 == 0})
-    assert page._seen.cache_info().currsize <= KEPT
-    assert sizes[3000] - sizes[300] < 35e6  # the pictures alone would be 180 MB, were they kept
+    assert page._load.cache_info().currsize <= MAX_CACHED
+    assert sizes[3000] - sizes[300] < 35e6  # stored pictures alone would take 180 MB
 
 
 def resident_bytes() -> int:
@@ -287,6 +287,6 @@ def resident_bytes() -> int:
 
 
 @pytest.mark.parametrize("host", ["999.1.1.1", "192.0.2.1", "a..b"])
-def test_an_address_of_another_machine_is_refused(host: str) -> None:
+def test_an_address_of_another_machine_is_rejected(host: str) -> None:
     with pytest.raises(ValueError, match=r"host: expected an address of this machine, got "):
         opened(host, 0)

@@ -1,4 +1,4 @@
-"""How the runs of robots look on the page: by their URDF, or as the task that they are a twin of."""
+"""Scenes of robots on the page: from their URDF, or from their simulated twin."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,7 +15,7 @@ from rkhs_ros.robot.task import RobotTask, robot_task_from
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.view.bodies import Surface
 from rkhs_ros.view.robot_scene import RobotScene, sensed_joints
-from rkhs_ros.view.tasks import look_of
+from rkhs_ros.view.tasks import appearance_of
 from rkhs_ros.view.timeline import Timeline
 from rkhs_ros.view.urdf_bodies import UrdfBodies
 
@@ -42,8 +42,8 @@ def two_links(tmp_path: Path) -> UrdfBodies:
     return UrdfBodies(file)
 
 
-def test_bodies_are_where_the_joints_take_them(two_links: UrdfBodies) -> None:
-    assert [visual.body.shape for visual in two_links.visuals] == ["box", "cylinder", "ball"]  # less the lost mesh
+def test_frames_follow_the_joints(two_links: UrdfBodies) -> None:
+    assert [visual.body.shape for visual in two_links.visuals] == ["box", "cylinder", "ball"]  # no missing mesh
     assert two_links.visuals[0].body.colour == "#DE0000"
     (waiting,) = two_links.frames({}, 1)[2:]
     assert np.allclose(waiting[0, :3, 3], [0, 0, 1.4])  # in the middle of its range
@@ -54,7 +54,7 @@ def test_bodies_are_where_the_joints_take_them(two_links: UrdfBodies) -> None:
 
 
 def mimicking(tmp_path: Path, *mimics: str) -> UrdfBodies:
-    """Three balls, each one metre above the link before it and pushed along x; the joints mimic others."""
+    """Return three balls, each one metre above the previous link and on a joint along x with a mimic element."""
     links = "".join(
         f"<link name='l{i}'><visual><geometry><sphere radius='0.1'/></geometry></visual></link>" for i in range(4)
     )
@@ -77,17 +77,17 @@ def test_a_joint_that_mimics_another_follows_it_unless_it_is_sensed(tmp_path: Pa
         return np.diff([frame[0, 0, 3] for frame in frames]).round(9).tolist()  # type: ignore[no-any-return]
 
     assert pushed(j0=0.2) == [0.2, -0.3, 0.2]
-    assert pushed() == [0.3, -0.5, 0.3]  # as in the middle of the leader's range
+    assert pushed() == [0.3, -0.5, 0.3]  # the leader is in the middle of its range
     assert pushed(j0=0.2, j2=0.0) == [0.2, 0.1, 0.0]
 
 
 @pytest.mark.parametrize("mimics", [("j0", "j0"), ("j1", "j0"), ("j1", "j2", "j1")])
-def test_joints_that_mimic_each_other_in_a_circle_are_refused(tmp_path: Path, mimics: tuple[str, ...]) -> None:
-    with pytest.raises(ValueError, match=r"mimics\.urdf: joint 'j0': expected it to mimic another joint, got a circle"):
+def test_cycles_of_mimic_joints_are_rejected(tmp_path: Path, mimics: tuple[str, ...]) -> None:
+    with pytest.raises(ValueError, match=r"mimics\.urdf: joint 'j0': expected mimic joints without a cycle, got a cyc"):
         mimicking(tmp_path, *(f"<mimic joint='{leader}'/>" for leader in mimics))
 
 
-def test_both_fingers_of_the_panda_open_as_the_first_one_does() -> None:
+def test_both_fingers_of_the_panda_follow_the_first_one() -> None:
     data = pytest.importorskip("pybullet_data")
     panda = UrdfBodies(Path(data.getDataPath()) / "franka_panda" / "panda.urdf")
     named = {visual.link: number for number, visual in enumerate(panda.visuals)}
@@ -98,11 +98,11 @@ def test_both_fingers_of_the_panda_open_as_the_first_one_does() -> None:
     fingers = [named["panda_leftfinger"], named["panda_rightfinger"]]
     assert np.allclose(moved[fingers], 0.04)
     assert np.allclose(np.delete(moved, fingers), 0.0)
-    assert np.allclose((opened - closed)[fingers].sum(axis=0), 0.0, atol=1e-6)  # away from each other
+    assert np.allclose((opened - closed)[fingers].sum(axis=0), 0.0, atol=1e-6)  # in opposite directions
 
 
 @pytest.mark.parametrize("text", ["no XML", "<robot/>"])
-def test_what_shows_nothing_is_refused(text: str, tmp_path: Path) -> None:
+def test_a_urdf_without_bodies_is_rejected(text: str, tmp_path: Path) -> None:
     file = tmp_path / "bad.urdf"
     file.write_text(text)
     with pytest.raises(ValueError, match=r"bad\.urdf: expected "):
@@ -115,7 +115,7 @@ def configured() -> Config:
 
 def arm(observations: Array, actions: Array) -> RobotScene:
     config = configured()
-    look = look_of(config.task, None, config.environment.nodes, observations, actions)
+    look = appearance_of(config.task, None, config.environment.nodes, observations, actions)
     assert isinstance(look.scene, RobotScene)
     assert look.names.observations[0].startswith("mark ")
     assert look.names.actions[0].startswith("panda_joint1 ")
@@ -127,7 +127,7 @@ def task() -> RobotTask:
 
 
 def at(scene: RobotScene, commanded: dict[str, float]) -> Array:
-    """Return the positions of the arm's seven joints, of which some are commanded."""
+    """Return the positions of the arm's seven joints; those without a command are in the middle of their range."""
     middles = {joint.name: joint.middle for joint in scene._bodies._joints.values()}
     return np.array([(middles | commanded)[f"panda_joint{number}"] for number in range(1, 8)])
 
@@ -138,7 +138,7 @@ def episode() -> tuple[Array, Array]:
     return np.tile([0.1, 0.45, 0.5, 0.0, 0.5], (4, 1)), rng.uniform(-0.25, 0.25, (4, len(task().action.minimum)))
 
 
-def test_the_arm_stands_as_its_physics_have_it_with_the_mark_before_it(episode: tuple[Array, Array]) -> None:
+def test_the_arm_has_the_frames_of_its_physics_engine(episode: tuple[Array, Array]) -> None:
     arm_body = pytest.importorskip("pybullet") and pytest.importorskip("sim_nodes.robots.arm_body")
     observations, actions = episode
     scene = arm(observations, actions)
@@ -154,13 +154,13 @@ def test_the_arm_stands_as_its_physics_have_it_with_the_mark_before_it(episode: 
             commanded[joint] += np.clip(asked - commanded[joint], -2.0 * task().period, 2.0 * task().period)
         x, y, z, w = state[5]
         assert np.allclose(SO3(motion.turns[step, 8]).as_matrix(), SO3(np.array([w, x, y, z])).as_matrix(), atol=1e-5)
-    assert np.allclose(motion.places[:, -2], [0.5, 0.1, 0.45])  # the mark, whose x nobody observes: as of the tool
+    assert np.allclose(motion.places[:, -2], [0.5, 0.1, 0.45])  # the mark; its unobserved x is that of the tool
     low, high = scene.room()
     assert (motion.places > low).all()
     assert (motion.places < high).all()
 
 
-def test_joints_that_are_sensed_are_where_they_are() -> None:
+def test_sensed_joints_are_found_in_the_observation() -> None:
     sensors = {
         "arm": {"joints": ["a", "b"], "fields": ["velocity", "position"]},
         "zone": {"topic": "z", "type": "std_msgs/msg/Float64MultiArray", "fields": ["data[1:3]"]},
@@ -173,14 +173,14 @@ def test_joints_that_are_sensed_are_where_they_are() -> None:
 
 def test_the_motor_pendulum_looks_like_the_pendulum() -> None:
     config = load_config(CONFIGS / "robot_pendulum.yaml")
-    look = look_of(config.task, None, config.environment.nodes, np.zeros((3, 2)), np.zeros((3, 1)))
+    look = appearance_of(config.task, None, config.environment.nodes, np.zeros((3, 2)), np.zeros((3, 1)))
     assert type(look.scene).__name__ == "Pendulum"
     assert [name.split()[:2] for name in look.names.observations] == [["motor", "position"], ["motor", "velocity"]]
 
 
-def test_robots_without_a_description_are_shown_by_their_numbers() -> None:
+def test_robots_without_a_urdf_have_a_timeline() -> None:
     nodes = dict(load_config(CONFIGS / "robot_pendulum.yaml").environment.nodes)
     nodes.pop("simulated_robot")
     mine = SimpleNamespace(environment="mine", options={})
     for some in (nodes, {"robot": {"task": "gone"}, "gate": {}}):
-        assert isinstance(look_of(mine, None, some, np.zeros((3, 2)), np.zeros((3, 1))).scene, Timeline)
+        assert isinstance(appearance_of(mine, None, some, np.zeros((3, 2)), np.zeros((3, 1))).scene, Timeline)
