@@ -139,7 +139,7 @@ class Collector:
         if not (explores_next and self._has_capacity_for_both()):
             return self._runner.collect(policy, batch)
         ahead = self._exploring(training.episodes_per_iteration)
-        both = self._runner.collect(policy, ahead.beside(batch))
+        both = self._runner.collect(policy, ahead.with_evaluation(batch))
         self._ahead = both.take(slice(ahead.num_envs))
         return both.take(slice(ahead.num_envs, None))
 

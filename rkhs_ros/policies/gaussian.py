@@ -16,7 +16,7 @@ from rkhs_ros.policies.variance import ConstantVariance, Variance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array
 
-MOST_NUMBERS = 10**8  # that a batch is remembered by, so that no message can ask for more memory than there is
+MOST_NUMBERS = 10**8  # numbers stored for a batch; limits the memory that a message can request
 
 
 @dataclass(frozen=True)
@@ -26,9 +26,9 @@ class GaussianPolicy:
     Attributes:
         mean: the function h.
         variance: the diagonal of Sigma.
-        inputs: what mean and variance are given of the history; the methods take it as ``observations``.
-        noise: how the exploration of an episode is correlated over time, one of ``NOISES``; the distribution of each
-            action by itself is the same.
+        inputs: computes the inputs of mean and variance from the history; the methods take them as ``observations``.
+        noise: correlation of the exploration over an episode, one of ``NOISES``; it does not change the marginal
+            distribution of a single action.
     """
 
     mean: Function
@@ -37,12 +37,12 @@ class GaussianPolicy:
     noise: str = "white"
 
     def __post_init__(self) -> None:
-        """Raise ValueError where mean and variance differ in their dimensions, or the noise is unknown."""
+        """Raise ValueError if the dimensions of mean and variance differ, or the noise is unknown."""
         pick(self.noise, FILTERS, "noise")
         require(
             self.mean.output_dim == self.variance.output_dim,
             "variance",
-            f"{self.mean.output_dim} action dimensions, as the mean has",
+            f"{self.mean.output_dim} action dimensions like the mean",
             self.variance.output_dim,
         )
         if not isinstance(self.variance, ConstantVariance):
@@ -50,14 +50,14 @@ class GaussianPolicy:
             require(self.variance.input_dim == d, "variance centres", f"{d} columns", self.variance.input_dim)
 
     def act(self, observations: Array, exploration: Array) -> Array:
-        """Return actions, shape (batch, n), from standard normal draws for the first rows; the others take the mean."""
+        """Return actions, shape (batch, n): explore with standard normal draws in the first rows, else use the mean."""
         actions, exploring = self.mean(observations), len(exploration)
         if exploring:
             actions[:exploring] += np.sqrt(self.variance(observations[:exploring])) * exploration
         return actions
 
     def exploration(self, batch: Batch) -> Array:
-        """Return the standard normal draws of all steps of the rows that explore, shape (rows, horizon, n)."""
+        """Return the noise of all exploring episodes, each draw N(0, 1), shape (exploring, horizon, n)."""
         return FILTERS[self.noise](batch.exploration(self.mean.output_dim))
 
     def score(self, observations: Array, actions: Array) -> Array:
@@ -65,7 +65,7 @@ class GaussianPolicy:
         return (actions - self.mean(observations)) / self.variance(observations)
 
     def with_mean(self, mean: Function) -> GaussianPolicy:
-        """Return the policy with another mean."""
+        """Return a copy of the policy with another mean."""
         return replace(self, mean=mean)
 
 
@@ -73,8 +73,8 @@ def mean_kl(mean: Array, before: Array, new: GaussianPolicy, observations: Array
     r"""Return the mean over states of :math:`KL(\pi_{old} \| \pi_{new})`, in nats.
 
     Args:
-        mean: of the old policy in these states, shape (batch, n).
-        before: its variance there, shape (batch, n).
+        mean: mean of the old policy in the states, shape (batch, n).
+        before: variance of the old policy in the states, shape (batch, n).
         new: the new policy.
         observations: the states, shape (batch, d).
     """
@@ -84,60 +84,60 @@ def mean_kl(mean: Array, before: Array, new: GaussianPolicy, observations: Array
 
 
 class Acting:
-    """A policy that acts through the steps of one batch of episodes.
+    """A policy that acts in one batch of episodes.
 
-    Owns what its window looks back on, filed by step, so that a step asked for twice is answered alike.
+    It stores the history by step, so that repeating a step returns the same actions.
 
     Args:
-        policy: the policy, the same throughout the batch.
+        policy: the policy for the whole batch.
         batch: the episodes.
-        explore: whether the actions of exploring episodes are drawn; all are by the mean otherwise.
+        explore: whether exploring episodes sample their actions; otherwise all episodes use the mean.
     """
 
     def __init__(self, policy: GaussianPolicy, batch: Batch, *, explore: bool) -> None:
         self.policy = policy
         self.batch = batch
         self._explore = explore
-        self._require_room(max(batch.horizon * policy.mean.output_dim, *policy.mean.centres.shape))
+        self._require_capacity(max(batch.horizon * policy.mean.output_dim, *policy.mean.centres.shape))
         self._mean = policy.mean.prepared()
         variance = policy.variance
         self._constant_sd = np.sqrt(variance.values) if isinstance(variance, ConstantVariance) else None
         self._columns = 0  # of the observations, not known yet
-        self._seen = self._done = np.zeros((batch.num_envs, batch.horizon, 0))
+        self._observations = self._actions = np.zeros((batch.num_envs, batch.horizon, 0))
 
     def __call__(self, step: int, observations: Array) -> Array:
-        """Return the actions of a step, shape (rows, n), for observations of shape (rows, d).
+        """Return the actions of a step, shape (num_envs, n), for observations of shape (num_envs, d).
 
         Raises:
-            ValueError: the observations are not what the policy takes.
+            ValueError: the observations do not match the policy's inputs.
             RunError: an action is not finite.
         """
         inputs = self.policy.inputs
         if observations.shape[1] != self._columns:
-            self._make_ready(observations.shape[1])
+            self._prepare(observations.shape[1])
         if inputs.history == 1:
             return self._act(step, inputs.features(observations))
-        self._seen[:, step] = observations
-        actions = self._act(step, inputs.at(np.array([step]), self._seen, self._done)[:, 0])
-        self._done[:, step] = actions
+        self._observations[:, step] = observations
+        actions = self._act(step, inputs.at(np.array([step]), self._observations, self._actions)[:, 0])
+        self._actions[:, step] = actions
         return actions
 
-    def _make_ready(self, columns: int) -> None:
-        """Check that the policy takes observations of so many numbers, and make room for those of a window."""
-        mean, rows, horizon = self.policy.mean, self.batch.num_envs, self.batch.horizon
+    def _prepare(self, columns: int) -> None:
+        """Check the dimension of the observations and allocate the history."""
+        mean, num_envs, horizon = self.policy.mean, self.batch.num_envs, self.batch.horizon
         size = self.policy.inputs.dimension(columns, mean.output_dim)
         require(size == mean.input_dim, "points", f"{mean.input_dim} columns", size)
         if self.policy.inputs.history > 1:
-            self._require_room(horizon * max(columns, mean.output_dim))
-            self._seen = np.zeros((rows, horizon, columns))
-            self._done = np.zeros((rows, horizon, mean.output_dim))
+            self._require_capacity(horizon * max(columns, mean.output_dim))
+            self._observations = np.zeros((num_envs, horizon, columns))
+            self._actions = np.zeros((num_envs, horizon, mean.output_dim))
         self._columns = columns
 
-    def _require_room(self, row: int) -> None:
-        numbers = self.batch.num_envs * row
-        require(numbers <= MOST_NUMBERS, "batch", f"at most {MOST_NUMBERS} numbers at a time", numbers)
+    def _require_capacity(self, per_episode: int) -> None:
+        numbers = self.batch.num_envs * per_episode
+        require(numbers <= MOST_NUMBERS, "batch", f"at most {MOST_NUMBERS} numbers", numbers)
 
-    @np.errstate(over="ignore", invalid="ignore")  # reported by row and step instead
+    @np.errstate(over="ignore", invalid="ignore")  # the check below reports environment and step
     def _act(self, step: int, points: Array) -> Array:
         actions = self._mean(points)
         noise = self._exploration[:, step]
@@ -149,16 +149,16 @@ class Acting:
         if not all_finite(actions):
             row = int(np.isfinite(actions).all(axis=1).argmin())
             raise RunError(
-                f"the policy's action in row {row}, step {step + 1}: "
+                f"the policy's action in environment {row}, step {step + 1}: "
                 f"expected finite numbers, got {truncated(actions[row])}"
             )
         return actions
 
     @cached_property
     def _exploration(self) -> Array:
-        """The draws of the whole batch, times the standard deviation if it is constant.
+        """The noise of the whole batch, scaled by the standard deviation if it is constant.
 
-        They are made once it is known that the policy fits what is observed.
+        It is drawn on first use, after the observations were checked.
         """
         policy, horizon = self.policy, self.batch.horizon
         if not self._explore:

@@ -1,4 +1,4 @@
-"""What the numbers that a policy sees and commands are called."""
+"""Names of the components of observations, actions and policy inputs."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ UNIT = re.compile(r"\s*\([^()]*\)$")
 
 @dataclass(frozen=True)
 class Names:
-    """What the numbers of a task are called, with their units.
+    """Names of a task's observation and action components, with units.
 
     Attributes:
-        observations: of each number of an observation.
-        actions: of each number of an action.
+        observations: name of each component of an observation.
+        actions: name of each component of an action.
     """
 
     observations: tuple[str, ...]
@@ -26,33 +26,33 @@ class Names:
 
 
 def plain_names(kind: str, count: int) -> tuple[str, ...]:
-    """Return what some numbers are called of which no more is known: "observation 0" etc."""
+    """Return default names such as "observation 0"."""
     return tuple(f"{kind} {i}" if count > 1 else kind for i in range(count))
 
 
-def reported_names(said: object, count: int) -> tuple[str, ...]:
-    """Return what somebody's code calls some numbers, if that is as many names; else none."""
-    good = isinstance(said, list | tuple) and len(said) == count and all(isinstance(name, str) for name in said)
-    return tuple(said) if good else ()  # type: ignore[arg-type]
+def reported_names(names: object, count: int) -> tuple[str, ...]:
+    """Return the names that user code reports if they are ``count`` strings, else an empty tuple."""
+    good = isinstance(names, list | tuple) and len(names) == count and all(isinstance(name, str) for name in names)
+    return tuple(names) if good else ()  # type: ignore[arg-type]
 
 
 def input_names(inputs: Inputs, names: Names) -> tuple[str, ...]:
-    """Return what the policy's inputs are made of, in their order."""
-    seen = _turned(names.observations, inputs.columns)
+    """Return the names of the policy's inputs in their order."""
+    observed = _with_angles(names.observations, inputs.columns)
     if inputs.history > 1:
         ages = range(inputs.history - 1, -1, -1)
-        seen = [name for ago in ages for name in [*_aged(seen, ago), *_aged(names.actions, ago + 1)]]
+        observed = [name for ago in ages for name in [*_with_age(observed, ago), *_with_age(names.actions, ago + 1)]]
     if inputs.degree == 0:
-        return tuple(seen)
-    chosen = combinations_with_replacement(range(len(seen) + 1), inputs.degree)
-    return tuple(" · ".join(seen[i] for i in columns if i < len(seen)) or "constant" for columns in chosen)
+        return tuple(observed)
+    chosen = combinations_with_replacement(range(len(observed) + 1), inputs.degree)
+    return tuple(" · ".join(observed[i] for i in columns if i < len(observed)) or "constant" for columns in chosen)
 
 
-def _turned(observations: Sequence[str], angles: Sequence[int]) -> list[str]:
+def _with_angles(observations: Sequence[str], angles: Sequence[int]) -> list[str]:
     turned = [UNIT.sub("", observations[column]) for column in angles]
     rest = [name for column, name in enumerate(observations) if column not in angles]
     return [f"{function} of {name}" for function in ("sine", "cosine") for name in turned] + rest
 
 
-def _aged(names: Sequence[str], ago: int) -> list[str]:
+def _with_age(names: Sequence[str], ago: int) -> list[str]:
     return [f"{name}, {ago} step{'s' * (ago > 1)} ago" for name in names] if ago else list(names)

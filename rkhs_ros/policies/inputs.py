@@ -1,4 +1,4 @@
-"""The inputs of a policy's functions: windows of past observations and actions, and features of them."""
+"""Inputs of the policy functions: windows of past observations and actions, and features of these windows."""
 
 from __future__ import annotations
 
@@ -17,31 +17,30 @@ from rkhs_ros.rkhs.kernels import Array
 
 @dataclass(frozen=True)
 class Inputs(Settings):
-    r"""The map from a history :math:`(o_0, a_0, \dots, o_t)` to the point at which the policy's mean is evaluated.
+    r"""The map from a history :math:`(o_0, a_0, \dots, o_t)` to the input of the policy's functions.
 
-    The same code serves the policy that acts, step by step, and the learner, all steps at once.
+    The acting policy calls it step by step, the learner for all steps at once.
     """
 
     history: int = setting(
         1,
-        "length of the window: the last observations, each with the action before it, not clipped; 1: the observation",
+        "length of the input window: the last observations, each with the preceding unclipped action; "
+        "1: the current observation only",
         minimum=1,
         maximum=1000,
     )
     angles: str | tuple[float, ...] = setting(
         "none",
-        "columns of the observation that are angles in radians, given as (sin, cos); or 'none'",
+        "observation columns that are angles in radians, replaced by their sine and cosine; or 'none'",
         minimum=0,
         maximum=10_000,
         choices=("none",),
     )
-    degree: int = setting(
-        0, "degree of the monomials given in place of the numbers themselves; 0: the numbers", minimum=0, maximum=20
-    )
+    degree: int = setting(0, "degree of the monomials that replace the inputs; 0: no monomials", minimum=0, maximum=20)
     offset: float = setting(1.0, "offset c of the polynomial kernel that the monomials span", minimum=1e-9, maximum=1e6)
 
     def __post_init__(self) -> None:
-        """Raise ValueError where a value does not fit, or a column is not a whole number."""
+        """Raise ValueError if a value is invalid or a column is not a whole number."""
         super().__post_init__()
         whole = isinstance(self.angles, str) or all(column == int(column) for column in self.angles)
         require(whole, "inputs.angles", "whole numbers", self.angles)
@@ -49,52 +48,53 @@ class Inputs(Settings):
 
     @property
     def columns(self) -> list[int]:
-        """The columns of the observation that are angles."""
+        """Observation columns that are angles."""
         return [] if isinstance(self.angles, str) else [int(column) for column in self.angles]
 
     @property
     def ages(self) -> int:
-        """Number of entries that a point holds, the same numbers at each age; of monomials 1."""
+        """Number of time steps in an input; 1 if monomials mix them."""
         return 1 if self.degree else self.history
 
     def dimension(self, observation_dim: int, action_dim: int) -> int:
-        """Return the dimension of the points.
+        """Return the dimension of the inputs.
 
         Raises:
             ValueError: an angle is not a column of the observation.
         """
         self._check_angles(observation_dim)
-        seen = observation_dim + len(self.columns)
-        size = seen if self.history == 1 else self.history * (seen + action_dim)
+        observed = observation_dim + len(self.columns)
+        size = observed if self.history == 1 else self.history * (observed + action_dim)
         return comb(size + self.degree, self.degree) if self.degree else size
 
     def unfold(self, observations: Array, actions: Array) -> Array:
-        """Return the points at all steps, shape (rows, horizon, input_dim).
+        """Return the inputs at all steps, shape (num_envs, horizon, input_dim).
 
         Args:
-            observations: before each action, shape (rows, horizon, d).
-            actions: of each step, shape (rows, horizon, n).
+            observations: observations before each action, shape (num_envs, horizon, d).
+            actions: actions of each step, shape (num_envs, horizon, n).
         """
         return self.at(np.arange(observations.shape[1]), observations, actions)
 
     def at(self, steps: NDArray[np.int_], observations: Array, actions: Array) -> Array:
-        """Return the points at some steps, shape (rows, len(steps), input_dim), each row by itself to the last bit.
+        """Return the inputs at some steps, shape (num_envs, len(steps), input_dim).
 
-        A window that begins before the episode did repeats the first observation, with actions 0.
+        Before the start of an episode, the window repeats the first observation with zero actions. The inputs of an
+        environment are bit-identical for any number of other environments.
         """
         if self.history == 1:
             return self.features(observations[:, steps])
         ago = np.arange(self.history - 1, -1, -1)
         places = steps[:, None] - ago
-        seen = self._angles(observations[:, np.maximum(places, 0)])
+        observed = self._angles(observations[:, np.maximum(places, 0)])
         done = np.where(places[:, :, None] > 0, actions[:, np.maximum(places - 1, 0)], 0.0)
-        windows = np.concatenate([seen, done], axis=-1)
-        rows, length, ages, columns = windows.shape
-        return _row_by_row(self._monomials(windows.reshape(rows, length, ages * columns)))
+        windows = np.concatenate([observed, done], axis=-1)
+        num_envs, length, ages, columns = windows.shape
+        return _contiguous(self._monomials(windows.reshape(num_envs, length, ages * columns)))
 
     def features(self, observations: Array) -> Array:
-        """Return the points of a window of length 1, shape (..., input_dim)."""
-        return _row_by_row(self._monomials(self._angles(observations)))
+        """Return the inputs for a window of length 1, shape (..., input_dim)."""
+        return _contiguous(self._monomials(self._angles(observations)))
 
     def _check_angles(self, observation_dim: int) -> None:
         good = max(self.columns, default=0) < observation_dim
@@ -113,7 +113,7 @@ class Inputs(Settings):
 
         .. math:: (x \cdot y + c)^p = \phi(x) \cdot \phi(y)
 
-        In these coordinates a small offset loses no digits, as it does in the kernel's Gram matrix.
+        In these coordinates a small offset loses no precision, unlike in the kernel's Gram matrix.
         """
         if self.degree == 0:
             return x
@@ -125,11 +125,11 @@ class Inputs(Settings):
         return np.asarray(scale * factors[..., np.array(choices)].prod(axis=-1))
 
 
-def _row_by_row(points: Array) -> Array:
-    """Return the points row by row in memory: products of rows that lie otherwise can have other last bits."""
+def _contiguous(points: Array) -> Array:
+    """Return the inputs in C order, because another memory order can change the last bits of products."""
     return np.ascontiguousarray(points)
 
 
 def _multinomial(counts: Sequence[int]) -> int:
-    """Return the number of orders of a multiset with those counts."""
+    """Return the number of permutations of a multiset with the given counts."""
     return prod(comb(sum(counts[: i + 1]), count) for i, count in enumerate(counts))

@@ -1,6 +1,7 @@
-"""Policies and spaces as messages, whatever made the types of these: a ROS workspace, or the definitions alone.
+"""Convert policies and spaces to messages and back.
 
-A message is anything with the attributes that rkhs_interfaces defines; each is checked before it is used.
+The message types may come from a ROS workspace or from the bare definitions. A message is any object with the
+attributes that rkhs_interfaces defines; each attribute is checked before use.
 """
 
 from __future__ import annotations
@@ -22,31 +23,31 @@ from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, Kerne
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array, Kernel, kernel_from_terms
 
-MOST_INPUTS, MOST_ACTIONS = 100_000, 1_000  # dimensions of a policy
+MOST_INPUTS, MOST_ACTIONS = 100_000, 1_000  # largest dimensions of a policy
 FLOATS = ("float32", "float64")  # types of actions
-# What a variance of each name has no use for.
+# Fields that each kind of variance does not use.
 UNUSED = {"constant": ("kernel", "centres", "mass", "minimum", "maximum"), "kernel": (), "function": ("mass",)}
 
 
 def doubles(values: NDArray[Any]) -> array[float]:
-    """Return the values as what a float64[] field takes fastest."""
+    """Return the values in the type that a float64[] field accepts fastest."""
     return array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())
 
 
 def matrix(values: Any, rows: int, columns: int, what: str) -> Array:
-    """Return a float64[] field as a finite matrix of its own.
+    """Copy a float64[] field into a read-only matrix of finite numbers.
 
     Raises:
-        ValueError: another number of values, or some that are not finite.
+        ValueError: the number of values is wrong, or a value is not finite.
     """
     return shaped(values, (rows, columns), what)
 
 
 def shaped(values: Any, shape: tuple[int, ...], what: str) -> Array:
-    """Return a float64[] field as a finite array of its own.
+    """Copy a float64[] field into a read-only array of finite numbers.
 
     Raises:
-        ValueError: another number of values, or some that are not finite.
+        ValueError: the number of values is wrong, or a value is not finite.
     """
     array = viewed(values, shape, what).copy()
     array.setflags(write=False)
@@ -54,10 +55,10 @@ def shaped(values: Any, shape: tuple[int, ...], what: str) -> Array:
 
 
 def viewed(values: Any, shape: tuple[int, ...], what: str) -> Array:
-    """Return a float64[] field as a finite array that shares its memory.
+    """Return a float64[] field as an array of finite numbers that shares its memory.
 
     Raises:
-        ValueError: another number of values, or some that are not finite.
+        ValueError: the number of values is wrong, or a value is not finite.
     """
     if len(values) != prod(shape):
         raise ValueError(f"{what}: expected {shape} values, got {len(values)}")
@@ -67,7 +68,7 @@ def viewed(values: Any, shape: tuple[int, ...], what: str) -> Array:
 
 
 def spaces_fields(spaces: Spaces) -> dict[str, Any]:
-    """Return the fields of a message that describe a task's spaces."""
+    """Return the message fields that describe a task's spaces."""
     return {
         "observation_shape": spaces.observation_shape,
         "action_shape": spaces.action_low.shape,
@@ -80,10 +81,10 @@ def spaces_fields(spaces: Spaces) -> dict[str, Any]:
 
 
 def spaces_of(message: Any) -> Spaces:
-    """Return the spaces of the task that a message describes.
+    """Read a task's spaces from a message.
 
     Raises:
-        ValueError: the shapes, the type or the bounds do not fit.
+        ValueError: the shapes, the type or the bounds do not match.
     """
     require(message.action_type in FLOATS, "action_type", f"one of {', '.join(FLOATS)}", message.action_type)
     shape = tuple(int(size) for size in message.action_shape)
@@ -94,17 +95,16 @@ def spaces_of(message: Any) -> Spaces:
     bounds = (np.array(bound, dtype=message.action_type) for bound in (message.action_low, message.action_high))
     low, high = (bound.reshape(shape) if bound.size == sizes[1] else bound for bound in bounds)
     require(low.shape == shape, "action_low", f"{shape} values", low.shape)
-    names = (
-        tuple(getattr(message, f"{kind}_names", ())) for kind in ("observation", "action")
-    )  # not of old recordings
+    # Old recordings have no names.
+    names = (tuple(getattr(message, f"{kind}_names", ())) for kind in ("observation", "action"))
     return Spaces(observation_shape, low, high, *names)
 
 
 def policy_message(types: Any, policy: GaussianPolicy, version: int) -> Any:
-    """Return the policy as a message.
+    """Convert a policy to a message.
 
     Args:
-        types: of messages, as attributes: Policy, KernelTerm, Variance and Inputs.
+        types: object with the message types as attributes: Policy, KernelTerm, Variance and Inputs.
         policy: the policy.
         version: its version.
     """
@@ -123,10 +123,10 @@ def policy_message(types: Any, policy: GaussianPolicy, version: int) -> Any:
 
 
 def policy_of(message: Any) -> GaussianPolicy:
-    """Return the policy that a message carries.
+    """Read a policy from a message.
 
     Raises:
-        ValueError: it is not finite, misshapen or unknown; the message says what.
+        ValueError: a field is not finite, has the wrong shape, or names an unknown kind.
     """
     d, n = message.input_dim, message.action_dim
     good = 1 <= d <= MOST_INPUTS and 1 <= n <= MOST_ACTIONS
@@ -143,19 +143,19 @@ def _terms(types: Any, kernel: Kernel) -> list[Any]:
 
 
 def _kernel(terms: Iterable[Any], d: int) -> Kernel:
-    """Return a kernel that has been seen to be one of d-dimensional points."""
+    """Return a kernel after a test evaluation at a d-dimensional point."""
     most = max((len(term.parameters) for term in terms), default=0)
     require(most <= MOST_INPUTS, "kernel parameters", f"at most {MOST_INPUTS} a term", most)
     kernel = kernel_from_terms((term.name, term.parameters) for term in terms)
     origin = np.zeros((1, d))
     with np.errstate(all="ignore"):
         good = bool(np.isfinite(kernel(origin, origin)).all())
-    require(good, "kernel", "parameters that give finite values", "nan or infinity at the origin")
+    require(good, "kernel", "parameters with finite kernel values", "nan or infinity at the origin")
     return kernel
 
 
 def _inputs_of(message: Any, d: int) -> Inputs:
-    require(len(message.angles) <= d, "inputs.angles", f"at most {d} columns, one for each input", len(message.angles))
+    require(len(message.angles) <= d, "inputs.angles", f"at most {d} columns, one per input", len(message.angles))
     numbers = {"history": message.history, "degree": message.degree, "offset": message.offset}
     angles = {"angles": [int(column) for column in message.angles]} if len(message.angles) else {}
     return build(Inputs, {**numbers, **angles}, "inputs.")
@@ -177,7 +177,7 @@ def _variance_of(message: Any, d: int, n: int) -> Variance:
     require(message.name in UNUSED, "variance", f"one of {', '.join(UNUSED)}", f"'{message.name}'")
     for name in UNUSED[message.name]:
         size = len(getattr(message, name))
-        require(size == 0, f"variance {name}", f"none where the variance is '{message.name}'", f"{size} entries")
+        require(size == 0, f"variance {name}", f"none for a '{message.name}' variance", f"{size} entries")
     if message.name == "constant":
         return ConstantVariance(matrix(message.values, 1, n, "variance values")[0])
     m = len(message.centres) // d

@@ -1,4 +1,4 @@
-"""A policy to act with, one observation after the other, as an environment's loop wants it."""
+"""A policy that acts one observation at a time, as in the loop of a Gymnasium environment."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from rkhs_ros.rkhs.kernels import Array
 
 
 class Policy:
-    """A learnt policy that is called with what is observed and returns what to do, without exploration.
+    """A trained policy that maps an observation to an action, without exploration.
 
-    Owns the window of observations and actions that it looks back on; `reset` empties it when an episode begins.
+    It stores the window of past observations and actions; call `reset` at the start of each episode.
 
     Args:
         gaussian: mean, variance and inputs.
-        task: what it was learnt on.
-        spaces: shape of an observation, bounds, shape and type of an action.
+        task: the task that the policy was trained on.
+        spaces: shape of an observation; bounds, shape and type of an action.
 
     Raises:
-        ValueError: the policy does not fit the spaces.
+        ValueError: the dimensions of the policy and the spaces differ.
     """
 
     def __init__(self, gaussian: GaussianPolicy, task: Task, spaces: Spaces) -> None:
@@ -42,13 +42,14 @@ class Policy:
         self._actions: deque[Array] = deque(maxlen=gaussian.inputs.history + 1)
 
     def __call__(self, observation: Any) -> NDArray[np.floating[Any]]:
-        """Return the action, within its bounds and in the task's shape and type.
+        """Return the action, clipped to its bounds, in the task's shape and type.
 
         Args:
-            observation: one, or one for each of several rows; the same number of rows until the next `reset`.
+            observation: one observation, or a batch with one per environment; the batch size may change only after
+                `reset`.
 
         Raises:
-            ValueError: the shape is another one, or a number is not finite.
+            ValueError: the shape is wrong, or a number is not finite.
         """
         rows, one = self.spaces.rows(observation)
         require(bool(np.isfinite(rows).all()), "observation", "finite numbers", rows)
@@ -56,47 +57,47 @@ class Policy:
         return actions[0, ...] if one else actions
 
     def __repr__(self) -> str:
-        """Return what the policy is of in one line."""
+        """Return the environment and the dimensions of the policy in one line."""
         mean = self.gaussian.mean
         sizes = f"{mean.input_dim} inputs, {mean.output_dim} actions, {len(mean.centres)} centres"
         return f"<Policy of {self.task.environment}: {sizes}>"
 
     def reset(self) -> None:
-        """Forget what was observed and done: another episode begins."""
+        """Clear the window for a new episode."""
         self._observations.clear()
         self._actions.clear()
 
     def save(self, path: str | Path) -> None:
-        """Write the policy to a file, from which `load` and the nodes read it.
+        """Write the policy to a file for `load` and the nodes.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: the file cannot be written.
         """
         save_policy(Path(path), self.gaussian, self.task, self.spaces)
 
     def _mean(self, rows: Array) -> Array:
-        """Return the mean actions, not clipped, shape (rows, action_dim)."""
+        """Return the unclipped mean actions, shape (batch, action_dim)."""
         if self.gaussian.inputs.history == 1:
             return self.gaussian.mean(self.gaussian.inputs.features(rows))
         if self._observations and len(self._observations[0]) != len(rows):
-            expected = f"{len(self._observations[0])} rows as before, or reset() before other ones"
+            expected = f"a batch of {len(self._observations[0])} as before, or reset() first"
             raise ValueError(f"observation: expected {expected}, got {len(rows)}")
         self._observations.append(rows)
-        self._actions.append(np.zeros((len(rows), self.spaces.action_dim)))  # of this step, not known yet
+        self._actions.append(np.zeros((len(rows), self.spaces.action_dim)))  # placeholder for the action of this step
         newest = np.array([len(self._observations) - 1])
-        seen, done = (np.stack(list(past), axis=1) for past in (self._observations, self._actions))
-        actions = self.gaussian.mean(self.gaussian.inputs.at(newest, seen, done)[:, 0])
+        observed, done = (np.stack(list(past), axis=1) for past in (self._observations, self._actions))
+        actions = self.gaussian.mean(self.gaussian.inputs.at(newest, observed, done)[:, 0])
         self._actions[-1] = actions
         return actions
 
 
 def load(path: str | Path) -> Policy:
-    """Read a policy from a file: policy.npz of a run, or one that was saved.
+    """Load a policy from a file: policy.npz of a run, or a file from `Policy.save`.
 
     Raises:
-        ValueError: the file holds no policy, or a damaged one.
-        FileNotFoundError: there is no such file.
+        ValueError: the file is not a policy, or is damaged.
+        FileNotFoundError: the file does not exist.
     """
     saved = read_policy(Path(path))
-    mean = saved.policy.mean  # a file that does not tell the spaces: plain numbers, as many as the mean takes
+    mean = saved.policy.mean  # a file without spaces: use unbounded ones of the mean's dimensions
     return Policy(saved.policy, saved.task, saved.spaces or Spaces.unbounded(mean.input_dim, mean.output_dim))

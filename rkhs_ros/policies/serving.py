@@ -1,4 +1,4 @@
-"""Serving a policy: a session answers what one simulator shows, one policy from a batch's first step to its last."""
+"""Serve a policy to simulators: a session answers the observations of one simulator, batch by batch."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 
-REMEMBERED_BATCHES = 64  # that were begun, so that their late messages do not begin them again
+REMEMBERED_BATCHES = 64  # ids of started batches; their late messages do not start them again
 
 
 @dataclass(frozen=True)
 class ServedPolicy:
-    """The policy in service.
+    """The policy that is being served.
 
     Attributes:
         policy: the policy.
-        version: its number, which no other policy has.
-        explores: whether it explores in the batches that ask for it; otherwise it always acts by its mean.
+        version: its unique number.
+        explores: whether it explores in batches that request exploration; otherwise it always uses the mean.
     """
 
     policy: GaussianPolicy
@@ -30,15 +30,15 @@ class ServedPolicy:
 
 
 class Observation(NamedTuple):
-    """What a batch of episodes shows before its next step.
+    """The observations of a batch of episodes before its next step.
 
     Attributes:
         identity: number of the batch.
-        version: version of the policy that is to act in it.
-        step: the step about to be made, from 0.
+        version: version of the policy that the batch expects.
+        step: index of the next step, from 0.
         batch: the episodes.
-        observations: shape (rows, d), in the units of the task.
-        over: whether all episodes are over, so that no action is asked for.
+        observations: shape (num_envs, d), in the units of the task.
+        over: whether all episodes are over, so that no action is needed.
     """
 
     identity: int
@@ -55,8 +55,8 @@ class Answer(NamedTuple):
     Attributes:
         identity: number of the batch.
         version: version of the policy that acted.
-        step: the step they are of.
-        actions: shape (rows, n), in the units of the task.
+        step: index of the step.
+        actions: shape (num_envs, n), in the units of the task.
     """
 
     identity: int
@@ -67,26 +67,26 @@ class Answer(NamedTuple):
 
 @dataclass(frozen=True)
 class BatchOver:
-    """The batch is over: no action is asked for."""
+    """Reply to the last observation of a batch, which needs no action."""
 
 
 @dataclass(frozen=True)
 class Ignored:
-    """The observation came late, early or for another policy; the reason says what was expected."""
+    """Reply to an observation that is late, early or for another policy; the reason names what was expected."""
 
     reason: str
 
 
 @dataclass(frozen=True)
 class Refused:
-    """The observation cannot be answered; the reason says why."""
+    """Reply to an invalid observation, with the reason."""
 
     reason: str
 
 
 @dataclass(frozen=True)
 class Failed:
-    """The policy cannot act in the batch; the reason says where."""
+    """Reply if the policy fails to act in the batch, with the reason."""
 
     reason: str
 
@@ -95,10 +95,10 @@ Reply = Answer | BatchOver | Ignored | Refused | Failed
 
 
 class Serving(NamedTuple):
-    """A batch being served.
+    """A batch that is being served.
 
     Attributes:
-        acting: the policy as it acts in the batch.
+        acting: the policy that acts in the batch.
         last: the last answer.
         awaited: the first step without an answer.
     """
@@ -109,13 +109,11 @@ class Serving(NamedTuple):
 
 
 class Session:
-    """One simulator's session with the policy.
+    """A session between one simulator and the policy.
 
-    It is idle until it is shown the first step of a batch, and from then on serves the batch that began last. A batch
-    is served by one policy from its first step to its last, no step left out; one that was left is not begun again, as
-    its messages may come late.
-
-    Owns the batch being served, and the numbers of those begun.
+    The session is idle until the first step of a batch arrives. It then serves the batch that started last. One policy
+    serves all steps of a batch, and no step may be skipped. A batch that was abandoned does not start again, because
+    its messages may arrive late.
     """
 
     def __init__(self) -> None:
@@ -124,17 +122,17 @@ class Session:
 
     @property
     def last(self) -> Answer | None:
-        """The last answer; None while idle."""
+        """Last answer; None while idle."""
         return None if self._serving is None else self._serving.last
 
     def answer(self, observation: Observation, served: ServedPolicy | None) -> Reply:
-        """Return the answer to an observation; a duplicate is answered alike.
+        """Return the reply to an observation; a duplicate gets the same reply.
 
-        What is ignored or refused, or where the policy fails, leaves the session as it was.
+        The session does not change if the observation is ignored or refused, or if the policy fails.
 
         Args:
-            observation: what the simulator shows.
-            served: the policy in service, which acts in the batches that begin now; None where there is none yet.
+            observation: the observation from the simulator.
+            served: the policy for batches that start now; None if there is none yet.
         """
         serving = self._serving
         new = observation.step == 0 and observation.identity not in self._begun
@@ -154,7 +152,7 @@ class Session:
         )
 
     def _begin(self, observation: Observation, served: ServedPolicy) -> Answer:
-        """Begin a batch; the one before is left only once the policy has an answer to what this one shows."""
+        """Start a batch; the previous batch is abandoned only after the policy has answered this one."""
         batch = observation.batch
         acting = Acting(served.policy, batch, explore=batch.explore and served.explores)
         answer = _act(acting, observation)
@@ -171,7 +169,7 @@ class Session:
         if observation.over:
             return BatchOver()
         if step >= batch.horizon:
-            raise ValueError(f"step: expected less than {batch.horizon}, unless all is over, got {step}")
+            raise ValueError(f"step: expected less than {batch.horizon} unless all episodes are over, got {step}")
         if step == serving.last.step:
             return serving.last
         answer = _act(serving.acting, observation)

@@ -1,4 +1,4 @@
-"""What goes in and out of a task: the shape of its observations, and the bounds of its actions."""
+"""Observation and action spaces of a task."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from rkhs_ros.rkhs.kernels import Array
 
 @dataclass(frozen=True)
 class Spaces:
-    """The spaces of a task as it has them; policies see and act in rows of plain numbers.
+    """The spaces of a task in its own shapes and types; policies use flat arrays.
 
     Attributes:
         observation_shape: shape of one observation.
-        action_low: least action, in the shape and type of the task's actions; may be infinite.
-        action_high: greatest action, alike.
-        observation_names: of each number of an observation, with its unit; none where the task does not say.
-        action_names: of each number of an action, alike.
+        action_low: lower bound, in the shape and type of the task's actions; may be infinite.
+        action_high: upper bound, in the same shape and type.
+        observation_names: name and unit of each component of an observation; empty if the task has no names.
+        action_names: name and unit of each component of an action; empty if the task has no names.
     """
 
     observation_shape: tuple[int, ...]
@@ -33,45 +33,47 @@ class Spaces:
     action_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise ValueError where the bounds are no bounds."""
+        """Raise ValueError if a shape, a bound or the number of names is invalid."""
         low, high = self.action_low, self.action_high
         good = all(isinstance(size, int) and size >= 0 for size in self.observation_shape)
         require(good, "observation_shape", "whole numbers >= 0", self.observation_shape)
         require(bool(np.issubdtype(low.dtype, np.floating)), "action_low", "real numbers", low.dtype)
-        require(low.shape == high.shape and low.dtype == high.dtype, "action_high", "the low bound's kind", high)
+        require(
+            low.shape == high.shape and low.dtype == high.dtype, "action_high", "the shape and type of action_low", high
+        )
         require(bool((low <= high).all()), "action_low", "at most action_high", low)
         for kind, size in (("observation", self.observation_dim), ("action", self.action_dim)):
             names = getattr(self, f"{kind}_names")
-            require(len(names) in (0, size), f"{kind}_names", f"{size} names, or none", ", ".join(names))
+            require(len(names) in (0, size), f"{kind}_names", f"{size} names or none", ", ".join(names))
 
     @classmethod
     def unbounded(cls, observation_dim: int, action_dim: int) -> Spaces:
-        """Return the spaces of rows of numbers without bounds."""
+        """Return flat, unbounded spaces."""
         return cls((observation_dim,), np.full(action_dim, -np.inf), np.full(action_dim, np.inf))
 
     @property
     def observation_dim(self) -> int:
-        """Number of numbers in an observation."""
+        """Number of components of an observation."""
         return prod(self.observation_shape)
 
     @property
     def action_dim(self) -> int:
-        """Number of numbers in an action."""
+        """Number of components of an action."""
         return int(self.action_low.size)
 
     def clip(self, actions: Array) -> Array:
-        """Return actions, shape (rows, action_dim), within the bounds."""
+        """Return actions, shape (batch, action_dim), clipped to the bounds."""
         low, high = self._bounds
-        return np.minimum(np.maximum(actions, low), high)  # several times faster than numpy.clip on few values
+        return np.minimum(np.maximum(actions, low), high)  # several times faster than numpy.clip for few values
 
     def clip_with_margin(self, actions: Array, beyond: Array) -> Array:
-        """Return actions, shape (rows, action_dim), at most so far, shape (action_dim,), beyond the bounds."""
+        """Return actions, shape (batch, action_dim), clipped to the bounds plus a margin, shape (action_dim,)."""
         low, high = self._bounds
         return np.minimum(np.maximum(actions, low - beyond), high + beyond)
 
     @property
     def half_ranges(self) -> Array:
-        """Half the range of each action, shape (action_dim,); 1 where it has no bounds, or no room between them."""
+        """Half the range of each action, shape (action_dim,); 1 if the range is infinite or zero."""
         low, high = self._bounds
         return np.where(np.isfinite(high - low) & (high > low), 0.5 * (high - low), 1.0)
 
@@ -80,22 +82,22 @@ class Spaces:
         return self.action_low.ravel().astype(np.float64), self.action_high.ravel().astype(np.float64)
 
     def shaped(self, actions: Array) -> NDArray[np.floating[Any]]:
-        """Return actions within the bounds, shape (rows, action_dim), in the task's shape and type, after the rows."""
+        """Return clipped actions, shape (batch, action_dim), in the task's shape and type: shape (batch, ...)."""
         shape = (len(actions), *self.action_low.shape)
         return self.clip(actions).reshape(shape).astype(self.action_low.dtype, copy=False)
 
     def rows(self, observations: Any) -> tuple[Array, bool]:
-        """Return one observation or several as rows of numbers, and whether it was one alone.
+        """Return one observation or a batch as a matrix with one row each, and whether it was a single one.
 
         Raises:
-            ValueError: the shape is neither that of an observation nor that of several.
+            ValueError: the shape is neither that of an observation nor that of a batch.
         """
         if isinstance(observations, dict | tuple):
             raise ValueError(
-                "observation: expected numbers, got a composed one; use gymnasium.spaces.flatten(space, it)"
+                "observation: expected an array, got a Dict or Tuple. Use gymnasium.spaces.flatten(space, observation)"
             )
-        array = np.array(observations, dtype=np.float64)  # a copy: the caller's may be used again
+        array = np.array(observations, dtype=np.float64)  # a copy, because the caller may reuse the array
         one = array.shape == self.observation_shape
         good = one or array.shape[1:] == self.observation_shape
-        require(good, "observation", f"the shape {self.observation_shape}, or several of them", array.shape)
+        require(good, "observation", f"the shape {self.observation_shape} or a batch of it", array.shape)
         return array.reshape(-1, self.observation_dim), one

@@ -1,4 +1,4 @@
-"""Policies in files: plain arrays in npz, no pickle."""
+"""Store policies as plain arrays in npz files, without pickle."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Kernel, Term, kernel_from_terms
 
 SCHEMA = 2
-NAMES = ("observation_names", "action_names")  # of the spaces, in a file that has them
+NAMES = ("observation_names", "action_names")  # optional arrays of a file
 Arrays = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
 class Task:
-    """What a policy was learnt on.
+    """The task that a policy was trained on.
 
     Attributes:
         environment: Gymnasium id.
         options: keyword options of the environment.
-        horizon: steps of an episode.
+        horizon: maximum number of steps per episode.
         discount: discount factor of the return.
     """
 
@@ -46,7 +46,7 @@ class Task:
     discount: float
 
     def __post_init__(self) -> None:
-        """Raise ValueError where a value is of another type or out of its range, as in a file by somebody else."""
+        """Raise ValueError if a value from an untrusted file has the wrong type or is out of range."""
         require(isinstance(self.environment, str), "task: environment", "text", repr(self.environment))
         require(isinstance(self.options, Mapping), "task: options", "a section of keys", repr(self.options))
         require(type(self.horizon) is int and self.horizon >= 1, "task: horizon", "a whole number >= 1", self.horizon)
@@ -55,12 +55,12 @@ class Task:
 
 
 class SavedPolicy(NamedTuple):
-    """What a policy's file holds.
+    """The content of a policy file.
 
     Attributes:
         policy: the policy.
-        task: what it was learnt on.
-        spaces: shape of an observation, and bounds of the actions; None where the file does not say.
+        task: the task that it was trained on.
+        spaces: shape of an observation and bounds of the actions; None if the file lacks them.
     """
 
     policy: GaussianPolicy
@@ -69,10 +69,10 @@ class SavedPolicy(NamedTuple):
 
 
 def save_policy(path: Path, policy: GaussianPolicy, task: Task, spaces: Spaces | None = None) -> None:
-    """Write a policy, its task and the task's spaces, if known; an existing file is replaced whole or not at all.
+    """Write a policy, its task and, if known, the task's spaces atomically to a file.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     arrays = {
         "schema": np.array(SCHEMA),
@@ -84,7 +84,7 @@ def save_policy(path: Path, policy: GaussianPolicy, task: Task, spaces: Spaces |
 
 
 def load_policy(path: Path) -> tuple[GaussianPolicy, Task]:
-    """Read a policy and its task; raises as `read_policy` does."""
+    """Read a policy and its task; raises the same errors as `read_policy`."""
     return read_policy(path)[:2]
 
 
@@ -92,8 +92,8 @@ def read_policy(path: Path) -> SavedPolicy:
     """Read a policy, its task and the task's spaces.
 
     Raises:
-        ValueError: the file is cut short, of another kind or schema, or holds what is no policy.
-        FileNotFoundError: there is no such file.
+        ValueError: the file is truncated, has another type or schema, or contains no valid policy.
+        FileNotFoundError: the file does not exist.
     """
     try:
         arrays = unpacked(read_whole(path))
@@ -106,12 +106,12 @@ def read_policy(path: Path) -> SavedPolicy:
         raise ValueError(f"{path}: expected a policy file, got one without {error}") from error
     except Exception as error:  # a damaged archive raises almost anything
         reason = " ".join(str(error).split())
-        raise ValueError(f"{path}: expected a whole policy file (npz), got an unreadable one ({reason})") from error
+        raise ValueError(f"{path}: expected a complete policy file (npz), got an unreadable one ({reason})") from error
 
 
 def _spaces_arrays(spaces: Spaces) -> Arrays:
     shape = np.array(spaces.observation_shape, dtype=np.int64)
-    names = {name: np.array(told) for name in NAMES if (told := getattr(spaces, name))}
+    names = {name: np.array(known) for name in NAMES if (known := getattr(spaces, name))}
     return {"observation_shape": shape, "action_low": spaces.action_low, "action_high": spaces.action_high, **names}
 
 
@@ -124,20 +124,20 @@ def _spaces(arrays: Arrays) -> Spaces | None:
 
 
 def packed(arrays: Arrays) -> bytes:
-    """Return the content of an npz file, no pickle in it."""
+    """Return the content of an npz file without pickled objects."""
     buffer = BytesIO()
     np.savez(buffer, allow_pickle=False, **arrays)
     return buffer.getvalue()
 
 
 def unpacked(content: bytes) -> Arrays:
-    """Return the arrays of an npz file; where it is damaged this raises almost anything.
+    """Return the arrays of an npz file; a damaged file may raise almost any exception.
 
-    Each array's bytes are read to their end, for only there their checksum is compared. Reading by numpy alone ends
-    where the array's own header says. No more is read than the archive says, and that is looked at first.
+    Each member is read to its end, because only then its checksum is verified; numpy alone stops at the length in the
+    array's header. The sizes in the archive are checked first, and no more than these is read.
 
     Raises:
-        ValueError: it would grow beyond all measure.
+        ValueError: the unpacked arrays are too large for the file.
     """
     with ZipFile(BytesIO(content)) as archive:
         require_expansion(sum(member.file_size for member in archive.infolist()), len(content), "archive")
@@ -146,7 +146,7 @@ def unpacked(content: bytes) -> Arrays:
 
 
 def _array(content: bytes) -> np.ndarray:
-    """Return the array in an npy file, whose header may say that there is more of it than there is."""
+    """Return the array in an npy file, after a check that its header does not claim more data than there is."""
     mapped = BytesIO(content)
     np.lib.format.read_magic(mapped)
     shape, _, kind = np.lib.format.read_array_header_1_0(mapped)
@@ -156,18 +156,18 @@ def _array(content: bytes) -> np.ndarray:
 
 
 def whole_numbers(values: np.ndarray, what: str) -> list[int]:
-    """Return the whole numbers >= 0 in an array.
+    """Return the elements of a one-dimensional array of whole numbers >= 0.
 
     Raises:
-        ValueError: they are others, or there is something else in it.
+        ValueError: the array has another shape or other values.
     """
     good = values.ndim == 1 and values.dtype.kind in "iu" and bool((values >= 0).all())
-    require(good, what, "whole numbers >= 0 in a row", values)
+    require(good, what, "a one-dimensional array of whole numbers >= 0", values)
     return [int(value) for value in values]
 
 
 def policy_arrays(policy: GaussianPolicy) -> Arrays:
-    """Return a policy as arrays by name."""
+    """Return the arrays that represent a policy, by name."""
     return {
         **_kernel_arrays("kernel", policy.mean.kernel),
         "centres": policy.mean.centres,
@@ -179,11 +179,11 @@ def policy_arrays(policy: GaussianPolicy) -> Arrays:
 
 
 def policy_of(arrays: Arrays) -> GaussianPolicy:
-    """Return the policy that such arrays, and perhaps others beside them, stand for.
+    """Rebuild a policy from its arrays; further arrays are ignored.
 
     Raises:
-        KeyError: one is missing.
-        ValueError: they are no policy.
+        KeyError: an array is missing.
+        ValueError: the arrays do not form a valid policy.
     """
     mean = Function(_kernel(arrays, "kernel"), arrays["centres"], arrays["weights"])
     inputs = build(Inputs, json.loads(str(arrays["inputs"])), "inputs.")

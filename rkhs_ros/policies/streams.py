@@ -1,6 +1,6 @@
-"""Random streams that depend on (seed, name, episode) and on nothing else.
+"""Random streams that depend only on (seed, name, episode).
 
-So the draws of an episode are the same wherever and beside whatever other episodes it runs.
+The draws of an episode are therefore the same on every machine and in every batch.
 """
 
 from __future__ import annotations
@@ -17,32 +17,32 @@ from rkhs_ros.base.validation import require
 
 
 def stream_seed(seed: int, name: str, episode: int) -> int:
-    """Return the 63-bit seed of a stream, a hash of what it depends on."""
+    """Return the 63-bit seed of a stream, a hash of its arguments."""
     digest = blake2b(f"{seed}/{name}/{episode}".encode(), digest_size=8).digest()
     return int.from_bytes(digest, "little") >> 1
 
 
 def stream(seed: int, name: str, episode: int) -> np.random.Generator:
-    """Return the stream's generator, counter-based (Philox)."""
+    """Return the counter-based random generator (Philox) of a stream."""
     return np.random.Generator(np.random.Philox(key=stream_seed(seed, name, episode)))
 
 
-MAX_BATCH_SAMPLES = 10**7  # so that no message can ask for more memory than there is
+MAX_BATCH_SAMPLES = 10**7  # limits the memory that a message can request
 
 
 @dataclass(frozen=True)
 class Batch:
-    """The episodes that run side by side: what everyone needs to know of them when they start.
+    """A batch of episodes that run in parallel, one per environment.
 
     Attributes:
         seed: seed of the run.
-        first_episode: number of the episode in row 0; row i holds episode ``first_episode + i``.
-        num_envs: number of episodes.
-        horizon: steps of an episode.
-        explore: actions are drawn from the policy; otherwise they are its mean. Exploring and noise-free
+        first_episode: number of the first episode; environment i runs episode ``first_episode + i``.
+        num_envs: number of environments and thus of episodes.
+        horizon: maximum number of steps per episode.
+        explore: whether actions are sampled from the policy; otherwise they are its mean. Exploring and evaluation
             episodes of the same number have different streams.
-        num_evaluation: how many of the rows, the last ones, hold evaluation episodes beside exploring ones.
-        first_evaluation: number of the first of these; 0 where there are none.
+        num_evaluation: number of evaluation episodes, which follow the exploring ones in the same batch.
+        first_evaluation: number of the first of these evaluation episodes; 0 if there are none.
     """
 
     seed: int
@@ -54,7 +54,7 @@ class Batch:
     first_evaluation: int = 0
 
     def __post_init__(self) -> None:
-        """Raise ValueError where a number is out of range."""
+        """Raise ValueError if a number is out of range."""
         require(0 <= self.seed < 2**64, "seed", "a number in [0, 2^64)", self.seed)
         require(0 <= self.first_episode < 2**63, "first_episode", "a number in [0, 2^63)", self.first_episode)
         require(1 <= self.num_envs <= 10_000, "num_envs", "1 to 10000 episodes", self.num_envs)
@@ -64,39 +64,39 @@ class Batch:
             samples <= MAX_BATCH_SAMPLES, "num_envs and horizon", f"at most {MAX_BATCH_SAMPLES} samples in all", samples
         )
         most = self.num_envs - 1 if self.explore else 0
-        require(0 <= self.num_evaluation <= most, "num_evaluation", f"at most {most} rows", self.num_evaluation)
+        require(0 <= self.num_evaluation <= most, "num_evaluation", f"at most {most} episodes", self.num_evaluation)
         last = 2**63 - 1 if self.num_evaluation else 0
         require(0 <= self.first_evaluation <= last, "first_evaluation", f"0 to {last}", self.first_evaluation)
 
     @property
     def keys(self) -> list[tuple[bool, int]]:
-        """Whether the episode of each row explores, and its number among those of its kind."""
+        """Whether the episode of each environment explores, and its number among the episodes of its kind."""
         numbers = range(self.first_episode, self.first_episode + self.num_envs - self.num_evaluation)
         beside = range(self.first_evaluation, self.first_evaluation + self.num_evaluation)
         return [(self.explore, number) for number in numbers] + [(False, number) for number in beside]
 
     @property
     def episodes(self) -> list[int]:
-        """The episodes' numbers."""
+        """Episode number of each environment."""
         return [number for _, number in self.keys]
 
     @property
     def kinds(self) -> list[tuple[Batch, slice]]:
-        """The exploring episodes and the noise-free ones as a batch each, where there are any, and their rows."""
+        """The exploring and the evaluation episodes as one batch each, with their environments; none is empty."""
         ends = [0, self.num_envs - self.num_evaluation, self.num_envs]
         return [(self.part(begin, end), slice(begin, end)) for begin, end in pairwise(ends) if end > begin]
 
-    def beside(self, num_evaluation: Batch) -> Batch:
-        """Return these exploring episodes and, in rows after them, noise-free ones of the same run.
+    def with_evaluation(self, evaluation: Batch) -> Batch:
+        """Return a batch of these exploring episodes followed by evaluation episodes of the same run.
 
         Raises:
-            ValueError: they are too many for a batch.
+            ValueError: the batch is too large.
         """
-        rows, first = num_evaluation.num_envs, num_evaluation.first_episode
-        return replace(self, num_envs=self.num_envs + rows, num_evaluation=rows, first_evaluation=first)
+        count, first = evaluation.num_envs, evaluation.first_episode
+        return replace(self, num_envs=self.num_envs + count, num_evaluation=count, first_evaluation=first)
 
     def part(self, begin: int, end: int) -> Batch:
-        """Return the episodes of the rows from ``begin`` to before ``end``, at least one, as a batch."""
+        """Return the episodes of environments ``begin`` to ``end - 1``, at least one, as a batch."""
         first_kind = self.num_envs - self.num_evaluation
         if begin >= first_kind:
             first = self.first_evaluation + begin - first_kind
@@ -111,24 +111,24 @@ class Batch:
         )
 
     def split(self, parts: int) -> list[Batch]:
-        """Return the same episodes as that many batches of near the same size, in order; fewer where rows are few."""
+        """Split the batch in order into ``parts`` batches of similar size; fewer if there are fewer environments."""
         ends = [self.num_envs * part // parts for part in range(parts + 1)]
         return [self.part(begin, end) for begin, end in pairwise(ends) if end > begin]
 
     def shared(self, counts: Sequence[int]) -> list[Batch]:
-        """Return the same episodes as batches of so many rows, each at least one, in order."""
+        """Split the batch in order into batches of the given sizes, each at least 1."""
         return [self.part(end - count, end) for count, end in zip(counts, accumulate(counts), strict=True)]
 
-    def parts(self, rows: int) -> list[Batch]:
-        """Return the same episodes as batches of at most that many rows, in order."""
-        return self.split(-(-self.num_envs // rows))
+    def parts(self, num_envs: int) -> list[Batch]:
+        """Split the batch in order into batches of at most ``num_envs`` environments."""
+        return self.split(-(-self.num_envs // num_envs))
 
     def environment_seeds(self) -> list[int]:
-        """Return a seed for the environment of each row."""
+        """Return the seed of each environment."""
         return [stream_seed(self.seed, _name("environment", explore), number) for explore, number in self.keys]
 
     def exploration(self, action_dim: int) -> NDArray[np.float64]:
-        """Return the standard normal draws of all steps of the rows that explore, shape (rows, horizon, action_dim)."""
+        """Return the standard normal draws of all exploring episodes, shape (exploring, horizon, action_dim)."""
         numbers = [number for explore, number in self.keys if explore]
         draws = np.empty((len(numbers), self.horizon, action_dim))
         for row, number in enumerate(numbers):

@@ -11,12 +11,12 @@ from rkhs_ros.rkhs.function import BLOCK_ROWS, Function
 from rkhs_ros.rkhs.kernels import Array, Kernel, rowwise_matmul
 from rkhs_ros.rkhs.regression import by_blocks
 
-MOST_STEP = 100.0  # of a variance's logarithm at a time, beyond which there are but its bounds
+MOST_STEP = 100.0  # largest change of a log variance in one step; larger steps reach the bounds anyway
 
 
 @dataclass(frozen=True)
 class ConstantVariance:
-    """The same diagonal variance everywhere.
+    """A diagonal variance that does not depend on the state.
 
     Attributes:
         values: variance of each action dimension, shape (n,), positive.
@@ -25,7 +25,7 @@ class ConstantVariance:
     values: Array
 
     def __post_init__(self) -> None:
-        """Raise ValueError where a variance is not positive."""
+        """Raise ValueError if a variance is not positive."""
         object.__setattr__(self, "values", _positive(self.values, "variance"))
 
     @property
@@ -36,21 +36,21 @@ class ConstantVariance:
     def __call__(self, x: Array) -> Array:
         """Evaluate at points of shape (batch, d): shape (batch, n)."""
         variances = np.empty((len(x), len(self.values)))
-        variances[:] = self.values  # quicker than numpy.full on few values
+        variances[:] = self.values  # faster than numpy.full for few values
         return variances
 
     def decay(self, factor: float, minimum_sd: float) -> ConstantVariance:
-        """Return the variance of a standard deviation times ``factor``, not below ``minimum_sd``."""
+        """Return the variance with the standard deviation multiplied by ``factor``, but at least ``minimum_sd``."""
         floor = np.minimum(self.values, minimum_sd**2)
         return ConstantVariance(np.maximum(self.values * factor**2, floor))
 
     def moved(self, step: Array, least: Array, most: Array) -> ConstantVariance:
-        r"""Return the variance a step on along :math:`\sqrt2 \log\sigma` of each action, within bounds.
+        r"""Return the variance after a step of :math:`\sqrt2 \log\sigma` for each action, clipped to bounds.
 
         Args:
-            step: shape (n,); of any size, as steps of a given one may be.
+            step: shape (n,), of any size.
             least: lower bound of the variance, shape (n,), positive.
-            most: upper bound, shape (n,).
+            most: upper bound of the variance, shape (n,).
         """
         factor = np.exp(np.clip(np.sqrt(2.0) * step, -MOST_STEP, MOST_STEP))
         return ConstantVariance(np.minimum(np.maximum(self.values * factor, least), most))
@@ -58,15 +58,15 @@ class ConstantVariance:
 
 @dataclass(frozen=True)
 class KernelVariance:
-    r"""A weighted mean of variances seen near the state, within bounds.
+    r"""A kernel-weighted mean of observed variances, clipped to bounds.
 
     .. math:: g(s) = \frac{\sum_j m_j v_j \kappa(c_j, s)}{\sum_j m_j \kappa(c_j, s)}
 
-    The mended form of Eq 24: the printed one divides squared exploration by squared exploration, so its value
-    is not a variance. Where all kernel values vanish the variance is the mean over all centres.
+    This corrects Eq 24: the published form divides squared exploration by squared exploration, so its value is not a
+    variance. If all kernel values vanish, the variance is the mean over all centres.
 
     Attributes:
-        kernel: a kernel without negative values, else the mean would be none.
+        kernel: a kernel without negative values, as required for weights.
         centres: shape (m, d), m at least 1.
         mass: weight of each centre, shape (m,), positive.
         values: variance at each centre, shape (m, n), not negative.
@@ -82,7 +82,7 @@ class KernelVariance:
     maximum: Array
 
     def __post_init__(self) -> None:
-        """Raise ValueError where shapes do not fit or numbers are out of range."""
+        """Raise ValueError if shapes do not match or numbers are out of range."""
         require(self.kernel.is_positive, "variance kernel", "one without negative values", self.kernel)
         for name in ("centres", "values"):
             shape = np.shape(getattr(self, name))
@@ -107,7 +107,7 @@ class KernelVariance:
         return int(self.values.shape[1])
 
     def __call__(self, x: Array) -> Array:
-        """Evaluate at points of shape (batch, d): shape (batch, n), each row by itself to the last bit."""
+        """Evaluate at points of shape (batch, d): shape (batch, n); each row depends only on its own point."""
         return by_blocks(lambda rows: self._at(x[rows]), len(x), BLOCK_ROWS)
 
     def _at(self, x: Array) -> Array:
@@ -120,12 +120,12 @@ class KernelVariance:
 
 @dataclass(frozen=True)
 class FunctionVariance:
-    r"""A function of the state, within bounds: Eq 24 as printed.
+    r"""A function of the state, clipped to bounds: Eq 24 as published.
 
     .. math:: g(s) = \sum_j \kappa(c_j, s)\,\beta_j
 
     Attributes:
-        function: g before it is bounded.
+        function: g before clipping.
         minimum: lower bound, shape (n,), positive.
         maximum: upper bound, shape (n,).
     """
@@ -135,7 +135,7 @@ class FunctionVariance:
     maximum: Array
 
     def __post_init__(self) -> None:
-        """Raise ValueError where shapes do not fit or the bounds are no bounds."""
+        """Raise ValueError if shapes do not match or the bounds are invalid."""
         _set_bounds(self, self.output_dim)
 
     @property
@@ -149,7 +149,7 @@ class FunctionVariance:
         return self.function.output_dim
 
     def __call__(self, x: Array) -> Array:
-        """Evaluate at points of shape (batch, d): shape (batch, n), each row by itself to the last bit."""
+        """Evaluate at points of shape (batch, d): shape (batch, n); each row depends only on its own point."""
         return np.asarray(np.clip(self.function(x), self.minimum, self.maximum))
 
 
@@ -167,5 +167,5 @@ def _set_bounds(variance: KernelVariance | FunctionVariance, n: int) -> None:
 
 def _positive(values: Array, what: str) -> Array:
     array = finite_array(values, np.shape(values), what)
-    require(array.ndim == 1 and bool((array > 0).all()), what, "positive numbers in a row", values)
+    require(array.ndim == 1 and bool((array > 0).all()), what, "positive numbers (one-dimensional)", values)
     return array

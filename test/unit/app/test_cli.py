@@ -190,7 +190,7 @@ def test_a_policy_file_cut_short_ends_with_one_line(rkhs: Run, policy_file: Path
     whole = policy_file.read_bytes()
     for length in (0, 1, 100, len(whole) // 2, len(whole) - 1):
         policy_file.write_bytes(whole[:length])
-        assert_refused(rkhs("evaluate", policy_file), "toy.npz: expected a whole policy file")
+        assert_refused(rkhs("evaluate", policy_file), "toy.npz: expected a complete policy file")
 
 
 def test_a_policy_of_other_dimensions_than_its_task_ends_with_one_line(

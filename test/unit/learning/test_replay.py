@@ -29,7 +29,9 @@ KINDS = ("exploring", "noise-free", "both")
 
 def make_batch(kinds: str, seed: int, rows: int, horizon: int) -> Batch:
     exploring, num_evaluation = (Batch(seed, 40, rows, horizon, explore=explore) for explore in (True, False))
-    return {"exploring": exploring, "noise-free": num_evaluation, "both": exploring.beside(num_evaluation)}[kinds]
+    return {"exploring": exploring, "noise-free": num_evaluation, "both": exploring.with_evaluation(num_evaluation)}[
+        kinds
+    ]
 
 
 def make_policy(rng: np.random.Generator, inputs: Inputs, d: int, n: int, noise: str = "white") -> GaussianPolicy:

@@ -252,7 +252,7 @@ def test_options_out_of_range_end_with_one_line(rkhs: Run, arguments: tuple[obje
 def test_a_missing_a_damaged_and_a_misfit_policy_end_with_one_line(rkhs: Run, random_policy: Make) -> None:
     assert_refused(rkhs("render", "none.npz"), "none.npz")
     Path("bad.npz").write_bytes(b"PK\x03\x04 no archive")
-    assert_refused(rkhs("render", "bad.npz"), "bad.npz: expected a whole policy file")
+    assert_refused(rkhs("render", "bad.npz"), "bad.npz: expected a complete policy file")
     save_policy(Path("wide.npz"), random_policy(d=3, n=1), TOY)
     assert_refused(rkhs("render", "wide.npz"), "expected a policy from 1 to 1 dimensions for rkhs/Toy-v0")
     assert sorted(path.name for path in Path().iterdir()) == ["bad.npz", "wide.npz"]

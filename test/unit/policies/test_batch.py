@@ -1,4 +1,4 @@
-"""The episodes that run side by side: their numbers, and how they are shared out."""
+"""Batches of episodes: their numbers, seeds and splits."""
 
 from collections.abc import Iterator
 
@@ -13,15 +13,15 @@ from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from test.unit.rollouts.test_inline_runner import ARRAYS, MakePolicy
 
-numbers = st.integers(0, 2**63 - 1)
+numbers = st.integers(0, 2**63 - 100)  # the numbers of all parts must stay below 2^63
 
 
 @st.composite
 def batches(draw: st.DrawFn) -> Batch:
-    """Batches of one kind and of both."""
+    """Draw a batch of exploring episodes, evaluation episodes or both."""
     exploring = Batch(5, draw(numbers), draw(st.integers(1, 20)), 3, explore=True)
-    num_evaluation = Batch(5, draw(numbers), draw(st.integers(1, 20)), 3, explore=False)
-    return draw(st.sampled_from([exploring, num_evaluation, exploring.beside(num_evaluation)]))
+    evaluation = Batch(5, draw(numbers), draw(st.integers(1, 20)), 3, explore=False)
+    return draw(st.sampled_from([exploring, evaluation, exploring.with_evaluation(evaluation)]))
 
 
 def rows_of(parts: list[Batch]) -> Iterator[tuple[bool, int, int]]:
@@ -30,7 +30,7 @@ def rows_of(parts: list[Batch]) -> Iterator[tuple[bool, int, int]]:
 
 
 @given(batches(), st.integers(1, 50))
-def test_batches_are_shared_out_in_order_each_episode_with_its_own_seed(batch: Batch, count: int) -> None:
+def test_splitting_a_batch_keeps_the_order_and_seeds_of_its_episodes(batch: Batch, count: int) -> None:
     whole = list(rows_of([batch]))
     assert len(whole) == len(set(whole)) == batch.num_envs
     for parts in (batch.split(count), batch.parts(count), [kind for kind, _ in batch.kinds]):
@@ -41,7 +41,7 @@ def test_batches_are_shared_out_in_order_each_episode_with_its_own_seed(batch: B
 
 
 @given(batches())
-def test_the_kinds_of_a_batch_are_its_rows(batch: Batch) -> None:
+def test_the_kinds_of_a_batch_cover_its_environments(batch: Batch) -> None:
     for kind, rows in batch.kinds:
         assert kind.keys == batch.keys[rows]
         assert {explore for explore, _ in kind.keys} == {kind.explore}
@@ -53,20 +53,20 @@ def test_the_kinds_of_a_batch_are_its_rows(batch: Batch) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"num_evaluation": 4}, "num_evaluation: expected at most 3 rows, got 4"),
-        ({"num_evaluation": -1}, "num_evaluation: expected at most 3 rows, got -1"),
-        ({"explore": False, "num_evaluation": 1}, "num_evaluation: expected at most 0 rows, got 1"),
+        ({"num_evaluation": 4}, "num_evaluation: expected at most 3 episodes, got 4"),
+        ({"num_evaluation": -1}, "num_evaluation: expected at most 3 episodes, got -1"),
+        ({"explore": False, "num_evaluation": 1}, "num_evaluation: expected at most 0 episodes, got 1"),
         ({"first_evaluation": 1}, "first_evaluation: expected 0 to 0, got 1"),
         ({"num_evaluation": 1, "first_evaluation": 2**63}, f"first_evaluation: expected 0 to {2**63 - 1}, got {2**63}"),
     ],
 )
-def test_rows_of_a_second_kind_that_cannot_be_are_refused(changes: dict[str, int], message: str) -> None:
+def test_invalid_numbers_of_evaluation_episodes_are_rejected(changes: dict[str, int], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Batch(**({"seed": 0, "first_episode": 0, "num_envs": 4, "horizon": 5, "explore": True} | changes))  # type: ignore[arg-type]
 
 
-def test_the_streams_of_an_episode_are_named_by_what_they_are_of() -> None:
-    # Recordings are replayed by these names: another one would draw other actions.
+def test_streams_have_stable_names() -> None:
+    # Replaying a recording needs the same names, because other names draw other actions.
     exploring, num_evaluation = Batch(5, 10, 2, 3, explore=True), Batch(5, 7, 2, 3, explore=False)
     draws = [stream(5, "training/exploration", number).standard_normal((3, 2)) for number in (10, 11)]
     assert np.array_equal(exploring.exploration(2), draws)
@@ -79,7 +79,7 @@ def test_the_streams_of_an_episode_are_named_by_what_they_are_of() -> None:
     ("name", "least", "most"),
     [("seed", 0, 2**64 - 1), ("first_episode", 0, 2**63 - 1), ("num_envs", 1, 10_000), ("horizon", 1, 1_000_000)],
 )
-def test_each_number_of_a_batch_has_borders(name: str, least: int, most: int) -> None:
+def test_each_number_of_a_batch_has_limits(name: str, least: int, most: int) -> None:
     batch = {"seed": 0, "first_episode": 0, "num_envs": 1, "horizon": 1, "explore": True}
     for value in (least, most):
         assert getattr(Batch(**{**batch, name: value}), name) == value
@@ -88,7 +88,7 @@ def test_each_number_of_a_batch_has_borders(name: str, least: int, most: int) ->
             Batch(**{**batch, name: value})
 
 
-def test_a_batch_has_ten_million_samples_at_most() -> None:
+def test_a_batch_has_at_most_ten_million_samples() -> None:
     assert Batch(0, 0, 10_000, 1000, explore=True).horizon == 1000
     with pytest.raises(
         ValueError, match="num_envs and horizon: expected at most 10000000 samples in all, got 10010000"
@@ -98,36 +98,36 @@ def test_a_batch_has_ten_million_samples_at_most() -> None:
 
 @pytest.mark.parametrize("learnt", [False, True], ids=["constant variance", "learnt variance"])
 @pytest.mark.parametrize("num_envs", [0, 1, 4])
-def test_episodes_of_both_kinds_side_by_side_have_the_bits_of_each_alone(
+def test_a_mixed_batch_is_bit_identical_to_separate_batches(
     random_policy: MakePolicy, learnt: bool, num_envs: int
 ) -> None:
     runner = InlineRunner(Simulation("rkhs/Pendulum-v0", num_envs=num_envs))
     policy = random_policy(n=1, m=40, learnt=learnt)
-    told: list[Batch] = []
-    runner.record = lambda batch, episodes, _: told.append(batch)
+    recorded: list[Batch] = []
+    runner.record = lambda batch, episodes, _: recorded.append(batch)
     exploring, num_evaluation = Batch(0, 10, 3, 30, explore=True), Batch(0, 7, 4, 30, explore=False)
-    both = runner.collect(policy, exploring.beside(num_evaluation))
-    assert {key for batch in told for key in batch.keys} == {*num_evaluation.keys, *exploring.keys}
-    assert all(batch.num_evaluation == 0 for batch in told)
+    both = runner.collect(policy, exploring.with_evaluation(num_evaluation))
+    assert {key for batch in recorded for key in batch.keys} == {*num_evaluation.keys, *exploring.keys}
+    assert all(batch.num_evaluation == 0 for batch in recorded)
     first, last = runner.collect(policy, exploring), runner.collect(policy, num_evaluation)
     for name in ARRAYS:
         apart = np.concatenate([getattr(first, name), getattr(last, name)])
         assert apart.tobytes() == getattr(both, name).tobytes()
 
 
-def test_the_evaluation_episodes_of_a_batch_are_recorded_before_those_that_ran_ahead(random_policy: MakePolicy) -> None:
+def test_evaluation_episodes_are_recorded_before_exploring_ones(random_policy: MakePolicy) -> None:
     runner = InlineRunner(Simulation("rkhs/Pendulum-v0"))
     recorded: list[Batch] = []
     runner.record = lambda batch, episodes, _: recorded.append(batch)
     exploring, num_evaluation = Batch(0, 10, 3, 2, explore=True), Batch(0, 7, 4, 2, explore=False)
-    runner.collect(random_policy(n=1), exploring.beside(num_evaluation))
+    runner.collect(random_policy(n=1), exploring.with_evaluation(num_evaluation))
     assert recorded == [num_evaluation, exploring]
 
 
-def test_who_does_not_explore_acts_by_the_mean_in_all_rows(random_policy: MakePolicy) -> None:
+def test_without_exploration_all_environments_use_the_mean(random_policy: MakePolicy) -> None:
     policy: GaussianPolicy = random_policy(d=2, n=1)
-    both = Batch(0, 0, 2, 3, explore=True).beside(Batch(0, 0, 2, 3, explore=False))
-    seen = np.ones((4, 2))
-    still, moving = (Acting(policy, both, explore=explore)(0, seen) for explore in (False, True))
-    assert still.tobytes() == policy.mean(seen).tobytes()
+    both = Batch(0, 0, 2, 3, explore=True).with_evaluation(Batch(0, 0, 2, 3, explore=False))
+    observed = np.ones((4, 2))
+    still, moving = (Acting(policy, both, explore=explore)(0, observed) for explore in (False, True))
+    assert still.tobytes() == policy.mean(observed).tobytes()
     assert (still == moving).ravel().tolist() == [False, False, True, True]

@@ -18,7 +18,7 @@ over_variances = pytest.mark.parametrize("learnt", [False, True], ids=["constant
 
 
 def log_density(policy: GaussianPolicy, x: np.ndarray, actions: np.ndarray) -> np.ndarray:
-    """The log density of actions in their states, shape (batch,), by scipy."""
+    """Return scipy's log density of actions in their states, shape (batch,)."""
     return stats.norm.logpdf(actions, policy.mean(x), np.sqrt(policy.variance(x))).sum(axis=1)
 
 
@@ -77,7 +77,7 @@ def test_actions_have_the_policys_mean_and_variance(
 
 @over_variances
 @pytest.mark.parametrize("kernel", [RBF((0.7,)), Polynomial(1.0, 2)], ids=str)
-def test_an_action_does_not_depend_on_the_rows_beside_it(
+def test_an_action_does_not_depend_on_other_environments(
     random_policy: Make, rng: np.random.Generator, learnt: bool, kernel: RBF
 ) -> None:
     policy = random_policy(d=3, n=2, m=23, kernel=kernel, learnt=learnt)
@@ -86,36 +86,36 @@ def test_an_action_does_not_depend_on_the_rows_beside_it(
     assert np.array_equal(np.concatenate(rows), policy.act(x, exploration))
 
 
-def test_acting_twice_at_a_step_gives_the_same_action(random_policy: Make, rng: np.random.Generator) -> None:
+def test_repeating_a_step_returns_the_same_action(random_policy: Make, rng: np.random.Generator) -> None:
     acting, x = Acting(random_policy(), Batch(0, 0, 3, 5, explore=True), explore=True), rng.normal(size=(3, 2))
     first = acting(2, x)
     acting(3, x)
     assert np.array_equal(acting(2, x), first)
 
 
-def test_without_exploration_the_mean_acts(random_policy: Make, rng: np.random.Generator) -> None:
+def test_without_exploration_the_action_is_the_mean(random_policy: Make, rng: np.random.Generator) -> None:
     policy, x = random_policy(), rng.normal(size=(3, 2))
     assert np.array_equal(Acting(policy, Batch(0, 0, 3, 5, explore=False), explore=False)(1, x), policy.mean(x))
 
 
-def test_a_batch_of_too_many_numbers_is_refused_before_memory_is_taken(random_policy: Make) -> None:
+def test_a_batch_that_needs_too_much_memory_is_rejected(random_policy: Make) -> None:
     most = Batch(0, 0, 10_000, 1000, explore=True)  # as many samples as a batch may have
     Acting(random_policy(n=10), most, explore=True)
-    with pytest.raises(ValueError, match="batch: expected at most 100000000 numbers at a time, got 110000000"):
+    with pytest.raises(ValueError, match="batch: expected at most 100000000 numbers, got 110000000"):
         Acting(random_policy(n=11), most, explore=True)
     window = GaussianPolicy(
         Function.zero(RBF((1.0,)), 2 * (11 + 1), 1), ConstantVariance(np.ones(1)), Inputs(history=2)
     )
-    with pytest.raises(ValueError, match="batch: expected at most 100000000 numbers at a time, got 110000000"):
+    with pytest.raises(ValueError, match="batch: expected at most 100000000 numbers, got 110000000"):
         Acting(window, most, explore=True)(0, np.zeros((10_000, 11)))
 
 
-def test_mean_and_variance_of_different_dimensions_are_refused(random_policy: Make) -> None:
-    with pytest.raises(ValueError, match="variance: expected 2 action dimensions, as the mean has, got 3"):
+def test_mean_and_variance_of_different_dimensions_are_rejected(random_policy: Make) -> None:
+    with pytest.raises(ValueError, match="variance: expected 2 action dimensions like the mean, got 3"):
         replace(random_policy(n=2), variance=ConstantVariance(np.ones(3)))
 
 
-def test_a_variance_over_other_points_than_the_mean_is_refused(random_policy: Make) -> None:
+def test_mean_and_variance_of_different_inputs_are_rejected(random_policy: Make) -> None:
     with pytest.raises(ValueError, match="variance centres: expected 3 columns, got 2"):
         GaussianPolicy(random_policy(d=3, learnt=True).mean, random_policy(d=2, learnt=True).variance)
 

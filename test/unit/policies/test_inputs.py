@@ -30,7 +30,7 @@ over_inputs = pytest.mark.parametrize(
 
 
 def window(inputs: Inputs, observations: np.ndarray, actions: np.ndarray, t: int) -> list[float]:
-    """Return the last observations before step t, each with the action before it, by the definition."""
+    """Return the last observations up to step t, each with the preceding action, by the definition."""
     numbers: list[float] = []
     for k in range(t - inputs.history + 1, t + 1):
         o = observations[max(k, 0)]
@@ -49,7 +49,7 @@ def window(inputs: Inputs, observations: np.ndarray, actions: np.ndarray, t: int
     n=st.integers(1, 2),
     seed=st.integers(0, 999),
 )
-def test_the_points_are_the_windows_of_the_definition(
+def test_inputs_match_the_definition_of_the_window(
     history: int, angles: tuple[int, ...], horizon: int, rows: int, n: int, seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -62,7 +62,7 @@ def test_the_points_are_the_windows_of_the_definition(
 
 
 @given(history=st.integers(1, 5), degree=st.integers(0, 2), horizon=st.integers(1, 8), seed=st.integers(0, 999))
-def test_all_steps_at_once_are_each_step_alone_from_its_past_alone(
+def test_unfolding_matches_single_steps_and_ignores_the_future(
     history: int, degree: int, horizon: int, seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -70,16 +70,16 @@ def test_all_steps_at_once_are_each_step_alone_from_its_past_alone(
     observations, actions = rng.normal(size=(3, horizon, 2)), rng.normal(size=(3, horizon, 1))
     together = inputs.unfold(observations, actions)
     for t in range(horizon):
-        seen, done = observations.copy(), actions.copy()
-        seen[:, t + 1 :] = np.nan  # what comes later must not matter
+        observed, done = observations.copy(), actions.copy()
+        observed[:, t + 1 :] = np.nan  # the future must not matter
         done[:, t:] = np.nan
         for row in range(3):
-            alone = inputs.at(np.array([t]), seen[row : row + 1], done[row : row + 1])
+            alone = inputs.at(np.array([t]), observed[row : row + 1], done[row : row + 1])
             assert np.array_equal(alone[0, 0], together[row, t])
 
 
 @over_inputs
-def test_a_policy_acts_on_the_points_that_the_learner_sees(inputs: Inputs, random_policy: MakePolicy) -> None:
+def test_acting_and_learning_use_the_same_inputs(inputs: Inputs, random_policy: MakePolicy) -> None:
     policy = replace(random_policy(d=inputs.dimension(2, 1), n=1), inputs=inputs)
     batch = Batch(3, 20, 4, 9, explore=True)
     episodes = InlineRunner(Simulation("rkhs/Pendulum-v0")).collect(policy, batch)
@@ -89,27 +89,29 @@ def test_a_policy_acts_on_the_points_that_the_learner_sees(inputs: Inputs, rando
 
 
 @over_inputs
-def test_a_step_asked_for_twice_is_answered_alike(
+def test_repeating_a_step_returns_the_same_action(
     inputs: Inputs, random_policy: MakePolicy, rng: np.random.Generator
 ) -> None:
     policy = replace(random_policy(d=inputs.dimension(2, 1), n=1), inputs=inputs)
     acting = Acting(policy, Batch(0, 0, 3, 6, explore=True), explore=True)
-    seen = rng.normal(size=(6, 3, 2))
-    first = [acting(t, seen[t]) for t in range(6)]
+    observed = rng.normal(size=(6, 3, 2))
+    first = [acting(t, observed[t]) for t in range(6)]
     for t in (4, 5, 5, 2):
-        assert np.array_equal(acting(t, seen[t]), first[t])
+        assert np.array_equal(acting(t, observed[t]), first[t])
 
 
-def test_what_acting_returned_does_not_change_its_memory(random_policy: MakePolicy, rng: np.random.Generator) -> None:
+def test_changing_returned_actions_does_not_change_the_history(
+    random_policy: MakePolicy, rng: np.random.Generator
+) -> None:
     policy = replace(random_policy(d=6, n=1), inputs=Inputs(history=2))
-    seen = rng.normal(size=(2, 3, 2))
+    observed = rng.normal(size=(2, 3, 2))
     answers = []
     for spoil in (False, True):
         acting = Acting(policy, Batch(0, 0, 3, 2, explore=True), explore=True)
-        actions = acting(0, seen[0])
+        actions = acting(0, observed[0])
         if spoil:
             actions[:] = 7.0
-        answers.append(acting(1, seen[1]))
+        answers.append(acting(1, observed[1]))
     assert np.array_equal(*answers)
 
 
@@ -119,22 +121,22 @@ def test_what_acting_returned_does_not_change_its_memory(random_policy: MakePoli
     offset=st.sampled_from([1e-9, 0.01, 0.2, 1.0, 7.0]),
     seed=st.integers(0, 999),
 )
-def test_inner_products_of_monomials_are_the_polynomial_kernel(d: int, degree: int, offset: float, seed: int) -> None:
+def test_inner_products_of_monomials_match_the_polynomial_kernel(d: int, degree: int, offset: float, seed: int) -> None:
     x, y = np.random.default_rng(seed).normal(size=(2, 5, d))
     inputs = Inputs(degree=degree, offset=offset)
     phi, psi = inputs.features(x), inputs.features(y)
     assert phi.shape[1] == inputs.dimension(d, 1)
-    scale = (np.abs(x) @ np.abs(y).T + offset) ** degree  # what is rounded, where terms cancel
+    scale = (np.abs(x) @ np.abs(y).T + offset) ** degree  # size of the rounding errors if terms cancel
     assert np.all(np.abs(phi @ psi.T - Polynomial(offset, degree)(x, y)) <= 1e-12 * scale)
 
 
-def test_the_monomials_of_one_number_are_its_binomial_terms() -> None:
+def test_the_monomials_of_one_number_are_binomial_terms() -> None:
     phi = Inputs(degree=3, offset=0.5).features(np.array([[2.0]]))[0]
     expected = [np.sqrt(c * 0.5**k) * 2.0 ** (3 - k) for k, c in enumerate((1, 3, 3, 1))]
     np.testing.assert_allclose(phi, expected, rtol=1e-14)
 
 
-def test_an_angle_and_whole_turns_of_it_are_the_same_point(rng: np.random.Generator) -> None:
+def test_inputs_are_periodic_in_angles(rng: np.random.Generator) -> None:
     inputs, x = Inputs(angles=(0.0,)), rng.normal(size=(6, 2))
     turned = x + np.array([2 * np.pi, 0.0])
     np.testing.assert_allclose(inputs.features(turned), inputs.features(x), atol=1e-14)
@@ -149,18 +151,18 @@ def test_an_angle_and_whole_turns_of_it_are_the_same_point(rng: np.random.Genera
         ((0.0, 0.0), r"inputs\.angles: expected each column once"),
     ],
 )
-def test_angles_that_are_no_columns_are_refused(angles: tuple[float, ...], message: str) -> None:
+def test_invalid_angle_columns_are_rejected(angles: tuple[float, ...], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Inputs(angles=angles).dimension(2, 1)
 
 
 @pytest.mark.parametrize("degree", [0, 2])
 @pytest.mark.parametrize("history", [1, 2])
-def test_a_row_alone_is_acted_upon_as_beside_others(rng: np.random.Generator, history: int, degree: int) -> None:
+def test_an_action_does_not_depend_on_the_batch_size(rng: np.random.Generator, history: int, degree: int) -> None:
     inputs = Inputs(history=history, angles=(1.0, 2.0), degree=degree)
     size = inputs.dimension(3, 1)
     mean = Function(Polynomial(0.5, 3), rng.normal(size=(1, size)), np.ones((1, 1)))
-    seen, done = rng.normal(size=(50, 4, 3)), rng.normal(size=(50, 4, 1))
-    together = mean(inputs.at(np.array([3]), seen, done)[:, 0])
-    alone = [mean(inputs.at(np.array([3]), seen[row : row + 1], done[row : row + 1])[:, 0])[0] for row in range(50)]
+    observed, done = rng.normal(size=(50, 4, 3)), rng.normal(size=(50, 4, 1))
+    together = mean(inputs.at(np.array([3]), observed, done)[:, 0])
+    alone = [mean(inputs.at(np.array([3]), observed[row : row + 1], done[row : row + 1])[:, 0])[0] for row in range(50)]
     assert np.array_equal(together, alone)

@@ -1,4 +1,4 @@
-"""Messages between learner, policy and simulators: what is read is what was sent, and what cannot be is refused."""
+"""Messages between learner, policy and simulators: round trips, and rejection of invalid messages."""
 
 from collections.abc import Callable
 from typing import Any
@@ -23,7 +23,7 @@ def episodes(random_policy: Callable[..., GaussianPolicy], random_episodes: Call
     return random_episodes(random_policy(), ROWS, HORIZON, masked=True)
 
 
-def test_episodes_come_back_with_the_same_bits(
+def test_episodes_survive_a_round_trip_bit_identically(
     episodes: Episodes, arrays_of: Callable[[Any], dict[str, np.ndarray]]
 ) -> None:
     back = episodes_of(episodes_message(Types(), 1, 1, episodes), BATCH, Spaces.unbounded(2, 2))
@@ -33,7 +33,7 @@ def test_episodes_come_back_with_the_same_bits(
 
 @pytest.mark.parametrize("row", range(ROWS))
 @pytest.mark.parametrize("length", [0, HORIZON + 1])
-def test_a_single_episode_of_an_impossible_length_is_refused(episodes: Episodes, row: int, length: int) -> None:
+def test_an_episode_of_invalid_length_is_rejected(episodes: Episodes, row: int, length: int) -> None:
     message = episodes_message(Types(), 1, 1, episodes)
     message.lengths[row] = length
     with pytest.raises(ValueError, match="episodes' lengths: expected 1 to 4 steps"):
@@ -41,7 +41,7 @@ def test_a_single_episode_of_an_impossible_length_is_refused(episodes: Episodes,
 
 
 @pytest.mark.parametrize("name", ["observations", "actions", "rewards", "final_observations"])
-def test_episodes_that_are_not_finite_are_refused(episodes: Episodes, name: str) -> None:
+def test_non_finite_episodes_are_rejected(episodes: Episodes, name: str) -> None:
     message = episodes_message(Types(), 1, 1, episodes)
     getattr(message, name)[-1] = np.inf
     with pytest.raises(ValueError, match=f"episodes' {name.replace('_', ' ')}: expected finite numbers"):
@@ -58,7 +58,7 @@ def test_episodes_that_are_not_finite_are_refused(episodes: Episodes, name: str)
         (lambda p: setattr(p.inputs, "angles", [0, 1, 2]), "inputs.angles: expected at most 2 columns"),
     ],
 )
-def test_a_policy_that_cannot_be_is_refused(
+def test_invalid_policies_are_rejected(
     random_policy: Callable[..., GaussianPolicy], spoil: Callable[[Any], object], error: str
 ) -> None:
     message = policy_message(Types(), random_policy(), 1)

@@ -1,4 +1,4 @@
-"""Exploration that is correlated over time: its spectrum, its variance, and what it does not depend on."""
+"""Exploration noise that is correlated over time: its spectrum, variance and independence."""
 
 import re
 from collections.abc import Callable
@@ -18,7 +18,7 @@ BATCH = Batch(seed=3, first_episode=5, num_envs=7, horizon=50, explore=True)
 
 
 @pytest.mark.parametrize("horizon", [1, 2, 3, 50, TAPS - 1, TAPS, TAPS + 1, 2500])
-def test_pink_noise_is_the_filtered_sum_that_its_formula_says(rng: np.random.Generator, horizon: int) -> None:
+def test_pink_noise_matches_its_formula(rng: np.random.Generator, horizon: int) -> None:
     k = np.arange(min(horizon, TAPS))
     response = special.poch(k + 1, -0.5) / special.gamma(0.5)  # the coefficients of (1 - z)^(-1/2)
     white = rng.standard_normal((2, horizon, 3))
@@ -30,16 +30,16 @@ def test_pink_noise_is_the_filtered_sum_that_its_formula_says(rng: np.random.Gen
         np.testing.assert_allclose(noise[:, t], expected, rtol=0, atol=1e-11)
 
 
-def test_each_step_has_variance_one_and_is_made_of_no_later_draw() -> None:
+def test_each_step_has_variance_one_and_depends_on_no_later_draw() -> None:
     horizon = TAPS + 100
-    made_of = pink(np.eye(horizon)[:, :, None])[:, :, 0]  # what each draw (row) adds to each step (column)
+    made_of = pink(np.eye(horizon)[:, :, None])[:, :, 0]  # contribution of each draw (row) to each step (column)
     np.testing.assert_allclose((made_of**2).sum(axis=0), 1.0, rtol=1e-12)
     np.testing.assert_allclose(np.tril(made_of, -1), 0.0, atol=1e-14)
 
 
 def test_over_many_episodes_the_variance_of_each_step_is_one(random_policy: Make) -> None:
     draws = replace(random_policy(), noise="pink").exploration(Batch(0, 0, 5000, 30, explore=True))
-    error = np.sqrt(2 / 5000)  # of the variance of so many normal numbers
+    error = np.sqrt(2 / 5000)  # standard error of the variance of 5000 normal numbers
     assert np.abs(draws.var(axis=0) - 1).max() < 5 * error
     assert np.abs(draws.mean(axis=0)).max() < 5 / np.sqrt(5000)
 
@@ -51,18 +51,18 @@ def test_the_power_of_pink_noise_falls_as_one_over_frequency(random_policy: Make
         series = replace(random_policy(), noise=noise).exploration(Batch(1, 0, 4, steps, explore=True))[:, TAPS:]
         power = (np.abs(np.fft.rfft(series, axis=1)) ** 2).mean(axis=(0, 2))
         frequency = np.fft.rfftfreq(steps - TAPS)
-        # Bins of equal width on a logarithmic scale, from the filter's length to where a step is short no more.
+        # Bins of equal logarithmic width, from the filter's length to frequencies where a step is no longer short.
         edges = np.geomspace(2 / TAPS, 0.1, 15)
         bins = np.digitize(frequency, edges)
         means = [power[bins == i].mean() for i in range(1, 15)]
         slopes[noise] = np.polyfit(np.log(np.sqrt(edges[1:] * edges[:-1])), np.log(means), 1)[0]
-    # The first bin holds 42 frequencies of 8 series: its mean has a standard error of 6 %, the slope one below 0.01.
+    # The first bin holds 42 frequencies of 8 series: standard errors of 6 % for its mean, below 0.01 for the slope.
     assert slopes["pink"] == pytest.approx(-1.0, abs=0.05)
     assert slopes["white"] == pytest.approx(0.0, abs=0.05)
 
 
 @pytest.mark.parametrize("noise", ["white", "pink"])
-def test_what_an_episode_gets_does_not_depend_on_those_beside_it(random_policy: Make, noise: str) -> None:
+def test_the_noise_of_an_episode_does_not_depend_on_other_episodes(random_policy: Make, noise: str) -> None:
     policy = replace(random_policy(n=3), noise=noise)
     together = policy.exploration(BATCH)
     for parts in (2, 3, 7):
@@ -75,26 +75,26 @@ def test_an_action_dimension_does_not_depend_on_the_others(rng: np.random.Genera
     assert np.array_equal(pink(white[:, :, 1:2]), pink(white)[:, :, 1:2])
 
 
-def test_a_longer_episode_begins_as_a_shorter_one(random_policy: Make) -> None:
+def test_the_noise_does_not_depend_on_the_horizon(random_policy: Make) -> None:
     policy = replace(random_policy(), noise="pink")
     longer = policy.exploration(replace(BATCH, horizon=TAPS + 300))
     np.testing.assert_allclose(longer[:, :50], policy.exploration(BATCH), rtol=0, atol=1e-13)
 
 
-def test_white_noise_is_the_draws_themselves_and_what_a_policy_has_unless_told(random_policy: Make) -> None:
+def test_white_noise_is_the_default_and_leaves_the_draws_unchanged(random_policy: Make) -> None:
     policy = random_policy()
     assert policy.noise == "white"
     assert np.array_equal(policy.exploration(BATCH), BATCH.exploration(2))
 
 
-def test_pink_noise_leaves_the_white_noise_as_it_was(rng: np.random.Generator) -> None:
+def test_pink_does_not_modify_its_input(rng: np.random.Generator) -> None:
     white = rng.standard_normal((2, 9, 1))
     before = white.copy()
     pink(white)
     assert np.array_equal(white, before)
 
 
-def test_a_policy_keeps_its_noise_with_another_mean_and_variance(random_policy: Make) -> None:
+def test_replacing_mean_and_variance_keeps_the_noise(random_policy: Make) -> None:
     policy = replace(random_policy(), noise="pink")
     assert policy.with_mean(policy.mean.scale(2.0)).noise == "pink"
     assert replace(policy, variance=ConstantVariance(np.ones(2))).noise == "pink"
@@ -103,6 +103,6 @@ def test_a_policy_keeps_its_noise_with_another_mean_and_variance(random_policy: 
 @pytest.mark.parametrize(
     ("name", "hint"), [("pinc", "did you mean 'pink'?"), ("brown", "known: pink, white"), ("", "known: pink, white")]
 )
-def test_an_unknown_noise_is_refused_by_name(random_policy: Make, name: str, hint: str) -> None:
+def test_an_unknown_noise_is_rejected_by_name(random_policy: Make, name: str, hint: str) -> None:
     with pytest.raises(ValueError, match=re.escape(f"unknown noise '{name}', {hint}")):
         replace(random_policy(), noise=name)

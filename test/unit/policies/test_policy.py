@@ -1,4 +1,4 @@
-"""Policies that are called with what is observed."""
+"""Policies that map single observations or batches to actions."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,7 +24,7 @@ BOUNDS = np.full((1, 2), 0.4, np.float32)
 
 
 def over(history: int, rng: np.random.Generator) -> GaussianPolicy:
-    """A policy of three observed numbers, of which one is an angle, and two actions."""
+    """Return a policy with three observed numbers, one of them an angle, and two actions."""
     inputs = Inputs(history=history, angles=(1.0,))
     size = inputs.dimension(3, 2)
     mean = Function(RBF((2.0,)), rng.normal(size=(6, size)), rng.normal(size=(6, 2)))
@@ -33,11 +33,11 @@ def over(history: int, rng: np.random.Generator) -> GaussianPolicy:
 
 @pytest.mark.parametrize("history", [1, 2, 5])
 @pytest.mark.parametrize("rows", [1, 4])
-def test_it_does_what_the_policy_does_in_a_batch(rng: np.random.Generator, history: int, rows: int) -> None:
+def test_it_acts_like_the_policy_in_a_batch(rng: np.random.Generator, history: int, rows: int) -> None:
     gaussian = over(history, rng)
     policy = Policy(gaussian, TASK, Spaces((3,), -BOUNDS, BOUNDS))
     observations = rng.normal(size=(rows, 12, 3))
-    for _ in range(2):  # and again after a reset
+    for _ in range(2):  # the second time after a reset
         acting = Acting(gaussian, Batch(0, 0, rows, 12, explore=False), explore=False)
         policy.reset()
         for step in range(12):
@@ -48,21 +48,21 @@ def test_it_does_what_the_policy_does_in_a_batch(rng: np.random.Generator, histo
             assert got.shape == ((1, 2) if rows == 1 else (rows, 1, 2))
 
 
-def test_other_shapes_and_numbers_that_are_not_finite_are_refused(rng: np.random.Generator) -> None:
+def test_wrong_shapes_and_non_finite_observations_are_rejected(rng: np.random.Generator) -> None:
     policy = Policy(over(2, rng), TASK, Spaces((3,), -BOUNDS, BOUNDS))
     for wrong in (np.zeros(2), np.zeros((4, 2)), np.zeros((2, 2, 3)), 0.0):
-        with pytest.raises(ValueError, match=r"observation: expected the shape \(3,\), or several of them, got"):
+        with pytest.raises(ValueError, match=r"observation: expected the shape \(3,\) or a batch of it, got"):
             policy(wrong)
     with pytest.raises(ValueError, match="observation: expected finite numbers"):
         policy([0.0, np.nan, 0.0])
     policy(np.zeros((4, 3)))
-    with pytest.raises(ValueError, match=r"observation: expected 4 rows as before, or reset\(\) .*, got 1"):
+    with pytest.raises(ValueError, match=r"observation: expected a batch of 4 as before, or reset\(\) .*, got 1"):
         policy(np.zeros(3))
     policy.reset()
     policy(np.zeros(3))
 
 
-def test_a_policy_that_does_not_fit_its_spaces_is_refused(rng: np.random.Generator) -> None:
+def test_a_policy_must_match_its_spaces(rng: np.random.Generator) -> None:
     with pytest.raises(ValueError, match="policy: expected one from"):
         Policy(over(2, rng), TASK, Spaces((4,), -BOUNDS, BOUNDS))
 
@@ -77,7 +77,7 @@ def test_it_is_saved_with_its_bounds_and_loaded(tmp_path: Path, rng: np.random.G
     assert np.array_equal(back(x), policy(x))
 
 
-def test_a_file_without_spaces_has_plain_ones(tmp_path: Path, random_policy: MakePolicy) -> None:
+def test_a_file_without_spaces_loads_with_unbounded_spaces(tmp_path: Path, random_policy: MakePolicy) -> None:
     save_policy(tmp_path / "old.npz", random_policy(d=2, n=1), TASK)
     assert load(tmp_path / "old.npz")(np.zeros(2)).shape == (1,)
     save_policy(tmp_path / "window.npz", replace(random_policy(d=4, n=2), inputs=Inputs(history=3)), TASK)
@@ -85,7 +85,7 @@ def test_a_file_without_spaces_has_plain_ones(tmp_path: Path, random_policy: Mak
         load(tmp_path / "window.npz")
 
 
-def test_it_plays_in_an_environment_of_gymnasium(random_policy: MakePolicy) -> None:
+def test_it_acts_in_a_gymnasium_environment(random_policy: MakePolicy) -> None:
     env = gymnasium.make("Pendulum-v1")
     space = env.action_space
     assert isinstance(space, gymnasium.spaces.Box)
@@ -97,7 +97,7 @@ def test_it_plays_in_an_environment_of_gymnasium(random_policy: MakePolicy) -> N
         observation, *_ = env.step(action)
 
 
-def test_what_is_observed_may_be_overwritten_afterwards(rng: np.random.Generator) -> None:
+def test_the_policy_copies_observations(rng: np.random.Generator) -> None:
     one, other = (Policy(over(3, np.random.default_rng(1)), TASK, Spaces((3,), -BOUNDS, BOUNDS)) for _ in range(2))
     used_again = np.zeros(3)
     for observation in rng.normal(size=(6, 3)):
@@ -105,8 +105,8 @@ def test_what_is_observed_may_be_overwritten_afterwards(rng: np.random.Generator
         assert np.array_equal(one(used_again), other(observation.copy()))
 
 
-def test_a_composed_observation_is_refused_with_the_remedy(rng: np.random.Generator) -> None:
+def test_composed_observations_are_rejected_with_a_hint(rng: np.random.Generator) -> None:
     policy = Policy(over(1, rng), TASK, Spaces((3,), -BOUNDS, BOUNDS))
-    with pytest.raises(ValueError, match=r"use gymnasium\.spaces\.flatten"):
+    with pytest.raises(ValueError, match=r"Use gymnasium\.spaces\.flatten"):
         policy({"angle": 1.0})
     assert repr(policy) == "<Policy of Pendulum-v1: 4 inputs, 2 actions, 6 centres>"

@@ -1,4 +1,4 @@
-"""Whatever order a simulator's observations come in, a session serves each batch by one policy, step by step."""
+"""A session serves each batch with one policy, step by step, for any order of observations."""
 
 from dataclasses import replace
 
@@ -39,20 +39,20 @@ def policy(seed: int, history: int = 1) -> GaussianPolicy:
 
 
 def shown(identity: int, version: int, step: int, batch: Batch) -> Observation:
-    """What a simulator shows: the same whenever it shows this step of this batch; every other one ends early."""
-    seen = np.random.default_rng([identity, step]).normal(size=(batch.num_envs, COLUMNS))
+    """Return the observation of a step, the same each time; every other batch ends early."""
+    observed = np.random.default_rng([identity, step]).normal(size=(batch.num_envs, COLUMNS))
     over = step >= max(1, batch.horizon - identity % 2)
-    return Observation(identity, version, step, batch, seen, over)
+    return Observation(identity, version, step, batch, observed, over)
 
 
 def acted(served: ServedPolicy, identity: int, batch: Batch, step: int) -> np.ndarray:
-    """The actions of a policy that acts through the steps of a batch in order."""
+    """Return the actions of a policy that runs all steps of a batch in order."""
     acting = Acting(served.policy, batch, explore=batch.explore and served.explores)
     return [acting(k, shown(identity, 0, k, batch).observations) for k in range(step + 1)][-1]
 
 
 class AnyOrder(RuleBasedStateMachine):
-    """A simulator that shows what it likes, and a learner that changes the policy when it likes."""
+    """A simulator that sends arbitrary observations and a learner that changes the policy at any time."""
 
     observations = Bundle("observations")
 
@@ -63,7 +63,7 @@ class AnyOrder(RuleBasedStateMachine):
         self.policies = {0: self.served}  # by version
         self.batches: dict[int, Batch] = {}  # by number
         self.answers: dict[tuple[int, int], Answer] = {}  # first answer to (batch, step)
-        self.order: list[int] = []  # batches as they were begun
+        self.order: list[int] = []  # batches in the order of their start
 
     @rule(seed=st.integers(0, 9), history=st.integers(1, 3), explores=st.booleans())
     def serve_another_policy(self, seed: int, history: int, explores: bool) -> None:
@@ -111,9 +111,9 @@ class AnyOrder(RuleBasedStateMachine):
         }
         begun, step = observation.identity in self.order, observation.step
         if name == "batch" and not begun:
-            return  # is as good a beginning as any
+            return  # any first step may start a batch
         if name == "columns" and begun and (observation.over or step <= self.last_of(observation.identity)):
-            return  # is not looked at
+            return  # ignored
         field = "observations" if name == "columns" else name
         before = self.session.last
         reply = self.session.answer(observation._replace(**{field: other[name]}), self.served)
@@ -166,7 +166,7 @@ BATCH = Batch(seed=3, first_episode=5, num_envs=2, horizon=4, explore=True)
 SERVED = ServedPolicy(policy(0), version=1)
 
 
-def test_an_idle_session_has_no_answer_and_says_what_it_waits_for() -> None:
+def test_an_idle_session_reports_what_it_expects() -> None:
     session = Session()
     reply = session.answer(shown(3, 1, 0, BATCH), None)
     expected = "expected batch 0 or step 0 of a new one, policy version 0, got batch 3, step 0, policy version 1"
@@ -174,22 +174,24 @@ def test_an_idle_session_has_no_answer_and_says_what_it_waits_for() -> None:
 
 
 @pytest.mark.parametrize("explores", [True, False])
-def test_a_policy_that_does_not_explore_acts_by_its_mean(explores: bool) -> None:
+def test_a_policy_without_exploration_uses_its_mean(explores: bool) -> None:
     first = shown(1, 1, 0, BATCH)
     reply = Session().answer(first, replace(SERVED, explores=explores))
     assert isinstance(reply, Answer)
     assert np.array_equal(reply.actions, SERVED.policy.mean(first.observations)) is not explores
 
 
-def test_a_policy_that_does_not_fit_what_is_seen_leaves_the_batch_before_under_way() -> None:
+def test_a_failing_start_keeps_the_previous_batch_running() -> None:
     session = Session()
     session.answer(shown(1, 1, 0, BATCH), SERVED)
     with np.errstate(over="ignore", invalid="ignore"):
         loud = replace(SERVED.policy.mean, weights=np.full((4, 1), 1e308))
         misfits = (policy(1, history=2), SERVED.policy.with_mean(loud))
-        seen = np.repeat(SERVED.policy.mean.centres[:1], 2, axis=0)
+        observed = np.repeat(SERVED.policy.mean.centres[:1], 2, axis=0)
         for identity, misfit in enumerate(misfits, start=2):
-            observation = shown(identity, 2, 0, BATCH)._replace(observations=seen[:, : 1 if identity == 2 else None])
+            observation = shown(identity, 2, 0, BATCH)._replace(
+                observations=observed[:, : 1 if identity == 2 else None]
+            )
             assert isinstance(
                 session.answer(observation, ServedPolicy(misfit, 2)), Refused if identity == 2 else Failed
             )
@@ -198,7 +200,7 @@ def test_a_policy_that_does_not_fit_what_is_seen_leaves_the_batch_before_under_w
     np.testing.assert_array_equal(reply.actions, acted(SERVED, 1, BATCH, 1))
 
 
-def test_a_batch_that_was_left_is_not_begun_again_before_many_others_were() -> None:
+def test_an_abandoned_batch_does_not_start_again_soon() -> None:
     session = Session()
     replies = [session.answer(shown(k, 1, 0, BATCH), SERVED) for k in (*range(REMEMBERED_BATCHES), 0)]
     assert [type(reply) for reply in replies] == [Answer] * REMEMBERED_BATCHES + [Ignored]

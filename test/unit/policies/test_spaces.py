@@ -1,4 +1,4 @@
-"""The bounds of actions, and what follows where there are none."""
+"""Bounds of actions, finite and infinite."""
 
 import numpy as np
 
@@ -7,11 +7,11 @@ from rkhs_ros.policies.spaces import Spaces
 SPACES = Spaces((1,), np.array([-1.0, 0.0, 2.0, -np.inf]), np.array([3.0, np.inf, 2.0, np.inf]))
 
 
-def test_half_the_range_of_an_action_is_1_without_two_bounds_or_room_between_them() -> None:
+def test_half_the_range_of_an_action_is_1_for_infinite_and_empty_ranges() -> None:
     assert SPACES.half_ranges.tolist() == [2.0, 1.0, 1.0, 1.0]
 
 
-def test_actions_come_back_to_their_bounds_or_to_a_distance_beyond_them() -> None:
+def test_actions_are_clipped_to_their_bounds_with_and_without_a_margin() -> None:
     far = np.array([[-9.0, -9.0, -9.0, -9.0], [9.0, 9.0, 9.0, 9.0], [1.0, 1.0, 2.0, 1.0]])
     assert SPACES.clip(far).tolist() == [[-1.0, 0.0, 2.0, -9.0], [3.0, 9.0, 2.0, 9.0], [1.0, 1.0, 2.0, 1.0]]
     near = SPACES.clip_with_margin(far, np.array([0.5, 1.0, 2.0, 4.0]))

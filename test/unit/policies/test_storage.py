@@ -47,7 +47,7 @@ KERNELS: list[Kernel] = [
 )
 @pytest.mark.parametrize("kernel", KERNELS, ids=str)
 @pytest.mark.parametrize(("variance", "noise"), [("constant", "pink"), ("kernel", "white"), ("function", "white")])
-def test_a_policy_comes_back_bit_for_bit(
+def test_a_saved_policy_is_bit_identical_after_loading(
     tmp_path: Path,
     random_policy: Make,
     rng: np.random.Generator,
@@ -76,7 +76,7 @@ def test_a_policy_comes_back_bit_for_bit(
     assert np.array_equal(loaded.act(x, exploration), policy.act(x, exploration))
 
 
-def test_a_file_without_noise_is_of_a_policy_whose_noise_is_white(tmp_path: Path, random_policy: Make) -> None:
+def test_the_default_noise_of_a_file_is_white(tmp_path: Path, random_policy: Make) -> None:
     path = tmp_path / "policy.npz"
     save_policy(path, replace(random_policy(), noise="pink"), TASK)
     with np.load(path) as file:
@@ -85,7 +85,7 @@ def test_a_file_without_noise_is_of_a_policy_whose_noise_is_white(tmp_path: Path
     assert load_policy(path)[0].noise == "white"
 
 
-def test_a_file_of_the_first_schema_is_refused_by_its_number(tmp_path: Path, random_policy: Make) -> None:
+def test_a_file_of_schema_1_is_rejected_by_its_number(tmp_path: Path, random_policy: Make) -> None:
     path = tmp_path / "policy.npz"
     save_policy(path, random_policy(), TASK)
     with np.load(path) as file:
@@ -104,7 +104,7 @@ def test_a_file_of_the_first_schema_is_refused_by_its_number(tmp_path: Path, ran
         ([1], "inputs: expected a section of keys"),
     ],
 )
-def test_a_file_with_inputs_that_are_none_is_refused_in_one_line(
+def test_invalid_inputs_in_a_file_raise_a_one_line_error(
     tmp_path: Path, random_policy: Make, inputs: object, message: str
 ) -> None:
     path = tmp_path / "policy.npz"
@@ -117,23 +117,23 @@ def test_a_file_with_inputs_that_are_none_is_refused_in_one_line(
     assert "\n" not in str(refusal.value)
 
 
-def test_the_zero_function_comes_back(tmp_path: Path, random_policy: Make) -> None:
+def test_the_zero_function_survives_a_round_trip(tmp_path: Path, random_policy: Make) -> None:
     save_policy(tmp_path / "policy.npz", random_policy(m=0), TASK)
     loaded, _ = load_policy(tmp_path / "policy.npz")
     assert loaded.mean.centres.shape == (0, 2)
 
 
-def test_a_file_cut_short_anywhere_is_refused_by_name(tmp_path: Path, random_policy: Make) -> None:
+def test_a_truncated_file_is_rejected_by_name(tmp_path: Path, random_policy: Make) -> None:
     path = tmp_path / "policy.npz"
     save_policy(path, random_policy(learnt=True), TASK)
     whole = path.read_bytes()
     for length in [*range(0, len(whole), 41), len(whole) - 1]:
         path.write_bytes(whole[:length])
-        with pytest.raises(ValueError, match=r"policy\.npz: expected a (whole )?policy file"):
+        with pytest.raises(ValueError, match=r"policy\.npz: expected a (complete )?policy file"):
             load_policy(path)
 
 
-def test_a_file_with_a_changed_byte_is_refused_or_still_a_policy(
+def test_a_file_with_a_changed_byte_is_rejected_or_still_a_policy(
     tmp_path: Path, random_policy: Make, rng: np.random.Generator
 ) -> None:
     path = tmp_path / "policy.npz"
@@ -153,10 +153,10 @@ def test_a_file_with_a_changed_byte_is_refused_or_still_a_policy(
     assert refused > 200
 
 
-def test_arrays_that_say_they_are_smaller_are_refused(tmp_path: Path, random_policy: Make) -> None:
+def test_arrays_with_a_too_small_header_are_rejected(tmp_path: Path, random_policy: Make) -> None:
     path = tmp_path / "policy.npz"
     save_policy(path, random_policy(m=5000), TASK)
-    path.write_bytes(path.read_bytes().replace(b"(5000, 2)", b"(1000, 2)"))  # of centres and weights alike
+    path.write_bytes(path.read_bytes().replace(b"(5000, 2)", b"(1000, 2)"))  # of both centres and weights
     with pytest.raises(ValueError, match="Bad CRC-32"):
         load_policy(path)
 
@@ -198,7 +198,7 @@ def test_arrays_that_say_they_are_smaller_are_refused(tmp_path: Path, random_pol
     ],
     ids=lambda change: ", ".join(change),
 )
-def test_a_file_that_holds_no_policy_is_refused_in_one_line(
+def test_files_without_a_valid_policy_raise_a_one_line_error(
     tmp_path: Path, random_policy: Make, change: dict[str, np.ndarray | None]
 ) -> None:
     path = tmp_path / "policy.npz"
@@ -212,9 +212,7 @@ def test_a_file_that_holds_no_policy_is_refused_in_one_line(
 
 
 @pytest.mark.parametrize("read", [load_policy, load_episodes], ids=["policy", "episodes"])
-def test_an_archive_that_grows_beyond_all_measure_is_refused_before_it_is_unpacked(
-    tmp_path: Path, read: Callable[[Path], object]
-) -> None:
+def test_an_archive_bomb_is_rejected_before_it_is_unpacked(tmp_path: Path, read: Callable[[Path], object]) -> None:
     path = tmp_path / "bomb.npz"
     with ZipFile(path, "w", ZIP_DEFLATED, compresslevel=9) as archive, archive.open("weights.npy", "w") as member:
         for _ in range(300):
@@ -227,7 +225,9 @@ def test_an_archive_that_grows_beyond_all_measure_is_refused_before_it_is_unpack
     tracemalloc.stop()
 
 
-def test_a_header_that_tells_of_more_than_there_is_takes_no_memory(tmp_path: Path, random_policy: Make) -> None:
+def test_arrays_with_a_too_large_header_are_rejected_without_allocating_memory(
+    tmp_path: Path, random_policy: Make
+) -> None:
     buffer = BytesIO()
     np.lib.format.write_array_header_1_0(buffer, {"descr": "<f8", "fortran_order": False, "shape": (10**9, 2)})
     path = tmp_path / "policy.npz"
@@ -241,7 +241,7 @@ def test_a_header_that_tells_of_more_than_there_is_takes_no_memory(tmp_path: Pat
         load_policy(path)
 
 
-def test_an_archive_of_its_own_may_be_packed_well(tmp_path: Path, random_policy: Make) -> None:
+def test_a_well_compressed_policy_file_is_accepted(tmp_path: Path, random_policy: Make) -> None:
     path = tmp_path / "policy.npz"
     save_policy(path, random_policy(m=300), TASK)
     with np.load(path) as file:
@@ -249,7 +249,7 @@ def test_an_archive_of_its_own_may_be_packed_well(tmp_path: Path, random_policy:
     assert not load_policy(path)[0].mean.weights.any()
 
 
-def test_other_files_are_refused(tmp_path: Path) -> None:
+def test_other_files_are_rejected(tmp_path: Path) -> None:
     path = tmp_path / "policy.npz"
     for content in (b"", b"text\n", b"PK\x03\x04"):
         path.write_bytes(content)
@@ -263,7 +263,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
         load_policy(tmp_path / "none.npz")
 
 
-def test_saving_replaces_the_file_and_leaves_nothing_beside_it(tmp_path: Path, random_policy: Make) -> None:
+def test_saving_replaces_the_file_and_leaves_no_temporary_file(tmp_path: Path, random_policy: Make) -> None:
     path = tmp_path / "policy.npz"
     save_policy(path, random_policy(m=3), TASK)
     save_policy(path, random_policy(m=4), TASK)
@@ -271,7 +271,7 @@ def test_saving_replaces_the_file_and_leaves_nothing_beside_it(tmp_path: Path, r
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_save_without_room_leaves_the_file_as_it_was(tmp_path: Path, random_policy: Make) -> None:
+def test_a_save_on_a_full_disk_keeps_the_old_file(tmp_path: Path, random_policy: Make) -> None:
     path = tmp_path / "policy.npz"
     save_policy(path, random_policy(m=3), TASK)
     before = path.read_bytes()
@@ -286,13 +286,13 @@ def test_a_save_without_room_leaves_the_file_as_it_was(tmp_path: Path, random_po
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_folder_that_is_none_is_named(tmp_path: Path, random_policy: Make) -> None:
+def test_the_error_names_a_path_that_is_not_a_folder(tmp_path: Path, random_policy: Make) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(NotADirectoryError, match=r"file/policy\.npz'$"):
         save_policy(tmp_path / "file" / "policy.npz", random_policy(), TASK)
 
 
-def test_a_task_that_cannot_be_written_leaves_the_file_as_it_was(tmp_path: Path, random_policy: Make) -> None:
+def test_a_task_that_is_not_serialisable_keeps_the_old_file(tmp_path: Path, random_policy: Make) -> None:
     path = tmp_path / "policy.npz"
     save_policy(path, random_policy(m=3), TASK)
     before = path.read_bytes()
@@ -301,7 +301,7 @@ def test_a_task_that_cannot_be_written_leaves_the_file_as_it_was(tmp_path: Path,
     assert path.read_bytes() == before
 
 
-def test_a_file_takes_the_place_of_files_alone(tmp_path: Path) -> None:
+def test_saving_does_not_replace_devices(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "device")
     with pytest.raises(ValueError, match=r"device: expected a file or a free path"):
         write_whole(tmp_path / "device", b"content")
@@ -311,8 +311,8 @@ def test_a_file_takes_the_place_of_files_alone(tmp_path: Path) -> None:
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_whole_numbers_are_told_from_others() -> None:
+def test_whole_numbers_rejects_other_arrays() -> None:
     assert whole_numbers(np.array([0, 3], dtype=np.uint8), "columns") == [0, 3]
     for others in ([1, -1], [1.0], [True], [[1]], 1):
-        with pytest.raises(ValueError, match="columns: expected whole numbers >= 0 in a row"):
+        with pytest.raises(ValueError, match="columns: expected a one-dimensional array of whole numbers >= 0"):
             whole_numbers(np.array(others), "columns")

@@ -1,4 +1,4 @@
-"""A run whose messages cannot be written learns as one whose messages can."""
+"""A run trains even if its standard streams are closed or full."""
 
 import os
 import subprocess
@@ -19,15 +19,15 @@ RUN = ("train", str(CONFIG), "--runner", "inline", "--simulators", "1", "--itera
 @pytest.mark.parametrize(
     "streams", ["2>/dev/full", "2>&-", ">/dev/full", ">&-", "2>&- >&- <&-", "2>/dev/full >/dev/full"]
 )
-def test_a_run_ends_well_without_its_streams(tmp_path: Path, streams: str) -> None:
+def test_a_run_succeeds_without_standard_streams(tmp_path: Path, streams: str) -> None:
     command = ["bash", "-c", f'"$@" {streams}', "bash", *COMMAND, *RUN, str(tmp_path / "run")]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert "note:" not in done.stdout  # closed, standard error is not standard output
+    assert "note:" not in done.stdout  # messages of a closed standard error do not go to standard output
     assert len(Curve(tmp_path / "run" / "curve.csv").rows()) == 3
 
 
-def test_a_reader_that_goes_away_does_not_end_a_run(tmp_path: Path) -> None:
+def test_a_closed_pipe_does_not_stop_a_run(tmp_path: Path) -> None:
     reading, writing = os.pipe()
     process = subprocess.Popen([*COMMAND, *RUN, str(tmp_path / "run")], stdout=writing, stderr=writing)
     os.close(writing)
@@ -36,14 +36,14 @@ def test_a_reader_that_goes_away_does_not_end_a_run(tmp_path: Path) -> None:
     assert len(Curve(tmp_path / "run" / "curve.csv").rows()) == 3
 
 
-def test_what_a_command_is_asked_for_must_not_be_lost(tmp_path: Path) -> None:
+def test_a_command_fails_if_its_output_is_lost(tmp_path: Path) -> None:
     command = ["bash", "-c", '"$@" >/dev/full', "bash", *COMMAND, "list"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (1, "error: [Errno 28] No space left on device: '<stdout>'\n")
 
 
 @pytest.mark.parametrize("arguments", [("list",), ("train", "--help"), ("--version",)])
-def test_a_reader_that_has_seen_enough_is_no_error(arguments: tuple[str, ...]) -> None:
+def test_a_reader_that_stops_early_is_no_error(arguments: tuple[str, ...]) -> None:
     reading, writing = os.pipe()
     os.close(reading)
     done = subprocess.run([*COMMAND, *arguments], stdout=writing, stderr=subprocess.PIPE, text=True, check=False)

@@ -50,13 +50,13 @@ def test_the_variance_is_between_those_of_the_centres(seed: int, kernel: Kernel)
     assert np.all((there > values.min() * (1 - 1e-12)) & (there < values.max() * (1 + 1e-12)))
 
 
-def test_a_kernel_with_negative_values_weighs_no_mean() -> None:
+def test_kernels_with_negative_values_are_rejected() -> None:
     for kernel in (Polynomial(1.0, 3), RBF((1.0,)) + Polynomial(1.0, 1)):
         with pytest.raises(ValueError, match="variance kernel: expected one without negative values"):
             KernelVariance(**{**GOOD, "kernel": kernel})
 
 
-def test_near_a_lone_centre_the_variance_is_that_centres() -> None:
+def test_near_a_single_centre_the_variance_is_that_of_the_centre() -> None:
     variance = KernelVariance(**{**GOOD, "kernel": RBF((0.1,))})
     np.testing.assert_allclose(variance(GOOD["centres"]), GOOD["values"], rtol=1e-12)
 
@@ -78,7 +78,7 @@ def test_the_scale_of_the_mass_does_not_matter() -> None:
     np.testing.assert_allclose(scaled(x), KernelVariance(**GOOD)(x), rtol=1e-12)
 
 
-def test_a_row_does_not_depend_on_the_rows_beside_it(rng: np.random.Generator) -> None:
+def test_a_row_does_not_depend_on_other_rows(rng: np.random.Generator) -> None:
     x = np.concatenate([rng.normal(size=(20, 1)), [[1e6]], rng.normal(size=(20, 1))])
     variance = KernelVariance(**GOOD)
     assert np.array_equal(variance(x), np.concatenate([variance(row[None]) for row in x]))
@@ -100,13 +100,13 @@ def test_a_row_does_not_depend_on_the_rows_beside_it(rng: np.random.Generator) -
         ({"maximum": np.ones(2)}, "variance maximum: expected"),
     ],
 )
-def test_a_variance_that_is_misshapen_or_out_of_range_is_refused(change: dict[str, np.ndarray], message: str) -> None:
+def test_variances_of_wrong_shape_or_out_of_range_are_rejected(change: dict[str, np.ndarray], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         KernelVariance(**{**GOOD, **change})
 
 
 @pytest.mark.parametrize("values", [[0.0], [-1.0], [1.0, np.nan], [[1.0]]])
-def test_a_constant_variance_that_is_not_a_row_of_positive_numbers_is_refused(values: list[float]) -> None:
+def test_a_constant_variance_must_be_positive_and_one_dimensional(values: list[float]) -> None:
     with pytest.raises(ValueError, match="variance: expected"):
         ConstantVariance(np.array(values))
 
@@ -116,7 +116,7 @@ def test_decay_shrinks_the_standard_deviation_but_not_below_its_minimum(
     sd: float, factor: float, minimum: float
 ) -> None:
     decayed = float(np.sqrt(ConstantVariance(np.array([sd**2])).decay(factor, minimum).values[0]))
-    # A deviation that begins below the minimum stays where it is.
+    # A standard deviation that starts below the minimum does not change.
     assert decayed == pytest.approx(min(sd, max(sd * factor, minimum)), rel=1e-9)
 
 
@@ -126,9 +126,7 @@ def test_decay_shrinks_the_standard_deviation_but_not_below_its_minimum(
     scale=st.sampled_from([0.0, 1e-9, 1.0, 1e9]),
     kernel=st.sampled_from([RBF((0.1,)), RBF((1.0, 5.0)), Polynomial(1.0, 2)]),
 )
-def test_a_function_as_variance_is_that_function_within_its_bounds(
-    seed: int, distance: float, scale: float, kernel: Kernel
-) -> None:
+def test_a_function_variance_is_the_clipped_function(seed: int, distance: float, scale: float, kernel: Kernel) -> None:
     rng = np.random.default_rng(seed)
     function = Function(kernel, rng.normal(size=(6, 2)), scale * rng.normal(size=(6, 3)))
     low, high = np.array([1e-4, 0.1, 1.0]), np.array([1e-3, 1.0, 1.0])
@@ -138,7 +136,7 @@ def test_a_function_as_variance_is_that_function_within_its_bounds(
     assert np.array_equal(there, expected)
 
 
-def test_a_row_of_a_function_as_variance_does_not_depend_on_the_rows_beside_it(rng: np.random.Generator) -> None:
+def test_a_row_of_a_function_variance_does_not_depend_on_other_rows(rng: np.random.Generator) -> None:
     function = Function(RBF((0.7,)), rng.normal(size=(23, 2)), rng.normal(size=(23, 2)))
     variance, x = FunctionVariance(function, np.full(2, 0.1), np.full(2, 9.0)), rng.normal(size=(31, 2))
     assert np.array_equal(variance(x), np.concatenate([variance(row[None]) for row in x]))
@@ -153,7 +151,7 @@ def test_a_row_of_a_function_as_variance_does_not_depend_on_the_rows_beside_it(r
         (([1.0], [2.0, 2.0]), "variance maximum: expected"),
     ],
 )
-def test_bounds_that_are_none_are_refused(bounds: tuple[list[float], list[float]], message: str) -> None:
+def test_invalid_bounds_are_rejected(bounds: tuple[list[float], list[float]], message: str) -> None:
     function = Function(RBF((1.0,)), np.zeros((1, 2)), np.ones((1, 1)))
     with pytest.raises(ValueError, match=message):
         FunctionVariance(function, *map(np.array, bounds))

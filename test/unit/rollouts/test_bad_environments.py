@@ -76,7 +76,10 @@ def test_an_action_that_is_not_finite_ends_the_run_by_row_and_step(
 ) -> None:
     policy = random_policy(d=1, n=1)
     loud = policy.with_mean(type(policy.mean)(policy.mean.kernel, policy.mean.centres, np.full((5, 1), 1e308)))
-    runner, message = InlineRunner(Simulation("rkhs/Toy-v0")), "the policy's action in row 0, step 1: expected finite"
+    runner, message = (
+        InlineRunner(Simulation("rkhs/Toy-v0")),
+        "the policy's action in environment 0, step 1: expected finite",
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # which would be more lines than one
         with pytest.raises(RunError, match=f"rkhs/Toy-v0: {message}"):
