@@ -1,7 +1,8 @@
-"""What `make demo` does: one real episode over topics, model-based training learnt from it, and what came of that."""
+"""Learn a pendulum swing-up from one episode over ROS topics, and print the returns before and after: `make demo`."""
 
 from __future__ import annotations
 
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -13,32 +14,43 @@ from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import new_folder
 
 CONFIG = Path(__file__).parents[1] / "config" / "pendulum_wrap_model_nac.yaml"
-# Of config/pendulum_wrap_few_nac.yaml, medians of docs/results/configurations.csv.
-WITHOUT = "15 episodes to a return of 45, 25 to 50"
-SOURCE = "docs/configurations.md"
+TRAIN = ["rkhs", "train", str(CONFIG), "--iterations", "1"]
+# Medians of config/pendulum_wrap_few_nac.yaml in docs/results/configurations.csv.
+WITHOUT_A_MODEL = {45: 15, 50: 25}  # return: episodes
+INTRODUCTION = f"""\
+rkhs_ros demo: swing up a pendulum. Three ROS 2 nodes (simulator, policy, learner) run one real episode,
+fit a dynamics model to it, and train the policy in that model. This takes some seconds.
+$ {shlex.join([*TRAIN[:2], f"config/{CONFIG.name}", *TRAIN[3:]])}
+"""
 
 
 def main() -> int:
-    """Learn, tell, and return the exit code."""
+    """Train, print the summary, and return the exit code."""
+    print(INTRODUCTION, flush=True)
     folder = new_folder(None, "demo")
-    train = ["rkhs", "train", str(CONFIG), "--iterations", "1", "--out", str(folder)]
-    code = subprocess.run(train, check=False).returncode
+    code = subprocess.run([*TRAIN, "--out", str(folder)], stdout=subprocess.DEVNULL, check=False).returncode
     if code == 0:
-        print(told(folder), flush=True)
+        print(summary(folder), flush=True)
     return code
 
 
-def told(folder: Path) -> str:
-    """Return in three lines what came of the run in a folder."""
+def summary(folder: Path) -> str:
+    """Return the results of the run in a folder, with the next steps."""
     task = load_config(CONFIG).task
     (row,) = Curve(folder / "curve.csv").rows()
-    best = max(references(task).values())
-    return (
-        f"\nOne exploring episode ({task.horizon} steps) earned {row.exploration_return:.1f}.\n"
-        f"After model-based training learnt from it the evaluation return is {row.evaluation_return:.1f} "
-        f"(optimum {best:g}).\n"
-        f"Without a model the same task takes {WITHOUT} (medians, {SOURCE}): make demo-long"
-    )
+    (low, few), (high, many) = WITHOUT_A_MODEL.items()
+    return f"""
+Discounted return:
+  {row.exploration_return:5.1f}  in the real episode: {task.horizon} steps of random exploration
+  {row.evaluation_return:5.1f}  after model-based training on that episode
+  {max(references(task).values()):5.1f}  at the optimum
+
+Without a model, the same task takes {few} real episodes to reach {low}, and {many} to reach {high}
+(medians over 20 seeds, see docs/configurations.md). To compare: make demo-long
+
+Next: enter the environment, film an episode of the policy, and read docs/start.md.
+  . ./setup.bash
+  rkhs render {folder}"""
 
 
 if __name__ == "__main__":
