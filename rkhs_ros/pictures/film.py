@@ -62,9 +62,9 @@ def shoot(policy: GaussianPolicy, task: Task, runner: InlineRunner, *, seed: int
         return _watched(policy, batch, simulation, frames)
     own = isinstance(simulation.shown, DrawsItself)
     look, drawing = (_drawn, nullcontext(simulation)) if own else (_rendered, _with_pictures(task, simulation))
-    with drawing as truncated:
+    with drawing as drawn:
         steps = spread(int(runner.collect(policy, batch).mask[0].sum()), frames)
-        pictures = np.array(list(_moments(policy, batch, truncated, steps, look)))
+        pictures = np.array(list(_moments(policy, batch, drawn, steps, look)))
     return Film({"": pictures}, [f"step {step}" for step in steps])
 
 
