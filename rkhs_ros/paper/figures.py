@@ -35,14 +35,14 @@ def experiment_figure(experiment: Experiment, table: Table) -> Figure:
     """Return the figure of an experiment."""
     runs = max(returns.runs for returns in table.values())
     band = "95 % confidence of the mean" if experiment.band == "confidence" else "one standard deviation of the runs"
-    told = f"noise-free policy, mean of {runs} runs; band: {band}, no wider than the runs"
+    subtitle = f"evaluation return, mean of {runs} runs; band: {band}, within the range of the runs"
     columns = len(experiment.panels)
-    figure = sheet(WIDTH_IN * columns, HEIGHT_IN, f"{experiment.title}\n{told}")
+    figure = sheet(WIDTH_IN * columns, HEIGHT_IN, f"{experiment.title}\n{subtitle}")
     plots = figure.subplots(2, columns, sharey="col", squeeze=False)
     shown = styles_of(experiment)
     for (above, below), panel in zip(plots.T, experiment.panels, strict=True):
         _draw(above, panel, table, experiment.band, shown, against="iteration")
-        _draw(below, panel, table, experiment.band, shown, against="exploring episodes used")
+        _draw(below, panel, table, experiment.band, shown, against="exploration episodes")
         legend_above(above, panel.title)
     return figure
 
@@ -65,7 +65,7 @@ def _draw(
     for curve in panel.curves:
         style, colour, _ = shown[curve.label]
         returns = table[panel.title, curve.label]
-        x = returns.episodes if against.startswith("exploring") else np.arange(1, len(returns.episodes) + 1)
+        x = returns.episodes if against.startswith("exploration") else np.arange(1, len(returns.episodes) + 1)
         low, high = _band(returns, band)
         axes.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0)
         axes.plot(x, returns.evaluation.mean(axis=0), style, color=colour, label=curve.label, linewidth=1.5)

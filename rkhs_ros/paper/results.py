@@ -1,4 +1,4 @@
-"""What came of the paper's claims, as a page made from the tables of the reproduced figures."""
+"""The page of results: the paper's claims, checked against the tables of the reproduced figures."""
 
 from __future__ import annotations
 
@@ -9,19 +9,21 @@ from rkhs_ros.paper.claims import CLAIMS
 from rkhs_ros.paper.experiment import Experiment, load_experiment
 from rkhs_ros.paper.table import Table, load_table
 
-HEAD = """# The paper's figures, made again
+HEAD = """# Results: the paper's claims
 
-Made by `rkhs results` from the tables that `rkhs reproduce` writes; do not edit. Returns are discounted and, unless
-said otherwise, of the noise-free policy, means over the runs. The step sizes are ours: the paper does not say in
-which units its own are. The runs of a curve have the seeds 0, 1, 2 and so on, and settings were chosen on some of them:
-see [configurations](configurations.md#what-they-reach) for held-out seeds.
+`rkhs results` made this page from the tables of the [reproduced figures](paper.md); do not edit it. Returns are
+discounted evaluation returns (policy mean, no exploration noise) unless stated otherwise, as means over the runs.
 
-| Figure | The paper says | Holds | What came out |
+The runs of a curve have the seeds 0, 1, 2 and so on. Settings were chosen on some of these seeds:
+[configurations](configurations.md#what-they-reach) has results on held-out seeds. The step sizes are ours, since the
+paper does not state the units of its own.
+
+| Figure | Claim of the paper | Holds | Result |
 |---|---|---|---|
 """
 
-MENDED = (
-    ("Printed", "Why it does not do", "Here"),
+CORRECTED = (
+    ("As published", "Problem", "Here"),
     ("---", "---", "---"),
     (
         "RBF kernel with the norm not squared",
@@ -30,43 +32,43 @@ MENDED = (
     ),
     (
         "Eq 18 to 20: returns without a baseline",
-        "their mean drowns their differences, learning stalls (above)",
-        "an intercept in the regression; `baseline: as_published`",
+        "their mean dominates their differences, and learning stalls (above)",
+        "an intercept in the regression; `baseline: as_published` for the original",
     ),
     (
         "Eq 16, 21: the expectation of the second derivative",
-        "a minus is missing",
-        "the outer product, which is meant",
+        "a minus sign is missing",
+        "the outer product, which is equal to the intended expression",
     ),
     (
         "E-step: p' proportional to p",
-        "drops the return",
+        "the return is missing",
         "proportional to p R, R not negative",
     ),
     (
         "Eq 23: signed advantages as weights",
-        "the system is indefinite, learning collapses (above)",
-        "weights not negative; `weighting: as_published`",
+        "the system is indefinite, and learning collapses (above)",
+        "nonnegative weights; `weighting: as_published` for the original",
     ),
     (
         "Eq 23: the inverse of the advantages",
-        "infinite where an advantage is 0",
+        "infinite if an advantage is 0",
         "an equal form without that inverse",
     ),
     (
-        "Eq 24: squared exploration above and below",
-        "it cancels: the value is no variance",
-        "a weighted mean of squared exploration, within bounds; `variance: as_published`",
+        "Eq 24: squared exploration in numerator and denominator",
+        "it cancels, and the value is not a variance",
+        "a weighted mean of squared exploration, within bounds; `variance: as_published` for the original",
     ),
     (
         "Section 3.1: the natural gradient is covariant",
-        "the ridge of Eq 18 measures in the kernel's own norm, which changes with the kernel",
+        "the ridge of Eq 18 uses the kernel's own norm, which changes with the kernel",
         "`ridge_norm: scale_free`",
     ),
 )
 NOTE = """
-With `scale_free` covariance is exact for the polynomial kernel, whose offset leaves the space of functions the same.
-Another bandwidth of the RBF kernel is another space: that RKHS-NAC is insensitive to it is a finding, not a theorem.
+With `scale_free`, covariance is exact for the offset of the polynomial kernel, which leaves the space of functions the
+same. Another bandwidth of the RBF kernel is another space, so insensitivity to it is an observation, not a theorem.
 """
 
 
@@ -85,9 +87,9 @@ def results(folder: Path, page: Path) -> str:
     rows = [_row(claim.figure, claim.paper, *claim.judge(tables[claim.figure])) for claim in CLAIMS]
     place = Path(os.path.relpath(folder, page.parent))
     sections = [_section(load_experiment(name), table, place) for name, table in tables.items()]
-    mended = "".join(f"| {' | '.join(row)} |\n" for row in MENDED)
-    title = "\n## Where the printed formulas had to be mended\n\n"
-    return HEAD + "".join(rows) + title + mended + NOTE + "".join(sections)
+    corrected = "".join(f"| {' | '.join(row)} |\n" for row in CORRECTED)
+    title = "\n## Corrected formulas\n\n"
+    return HEAD + "".join(rows) + title + corrected + NOTE + "".join(sections)
 
 
 def _row(figure: str, paper: str, holds: bool, seen: str) -> str:
