@@ -128,7 +128,7 @@ def last_output(state: Gate, rules: Rules) -> Setpoint | None:
 
 
 def is_at_rest(state: Gate, rules: Rules, now: float) -> bool:
-    """Return whether the robot has been at rest for ``rules.rest_time`` seconds; a single reading may be a turning point."""
+    """Return whether the robot has been at rest for ``rules.rest_time``; one reading may be a turning point."""
     return not state.is_armed or now - state.rest_since >= rules.rest_time
 
 
