@@ -1,4 +1,4 @@
-"""Starts the nodes of a run in processes of their own, starts again those that die, and ends them together."""
+"""Launcher of the nodes of a run: starts a process per node, restarts nodes that die, and stops all together."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from rkhs_ros.base.yaml_text import dumped, loaded, require_ros_value
 from rkhs_ros.nodes.core.names import node_names
 from rkhs_ros.runs.config import Config, environment_of_robot, robot_nodes
 
-TERMINATION_TIMEOUT_S = 2.0  # for a node to end after SIGTERM, before it is killed
-# The same for nodes that first bring a robot to rest: those that brake it, and what is braked.
+TERMINATION_TIMEOUT_S = 2.0  # from SIGTERM until the node is killed
+# The gate first brings the robot to rest, and the simulated robot must run until then.
 BRAKING_TIMEOUT_S = {"gate": 10.0, "simulated_robot": 6.0}
 POLL_INTERVAL_S = 0.05
-MOST_DEATHS, DEATHS_WINDOW_S = 10, 300.0  # of a node in that time; with one more the run is given up
-SHORTEST_BACKOFF_S, LONGEST_BACKOFF_S = 0.05, 5.0  # before a node is started again; doubled with each death
-NEVER_AGAIN = ("gate",)  # nodes that are not started again: what they stopped for is for a person to look at
-LEARNING = ("policy", "learner")  # nodes that are no part of a world
-OWN_CODES = (0, FAILED, BAD_INPUT, INTERRUPTED)  # that a node ends with itself; with any other it died
-COMPOSED = "simulator+policy"  # nodes that share a process are named together
+MOST_DEATHS, DEATHS_WINDOW_S = 10, 300.0  # deaths of a node within the window; one more ends the run
+SHORTEST_BACKOFF_S, LONGEST_BACKOFF_S = 0.05, 5.0  # before a restart; doubles with each death
+NEVER_RESTARTED = ("gate",)  # a person must check why the gate stopped
+LEARNING = ("policy", "learner")  # nodes that are not part of the simulator or robot
+OWN_CODES = (0, FAILED, BAD_INPUT, INTERRUPTED)  # exit codes of a node; any other code means that it died
+COMPOSED = "simulator+policy"  # two nodes in one process
 MODULES = {
     "simulator": "sim_nodes.simulator_node",
     COMPOSED: "sim_nodes.composed_node",
@@ -49,21 +49,21 @@ MODULES = {
 
 
 class Moment(NamedTuple):
-    """When a run began: in nanoseconds of the system's clock, and in seconds of the one that is never set."""
+    """Start time of a run, by the system clock in nanoseconds and by the monotonic clock in seconds."""
 
     stamp: int
     monotonic: float
 
 
 class NodeProcess:
-    """A node in a process of its own, which can be started again.
+    """A node in a separate process that can be restarted.
 
     Owns the process and the times of its latest deaths.
 
     Args:
-        name: a key of `MODULES`, after a namespace and a slash if need be.
-        arguments: of the node, after ``--ros-args``.
-        began: when its run began; None for a node without a run.
+        name: a key of `MODULES`, optionally after a namespace and a slash.
+        arguments: arguments of the node after ``--ros-args``.
+        began: start time of the run; None for a node without a run.
     """
 
     def __init__(self, name: str, arguments: Sequence[str] = (), began: Moment | None = None) -> None:
@@ -77,7 +77,7 @@ class NodeProcess:
         self.process = self._start()
 
     def poll(self) -> int | None:
-        """Return the exit code if the node ended; start it again when that is due."""
+        """Return the exit code if the node ended; restart the node when that is due."""
         if self._restart_at is None:
             return self.process.poll()
         if time.monotonic() >= self._restart_at:
@@ -87,13 +87,13 @@ class NodeProcess:
         return None
 
     def interrupt(self) -> None:
-        """Have the node end, and not be started again."""
+        """Stop the node without a restart."""
         self.is_interrupted = True
         self._restart_at = None
-        _tell_to_end(self.process)
+        _terminate_process(self.process)
 
     def restart_later(self) -> bool:
-        """Have a node that died started again after a back-off; return False where it died too often."""
+        """Schedule a restart after a back-off; return False if the node died too often."""
         now = time.monotonic()
         self._deaths.append(now)
         recent = sum(now - death < DEATHS_WINDOW_S for death in self._deaths)
@@ -102,14 +102,14 @@ class NodeProcess:
         backoff = min(SHORTEST_BACKOFF_S * 2 ** (recent - 1), LONGEST_BACKOFF_S)
         print(
             f"warning: the {self.name} node {_how_it_ended(self.process.returncode)}; "
-            f"starting it again in {backoff:g} s ({recent} of {MOST_DEATHS} times within {DEATHS_WINDOW_S:g} s)",
+            f"restarting in {backoff:g} s (restart {recent} of at most {MOST_DEATHS} within {DEATHS_WINDOW_S:g} s)",
             file=sys.stderr,
         )
         self._restart_at = now + backoff
         return True
 
     def _start(self) -> subprocess.Popen[bytes]:
-        """Start the node outside our foreground group, so that a Ctrl-C reaches it once, through us."""
+        """Start the node outside our foreground process group, so that it receives Ctrl-C only through the launcher."""
         namespace, _, kind = self.name.rpartition("/")
         more = [f"restarts:={self._restarts}"] if self._restarts else []
         if self._began:
@@ -117,9 +117,11 @@ class NodeProcess:
             more += [f"instance:={self._began.stamp + self._restarts}", f"run_age:={age:.6f}"]
         more += ["resume:=true"] if self._restarts and kind == "learner" else []
         loggers = self.name.replace("/", ".").split("+")
-        quiet = [word for name in loggers for word in ("--log-level", f"{name}:=warn")]  # we say ourselves what is well
+        quiet = [
+            word for name in loggers for word in ("--log-level", f"{name}:=warn")
+        ]  # the launcher prints the progress
         ros = ["--ros-args", *quiet, "-r", f"__ns:=/{namespace}", *self._arguments, *assigned(more)]
-        with signals_held():  # Python loses what a handler raises while it forks
+        with signals_held():  # Python loses an exception that a handler raises during the fork
             return subprocess.Popen(
                 [sys.executable, "-P", "-m", MODULES[kind], *ros],
                 stdin=subprocess.DEVNULL,
@@ -132,7 +134,7 @@ class NodeProcess:
 Nodes = dict[str, NodeProcess]
 
 
-Further = Mapping[str, Mapping[str, str | bool]]  # parameters of nodes, by the nodes' names
+Further = Mapping[str, Mapping[str, str | bool]]  # further parameters by the name of the node
 
 
 def launch(parameters: str, further: Further, *, simulators: int = 1, composed: bool = False) -> int:
@@ -140,12 +142,12 @@ def launch(parameters: str, further: Further, *, simulators: int = 1, composed: 
 
     Args:
         parameters: content of a ROS parameter file.
-        further: parameters of nodes, such as paths. The recorder runs where it has some.
-        simulators: number of simulator nodes, of more than one each in a namespace of its own.
+        further: further parameters of nodes, such as paths. The recorder node starts only if it has some.
+        simulators: number of simulator nodes; several nodes have one namespace each.
         composed: whether the single simulator and the policy node share a process.
 
     Returns:
-        The learner's exit code, or that of a node that ended before it.
+        Exit code of the learner, or of a node that ended earlier.
     """
     document = loaded(parameters)
     recorder = [name for name in further if name == "recorder"]
@@ -159,14 +161,14 @@ def launch(parameters: str, further: Further, *, simulators: int = 1, composed: 
 
 
 def launch_worlds(parameters: str, simulators: int) -> int:
-    """Run simulators, or the nodes of a robot, until one ends; those that die are started again.
+    """Run simulators, or the nodes of a robot, until one ends; restart nodes that die.
 
     Args:
         parameters: content of a ROS parameter file.
-        simulators: number of simulator nodes, of more than one each in a namespace of its own.
+        simulators: number of simulator nodes; several nodes have one namespace each.
 
     Returns:
-        The exit code of the node that ended.
+        Exit code of the node that ended.
     """
     document = loaded(parameters)
     worlds = [name for name in node_names(simulators, robot_nodes(document)) if name not in LEARNING]
@@ -176,7 +178,7 @@ def launch_worlds(parameters: str, simulators: int) -> int:
 
 @contextmanager
 def _in_memory(content: str) -> Iterator[Path]:
-    """Yield a file for the nodes to read that no disk holds, so that nothing is left of it however we end."""
+    """Yield a file in memory for the nodes to read, which leaves nothing on the disk even if the launcher is killed."""
     with os.fdopen(os.memfd_create("parameters.yaml"), "w") as file:
         file.write(content)
         file.flush()
@@ -187,13 +189,13 @@ def for_all(parameters: str, simulators: int, further: Further | None = None) ->
     """Return the parameter file of all nodes.
 
     Args:
-        parameters: content of a ROS parameter file. A robot to practise on has its gate armed without a person.
-        simulators: number of simulator nodes. Their environment goes to the learner, too, which refuses simulators of
-            another.
-        further: parameters of nodes, such as paths: as arguments they would be read as YAML.
+        parameters: content of a ROS parameter file. The gate of a simulated robot is armed without a person.
+        simulators: number of simulator nodes. The learner receives their environment as well, and rejects simulators
+            with another one.
+        further: further parameters of nodes, such as paths, which ROS would parse as YAML if they were arguments.
 
     Raises:
-        ValueError: one of these can be no ROS parameter.
+        ValueError: a value cannot be a ROS parameter.
     """
     document = loaded(parameters)
     own: dict[str, dict[str, Any]] = {
@@ -211,16 +213,16 @@ def for_all(parameters: str, simulators: int, further: Further | None = None) ->
 
 
 def robot_parameters(config: Config, folder: Path, *, resume: bool, simulated: bool) -> Path:
-    """Write the parameter file of all nodes that learn on a robot into the folder of the run; return it.
+    """Write the parameter file of all nodes of a run on a robot into the folder of the run; return its path.
 
     Args:
-        config: of the run.
-        folder: of its results; made where it is missing.
-        resume: whether the learner goes on with what is in the folder.
-        simulated: whether the robot is the configuration's simulated robot, and its gate armed without a person.
+        config: configuration of the run.
+        folder: folder of the results; created if missing.
+        resume: whether the learner resumes the run in the folder.
+        simulated: whether to use the simulated robot of the configuration, whose gate is armed without a person.
 
     Raises:
-        ValueError: a setting can be no ROS parameter.
+        ValueError: a setting cannot be a ROS parameter.
         OSError: the file cannot be written.
     """
     document = config.parameters()
@@ -236,10 +238,10 @@ def robot_parameters(config: Config, folder: Path, *, resume: bool, simulated: b
 
 
 def journal_in(folder: Path) -> str:
-    """Return where in the folder of a run a robot keeps its episodes, made before anything starts.
+    """Create and return the folder, within the folder of a run, in which a robot stores its episodes.
 
     Raises:
-        OSError: there is a file in its place.
+        OSError: a file exists at this path.
     """
     journal = folder / "checkpoints" / "episodes"
     journal.mkdir(parents=True, exist_ok=True)
@@ -247,7 +249,7 @@ def journal_in(folder: Path) -> str:
 
 
 def _environment_in(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the environment of a parameter file, as the learner is told it."""
+    """Return the environment of a parameter file in the form for the learner."""
     if ROBOT not in document:
         return dict(document[SIMULATOR][PARAMETERS]["environment"])
     return environment_of_robot(robot_nodes(document)).tree()
@@ -255,10 +257,10 @@ def _environment_in(document: Mapping[str, Any]) -> dict[str, Any]:
 
 @contextmanager
 def started(names: Iterable[str], parameters: Path) -> Iterator[Nodes]:
-    """Start nodes, and end those that still run at the exit of the context.
+    """Start nodes, and stop them when the context exits.
 
     Args:
-        names: keys of `MODULES`, after a namespace and a slash if need be.
+        names: keys of `MODULES`, each optionally after a namespace and a slash.
         parameters: a ROS parameter file.
     """
     nodes: Nodes = {}
@@ -272,13 +274,13 @@ def started(names: Iterable[str], parameters: Path) -> Iterator[Nodes]:
 
 
 def assigned(parameters: Iterable[str]) -> list[str]:
-    """Return the words that give a node its parameters, from ``name:=value`` each."""
+    """Return the arguments that set parameters of a node, each given as ``name:=value``."""
     return [word for assignment in parameters for word in ("-p", assignment)]
 
 
 def environment() -> dict[str, str]:
     """Return the environment of a node's process."""
-    # The wheels of ROS 2 start Python once more to set the library path, unless this says that they did.
+    # If this variable is set, the wheels of ROS 2 skip the restart of Python that sets the library path.
     return {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
 
 
@@ -287,20 +289,20 @@ def _supervise(nodes: Nodes, task: str) -> int:
     while True:
         for node in nodes.values():
             code = node.poll()
-            again = code not in OWN_CODES and not node.is_interrupted and node.name not in NEVER_AGAIN
-            if code is None or (again and node.restart_later()):
+            restartable = code not in OWN_CODES and not node.is_interrupted and node.name not in NEVER_RESTARTED
+            if code is None or (restartable and node.restart_later()):
                 continue
-            return _code_at_end(node, code, task, "before the learner" if "learner" in nodes else "unasked")
+            return _code_at_end(node, code, task, "before the learner" if "learner" in nodes else "unexpectedly")
         time.sleep(POLL_INTERVAL_S)
 
 
 def _code_at_end(node: NodeProcess, code: int, task: str, when: str) -> int:
-    """Return the run's exit code where a node ended with this one and is not started again, and say when."""
+    """Return the exit code of the run after a node ended for good, and print an error if this was unexpected."""
     if node.is_interrupted:
         return max(code, 0) or INTERRUPTED
     named = f"the {node.name} node" + (f", of {task}," if "simulator" in node.name else "")
-    if node.name in NEVER_AGAIN:
-        print(f"error: {named} {_how_it_ended(code)}; nothing may move without it", file=sys.stderr)
+    if node.name in NEVER_RESTARTED:
+        print(f"error: {named} {_how_it_ended(code)}; without it the robot must not move", file=sys.stderr)
         return code if code in OWN_CODES[1:] else FAILED
     if code not in OWN_CODES:
         print(f"error: {named} died more than {MOST_DEATHS} times within {DEATHS_WINDOW_S:g} s", file=sys.stderr)
@@ -317,7 +319,7 @@ def _how_it_ended(code: int) -> str:
 
 @contextmanager
 def _signals_passed_to(learner: NodeProcess) -> Iterator[None]:
-    """Let the first signal end the learner, which writes what was learnt; a second one ends us."""
+    """Stop the learner on the first signal, so that it saves its policy; stop the launcher on the second one."""
 
     def pass_on(number: int, frame: FrameType | None) -> None:
         for each in previous:
@@ -326,7 +328,7 @@ def _signals_passed_to(learner: NodeProcess) -> Iterator[None]:
             raise KeyboardInterrupt
         learner.interrupt()
 
-    previous = {number: signal.getsignal(number) for number in ENDING}  # before a signal can ask for them
+    previous = {number: signal.getsignal(number) for number in ENDING}  # before a handler can need them
     try:
         for number in ENDING:
             signal.signal(number, pass_on)
@@ -336,16 +338,16 @@ def _signals_passed_to(learner: NodeProcess) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _tell_to_end(process: subprocess.Popen[bytes]) -> None:
-    """Have a process end, one that was stopped (SIGSTOP) as well, which would not hear of it."""
-    process.terminate()  # while it imports it dies of this without words, unlike of SIGINT
+def _terminate_process(process: subprocess.Popen[bytes]) -> None:
+    """Terminate a process, even if it is suspended by SIGSTOP."""
+    process.terminate()  # unlike SIGINT, this prints no traceback while the process imports modules
     process.send_signal(signal.SIGCONT)
 
 
 def _terminate(nodes: Iterable[NodeProcess]) -> None:
     nodes = list(nodes)
     for node in nodes:
-        _tell_to_end(node.process)
+        _terminate_process(node.process)
     begin = time.monotonic()
     for node in nodes:
         deadline = begin + BRAKING_TIMEOUT_S.get(node.name, TERMINATION_TIMEOUT_S)

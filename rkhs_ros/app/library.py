@@ -1,4 +1,4 @@
-"""The library: learn in process, on any Gymnasium environment, in one call."""
+"""Library functions: train in this process on any Gymnasium environment with one call."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-OTHERS = ("policy", "options", "num_envs")  # that may be given beside the settings
+OTHERS = ("policy", "options", "num_envs")  # keywords that are not fields of Training
 
 
 @dataclass(frozen=True)
 class Result:
-    """What was learnt up to an iteration.
+    """Result of training up to an iteration.
 
     Attributes:
-        policy: the policy after it.
-        best_policy: the policy of the greatest evaluation return so far; None before the first evaluation.
-        iteration: episodes, returns and metrics of this iteration.
+        policy: the policy after the iteration.
+        best_policy: the policy with the greatest evaluation return so far; None before the first evaluation.
+        iteration: episodes, returns and metrics of the iteration.
         rows: the lines of curve.csv so far.
     """
 
@@ -58,7 +58,7 @@ class Result:
     rows: tuple[Row, ...]
 
     def __repr__(self) -> str:
-        """Return what was learnt in one line."""
+        """Return a summary in one line."""
         row, last = self.rows[-1], self.iteration
         returns = f"return {last.exploration_return:.4g}, evaluation return {last.evaluation_return:.4g}"
         name = self.policy.task.environment
@@ -66,19 +66,19 @@ class Result:
 
     @property
     def curve(self) -> dict[str, NDArray[Any]]:
-        """The learning curve as arrays by name, one entry for each iteration, as the columns of curve.csv."""
+        """The columns of curve.csv as arrays by name, with one entry per iteration."""
         return columns(self.rows)
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Return a figure of the learning curve.
 
         Args:
-            path: a file to save it to as well.
+            path: file to save the figure to, if any.
 
         Raises:
             OSError: the file cannot be written.
         """
-        from rkhs_ros.pictures.run_pictures import curve_figure  # here, for few need it and it takes its time
+        from rkhs_ros.pictures.run_pictures import curve_figure  # here, since the import is slow
 
         figure = curve_figure(self.curve, self.policy.task)
         if path is not None:
@@ -88,7 +88,7 @@ class Result:
 
 @dataclass(frozen=True)
 class GivenKernel(KernelChoice):
-    """A kernel that does not wait for data."""
+    """Kernel choice that always returns the given kernel."""
 
     kernel: Kernel | None = None
 
@@ -100,22 +100,22 @@ class GivenKernel(KernelChoice):
 def train(
     environment: Source, algorithm: Algorithm | str | None = None, *, progress: bool = True, **settings: Any
 ) -> Result:
-    """Learn a policy and return it with its learning curve.
+    """Train a policy and return it with its learning curve.
 
     Args:
         environment: a Gymnasium id (``module:Id-v0`` imports the module that registers it), an environment, a vector
-            environment, or a function or class that makes one. Observations and actions must be continuous. What is
-            made here is closed at the end; an environment that is passed stays open.
-        algorithm: such as ``RKHSNAC(centres=80)``, or the name of one; RKHS-NAC where None. Settings that are not
-            given have the defaults of `rkhs_ros.runs.defaults`, however the algorithm is named.
+            environment, or a function or class that returns one. Observations and actions must be continuous. `train`
+            closes the environments that it creates; an environment that is passed stays open.
+        algorithm: an algorithm such as ``RKHSNAC(centres=80)``, or its name; None stands for RKHS-NAC. Settings that
+            are not given have the defaults of `rkhs_ros.runs.defaults`.
         progress: show a progress bar on standard error.
-        **settings: those of `learn`.
+        **settings: settings of `learn`.
 
     Returns:
         The result after the last iteration.
 
     Raises:
-        ValueError: a setting is unknown or does not fit, or the environment cannot be used.
+        ValueError: a setting is unknown or invalid, or the environment cannot be used.
     """
     training, runner, warm_start = _prepared(environment, algorithm, settings)
     with progress_bar(training, quiet=not progress) as show, closing(_results(training, runner, warm_start)) as results:
@@ -125,20 +125,21 @@ def train(
 
 
 def learn(environment: Source, algorithm: Algorithm | str | None = None, **settings: Any) -> Iterator[Result]:
-    """Learn a policy, yielding what was learnt after each iteration: for callbacks, and to stop early.
+    """Train a policy and yield the result of each iteration, for callbacks and early stopping.
 
     Args:
         environment: as for `train`.
         algorithm: as for `train`.
         **settings: fields of `Training`: ``iterations``, ``seed``, ``episodes_per_iteration``, ``horizon`` (the
-            environment's own where it has one, otherwise 100), ``discount``, ``exploration_sd``, ``evaluate_every``,
-            ``evaluation_episodes``, ``inputs`` (an `Inputs`), ``kernel`` (a `KernelChoice`, its form as text, or a
-            kernel), ``model`` (a `ModelBased`, "gaussian_process" or "none"); ``policy``: the initial `Policy`, or its
-            file; ``options`` of an id, a mapping; and ``num_envs``, the largest number of copies of an environment
-            side by side. Settings that are not given have the defaults of `rkhs_ros.runs.defaults`.
+            environment's time limit if it has one, otherwise 100), ``discount``, ``exploration_sd``,
+            ``evaluate_every``, ``evaluation_episodes``, ``inputs`` (an `Inputs`), ``kernel`` (a `KernelChoice`, its
+            form as text, or a kernel), ``model`` (a `ModelBased`, "gaussian_process" or "none"). Further keywords are
+            ``policy`` (the initial `Policy`, or its file), ``options`` (a mapping of options for an id) and
+            ``num_envs`` (the maximum number of environments in a batch). Settings that are not given have the defaults
+            of `rkhs_ros.runs.defaults`.
 
     Raises:
-        ValueError: a setting is unknown or does not fit, or the environment cannot be used.
+        ValueError: a setting is unknown or invalid, or the environment cannot be used.
     """
     return _results(*_prepared(environment, algorithm, settings))
 
@@ -146,7 +147,7 @@ def learn(environment: Source, algorithm: Algorithm | str | None = None, **setti
 def _prepared(
     environment: Source, algorithm: Algorithm | str | None, settings: Mapping[str, Any]
 ) -> tuple[Training, InlineRunner, Policy | None]:
-    """Return the settings checked, where policies act, and the policy to begin from."""
+    """Return the checked settings, the runner and the initial policy."""
     use_one_thread()
     _check_order(environment)
     given = dict(settings)
@@ -156,7 +157,7 @@ def _prepared(
         undo.callback(simulation.close)
         warm_start = load(start) if isinstance(start, str | Path) else start
         good = warm_start is None or isinstance(warm_start, Policy)
-        require(good, "policy", "a Policy or the file of one", warm_start)
+        require(good, "policy", "a Policy or a policy file", warm_start)
         training = _training(simulation, algorithm, given)
         undo.pop_all()
     if "horizon" not in given:
@@ -165,7 +166,7 @@ def _prepared(
 
 
 def _training(simulation: Simulation, algorithm: Algorithm | str | None, settings: Mapping[str, Any]) -> Training:
-    """Return the settings of a run in a simulation, checked; those not given are those of `defaults`."""
+    """Return the checked settings of a run in a simulation, with the defaults of `defaults`."""
     known = {f.name: f for f in fields(Training)}
     for name in settings:
         if name not in known:
@@ -184,7 +185,7 @@ def _training(simulation: Simulation, algorithm: Algorithm | str | None, setting
     if isinstance(kernel, str):
         kernel = replace(untuned.kernel, form=kernel)
     given["kernel"] = GivenKernel(kernel=kernel) if isinstance(kernel, Kernel) else kernel
-    require(not isinstance(algorithm, type), "algorithm", "one with its settings, as RKHSNAC()", algorithm)
+    require(not isinstance(algorithm, type), "algorithm", "an instance such as RKHSNAC()", algorithm)
     if not isinstance(algorithm, str | None):
         given["algorithm"] = algorithm
     over = {name: value.over(getattr(untuned, name)) for name, value in given.items() if isinstance(value, Settings)}
@@ -192,12 +193,12 @@ def _training(simulation: Simulation, algorithm: Algorithm | str | None, setting
 
 
 def _name_of(algorithm: object) -> str:
-    """Return the name of an algorithm's class; that of the default for what is none."""
+    """Return the name of an algorithm, or the default name if the object is not an algorithm."""
     return next((name for name, each in ALGORITHMS.items() if type(algorithm) is each), "rkhs_nac")
 
 
 def _check_order(environment: object) -> None:
-    """Raise ValueError if the algorithm was passed in place of the environment."""
+    """Raise ValueError if the algorithm is passed as the environment."""
     kind = environment if isinstance(environment, type) else type(environment)
     if isinstance(environment, str) and environment in ALGORITHMS:
         kind = ALGORITHMS[environment]
@@ -207,7 +208,7 @@ def _check_order(environment: object) -> None:
 
 
 def _meant(name: str, known: Iterable[str]) -> str:
-    """Return a hint for an unknown setting: the nearest one of a run, or of the first algorithm that has one."""
+    """Return a hint for an unknown setting: the nearest setting of a run, or of an algorithm."""
     algorithms: list[type[Algorithm]] = [*reversed(ALGORITHMS.values()), ALGORITHMS["rkhs_nac"]]
     owners = {f.name: each.__name__ for each in algorithms for f in fields(each)}
     of_run = dict.fromkeys([*known, *OTHERS])

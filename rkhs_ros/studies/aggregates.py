@@ -1,7 +1,7 @@
-"""What the returns of several runs come to, with intervals over the runs.
+"""Statistics of the returns of several runs, with confidence intervals over the runs.
 
-The measures, and the bootstrap, are those of Agarwal et al. (2021), "Deep Reinforcement Learning at the Edge of the
-Statistical Precipice". Strata are the ways to learn: each one's runs are drawn among themselves.
+The measures and the stratified bootstrap follow Agarwal et al. (2021), "Deep Reinforcement Learning at the Edge of the
+Statistical Precipice". A stratum contains the runs with equal settings: the bootstrap resamples them separately.
 """
 
 from __future__ import annotations
@@ -23,28 +23,28 @@ Statistic = Callable[..., Any]
 
 
 class Estimate(NamedTuple):
-    """A number with its 95 % interval; numbers, or arrays of one shape. Of a single run the interval is nan."""
+    """An estimate with its 95 % interval, as numbers or arrays of one shape; the interval of a single run is nan."""
 
     value: Any
     low: Any
     high: Any
 
     def __str__(self) -> str:
-        """Return it as text, with its interval where there is one."""
+        """Return the estimate as text, with its interval unless this is nan."""
         interval = "" if np.isnan(self.low) else f" [{self.low:.5g}, {self.high:.5g}]"
         return f"{self.value:.5g}{interval}"
 
 
 @dataclass(frozen=True)
 class Aggregates:
-    """What the runs of a learning curve come to.
+    """Statistics of the runs of a learning curve.
 
     Attributes:
-        final: mean return at the end.
-        best: mean over the runs of the greatest return of each.
-        interquartile_mean: of the returns at the end.
-        median: of the returns at the end.
-        area_under_curve: mean return over the exploring episodes, from the first evaluation to the last.
+        final: mean of the final returns.
+        best: mean of the greatest return of each run.
+        interquartile_mean: interquartile mean of the final returns.
+        median: median of the final returns.
+        area_under_curve: mean return over the exploration episodes, from the first evaluation to the last.
     """
 
     final: Estimate
@@ -55,11 +55,11 @@ class Aggregates:
 
 
 def aggregates(episodes: Array, returns: Array) -> Aggregates:
-    """Return what runs come to.
+    """Return the statistics of runs.
 
     Args:
-        episodes: exploring episodes used up to each iteration, shape (iterations,).
-        returns: shape (runs, iterations).
+        episodes: number of exploration episodes up to each iteration, shape (iterations,).
+        returns: returns of each run, shape (runs, iterations).
     """
     final, span = returns[:, -1], episodes[-1] - episodes[0]
     areas = trapezoid(returns, episodes) / span if span > 0 else final
@@ -83,13 +83,13 @@ def median_over_runs(values: Array) -> Estimate:
 
 
 def _interquartile_mean(values: Array, axis: int) -> Any:
-    from scipy.stats import trim_mean  # here, since it takes a second to import, and few need it
+    from scipy.stats import trim_mean  # here, since the import takes a second
 
     return trim_mean(values, 0.25, axis=axis)
 
 
 def _estimate(statistic: Statistic, values: Array) -> Estimate:
-    """Return a statistic with its percentile bootstrap interval; the same draws each time."""
+    """Return a statistic with its percentile bootstrap interval, which is deterministic."""
     value = statistic(values, axis=0)
     if len(values) == 1:
         return Estimate(value, value * np.nan, value * np.nan)
@@ -102,6 +102,6 @@ def _estimate(statistic: Statistic, values: Array) -> Estimate:
         batch=max(BATCH_NUMBERS // values.size, 1),
         confidence_level=CONFIDENCE,
         method="percentile",
-        random_state=np.random.default_rng(SEED),  # in scipy 1.15 and later also called rng
+        random_state=np.random.default_rng(SEED),  # scipy 1.15 and later also accept the name rng
     ).confidence_interval
     return Estimate(value, interval.low, interval.high)

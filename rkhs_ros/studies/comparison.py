@@ -1,4 +1,4 @@
-"""Runs compared: for each way to learn the returns of its runs over the exploring episodes, and what they come to."""
+"""Comparison of runs: returns over the exploration episodes, grouped by settings, with statistics."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.studies.aggregates import Aggregates, aggregates, mean_over_runs
 
-NOT_COMPARED = ("seed", "name", "simulators", "timeout")  # settings that make no other way to learn
+NOT_COMPARED = ("seed", "name", "simulators", "timeout")  # settings that do not separate groups of runs
 
 
 class Run(NamedTuple):
-    """A run read from its folder, which was found in the place."""
+    """A run, read from a folder that was found in a place."""
 
     place: Path
     folder: Path
@@ -30,13 +30,13 @@ class Run(NamedTuple):
 
 @dataclass(frozen=True)
 class LearningCurve:
-    """The runs of one way to learn, at the iterations that all of them evaluated.
+    """Learning curves of runs that differ only in their seeds, at the iterations that all of them evaluated.
 
     Attributes:
-        label: what tells it from the others.
-        episodes: exploring episodes used up to each iteration, shape (iterations,).
+        label: name that distinguishes the curve from others.
+        episodes: number of exploration episodes up to each iteration, shape (iterations,).
         returns: discounted returns of evaluation episodes, shape (runs, iterations).
-        is_evaluation: False where no iteration was evaluated: the returns are those of the exploring episodes.
+        is_evaluation: False if no iteration was evaluated; the returns are then those of the exploration episodes.
     """
 
     label: str
@@ -45,15 +45,15 @@ class LearningCurve:
     is_evaluation: bool
 
     def aggregates(self) -> Aggregates:
-        """Return what the runs come to."""
+        """Return the statistics of the runs."""
         return aggregates(self.episodes, self.returns)
 
     def summary(self) -> str:
-        """Return in one line what the runs come to at their end."""
+        """Return the mean final return of the runs in one line."""
         final = mean_over_runs(self.returns[:, -1])
-        kind = "noise-free" if self.is_evaluation else "exploring"
-        over = f" (mean of {len(self.returns)} runs, 95 % interval over the seeds)" if len(self.returns) > 1 else ""
-        return f"{self.label}: {kind} return {final} after {self.episodes[-1]:g} episodes{over}"
+        kind = "evaluation" if self.is_evaluation else "exploration"
+        runs = f" (mean of {len(self.returns)} runs, 95 % interval over the seeds)" if len(self.returns) > 1 else ""
+        return f"{self.label}: {kind} return {final} after {self.episodes[-1]:g} episodes{runs}"
 
 
 @dataclass(frozen=True)
@@ -61,9 +61,9 @@ class Comparison:
     """Learning curves on one task.
 
     Attributes:
-        task: what is learnt.
-        curves: one for each way to learn.
-        notes: what is to be said of them.
+        task: common task of the runs.
+        curves: one curve for each group of runs with equal settings.
+        notes: remarks for the reader.
     """
 
     task: Task
@@ -72,14 +72,14 @@ class Comparison:
 
 
 def compare(places: Sequence[Path], labels: Mapping[Path, str] | None = None) -> Comparison:
-    """Compare runs, up to the number of exploring episodes at which the shortest one ends.
+    """Compare runs, up to the number of exploration episodes at which the shortest run ends.
 
     Args:
-        places: folders of runs, or folders that hold such.
-        labels: of the ways to learn, by the folders of their runs; where None, names that tell them apart.
+        places: folders of runs, or folders that contain such folders.
+        labels: labels of the curves by the folders of their runs; None stands for names that distinguish the curves.
 
     Raises:
-        ValueError: a place holds no run, or the runs are not to be compared.
+        ValueError: a place contains no run, or the runs cannot be compared.
         OSError: a file cannot be read.
     """
     runs, notes = _with_rows(_found(places))
@@ -88,12 +88,12 @@ def compare(places: Sequence[Path], labels: Mapping[Path, str] | None = None) ->
     shortest = min(runs, key=lambda run: run.rows[-1].episodes)
     limit = shortest.rows[-1].episodes
     if any(run.rows[-1].episodes > limit for run in runs):
-        notes.append(f"Compared up to {limit} exploring episodes, where the shortest run ends: {shortest.folder}.")
+        notes.append(f"Compared up to {limit} exploration episodes, the end of the shortest run: {shortest.folder}.")
     curves = tuple(_curve(*each, limit) for each in zip(_labels(groups, labels), groups, strict=True))
-    notes += [f"{c.label}: never evaluated, so its exploring return is taken." for c in curves if not c.is_evaluation]
+    notes += [f"{c.label}: no evaluation; shows the exploration return." for c in curves if not c.is_evaluation]
     if len({curve.episodes.tobytes() for curve in curves}) > 1:
         notes.append(
-            "Evaluated after different numbers of episodes: the areas under the curves are not to be compared."
+            "The areas under the curves are not comparable, since the numbers of episodes at the evaluations differ."
         )
     return Comparison(task, curves, tuple(notes))
 
@@ -103,7 +103,7 @@ def _found(places: Sequence[Path]) -> list[Run]:
     for place in places:
         folders = [place] if _is_run(place) else [path.parent for path in sorted(place.rglob("config.yaml"))]
         folders = [folder for folder in folders if _is_run(folder)]
-        expected = "the folder of a run, or one that holds such folders (with config.yaml and curve.csv)"
+        expected = "a run's folder (with config.yaml and curve.csv), or a folder of runs"
         require(len(folders) > 0, f"{place}", expected, "neither")
         for folder in folders:
             run = Run(place, folder, load_config(folder / "config.yaml"), Curve(folder / "curve.csv").rows())
@@ -116,23 +116,24 @@ def _is_run(folder: Path) -> bool:
 
 
 def _with_rows(runs: list[Run]) -> tuple[list[Run], list[str]]:
-    """Return the runs that have made an iteration, and a note on each of the others."""
+    """Return the runs with at least one iteration, and a note on each of the others."""
     begun = [run for run in runs if run.rows]
-    require(len(begun) > 0, f"{runs[0].folder}", "a run that has made an iteration", "none")
-    return begun, [f"Left out, for it has not made an iteration: {run.folder}." for run in runs if not run.rows]
+    require(len(begun) > 0, f"{runs[0].folder}", "a run with at least one iteration", "none")
+    return begun, [f"Omitted, since it has no finished iteration: {run.folder}." for run in runs if not run.rows]
 
 
 def _grouped(runs: list[Run]) -> list[list[Run]]:
-    """Return the runs of each way to learn.
+    """Return the runs grouped by their settings.
 
     Raises:
-        ValueError: two of them have the same seed, so that one says nothing beyond the other.
+        ValueError: two runs have the same settings and seed, so that one repeats the other.
     """
     groups: dict[str, dict[int, Run]] = {}
     for run in runs:
         settings = {name: value for name, value in run.config.settings.items() if name not in NOT_COMPARED}
         group, seed = groups.setdefault(repr(sorted(settings.items())), {}), run.config.training.seed
-        require(seed not in group, f"{run.folder}", "settings or a seed of its own", f"those of {_folder(group, seed)}")
+        expected = "settings or a seed that no other run has"
+        require(seed not in group, f"{run.folder}", expected, f"those of {_folder(group, seed)}")
         group[seed] = run
     return [list(group.values()) for group in groups.values()]
 
@@ -142,21 +143,21 @@ def _folder(group: dict[int, Run], seed: int) -> str:
 
 
 def _common_task(runs: list[Run]) -> Task:
-    """Return the task of all runs.
+    """Return the common task of all runs.
 
     Raises:
-        ValueError: their returns are not those of one task.
+        ValueError: the runs have different tasks.
     """
     first = runs[0].config.task
     for run in runs:
         for name in ("environment", "horizon", "discount"):
             expected, got = getattr(first, name), getattr(run.config.task, name)
-            require(got == expected, f"{run.folder}: {name}", f"{expected}, as of {runs[0].folder}", got)
+            require(got == expected, f"{run.folder}: {name}", f"{expected} like {runs[0].folder}", got)
     return first
 
 
 def _labels(groups: list[list[Run]], given: Mapping[Path, str] | None) -> list[str]:
-    """Return for each group the label given, or the first of these names that tells all apart."""
+    """Return the given label of each group, or the first kind of name that distinguishes all groups."""
     if given is not None:
         return [given[group[0].folder] for group in groups]
     names: tuple[Callable[[Run], str], ...] = (
@@ -170,16 +171,16 @@ def _labels(groups: list[list[Run]], given: Mapping[Path, str] | None) -> list[s
 
 
 def _curve(label: str, runs: list[Run], limit: int) -> LearningCurve:
-    kept = [[row for row in run.rows if row.episodes <= limit] for run in runs]
-    for run, rows in zip(runs, kept, strict=True):
-        require(len(rows) > 0, f"{run.folder}", f"an iteration within {limit} exploring episodes", "none")
-    length = min(map(len, kept))
+    within = [[row for row in run.rows if row.episodes <= limit] for run in runs]
+    for run, rows in zip(runs, within, strict=True):
+        require(len(rows) > 0, f"{run.folder}", f"an iteration within {limit} exploration episodes", "none")
+    length = min(map(len, within))
 
     def column(name: str) -> Array:
-        return np.array([[getattr(row, name) for row in rows[:length]] for rows in kept])
+        return np.array([[getattr(row, name) for row in rows[:length]] for rows in within])
 
-    num_evaluation, episodes = column("evaluation_return"), column("episodes").mean(axis=0)
-    evaluated = ~np.isnan(num_evaluation).any(axis=0)
+    returns, episodes = column("evaluation_return"), column("episodes").mean(axis=0)
+    evaluated = ~np.isnan(returns).any(axis=0)
     if not evaluated.any():
         return LearningCurve(label, episodes, column("exploration_return"), is_evaluation=False)
-    return LearningCurve(label, episodes[evaluated], num_evaluation[:, evaluated], is_evaluation=True)
+    return LearningCurve(label, episodes[evaluated], returns[:, evaluated], is_evaluation=True)

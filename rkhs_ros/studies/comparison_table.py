@@ -1,4 +1,4 @@
-"""The table of a comparison: as CSV with all numbers, and as Markdown to be read."""
+"""Tables of a comparison: CSV with all digits, and Markdown or a terminal table for readers."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from rkhs_ros.studies.aggregates import Estimate
 from rkhs_ros.studies.comparison import Comparison, LearningCurve
 
 CAPTION = (
-    "Discounted returns, of evaluation episodes unless said otherwise; in brackets 95 % intervals over the runs by\n"
-    "stratified bootstrap. Interquartile mean and median are of the final returns, the area under the curve is the\n"
-    "mean return over the exploring episodes."
+    "Discounted evaluation returns unless noted otherwise. Brackets show 95 % intervals over the runs by stratified\n"
+    "bootstrap. The interquartile mean and the median are those of the final returns. The area under the curve is the\n"
+    "mean return over the exploration episodes."
 )
 
 
 def as_csv(comparison: Comparison) -> str:
-    """Return a line of numbers for each curve; the interval of a single run is empty."""
+    """Return the table as CSV with one line per curve; the interval of a single run is empty."""
     lines = [dict(_numbers(_row(curve))) for curve in comparison.curves]
     text = StringIO(newline="")
     writer = csv.DictWriter(text, list(lines[0]), lineterminator="\n")
@@ -33,7 +33,7 @@ def as_csv(comparison: Comparison) -> str:
 
 
 def as_markdown(comparison: Comparison) -> str:
-    """Return the table with its columns aligned, and below it what is to be said of it."""
+    """Return the table as Markdown with aligned columns, followed by the caption and the notes."""
     rows = [_row(curve) for curve in comparison.curves]
     head = [name.replace("_", " ") for name in rows[0]]
     body = [[_text(value) for value in row.values()] for row in rows]
@@ -43,7 +43,7 @@ def as_markdown(comparison: Comparison) -> str:
 
 
 def as_table(comparison: Comparison) -> Table:
-    """Return the table for a terminal: as narrow as it can be, for 80 characters."""
+    """Return the table for a terminal, narrow enough for 80 columns."""
     rows = [_row(curve) for curve in comparison.curves]
     table = Table(box=None, pad_edge=False)
     for name in rows[0]:
@@ -60,7 +60,7 @@ def _row(curve: LearningCurve) -> dict[str, Any]:
 
 
 def _numbers(row: dict[str, Any]) -> Iterator[tuple[str, object]]:
-    """Yield the entries of a row by column, the bounds of an estimate in columns of their own."""
+    """Yield the entries of a row by column, with separate columns for the bounds of an estimate."""
     for name, value in row.items():
         if not isinstance(value, Estimate):
             yield name, value

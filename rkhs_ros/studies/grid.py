@@ -1,4 +1,4 @@
-"""A grid of settings, and what the runs at its points come to."""
+"""Grid of settings, and the results of the runs at its points."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Row
 
 MOST_POINTS = 10_000
-OF_THE_TASK = ("horizon", "discount")  # and the environment: returns would not be of one task
-OF_THE_COUNT = ("seed", "name", "simulators", "timeout")  # no other way to learn
+OF_THE_TASK = ("horizon", "discount")  # and the environment; returns of different tasks are not comparable
+OF_THE_COUNT = ("seed", "name", "simulators", "timeout")  # do not change how a run learns
 
 
 @dataclass(frozen=True)
@@ -33,22 +33,23 @@ class Variation:
 
     @property
     def changes(self) -> list[str]:
-        """The values as changes of a configuration."""
+        """Changes of a configuration, one per value."""
         return [f"{self.name}={json.dumps(value)}" for value in self.values]
 
 
 def parse_variations(texts: Iterable[str]) -> tuple[Variation, ...]:
-    """Return what is meant by texts as ``algorithm.ridge=1e-3,1e-2``; a value is YAML.
+    """Parse texts such as ``algorithm.ridge=1e-3,1e-2``; the values are YAML.
 
     Raises:
-        ValueError: a text of another form, a setting that makes the returns incomparable, one twice or too many values.
+        ValueError: a text has another form, a setting makes the returns incomparable, a setting is given twice, or
+            the grid has too many points.
     """
     varied = tuple(map(_varied, texts))
     names = [each.name for each in varied]
     require(len(varied) > 0, "--vary", "KEY=VALUE,VALUE ...", "nothing")
     require(len(set(names)) == len(names), "--vary", "each setting once", " ".join(names))
     points = prod(len(each.values) for each in varied)
-    require(points <= MOST_POINTS, "--vary", f"at most {MOST_POINTS} points of the grid", points)
+    require(points <= MOST_POINTS, "--vary", f"a grid of at most {MOST_POINTS} points", points)
     return varied
 
 
@@ -61,38 +62,38 @@ def _varied(text: str) -> Variation:
     except ValueError as error:
         raise ValueError(f"--vary: expected values in YAML, got '{text}'") from error
     distinct = {json.dumps(value) for value in given}
-    require(len(distinct) == len(given), f"--vary: {name}", "values that differ", values)
+    require(len(distinct) == len(given), f"--vary: {name}", "distinct values", values)
     return Variation(name, tuple(given))
 
 
 def require_comparable(name: str, what: str) -> None:
-    """Raise ValueError where runs that differ in a setting are not to be compared, or are no other way to learn."""
-    require(name not in OF_THE_COUNT, what, "settings of how to learn (seeds: --seeds)", name)
-    alike = name not in OF_THE_TASK and not name.startswith("environment")
-    require(alike, what, "settings that leave the task as it is, for its returns to be compared", name)
+    """Raise ValueError if a setting changes the task, so that returns are not comparable, or not how a run learns."""
+    require(name not in OF_THE_COUNT, what, "settings of the learner (use --seeds for seeds)", name)
+    same_task = name not in OF_THE_TASK and not name.startswith("environment")
+    require(same_task, what, "settings that do not change the task, so that the returns are comparable", name)
 
 
 def points(varied: Sequence[Variation]) -> list[tuple[str, ...]]:
-    """Return the changes that make each point of the grid."""
+    """Return the changes of the configuration for each point of the grid."""
     return list(product(*(each.changes for each in varied)))
 
 
 def require_evaluated(config: Config) -> None:
-    """Raise ValueError where a run has no evaluation return to be judged by."""
+    """Raise ValueError if a run has no evaluation return."""
     training = config.training
     good = 0 < training.evaluate_every <= training.iterations
     require(
-        good, "evaluate_every", f"1 to {training.iterations}, to judge by evaluation episodes", training.evaluate_every
+        good, "evaluate_every", f"1 to {training.iterations}, since results need evaluations", training.evaluate_every
     )
 
 
 class Outcome(NamedTuple):
-    """What a run comes to, or the median over several.
+    """Result of a run, or medians over several runs.
 
     Attributes:
         final: last evaluation return.
         best: greatest evaluation return.
-        episodes_to: exploring episodes until each threshold was reached, infinity where it was not.
+        episodes_to: number of exploration episodes until each threshold was reached; infinity if it was not.
     """
 
     final: float
@@ -101,7 +102,7 @@ class Outcome(NamedTuple):
 
     @classmethod
     def of(cls, rows: Sequence[Row], thresholds: Sequence[float]) -> Outcome:
-        """Return what a run comes to, by its curve."""
+        """Return the result of a run from its curve."""
         evaluated = [row for row in rows if not np.isnan(row.evaluation_return)]
         returns = [row.evaluation_return for row in evaluated]
         reached = (
@@ -120,7 +121,7 @@ class Outcome(NamedTuple):
 
 
 def as_csv(head: Sequence[str], thresholds: Sequence[float], lines: Iterable[tuple[Sequence[object], Outcome]]) -> str:
-    """Return a table with all digits: in each line what it is of, and what that comes to."""
+    """Return a table as CSV with all digits; each line holds its labels and its outcome."""
     text = StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([*head, *_columns(thresholds, "_")])
@@ -131,7 +132,7 @@ def as_csv(head: Sequence[str], thresholds: Sequence[float], lines: Iterable[tup
 def as_markdown(
     head: Sequence[str], thresholds: Sequence[float], lines: Iterable[tuple[Sequence[object], Outcome]]
 ) -> str:
-    """Return the same table to be read."""
+    """Return the same table as Markdown with rounded numbers."""
     names = [*head, *_columns(thresholds, " ")]
     body = [[*map(str, about), *(f"{number:.5g}" for number in _flat(outcome))] for about, outcome in lines]
     rows = [names, ["---"] * len(names), *body]

@@ -1,4 +1,4 @@
-"""Calls side by side, with one progress bar over them."""
+"""Parallel calls with a common progress bar."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ T = TypeVar("T")
 def run_parallel(
     call: Callable[..., T], arguments: Sequence[tuple[Any, ...]], *, workers: Workers, title: str, quiet: bool
 ) -> Iterator[T]:
-    """Yield what the calls return, in the order in which they end.
+    """Call a function in parallel and yield the results in order of completion.
 
     Args:
-        call: a function of a module, for it is called in other processes, unless there is one only.
-        arguments: of each call.
-        workers: who make the calls.
-        title: of the progress bar on stderr.
-        quiet: without progress bar.
+        call: a function at the top level of a module, so that other processes can import it.
+        arguments: arguments of each call.
+        workers: workers that execute the calls.
+        title: title of the progress bar on stderr.
+        quiet: show no progress bar.
     """
     count, take = len(arguments), partial(next, iter(arguments), None)
     with workers.opened(count) as pool, progress_bar(title, count, quiet=quiet) as advance:
@@ -36,7 +36,7 @@ def run_parallel(
 
 @contextmanager
 def progress_bar(title: str, total: int, *, quiet: bool) -> Iterator[Callable[[], None]]:
-    """Show a bar on stderr, and give what advances it by one; it is shown to nobody where it is quiet or of nothing."""
+    """Show a bar on stderr and yield a function that advances it by one; hide the bar if quiet or if total is 0."""
     hidden = quiet or total == 0
     with Progress(*bar_columns(), console=bar_console(quiet=hidden), disable=hidden) as progress:
         yield partial(progress.advance, progress.add_task(title, total=total))

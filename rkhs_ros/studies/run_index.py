@@ -1,4 +1,4 @@
-"""Runs filed by all that they follow from, so that other settings or other code make other runs."""
+"""Index of runs by their settings and provenance, so that a change of either leads to another run."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from rkhs_ros.runs.provenance import provenance
 
 
 def indexed_folder(folder: Path, config: Config, *packages: str) -> Path:
-    """Return the folder of a run within that of its study, named by a hash of its settings and surroundings.
+    """Return the folder of a run within the folder of its study, named by a hash of settings and provenance.
 
     Args:
-        folder: of the study.
-        config: the run.
-        packages: names of those that the task is in.
+        folder: folder of the study.
+        config: configuration of the run.
+        packages: names of the packages that contain the task.
     """
     key = dumped(config.parameters()) + dumped(provenance(*packages))
     return folder / "runs" / blake2b(key.encode(), digest_size=12).hexdigest()

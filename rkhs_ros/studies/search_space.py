@@ -1,4 +1,4 @@
-"""The space of settings that a search looks through, from the settings' own ranges."""
+"""Search space of settings, derived from the ranges of the settings."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from rkhs_ros.base.validation import pick, require, truncated
 from rkhs_ros.runs.config import Config
 from rkhs_ros.studies.grid import require_comparable
 
-SPREAD = 30.0  # a range of many decades is searched by this factor to both sides of the setting's value
-LARGE = 1e5  # from there on a value says that there is no bound
+SPREAD = 30.0  # a range of many decades is limited to this factor below and above the setting's value
+LARGE = 1e5  # a value from here on means that there is no bound
 SEARCHED = ("algorithm.", "kernel.", "model.", "exploration_sd")
-# Of these more cost time, or real episodes, and earn no less.
+# Larger values of these cost time or real episodes, and never lower the return; they are searched only if named.
 ONLY_NAMED = ("algorithm.centres", "algorithm.grid_counts", "algorithm.step.choices", "algorithm.step.episodes")
 OF_THE_BUDGET = ("iterations", "episodes_per_iteration", "evaluate_every", "evaluation_episodes")
 
 
 @dataclass(frozen=True)
 class Dimension:
-    """A setting that is searched: within a range, or among choices.
+    """A setting to search, within a range or among choices.
 
     Attributes:
         name: dotted name of the setting.
         low: least value.
         high: greatest value.
-        is_whole: whether it is a whole number.
-        choices: in place of a range.
+        is_whole: whether the value is a whole number.
+        choices: choices instead of a range.
     """
 
     name: str
@@ -39,26 +39,26 @@ class Dimension:
 
     @property
     def is_log(self) -> bool:
-        """Whether the range spans a decade, and is searched by logarithms."""
+        """Whether the range spans a decade or more, so that the search uses a logarithmic scale."""
         return 0.0 < 10.0 * self.low <= self.high
 
     def __str__(self) -> str:
-        """Return it as text."""
+        """Return the dimension as text."""
         if self.choices:
             return f"{self.name} among {', '.join(self.choices)}"
         return f"{self.name} in [{self.low:g}, {self.high:g}]{', by logarithms' * self.is_log}"
 
 
 def search_space(config: Config, over: Iterable[str]) -> tuple[Dimension, ...]:
-    """Return what is to be searched.
+    """Return the settings to search, with their ranges or choices.
 
     Args:
-        config: where the search begins.
-        over: names of settings, each with a range or choices if wanted, as ``algorithm.ridge=1e-4:1`` or
-            ``algorithm.critic=step,trajectory``; where there are none, the numbers in effect that say how to learn.
+        config: configuration with the initial settings.
+        over: names of settings, each optionally with a range or choices, such as ``algorithm.ridge=1e-4:1`` or
+            ``algorithm.critic=step,trajectory``; if empty, all numbers in effect of the algorithm, kernel and model.
 
     Raises:
-        ValueError: an unknown setting, one that is not to be searched or has no range, or a range outside its own.
+        ValueError: a setting is unknown, cannot be searched or has no range, or a range exceeds the setting's range.
     """
     known = {entry.name: entry for entry in entries(config.training)}
     texts = list(over)
@@ -75,19 +75,19 @@ def _named(text: str, known: dict[str, Entry]) -> Dimension:
     name, equals, wanted = text.partition("=")
     entry = pick(name, known, "setting")
     require_comparable(name, "--over")
-    require(name not in OF_THE_BUDGET, "--over", "settings of how to learn", f"{name}, which says how long to")
+    require(name not in OF_THE_BUDGET, "--over", "settings of the learner", f"{name}, which sets the length of a run")
     if not equals:
         own = _own(entry)
         if own is None:
             raise ValueError(
-                f"--over: {name}: expected a range, as {name}=LOW:HIGH, for its value {truncated(entry.value)}"
+                f"--over: {name}: expected a range, such as {name}=LOW:HIGH, got none for {truncated(entry.value)}"
             )
         return own
     return _of_choices(entry, wanted.split(",")) if isinstance(entry.value, str) else _of_range(entry, wanted)
 
 
 def _own(entry: Entry) -> Dimension | None:
-    """Return the dimension of a setting from its own range, None where that says too little."""
+    """Return the dimension of a setting from its range; None if the range is not sufficient."""
     name, value, about = entry
     if isinstance(value, str):
         return Dimension(name, choices=about["choices"]) if value in about["choices"] else None
@@ -103,7 +103,7 @@ def _own(entry: Entry) -> Dimension | None:
 
 
 def _number(value: object) -> float | None:
-    """Return a setting's number, None where it is a list of several."""
+    """Return the number of a setting; None if it is a list of several numbers."""
     values = value if isinstance(value, tuple) else (value,)
     return float(values[0]) if len(values) == 1 else None
 
@@ -111,7 +111,12 @@ def _number(value: object) -> float | None:
 def _of_choices(entry: Entry, choices: list[str]) -> Dimension:
     for choice in choices:
         check_range(choice, entry.about, f"--over: {entry.name}")
-    require(entry.value in choices, f"--over: {entry.name}", f"its value '{entry.value}' among them", ",".join(choices))
+    require(
+        entry.value in choices,
+        f"--over: {entry.name}",
+        f"choices that include its value '{entry.value}'",
+        ",".join(choices),
+    )
     return Dimension(entry.name, choices=tuple(choices))
 
 
@@ -127,5 +132,5 @@ def _of_range(entry: Entry, text: str) -> Dimension:
     whole = not is_whole or (low == int(low) and high == int(high))
     require(whole and isfinite(low) and low < high, what, f"{'whole' * is_whole} numbers LOW < HIGH".strip(), text)
     good = value is not None and low <= value <= high
-    require(good, what, "one number within the range, where the search begins", entry.value)
+    require(good, what, "a range that includes the initial value", entry.value)
     return Dimension(entry.name, low, high, is_whole)

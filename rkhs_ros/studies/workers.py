@@ -1,6 +1,7 @@
-"""Where calls are made: in processes of this machine, on a Dask cluster, or on a Ray cluster.
+"""Workers that execute calls: processes of this machine, a Dask cluster, or a Ray cluster.
 
-Each gives futures, which one loop waits for. A cluster makes a call whose worker was lost again on another.
+Each kind returns futures, for which one loop waits. If a worker of a cluster is lost, the cluster repeats its call on
+another worker.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from rkhs_ros.runs.provenance import TASKS, provenance
 
 ALL_CORES = -1
 CONNECT_TIMEOUT_S = 10
-RETRIES = 3  # of a call whose worker was lost
+RETRIES = 3  # of a call if its worker is lost
 T = TypeVar("T")
 Take = Callable[[], tuple[Any, ...] | None]
 DASK_ADDRESS = re.compile(r"\w+://\S+:\d{1,5}", re.ASCII)
@@ -38,17 +39,17 @@ RAY_ADDRESS = re.compile(r"(?:ray://)?([^\s:/]+):(\d{1,5})", re.ASCII)
 
 
 class WorkerLostError(RunError):
-    """A call's worker was killed, and no other could make it."""
+    """Raised if the worker of a call was killed and no other worker could execute the call."""
 
 
 class Pool(NamedTuple):
-    """What takes calls.
+    """A pool of workers.
 
     Attributes:
-        submit: begins a call of a module's function and returns its future.
-        lost: errors of the futures whose workers were lost for good.
-        width: calls that are made at the same time.
-        most: calls that it holds, those that wait for a worker among them.
+        submit: starts a call of a module's function and returns its future.
+        lost: errors of futures whose workers were lost.
+        width: number of concurrent calls.
+        most: maximum number of submitted calls, including those that wait for a worker.
     """
 
     submit: Callable[..., Future[Any]]
@@ -57,31 +58,31 @@ class Pool(NamedTuple):
     most: float = inf
 
     def results(self, call: Callable[..., T], take: Take, most: float) -> Iterator[T]:
-        """Yield what calls return, in the order in which they end.
+        """Yield the results of calls in order of completion.
 
         Args:
             call: the function.
-            take: returns the arguments of the next call; None where there is none before another has ended.
-            most: calls that are begun before others have ended.
+            take: returns the arguments of the next call, or None if there is none until another call completes.
+            most: maximum number of submitted calls.
 
         Raises:
-            WorkerLostError: some calls could not be made, after all others have been.
-            ValueError: a worker has other code.
+            WorkerLostError: some calls could not be executed; raised after all others completed.
+            ValueError: a worker runs other code.
         """
         ended: SimpleQueue[Future[T]] = SimpleQueue()
-        at_work, most = 0, min(most, self.most)
+        submitted, most = 0, min(most, self.most)
         lost: BaseException | None = None
         while True:
             try:
-                while at_work < most and (arguments := take()) is not None:
+                while submitted < most and (arguments := take()) is not None:
                     self.submit(call, *arguments).add_done_callback(ended.put)
-                    at_work += 1
-            except self.lost as error:  # no more calls are taken
+                    submitted += 1
+            except self.lost as error:  # submit no more calls
                 lost, most = error, 0
-            if at_work == 0:
+            if submitted == 0:
                 break
             future = ended.get()
-            at_work -= 1
+            submitted -= 1
             try:
                 result = future.result()
             except self.lost as error:
@@ -89,18 +90,17 @@ class Pool(NamedTuple):
                 continue
             yield result
         if lost is not None:
-            told = "the process of a run was killed, or one beside it; run the same command to continue"
-            raise WorkerLostError(told) from lost
+            raise WorkerLostError("a worker process was killed; run the same command to continue") from lost
 
 
 @dataclass(frozen=True)
 class Workers:
-    """Where calls are made side by side.
+    """Choice of the workers that execute calls in parallel.
 
     Attributes:
-        jobs: processes of this machine; -1 for one per core.
-        scheduler: address of a Dask scheduler, whose cluster takes the place of this machine.
-        ray: address of a Ray cluster, which takes the place of this machine.
+        jobs: number of processes on this machine; -1 for one per core.
+        scheduler: address of a Dask scheduler, whose cluster replaces this machine.
+        ray: address of a Ray cluster, which replaces this machine.
     """
 
     jobs: int = ALL_CORES
@@ -108,12 +108,12 @@ class Workers:
     ray: str | None = None
 
     def __post_init__(self) -> None:
-        """Raise ValueError where there is no such number, more than one place, or a library is not installed."""
+        """Raise ValueError if a number is invalid, several kinds of workers are chosen, or a library is missing."""
         expected = f"at least 1, or {ALL_CORES} for all cores"
         require(self.jobs == ALL_CORES or self.jobs >= 1, "--jobs", expected, self.jobs)
         places = {"--jobs": self.jobs != ALL_CORES, "--scheduler": self.scheduler, "--ray": self.ray}
         named = [name for name, given in places.items() if given]
-        require(len(named) <= 1, "workers", f"one of {', '.join(places)}", " and ".join(named))
+        require(len(named) <= 1, "workers", f"at most one of {', '.join(places)}", " and ".join(named))
         if self.scheduler:
             require_extra("distributed", "dask", "--scheduler")
         if self.ray:
@@ -121,11 +121,11 @@ class Workers:
 
     @contextmanager
     def opened(self, count: int) -> Iterator[Pool]:
-        """Give what makes calls, at most so many at the same time.
+        """Yield a pool for a number of calls.
 
         Raises:
             OSError: the cluster cannot be reached.
-            ValueError: its workers have several threads.
+            ValueError: the workers of the cluster have several threads.
         """
         processes = min(cpu_count() if self.jobs == ALL_CORES else self.jobs, count)
         if self.scheduler:
@@ -141,13 +141,13 @@ class Workers:
 
 
 def require_extra(module: str, extra: str, what: str) -> None:
-    """Raise ValueError, with what to install, where a module is missing."""
+    """Raise ValueError with an installation hint if a module is missing."""
     remedy = f"{module} to be installed (pip install {module}, or the extra '{extra}')"
     require(find_spec(module) is not None, what, remedy, "none")
 
 
 def _made(call: Callable[..., T], *arguments: Any) -> Future[T]:
-    """Make a call in this process."""
+    """Execute a call in this process."""
     future: Future[T] = Future()
     future.set_result(call(*arguments))
     return future
@@ -165,12 +165,14 @@ def _processes(count: int) -> Iterator[Pool]:
 @contextmanager
 def _dask(address: str) -> Iterator[Pool]:
     distributed = import_module("distributed")
-    require(DASK_ADDRESS.fullmatch(address) is not None, "--scheduler", "an address as tcp://HOST:8786", f"'{address}'")
+    require(
+        DASK_ADDRESS.fullmatch(address) is not None, "--scheduler", "an address such as tcp://HOST:8786", f"'{address}'"
+    )
     try:
         client = distributed.Client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
     except OSError as error:
         raise OSError(f"--scheduler: expected a Dask scheduler at {address}, got none ({error})") from error
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a scheduler that is lost is told of in a line
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a lost scheduler is reported in one line
     with client:
         executor = client.get_executor(pure=False)
         threads = list(client.nthreads().values())
@@ -187,9 +189,11 @@ def _dask(address: str) -> Iterator[Pool]:
 def _ray(address: str) -> Iterator[Pool]:
     place = RAY_ADDRESS.fullmatch(address)
     if place is None:
-        raise ValueError(f"--ray: expected an address as HOST:6379 or ray://HOST:10001, got '{address}'")
+        raise ValueError(f"--ray: expected an address such as HOST:6379 or ray://HOST:10001, got '{address}'")
     try:
-        socket.create_connection((place[1], int(place[2])), CONNECT_TIMEOUT_S).close()  # Ray would try for minutes
+        socket.create_connection(
+            (place[1], int(place[2])), CONNECT_TIMEOUT_S
+        ).close()  # Ray itself would retry for minutes
         ray = import_module("ray")
         ray.init(address, log_to_driver=False, logging_level=logging.ERROR)
     except (OSError, RuntimeError, ValueError) as error:
@@ -208,7 +212,7 @@ def _ray(address: str) -> Iterator[Pool]:
 
 
 def _with_our_code(submit: Callable[..., Future[Any]]) -> Callable[..., Future[Any]]:
-    """Have a worker refuse calls where it would not come to the same bits as this process."""
+    """Wrap a submit function so that a worker rejects calls unless its results are bit-identical to ours."""
     ours = provenance(*TASKS)
     return lambda call, *arguments: submit(_checked, ours, call, *arguments)
 

@@ -27,7 +27,7 @@ def test_a_gate_that_dies_ends_the_run(start: Start, tmp_path: Path) -> None:
         kill(pid)
     code, _, err = run.finish()
     assert code == 1
-    assert "error: the gate node was killed by signal 9; nothing may move without it" in err
+    assert "error: the gate node was killed by signal 9; without it the robot must not move" in err
 
 
 def test_what_a_person_vetoes_is_run_again_and_not_learnt_from(start: Start, tmp_path: Path, probe: Probe) -> None:

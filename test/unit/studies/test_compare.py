@@ -142,8 +142,8 @@ def test_longer_runs_are_cut_to_the_shortest_and_that_is_said(tmp_path: Path) ->
     assert [c.episodes[-1] for c in comparison.curves] == [20.0, 25.0]
     np.testing.assert_array_equal(comparison.curves[0].returns, [[1.0, 2.0]])
     note, areas = comparison.notes
-    assert areas.startswith("Evaluated after different numbers of episodes")
-    assert note == f"Compared up to 25 exploring episodes, where the shortest run ends: {tmp_path / 'slow'}."
+    assert areas.startswith("The areas under the curves are not comparable")
+    assert note == f"Compared up to 25 exploration episodes, the end of the shortest run: {tmp_path / 'slow'}."
     assert note in as_markdown(comparison)
 
 
@@ -162,8 +162,8 @@ def test_without_any_evaluation_the_exploring_return_is_taken_and_that_is_said(t
     comparison = compare([folder])
     np.testing.assert_array_equal(comparison.curves[0].returns, [[7.0, 7.0]])
     assert not comparison.curves[0].is_evaluation
-    assert comparison.notes == ("rkhs_nac: never evaluated, so its exploring return is taken.",)
-    assert "exploring return 7 after 20 episodes" in comparison.curves[0].summary()
+    assert comparison.notes == ("rkhs_nac: no evaluation; shows the exploration return.",)
+    assert "exploration return 7 after 20 episodes" in comparison.curves[0].summary()
 
 
 def test_runs_that_have_not_begun_to_learn_are_left_out_by_name(tmp_path: Path) -> None:
@@ -171,17 +171,17 @@ def test_runs_that_have_not_begun_to_learn_are_left_out_by_name(tmp_path: Path) 
     empty = run_folder(tmp_path / "r" / "b", [], seed=1)
     comparison = compare([tmp_path / "r"])
     assert comparison.curves[0].returns.shape == (1, 1)
-    assert comparison.notes == (f"Left out, for it has not made an iteration: {empty}.",)
-    with pytest.raises(ValueError, match="r/b: expected a run that has made an iteration, got none"):
+    assert comparison.notes == (f"Omitted, since it has no finished iteration: {empty}.",)
+    with pytest.raises(ValueError, match="r/b: expected a run with at least one iteration, got none"):
         compare([empty])
 
 
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({}, "b: expected settings or a seed of its own, got those of .*a"),
-        ({"discount": 0.9}, "b: discount: expected 0.99, as of .*a, got 0.9"),
-        ({"horizon": 9}, "b: horizon: expected 20, as of .*a, got 9"),
+        ({}, "b: expected settings or a seed that no other run has, got those of .*a"),
+        ({"discount": 0.9}, "b: discount: expected 0.99 like .*a, got 0.9"),
+        ({"horizon": 9}, "b: horizon: expected 20 like .*a, got 9"),
     ],
 )
 def test_runs_that_are_not_to_be_compared_are_refused(tmp_path: Path, settings: dict[str, Any], message: str) -> None:
@@ -282,7 +282,7 @@ def test_other_formats_are_written_too(rkhs: Run, tmp_path: Path, name: str) -> 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("nowhere",), "nowhere: expected the folder of a run, or one that holds such folders"),
+        (("nowhere",), "nowhere: expected a run's folder (with config.yaml and curve.csv), or a folder of runs"),
         ((".",), ".: expected the folder of a run"),
         (("a", "--out", "c.txt"), "c.txt: expected a picture's name with .png or .pdf or .svg, got '.txt'"),
         ((), "the following arguments are required: DIR"),

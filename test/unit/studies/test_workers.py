@@ -82,8 +82,11 @@ def test_processes_that_were_killed_are_told_of_once_and_take_no_more_calls() ->
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--scheduler", "tcp://127.0.0.1:8786", "--jobs", "2"), "expected one of --jobs, --scheduler, --ray, got"),
-        (("--scheduler", "127.0.0.1"), "--scheduler: expected an address as tcp://HOST:8786, got '127.0.0.1'"),
+        (
+            ("--scheduler", "tcp://127.0.0.1:8786", "--jobs", "2"),
+            "expected at most one of --jobs, --scheduler, --ray, got",
+        ),
+        (("--scheduler", "127.0.0.1"), "--scheduler: expected an address such as tcp://HOST:8786, got '127.0.0.1'"),
         (("--scheduler", "tcp://127.0.0.1:1"), "--scheduler: expected a Dask scheduler at tcp://127.0.0.1:1, got none"),
     ],
 )
@@ -98,7 +101,7 @@ def test_a_cluster_that_is_not_there_is_refused_in_a_line(
 @pytest.mark.parametrize(
     ("address", "message"),
     [
-        ("nowhere", "expected an address as HOST:6379"),
+        ("nowhere", "expected an address such as HOST:6379"),
         ("127.0.0.1:1", "expected a Ray cluster at 127.0.0.1:1, got none"),
     ],
 )
