@@ -1,4 +1,4 @@
-"""Executes docs/first_steps.ipynb and stores its outputs, for pages that are built without executing it."""
+"""Execute docs/first_steps.ipynb and store its outputs, since the site is built without executing it."""
 
 from __future__ import annotations
 
