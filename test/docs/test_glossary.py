@@ -13,13 +13,7 @@ TEXTS = [*SOURCES, *(page for page in PAGES if page != GLOSSARY)]
 
 UNCHECKED = (
     "CONTRIBUTING",
-    "command_line",
-    "configurations",
-    "custom_kernel",
-    "model_based",
-    "results",
     "settings",
-    "tasks",
     "view",
 )
 
