@@ -1,4 +1,4 @@
-"""A browser without a window, for pictures and tests of pages: Chromium, by its DevTools protocol."""
+"""Control headless Chromium through its DevTools protocol, for screenshots and tests of pages."""
 
 from __future__ import annotations
 
@@ -25,24 +25,22 @@ FLAGS = (
     "--enable-unsafe-swiftshader", "--no-first-run", "--disable-dev-shm-usage", "--disable-background-networking",
     "--remote-debugging-port=0", "--hide-scrollbars", "--mute-audio",
 )  # fmt: skip
-HIDDEN = "[inert]"  # what is around controls of the page that nobody can use
-KEYS = {"End": 35, "Home": 36}  # that can be pressed
+HIDDEN = "[inert]"  # ancestor of controls that cannot be used
+KEYS = {"End": 35, "Home": 36}  # names and codes of keys
 START_TIMEOUT_S, ANSWER_TIMEOUT_S = 30.0, 30.0
 POLL_S = 0.1
 
 
 def found() -> str | None:
-    """Return where Chromium is; None where it is not installed."""
+    """Return the path of Chromium, or None if it is not installed."""
     return next((path for path in map(shutil.which, NAMES) if path), None)
 
 
 class Tab:
-    """A tab of the browser that shows a page.
-
-    Owns its connection.
+    """A tab of the browser, with a connection to its DevTools.
 
     Args:
-        address: of the tab's DevTools.
+        address: WebSocket address of the DevTools of the tab.
     """
 
     def __init__(self, address: str) -> None:
@@ -52,7 +50,7 @@ class Tab:
         self._numbers = count(1)
 
     def ask(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Return the answer to a command of the protocol."""
+        """Send a command of the protocol and return its result."""
         number = next(self._numbers)
         self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
         while True:
@@ -63,72 +61,72 @@ class Tab:
                 return dict(answer["result"])
 
     def value(self, script: str) -> Any:
-        """Return the value of an expression of JavaScript."""
+        """Return the value of a JavaScript expression."""
         result = self.ask("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)["result"]
         return result.get("value")
 
     def text(self) -> str:
-        """Return the words on the page."""
+        """Return the visible text of the page."""
         return str(self.value("document.body ? document.body.innerText : ''"))
 
     def wait_for(self, script: str, timeout_s: float = 20.0) -> Any:
-        """Return the value of an expression once it is true.
+        """Wait until a JavaScript expression is true and return its value.
 
         Raises:
-            TimeoutError: it is not in time.
+            TimeoutError: the expression is still false after the timeout.
         """
         deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:
             if value := self.value(script):
                 return value
             time.sleep(POLL_S)
-        raise TimeoutError(f"{script}: not within {timeout_s:g} s; the page says: {self.text()!r}")
+        raise TimeoutError(f"{script}: not true within {timeout_s:g} s; text of the page: {self.text()!r}")
 
     def wait_for_text(self, text: str, timeout_s: float = 20.0) -> None:
-        """Wait until some words are on the page.
+        """Wait until the page contains a text.
 
         Raises:
-            TimeoutError: they are not in time.
+            TimeoutError: the text does not appear within the timeout.
         """
         self.wait_for(f"document.body && document.body.innerText.includes({json.dumps(text)})", timeout_s)
 
     def picture(self) -> np.ndarray[Any, Any]:
-        """Return what is seen, RGB of shape (height, width, 3)."""
+        """Return a screenshot, RGB of shape (height, width, 3)."""
         content = base64.b64decode(self.ask("Page.captureScreenshot", format="png")["data"])
         return np.asarray(Image.open(BytesIO(content)).convert("RGB"))
 
     def click(self, x: float, y: float) -> None:
-        """Press and release the mouse at a place of the page."""
+        """Click at a position of the page, in pixels."""
         for kind in ("mousePressed", "mouseReleased"):
             self.ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
     def click_on(self, script: str) -> None:
-        """Click on the element that an expression gives, once it is there, wherever it moves meanwhile."""
+        """Wait for the element that an expression returns, and click on it."""
         self.wait_for(f"(() => {{ const e = {script}; e?.click(); return !!e; }})()")
 
     def press(self, script: str, key: str) -> None:
-        """Press and release a key at the element that an expression gives."""
+        """Press and release a key on the element that an expression returns."""
         self.value(f"{script}.focus()")
         for kind in ("keyDown", "keyUp"):
             self.ask("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=KEYS[key])
 
     def close(self) -> None:
-        """Leave the tab."""
+        """Close the connection."""
         self._socket.close()
 
 
 class Browser:
-    """A browser.
+    """A running browser.
 
     Args:
-        port: of its DevTools.
+        port: of the DevTools.
     """
 
     def __init__(self, port: int) -> None:
         self._address = f"http://127.0.0.1:{port}"
 
     def open(self, page: str, width: int = 1000, height: int = 640) -> Tab:
-        """Open a page in a tab of a size in pixels."""
+        """Open a page in a new tab with a size in pixels."""
         request = Request(f"{self._address}/json/new?{page}", method="PUT")
         with urlopen(request, timeout=START_TIMEOUT_S) as answer:
             tab = Tab(json.load(answer)["webSocketDebuggerUrl"])
@@ -137,21 +135,21 @@ class Browser:
 
 
 def each(selector: str) -> str:
-    """Return an expression for the elements that match a selector, less those that nobody can use."""
+    """Return a JavaScript expression for the usable elements that match a selector."""
     return f"[...document.querySelectorAll({json.dumps(selector)})].filter(e => !e.closest('{HIDDEN}'))"
 
 
 @contextmanager
 def started() -> Iterator[Browser]:
-    """Run a browser.
+    """Start a browser, and stop it at the end of the context.
 
     Raises:
         FileNotFoundError: Chromium is not installed.
-        TimeoutError: it does not start.
+        TimeoutError: Chromium does not start in time.
     """
     program = found()
     if program is None:
-        raise FileNotFoundError("chromium: expected it to be installed, got none; see make view-tools")
+        raise FileNotFoundError("chromium: expected an installed browser, got none. Run `make view-tools`")
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         process = subprocess.Popen([program, *FLAGS, f"--user-data-dir={folder}", "about:blank"], **quiet)

@@ -1,4 +1,4 @@
-"""The documentation site: `make docs` builds it from Markdown and docstrings, without ROS and without a network."""
+"""Configure the documentation site, which `make docs` builds from Markdown and docstrings, offline and without ROS."""
 
 from __future__ import annotations
 
@@ -39,25 +39,27 @@ html_show_copyright = False
 
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4
-nb_execution_mode = "off"  # the outputs are stored in the notebook, which a test executes
+nb_execution_mode = "off"  # the notebook stores its outputs; a test executes it
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_type_aliases = {"Array": "Array", "Variance": "Variance"}
 napoleon_use_rtype = False
-napoleon_use_ivar = True  # attributes are fields of their class, not entries beside those of a named tuple
-default_role = "any"  # `Name` in a docstring is a link, which must lead somewhere
+napoleon_use_ivar = True  # document attributes as fields of their class
+default_role = "any"  # `Name` in a docstring is a link that must have a target
 
-# Every name of ours must have its entry, but for constants and type variables; those of other libraries would take a
+# Each of our names must have an entry, except constants and type variables. Names of other libraries would need a
 # network.
 nitpicky = True
 nitpick_ignore_regex = [(r"py:.*", r"(?!rkhs_ros|sim_nodes).*|.*\.[A-Z]"), ("any", r"numpy\..*|[A-Z_]+")]
 
 
 def check_settings(app: Sphinx) -> None:
-    """Raise ConfigError where docs/settings.md is not what the code says of its settings."""
+    """Raise ConfigError if docs/settings.md is out of date."""
     if not make_settings.is_up_to_date():
-        raise ConfigError("docs/settings.md: expected the settings as they are; run python docs/make_settings.py")
+        raise ConfigError(
+            "docs/settings.md: expected the current settings, got an outdated page. Run `python docs/make_settings.py`"
+        )
 
 
 def is_skipped(app: Sphinx, what: str, name: str, member: object, skip: bool, options: object) -> bool | None:
@@ -66,24 +68,24 @@ def is_skipped(app: Sphinx, what: str, name: str, member: object, skip: bool, op
 
 
 def add_modules(app: Sphinx, page: str, source: list[str]) -> None:
-    """Put an entry for each module of a package in place of the comment that asks for them."""
+    """Replace the comment `<!-- modules of PACKAGE -->` by an entry for each module."""
     source[0] = MODULES.sub(lambda match: "\n".join(map(entry, modules_of(match[1]))), source[0])
 
 
 def modules_of(package: str) -> list[str]:
-    """Return the dotted names of a package's modules."""
+    """Return the dotted names of the modules of a package."""
     files = sorted((HERE.parent / package.replace(".", "/")).glob("*.py"))
     return [f"{package}.{file.stem}" for file in files if file.stem != "__init__"]
 
 
 def entry(module: str) -> str:
-    """Return the heading and the docstrings of a module, in Markdown."""
+    """Return the heading and the docstrings of a module as Markdown."""
     name = module.rpartition(".")[2]
     return f"## {name}\n\n```{{eval-rst}}\n.. automodule:: {module}\n   :members:\n   :show-inheritance:\n```\n"
 
 
 def setup(app: Sphinx) -> None:
-    """Check the page of the settings, and complete those of the API, in every build."""
+    """Connect the hooks that check the page of settings and complete the pages of the API."""
     app.connect("source-read", add_modules)
     app.connect("builder-inited", check_settings)
     app.connect("autodoc-skip-member", is_skipped)

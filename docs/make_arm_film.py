@@ -1,6 +1,6 @@
-"""Makes the film of an arm that learns to follow a mark by the wall clock: `python docs/make_arm_film.py RUN`.
+"""Make the film of an arm that learns to follow a mark: `python docs/make_arm_film.py RUN`.
 
-RUN is the folder of a run of config/robot_arm.yaml. Its page draws the pictures.
+RUN is the folder of a run of config/robot_arm.yaml. The frames are screenshots of its page.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rkhs_ros.runs.curve import Curve, Row
 ITERATION, MOMENT = 0, 1  # sliders
 SCENE = (40, 200, 350, 560)  # of the page: left, top, right, bottom
 HEADING_PX, LETTERS_PX = 30, 18
-DRAWN_S = 0.7  # for the browser to draw a moment
+DRAWN_S = 0.7  # time for the browser to draw a frame
 
 
 def main() -> None:
@@ -44,12 +44,12 @@ def main() -> None:
 
 
 def _episode(tab: browser.Tab, end: str, row: Row) -> Iterator[np.ndarray[Any, Any]]:
-    """Yield the pictures of the exploring episode of the first or the last iteration."""
+    """Yield the frames of the exploration episode of the first or the last iteration."""
     tab.press(f"{browser.each('[role=slider]')}[{ITERATION}]", end)
     time.sleep(SETTLE_S)
     most = int(tab.value(f"{browser.each('[role=slider]')}[{MOMENT}].ariaValueMax"))
     for moment in range(most + 1):
-        click_on_time(tab, moment / most)  # arrow keys would move the eye
+        click_on_time(tab, moment / most)  # arrow keys would move the camera
         time.sleep(DRAWN_S)
         yield _titled(tab.picture(), f"episode {row.episodes}: return {row.exploration_return:.1f}")
 

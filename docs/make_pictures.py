@@ -1,4 +1,4 @@
-"""Makes the pictures of the README and of docs/start.md: the demo's two episodes, and a run's curve and policy."""
+"""Make the pictures of the README and docs/start.md: two episodes of the demo, and curve and policy of a run."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ def main() -> None:
 
 
 def _scenes(config: Config) -> list[Scene]:
-    """Return the real episode that is learnt from, and the one nearest the mean after model-based training of it."""
+    """Return scenes of the first real episode and of the evaluation episode nearest to their mean return."""
     first = next(iterations(config))
     nearest = int(np.argmin(np.abs(first.evaluation_returns - first.evaluation_return)))
     return [
-        scene_of(config, title, colour, e, row, e.rewards.mean(axis=0))
-        for title, colour, e, row in (
+        scene_of(config, title, colour, e, index, e.rewards.mean(axis=0))
+        for title, colour, e, index in (
             ("the first episode: exploring", COLOURS[1], first.exploration, 0),
             ("after model-based training of it", COLOURS[0], first.evaluation, nearest),
         )

@@ -1,6 +1,6 @@
-"""Makes the pictures of docs/pr2.md, in some minutes: the PR2 before and after it learnt, what it tried, and a map.
+"""Make the pictures of docs/pr2.md in some minutes: the PR2 before and after training, its attempts, and a map.
 
-The robot looks as it does where the package example-robot-data is installed.
+The robot is drawn with its meshes if the package example-robot-data is installed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Makes the film of a motor pendulum that learns by the wall clock: `python docs/make_robot_film.py RUN`.
+"""Make the film of a motor pendulum that learns by the wall clock: `python docs/make_robot_film.py RUN`.
 
 RUN is the folder of a run of config/robot_pendulum.yaml after `rkhs evaluate RUN`.
 """
@@ -16,7 +16,7 @@ from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.episode_files import load_episodes
 
 HERE = Path(__file__).parent
-SIMULATED = HERE.parent / "config" / "pendulum_model_nac.yaml"  # the same task in simulation, which draws it
+SIMULATED = HERE.parent / "config" / "pendulum_model_nac.yaml"  # the same task in simulation, used to draw it
 
 
 def main() -> None:
@@ -34,7 +34,7 @@ def main() -> None:
 
 
 def _scene(config: Config, title: str, colour: str, episodes: Episodes) -> Scene:
-    """Return the first of some episodes as it is shown."""
+    """Return the first of several episodes as a scene."""
     return scene_of(config, title, colour, episodes, 0, episodes.rewards[0])
 
 
