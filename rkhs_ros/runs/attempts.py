@@ -1,4 +1,4 @@
-"""What was tried in a task of one step, where an episode is a single action: kept for its picture."""
+"""Attempts at a task of one step, in which an episode is a single action; stored for plots."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from rkhs_ros.policies.storage import Task
 from rkhs_ros.runs.episode_files import load_episodes, save_episodes
 
 ATTEMPTS = "attempts.npz"
-MOST_ATTEMPTS = 10_000  # the last ones are kept
+MOST_ATTEMPTS = 10_000  # older attempts are deleted
 
 
 class Attempts:
-    """The exploring episodes of a run whose task has one step; of others none are kept.
+    """Exploration episodes of a run whose task has one step; those of other tasks are not stored.
 
-    Owns attempts.npz in the run's folder.
+    Owns attempts.npz in the folder of the run.
 
     Args:
-        folder: of the run.
-        task: of the run.
-        spaces: of the task.
-        count: exploring episodes of the iterations that are kept of a run that goes on.
+        folder: folder of the run.
+        task: task of the run.
+        spaces: spaces of the task.
+        count: number of stored episodes to reload if the run resumes.
     """
 
     def __init__(self, folder: Path, task: Task, spaces: Spaces, count: int) -> None:
@@ -31,14 +31,14 @@ class Attempts:
         self._task = task
         self._episodes = Episodes.none(1, spaces.observation_dim, spaces.action_dim)
         if count:
-            with suppress(ValueError, OSError):  # the picture then shows what is tried from now on
+            with suppress(ValueError, OSError):  # the plot then shows later attempts only
                 self._episodes = load_episodes(self._path).episodes.take(slice(count))
 
     def add(self, episodes: Episodes) -> None:
-        """Keep episodes, on the disk.
+        """Store episodes on the disk.
 
         Raises:
-            OSError: they cannot be written.
+            OSError: the file cannot be written.
         """
         if self._task.horizon == 1:
             self._episodes = (self._episodes + episodes).take(slice(-MOST_ATTEMPTS, None))

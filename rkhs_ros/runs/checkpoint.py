@@ -1,4 +1,4 @@
-"""Checkpoints: what a run goes on from after it was stopped, killed or lost its power."""
+"""Checkpoints, from which a run resumes after it was stopped, killed or lost power."""
 
 from __future__ import annotations
 
@@ -24,35 +24,35 @@ from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.provenance import provenance
 
 SCHEMA = 4
-ACCEPT = "--allow-provenance-change"  # the option of ``rkhs train``
-SYNC_EVERY = 1.0  # seconds; waiting for the disk takes longer than many an iteration
-KEPT = 2
-FREE = ("iterations", "simulators", "timeout")  # settings that no iteration's result depends on
+ACCEPT = "--allow-provenance-change"  # option of ``rkhs train``
+SYNC_EVERY = 1.0  # seconds; waiting for the disk takes longer than many iterations
+STORED = 2  # newest checkpoints that are not deleted
+FREE = ("iterations", "simulators", "timeout")  # settings that do not affect the result of an iteration
 COUNTS = ("iterations", "explored", "evaluated")  # of a state
 _digest = partial(blake2b, digest_size=16)
-REMEDY = "Put the file back as it was, or train in another folder."
-WHOLE = "expected a whole checkpoint to resume from"
+REMEDY = "Restore the file, or train in another folder."
+WHOLE = "expected an intact checkpoint to resume from"
 MEMORY = [f.name for f in fields(Episodes)]
 
 
 class OtherRunError(ValueError):
-    """A checkpoint that is sound, but not of this run."""
+    """Raised for an intact checkpoint that belongs to another run."""
 
 
 class Checkpoints:
-    """The checkpoints of a run, DIR/checkpoints/ITERATION.npz.
+    """Checkpoints of a run, DIR/checkpoints/ITERATION.npz.
 
-    Owns those files. Kept are the last two, so that there is one if the other is damaged, and the newest of which
-    the disk has told that it has it, for a power cut may take the others.
+    Owns these files. The last two checkpoints stay, in case one is damaged. The newest checkpoint that was synced to
+    the disk stays as well, since a power cut may destroy the others.
 
     Args:
-        folder: the run's folder DIR.
-        config: the run.
-        provenance_may_change: whether to go on with a run of other code, libraries or threads.
-        clock: tells the seconds since some moment.
+        folder: the folder DIR of the run.
+        config: configuration of the run.
+        provenance_may_change: whether to resume a run of other code, libraries or threads.
+        clock: monotonic clock in seconds.
 
     Attributes:
-        recorded: whether the run is recorded, which each checkpoint notes; `newest` reads it.
+        recorded: whether the run is recorded; stored in each checkpoint, and read by `newest`.
     """
 
     def __init__(
@@ -72,45 +72,44 @@ class Checkpoints:
         self._last: list[Path] = []
         self.recorded = False
         self._provenance = provenance()
-        self._heeded = config.settings if provenance_may_change else config.settings | self._provenance
+        self._compared = config.settings if provenance_may_change else config.settings | self._provenance
         self._lines = _digest()
         self._digested = 0  # bytes of curve.csv
 
     def write(self, state: State) -> None:
-        """Write the state after an iteration, whose line is in curve.csv by then.
+        """Write the state after an iteration, whose line must already be in curve.csv.
 
         Raises:
-            OSError: it cannot be written; those before it are as they were.
+            OSError: the checkpoint cannot be written; earlier checkpoints are unchanged.
         """
         now = self._clock()
         due = now - self._synced_at >= SYNC_EVERY
         if due:
-            sync_to_disk(self._curve)  # first, for without its line a checkpoint is of no use
+            sync_to_disk(self._curve)  # first, since a checkpoint without its line is useless
         path = self._path(state.iterations)
         write_whole(path, self._content(state), sync=due)
         if due:
             self._synced, self._synced_at = path, now
-        self._last = [*self._last, path][-KEPT:]
-        for old in self._folder.glob("*.npz*"):  # what is left of a write cut short, *.npz.part, too
+        self._last = [*self._last, path][-STORED:]
+        for old in self._folder.glob("*.npz*"):  # includes *.npz.part of an interrupted write
             if old not in (*self._last, self._synced):
                 old.unlink()
 
     def newest(self, lines: int) -> State | None:
-        """Return the state to go on from, of the newest checkpoint that is sound; those that are not go to stderr.
+        """Return the state of the newest intact checkpoint; print a warning for each damaged one.
 
-        It is from before the last iteration. The pictures show that one's episodes, which are not kept: it is made
-        again, to the same bits.
+        The state is from before the last iteration. Plots show the episodes of the last iteration, which are not
+        stored, so that the run repeats this iteration with a bit-identical result.
 
         Args:
-            lines: number of good lines of curve.csv; a checkpoint after more iterations is of no use.
+            lines: number of valid lines of curve.csv; a checkpoint of more iterations is skipped.
 
         Returns:
-            None where there is no such checkpoint.
+            The state, or None if there is no such checkpoint.
 
         Raises:
-            ValueError: a checkpoint of another schema, with other settings or provenance, or of another curve; or
-                the curve lacks the lines that all sound ones were written after; or no sound one is left to resume
-                from, but a damaged one.
+            ValueError: a checkpoint has another schema, other settings or provenance, or belongs to another curve; or
+                the curve lacks lines of all intact checkpoints; or all checkpoints are damaged.
             OSError: the disk failed.
         """
         beyond, damaged = list[tuple[Path, int]](), list[Path]()
@@ -124,22 +123,22 @@ class Checkpoints:
                 self._check_curve(path, state.iterations, digest)
                 if state.iterations < self._config.training.iterations:
                     for other, iterations in beyond:
-                        _skip(other, f"curve.csv has the lines of {lines} iterations, not of {iterations}")
+                        _skip(other, f"expected {iterations} lines in curve.csv, got {lines}")
                     return state
         if beyond:
             (newest, iterations), *_ = beyond
             raise OtherRunError(
-                f"{self._curve}: lines are missing; expected those of {iterations} iterations, which {newest.name} was "
-                f"written after, got those of {lines}. {REMEDY}"
+                f"{self._curve}: expected the lines of the {iterations} iterations before {newest.name}, "
+                f"got {lines} lines. {REMEDY}"
             )
         if damaged:
             raise OtherRunError(f"{damaged[0]}: {WHOLE}, got damaged ones only. {REMEDY}")
         return None
 
-    def go_on_from(self, state: State) -> None:
-        """Keep the checkpoint of a state, on the disk, until there are newer ones, and remove those after it.
+    def resume_from(self, state: State) -> None:
+        """Sync the checkpoint of a state to the disk, and delete newer ones.
 
-        The lines of their iterations will be written anew, with other seconds than they were written after.
+        The run repeats the iterations of the deleted checkpoints, and their lines get other values of seconds.
 
         Raises:
             OSError: the disk failed.
@@ -163,11 +162,11 @@ class Checkpoints:
         return packed({"about": np.array(json.dumps(about | counts).encode()), **policy_arrays(state.policy), **memory})
 
     def _read(self, path: Path) -> tuple[State, str] | None:
-        """Return the state in a checkpoint and the digest of the curve up to it, None where it is damaged."""
+        """Return the state in a checkpoint and the digest of the curve up to it; None if it is damaged."""
         try:
             arrays = unpacked(read_whole(path))
             about = json.loads(arrays["about"].item())
-            _check_same_run(path, about, self._heeded)
+            _check_same_run(path, about, self._compared)
             memory = Episodes(*(arrays[f"memory_{name}"] for name in MEMORY))
             counts = {name: about[name] for name in COUNTS}
             good = all(type(count) is int and count >= 0 for count in counts.values())
@@ -181,7 +180,7 @@ class Checkpoints:
             return None
 
     def _digest_of_curve(self) -> str:
-        """Return the digest of all lines, of which only the new ones are read."""
+        """Return the digest of all lines; read only the new ones."""
         with open_regular(self._curve) as file:
             file.seek(self._digested)
             self._lines.update(file.read())
@@ -189,31 +188,29 @@ class Checkpoints:
         return self._lines.hexdigest()
 
     def _check_curve(self, path: Path, iterations: int, digest: str) -> None:
-        lines = read_whole(self._curve).splitlines(keepends=True)[: iterations + 1]  # the header, too
+        lines = read_whole(self._curve).splitlines(keepends=True)[: iterations + 1]  # with the header
         if _digest(b"".join(lines)).hexdigest() != digest:
             raise OtherRunError(
-                f"{self._curve}: expected the {iterations} lines that {path.name} was written after, got others. "
-                f"{REMEDY}"
+                f"{self._curve}: expected the {iterations} lines before {path.name}, got other lines. {REMEDY}"
             )
 
 
-def _check_same_run(path: Path, about: dict[str, Any], heeded: dict[str, Any]) -> None:
+def _check_same_run(path: Path, about: dict[str, Any], compared: dict[str, Any]) -> None:
     schema, version = about["schema"], about["version"]
     if schema != SCHEMA:
         raise OtherRunError(
-            f"{path}: expected a checkpoint of schema {SCHEMA}, got schema {schema}; go on with rkhs_ros {version}"
+            f"{path}: expected a checkpoint of schema {SCHEMA}, got schema {schema}. Resume with rkhs_ros {version}"
         )
     began = about["settings"] | about["provenance"]
-    given = json.loads(json.dumps(heeded))
+    given = json.loads(json.dumps(compared))
     for name in [*given, *about["settings"]]:
         expected, got = (settings.get(name, "no such setting") for settings in (began, given))
         if expected != got and name not in FREE:
-            remedy = f"; {ACCEPT} goes on regardless, and notes it" * (name in about["provenance"])
+            remedy = f", or resume regardless with {ACCEPT}" * (name in about["provenance"])
             raise OtherRunError(
-                f"{path}: {name}: expected {expected}, with which the run began, got {got}; "
-                f"begin another run for that{remedy}"
+                f"{path}: {name}: expected {expected} as at the start of the run, got {got}. Start another run{remedy}"
             )
 
 
 def _skip(path: Path, reason: str) -> None:
-    print(f"warning: {path}: passed over ({' '.join(reason.split())})", file=sys.stderr)
+    print(f"warning: {path}: skipped ({' '.join(reason.split())})", file=sys.stderr)

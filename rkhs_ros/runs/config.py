@@ -1,4 +1,4 @@
-"""Configuration files: ROS parameter files, read alike by the nodes and by the in-process runner."""
+"""Configuration files: ROS parameter files, which nodes and the in-process runner read alike."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.runs.defaults import settings_for
 
-ENVIRONMENT = re.compile(r"-v\d+$")  # as ids of Gymnasium end
-MOST_ROWS = 10_000
-# Of each node, what is no setting of a run.
+ENVIRONMENT = re.compile(r"-v\d+$")  # end of a Gymnasium id
+MOST_ENVS = 10_000
+# Parameters of each node that are not settings of a run.
 OF_ANY_NODE = {"use_sim_time", "start_type_description_service", "qos_overrides", "restarts", "instance"}
 NODE_PARAMETERS = {
     "simulator": OF_ANY_NODE | {"robot_state"},
@@ -35,19 +35,19 @@ OF_CODE = (
     "environment.id",
     *(f"model.{part}" for part in ("reward_fn", "termination_fn", "dynamics_fn")),
     *(f"robot.{rule}.function" for rule in ("reward", "end")),
-)  # settings that name it, after its module
-ROBOT_NODES = ("robot", "gate", "simulated_robot")  # nodes that a robot has in place of a simulator
+)  # settings that name code as MODULE:NAME
+ROBOT_NODES = ("robot", "gate", "simulated_robot")  # nodes that replace the simulator
 
 
 @dataclass(frozen=True)
 class Environment:
-    """What is learnt in: the simulator's settings, or those of a robot's nodes.
+    """Environment of a run: the settings of a simulator, or of a robot's nodes.
 
     Attributes:
         id: Gymnasium id of an environment with continuous actions, or the name of a robot's task.
         options: keyword options of the environment.
-        num_envs: rows side by side at most, as 1 of a robot; 0 for as many as the environment allows.
-        nodes: of a robot the parameters of its nodes, by their names; none of a simulator.
+        num_envs: maximum number of environments in a batch, 1 for a robot; 0 for as many as the environment allows.
+        nodes: parameters of a robot's nodes by name; empty for a simulator.
     """
 
     id: str
@@ -56,37 +56,38 @@ class Environment:
     nodes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Raise ValueError where the options are not a section, or the rows no number."""
-        good = type(self.num_envs) is int and 0 <= self.num_envs <= MOST_ROWS
-        require(good, "environment.num_envs", f"a whole number in [0, {MOST_ROWS}]", repr(self.num_envs))
+        """Raise ValueError if a value has another type or is out of range."""
+        good = type(self.num_envs) is int and 0 <= self.num_envs <= MOST_ENVS
+        require(good, "environment.num_envs", f"a whole number in [0, {MOST_ENVS}]", repr(self.num_envs))
         require(isinstance(self.id, str), "environment.id", "text", repr(self.id))
         require(isinstance(self.options, Mapping), "environment.options", "a section of keys", repr(self.options))
         good = all(isinstance(parameters, Mapping) for parameters in self.nodes.values())
         require(good, "environment.nodes", "a section for each node", repr(self.nodes))
 
     def tree(self) -> dict[str, Any]:
-        """Return the settings as a tree of values, less those that have their defaults."""
+        """Return the settings as a tree of values, without those that have their defaults."""
         more = {name: getattr(self, name) for name in ("num_envs", "options", "nodes") if getattr(self, name)}
         return {"id": self.id, **more}
 
     def entries(self) -> Iterator[Entry]:
         """Walk through the settings by their dotted names."""
         yield Entry("environment.id", self.id, {"description": "Gymnasium id of the environment"})
-        rows = {"description": "rows side by side at most; 0 for as many as the environment allows", "minimum": 0}
-        yield Entry("environment.num_envs", self.num_envs, rows | {"maximum": MOST_ROWS})
+        about = "maximum number of environments in a batch; 0 for as many as the environment allows"
+        limits = {"description": about, "minimum": 0, "maximum": MOST_ENVS}
+        yield Entry("environment.num_envs", self.num_envs, limits)
         for name, value in _leaves(self.options):
-            about = {"description": f"option that {self.id} is made with"}
+            about = {"description": f"keyword option of {self.id}"}
             yield Entry(f"environment.options.{name}", value, about)
 
 
 @dataclass(frozen=True)
 class Config:
-    """A whole run: where it learns and how.
+    """Configuration of a run.
 
     Attributes:
-        environment: where it learns.
-        training: how it learns.
-        sets_horizon: whether the settings name the horizon, which otherwise has its default.
+        environment: settings of the environment.
+        training: settings of the learner.
+        sets_horizon: whether the settings include the horizon, which otherwise has its default.
     """
 
     environment: Environment
@@ -95,7 +96,7 @@ class Config:
 
     @property
     def task(self) -> Task:
-        """What the policy is learnt on."""
+        """Task of the policy."""
         training = self.training
         return Task(self.environment.id, dict(self.environment.options), training.horizon, training.discount)
 
@@ -109,13 +110,13 @@ class Config:
 
     @property
     def modules(self) -> list[str]:
-        """The modules that settings name code of."""
+        """Modules of the user's code that the settings name."""
         known = self.settings
         named = (str(known.get(name, "")).rpartition(":")[0] for name in OF_CODE)
         return [module for module in named if module]
 
     def check_for_topics(self) -> None:
-        """Raise ValueError where a setting cannot be a ROS parameter, as an option of the environment's may be."""
+        """Raise ValueError if a setting, such as an option of the environment, cannot be a ROS parameter."""
         require_ros_value(self.training.name, "name")
         require_ros_value(self.environment.id, "environment.id")
         require_ros_value(self.environment.options, "environment.options")
@@ -132,7 +133,7 @@ class Config:
 
 
 def _leaves(tree: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Walk through what is no section, by dotted names."""
+    """Walk through the leaves of a tree by dotted names."""
     for name, value in tree.items():
         if isinstance(value, Mapping):
             yield from ((f"{name}.{rest}", leaf) for rest, leaf in _leaves(value))
@@ -141,10 +142,10 @@ def _leaves(tree: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 
 
 def environment_from(tree: Any) -> Environment:
-    """Return the simulator's settings from a tree of values.
+    """Return the settings of a simulator from a tree of values.
 
     Raises:
-        ValueError: an unknown key, no id, or no section at all.
+        ValueError: a key is unknown, the id is missing, or the tree is not a section.
     """
     known = {f.name: f for f in fields(Environment)}
     require(isinstance(tree, Mapping), "environment", "a section of keys", repr(tree))
@@ -156,17 +157,17 @@ def environment_from(tree: Any) -> Environment:
 
 
 def environment_of_robot(nodes: Mapping[str, Mapping[str, Any]]) -> Environment:
-    """Return what is learnt in on a robot: the task that its node's parameters name, an episode at a time.
+    """Return the environment of a robot: the task that the robot node's parameters name, with one episode at a time.
 
     Raises:
-        ValueError: the parameters are no section of keys.
+        ValueError: the parameters are not a section of keys.
     """
     require(isinstance(nodes["robot"], Mapping), "robot", "a section of keys", repr(nodes["robot"]))
     return Environment(nodes["robot"].get("task", "robot"), {}, 1, nodes)
 
 
 def robot_nodes(document: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """Return the parameters of a robot's nodes in the tree of a ROS parameter file, by their names."""
+    """Return the parameters of a robot's nodes by name from the tree of a ROS parameter file."""
     return {name: document[f"/**/{name}"][PARAMETERS] for name in ROBOT_NODES if f"/**/{name}" in document}
 
 
@@ -174,18 +175,18 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
     """Read a configuration file.
 
     Args:
-        path: a ROS parameter file with the sections ``/**/simulator`` and ``/**/learner``; others that name these nodes
-            do as well. The learner's may hold the environment, too, as that of a learner which was told what to expect.
-            In place of the simulator there may be ``/**/robot`` and ``/**/gate``, with ``/**/simulated_robot`` or not.
-        changes: settings that replace the file's, as ``algorithm.ridge=0.1``.
+        path: a ROS parameter file with the sections ``/**/simulator`` and ``/**/learner``, or with these nodes in
+            another namespace. The learner's section may also contain the environment that the learner expects. For a
+            robot, ``/**/robot``, ``/**/gate`` and optionally ``/**/simulated_robot`` replace the simulator.
+        changes: settings that replace the file's, such as ``algorithm.ridge=0.1``.
 
     Raises:
-        ValueError: not such a file, or settings that are unknown or do not fit.
+        ValueError: the file has another form, or a setting is unknown or invalid.
         OSError: the file cannot be read.
     """
     if path.is_dir():
-        remedy = f"; go on with a run by --resume {path}" * (path / "config.yaml").is_file()
-        raise ValueError(f"{path}: expected a configuration's file, got a folder{remedy}")
+        remedy = f". To resume a run, use --resume {path}" * (path / "config.yaml").is_file()
+        raise ValueError(f"{path}: expected a configuration file, got a folder{remedy}")
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such configuration, {_nearest(path)}")
     sections = _sections(path)
@@ -194,8 +195,7 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
         require("simulator" not in sections, f"{path}", "either a simulator or a robot", "both")
         missing = [name for name in ROBOT_NODES[:2] if name not in robot]
         require(not missing, f"{path}", "sections /**/robot and /**/gate", f"no {', no '.join(missing)}")
-        expected = "a section /**/learner, for a robot moves by what it says"
-        require(bool(sections["learner"]), f"{path}", expected, "none")
+        require(bool(sections["learner"]), f"{path}", "a section /**/learner, which is required for robots", "none")
         settings = {key: value for key, value in sections["learner"].items() if key != "environment"}
         return _changed({"name": path.stem, **settings, **robot}, changes)
     tree = {"name": path.stem, **sections["learner"], "environment": _environment(path, sections)}
@@ -205,37 +205,40 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
 
 
 def _environment(path: Path, sections: Mapping[str, Mapping[str, Any]]) -> Any:
-    """Return the environment's section, of the simulator or of the learner.
+    """Return the environment in the section of the simulator or of the learner.
 
     Raises:
-        ValueError: both have one, and they differ.
+        ValueError: both sections contain an environment, and these differ.
     """
     places = (sections.get(node, {}) for node in ("simulator", "learner"))
     given = [section["environment"] for section in places if "environment" in section]
     if len(given) == 2:
         simulated, expected = map(environment_from, given)
-        require(simulated == expected, f"{path}: learner: environment", f"the simulator's, {simulated}", expected)
+        what = f"{path}: learner: environment"
+        require(simulated == expected, what, f"the environment of the simulator, {simulated}", expected)
     return given[0] if given else {}
 
 
 def _nearest(path: Path) -> str:
-    """Return a hint at the configurations with the nearest names, beside the one asked for or in config/."""
+    """Return a hint with the most similar name of a configuration in the same folder or in config/."""
     found = {file.stem: file for folder in (Path("config"), path.parent) for file in folder.glob("*.yaml")}
     if near := get_close_matches(path.stem, found, n=1):
         return f"did you mean '{found[near[0]]}'?"
-    return "nor one of a like name" + f"; an environment is given as --env {path}" * bool(ENVIRONMENT.search(str(path)))
+    return "nor one with a similar name" + f". For an environment, use --env {path}" * bool(
+        ENVIRONMENT.search(str(path))
+    )
 
 
 def config_for(environment: str, horizon: int | None, changes: Iterable[str] = ()) -> Config:
-    """Return the configuration of a run on an environment that nobody tuned the settings for.
+    """Return the configuration of a run on an environment with the default settings.
 
     Args:
         environment: Gymnasium id.
-        horizon: steps of an episode; the default where None.
-        changes: settings that replace these, as ``algorithm.ridge=0.1``.
+        horizon: steps of an episode; None for the default.
+        changes: settings that replace the defaults, such as ``algorithm.ridge=0.1``.
 
     Raises:
-        ValueError: settings that are unknown or do not fit.
+        ValueError: a setting is unknown or invalid.
     """
     changes = list(changes)
     chosen = tree_of(changes, {"algorithm": {"name": "rkhs_nac"}, "model": {"form": "gaussian_process"}})
@@ -245,13 +248,13 @@ def config_for(environment: str, horizon: int | None, changes: Iterable[str] = (
 
 
 def _named(tree: Mapping[str, Any], group: str, key: str, default: str) -> str:
-    """Return which of several a tree of settings chooses; the default where a section was replaced by one without."""
+    """Return the choice in a section of a tree of settings, or the default if the section contains none."""
     settings = tree[group]
     return str(settings.get(key, default)) if isinstance(settings, Mapping) else default
 
 
 def name_of_run(environment: str) -> str:
-    """Return what a run on an environment is called unless it is told, a plain name."""
+    """Return the default name of a run on an environment, a valid folder name."""
     return re.sub(r"\W+", "_", environment.rpartition(":")[2]).strip("_").lower() or "run"
 
 
@@ -267,11 +270,11 @@ def tree_of(changes: Iterable[str], tree: Mapping[str, Any] | None = None) -> di
     """Return a tree of settings with some of them replaced.
 
     Args:
-        changes: settings, as ``algorithm.ridge=0.1``.
-        tree: the settings before; none where None.
+        changes: settings, such as ``algorithm.ridge=0.1``.
+        tree: the settings to change; None for an empty tree.
 
     Raises:
-        ValueError: a change is of another form.
+        ValueError: a change has another form.
     """
     changed = dict(tree or {})
     for change in changes:
@@ -286,9 +289,9 @@ def tree_of(changes: Iterable[str], tree: Mapping[str, Any] | None = None) -> di
 
 
 def _sections(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the settings of the nodes, whatever the namespaces that the file gives them.
+    """Return the settings of the nodes, in any namespace.
 
-    Parameters that are a node's own, as ``ros2 param dump`` writes them, are left out.
+    Parameters that are not settings of a run, such as those that ``ros2 param dump`` adds, are omitted.
     """
     found: dict[str, dict[str, Any]] = {}
     for name, parameters in read_sections(path).items():
@@ -296,12 +299,17 @@ def _sections(path: Path) -> dict[str, dict[str, Any]]:
         if node not in NODE_PARAMETERS:
             raise ValueError(f"{path}: unknown section '{truncated(name)}', {hint(node, NODE_PARAMETERS)}")
         settings = {key: value for key, value in parameters.items() if key not in NODE_PARAMETERS[node]}
-        require(found.setdefault(node, settings) == settings, f"{path}: {node}", "one task for all", "several")
+        require(
+            found.setdefault(node, settings) == settings,
+            f"{path}: {node}",
+            "equal sections in all namespaces",
+            "different ones",
+        )
     return {"learner": {}} | found
 
 
 def _insert(tree: dict[str, Any], name: str, value: Any) -> None:
-    """Put a value at a dotted name; the sections on the way are copied, not edited."""
+    """Insert a value at a dotted name; copy the sections on the path instead of changing them."""
     head, dot, rest = name.partition(".")
     if not dot:
         tree[head] = value

@@ -1,4 +1,4 @@
-"""What those who look at a run may ask of it: to pause, to go on, to stop."""
+"""Control of a run by its viewers: pause, resume and stop."""
 
 from __future__ import annotations
 
@@ -11,37 +11,37 @@ from rkhs_ros.base.files import open_regular, write_whole
 from rkhs_ros.base.validation import pick
 
 PAUSE, RESUME, STOP = WORDS = ("pause", "resume", "stop")
-ASKED, TAKEN = "control", "control.taken"  # names of files: a word for the run, and the one that it looks at
-PAUSING = "pausing"  # of a file that is there while the run pauses
-POLL_INTERVAL_S = 0.1  # of a run that pauses
-MOST_BYTES = 64  # of a word
+ASKED, TAKEN = "control", "control.taken"  # files with a new command, and with the command that the run reads
+PAUSING = "pausing"  # file that exists while the run pauses
+POLL_INTERVAL_S = 0.1  # during a pause
+MOST_BYTES = 64  # of a command
 Rest = Callable[[float], object]
 
 
 def ask(folder: Path, word: str) -> None:
-    """Ask something of the run in a folder, which it does after its iteration; the last word counts.
+    """Send a command to the run in a folder, which executes the last command after its current iteration.
 
     Raises:
-        ValueError: there is no such word.
+        ValueError: the command is unknown.
         OSError: the folder cannot be written.
     """
-    pick(word, dict.fromkeys(WORDS), "word")
+    pick(word, dict.fromkeys(WORDS), "command")
     write_whole(folder / ASKED, word.encode(), sync=False)
 
 
 def is_pausing(folder: Path) -> bool:
-    """Return whether the run in a folder, if it is under way, waits to be resumed."""
+    """Return whether the run in a folder, if it is active, pauses."""
     return (folder / PAUSING).exists()
 
 
 class Control:
-    """Does between two iterations what was asked of a run.
+    """Executes commands of viewers between two iterations of a run.
 
-    Owns the files of the words, which no earlier run leaves behind. Whatever else somebody puts there is ignored.
+    Owns the command files, and deletes those of an earlier run. Unknown content of these files is ignored.
 
     Args:
-        folder: of the run.
-        rest: waits for some seconds.
+        folder: folder of the run.
+        rest: function that waits for a number of seconds.
     """
 
     def __init__(self, folder: Path, rest: Rest = time.sleep) -> None:
@@ -50,10 +50,10 @@ class Control:
         self.clear()
 
     def obey(self) -> None:
-        """Do what was asked; wait here while the run pauses.
+        """Execute the last command; return after the end of a pause.
 
         Raises:
-            KeyboardInterrupt: it was asked to stop.
+            KeyboardInterrupt: the command is to stop.
         """
         word = self._take()
         if word == PAUSE:
@@ -62,15 +62,15 @@ class Control:
             raise KeyboardInterrupt
 
     def clear(self) -> None:
-        """Forget what was asked."""
+        """Discard all commands."""
         for name in (ASKED, TAKEN, PAUSING):
             with suppress(OSError):
                 (self._folder / name).unlink(missing_ok=True)
 
     def _pause(self) -> str:
-        """Wait for another word than to pause, and return it."""
+        """Wait for a command other than pause, and return it."""
         word: str | None = PAUSE
-        with suppress(OSError):  # of a full disk: nobody sees that the run pauses, but it does
+        with suppress(OSError):  # on a full disk, the run pauses without showing it
             (self._folder / PAUSING).touch()
         try:
             while word in (None, PAUSE):
@@ -82,10 +82,10 @@ class Control:
                 (self._folder / PAUSING).unlink(missing_ok=True)
 
     def _take(self) -> str | None:
-        """Return a word that was asked since; None for none, or for what is no word."""
+        """Return a new command; None if there is none or it is unknown."""
         taken = self._folder / TAKEN
         try:
-            (self._folder / ASKED).replace(taken)  # first, for while it is read another may be asked
+            (self._folder / ASKED).replace(taken)  # first, since a new command may arrive while this one is read
             with open_regular(taken) as file:
                 word = file.read(MOST_BYTES).decode(errors="replace")
             taken.unlink()

@@ -1,4 +1,4 @@
-"""The learning curve of a run in a file, one line per iteration."""
+"""Learning curve of a run in a file, with one line per iteration."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from rkhs_ros.base.validation import truncated
 from rkhs_ros.learning.training import Iteration
 
 END = "\r\n"
-TORN = re.compile(r"[-+.,_0-9a-z]*\r?")  # what a kill or a full disk may leave of a line
-PACE_OF = 20  # iterations, the last ones, by whose pace the rest is estimated
+TORN = re.compile(r"[-+.,_0-9a-z]*\r?")  # an incomplete line, left by a kill or a full disk
+PACE_OF = 20  # last iterations, whose mean duration predicts the rest
 
 
 class Row(NamedTuple):
@@ -39,7 +39,7 @@ class Row(NamedTuple):
 
     @classmethod
     def of(cls, iteration: Iteration, seconds: float) -> Row:
-        """Return the line of an iteration that was done some seconds after the beginning."""
+        """Return the line of an iteration that finished a number of seconds after the start."""
         metrics = iteration.metrics
         return cls(
             iteration=iteration.number,
@@ -63,16 +63,16 @@ BEGINNING = Row(0, 0, 0, NAN, NAN, NAN, 0, NAN, NAN, NAN, NAN, NAN, 0.0)  # befo
 
 
 def columns(rows: Sequence[Row]) -> dict[str, NDArray[Any]]:
-    """Return the lines as arrays by the names of the columns."""
+    """Return the columns as arrays by name."""
     return {name: np.array([getattr(row, name) for row in rows]) for name in Row._fields}
 
 
 def seconds_left(rows: Sequence[Row], iterations: int) -> float:
-    """Return how long a run will take still, by the pace of its last lines; nan where they are fewer than two.
+    """Return the predicted remaining time of a run in seconds; nan if there are fewer than two lines.
 
     Args:
-        rows: the lines, or the last of them.
-        iterations: number of those that are to be made.
+        rows: all lines, or the last ones.
+        iterations: total number of iterations.
     """
     if len(rows) < 2:
         return NAN
@@ -86,22 +86,22 @@ KINDS = tuple(get_type_hints(Row).values())
 
 
 class Curve:
-    """The lines of a run so far.
+    """Learning curve of a run so far.
 
     Owns its file.
 
     Args:
-        path: the file; it need not be there yet.
+        path: the file, which may not exist yet.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def rows(self) -> list[Row]:
-        """Return the lines of iterations 1, 2, ...; a last one whose writing was cut short is left out.
+        """Return the lines of iterations 1, 2, ..., without an incomplete last line.
 
         Raises:
-            ValueError: a line is damaged, or was edited.
+            ValueError: a line is damaged or was edited.
             OSError: the file cannot be read.
         """
         text = read_whole(self.path).decode("ascii", errors="replace") if self.path.exists() else ""
@@ -112,7 +112,7 @@ class Curve:
         return rows[1:]
 
     def begin(self, rows: Iterable[Row]) -> None:
-        """Put these lines in place of the file's.
+        """Replace the lines of the file.
 
         Raises:
             OSError: the file cannot be written.
@@ -120,10 +120,10 @@ class Curve:
         write_whole(self.path, "".join(map(_line, [Row._fields, *rows])).encode())
 
     def append(self, row: Row) -> None:
-        """Write a line at the end.
+        """Append a line.
 
         Raises:
-            OSError: the file cannot be written; it is as it was.
+            OSError: the file cannot be written; it is unchanged.
         """
         with named(self.path):
             size = self.path.stat().st_size
@@ -135,7 +135,7 @@ class Curve:
                 raise
 
     def _row(self, number: int, line: str) -> Row:
-        """Return the values of a line, by its number; BEGINNING of the header."""
+        """Return the values of the line with a number; BEGINNING for the header."""
         if number == 0 and line == HEADER:
             return BEGINNING
         row = _row(line)
@@ -144,10 +144,10 @@ class Curve:
         return row
 
     def _damaged(self, number: int, got: str) -> ValueError:
-        expected = f"that of iteration {number}" if number else f"the header, {HEADER[:20]}..."
+        expected = f"the original line of iteration {number}" if number else f"the header, {HEADER[:20]}..."
         return ValueError(
-            f"{self.path}: line {number + 1} is damaged or was edited; expected {expected} as it was written, "
-            f"got {truncated(repr(got))}. Put the file back as it was, or train in another folder."
+            f"{self.path}: line {number + 1} is damaged or was edited; expected {expected}, "
+            f"got {truncated(repr(got))}. Restore the file, or train in another folder."
         )
 
 
@@ -156,7 +156,7 @@ def _line(values: Iterable[object]) -> str:
 
 
 def _row(line: str) -> Row | None:
-    """Return the values of a line, None where it is not what they would be written as."""
+    """Return the values of a line; None if they would be written differently."""
     try:
         row = Row(*(kind(word) for kind, word in zip(KINDS, line.split(","), strict=True)))
     except ValueError:

@@ -1,4 +1,4 @@
-"""Settings for a task that nobody tuned: they follow from its spaces, and from what is seen of it."""
+"""Default settings for an untuned task, which adapt to its spaces and to the observed data."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ ALGORITHMS: Mapping[str, Mapping[str, Any]] = {
     "rkhs_ac": {"centres": 80, "step": LONG_STEPS},
     "rkhs_power": {"centres": 80, "value_ridge": 0.001, "ridge_unit": "variance", "variance": "constant"},
 }
-PRACTISING: Mapping[str, Any] = {"iterations": 20, "episodes_per_iteration": 1}
+MODEL_BASED: Mapping[str, Any] = {"iterations": 20, "episodes_per_iteration": 1}
 WITHOUT_MODEL: Mapping[str, Any] = {"iterations": 60, "episodes_per_iteration": 5}
-# An update that sees a few real episodes alone has more noise and less to fit, in the same time of a robot.
+# An update from a few real episodes alone has more noise and less data to fit in the same time on a robot.
 FEW_SAMPLES: Mapping[str, Mapping[str, Any]] = {
     "rkhs_nac": {
         "ridge": 0.03,
@@ -26,16 +26,16 @@ FEW_SAMPLES: Mapping[str, Mapping[str, Any]] = {
 
 
 def settings_for(algorithm: str = "rkhs_nac", model: str = "gaussian_process") -> dict[str, Any]:
-    """Return the settings of the learner for a task that nobody tuned.
+    """Return the default settings of the learner for an untuned task.
 
-    No number among them has the unit of an observation, an action or a reward.
+    No setting has the unit of an observation, an action or a reward.
 
     Args:
-        algorithm: by its name.
-        model: its form; training without a model has other defaults.
+        algorithm: name of the algorithm.
+        model: form of the model; training without a model has other defaults.
     """
     is_model_based = model != "none"
-    form, batches, few = ("rbf", PRACTISING, {}) if is_model_based else ("rbf + linear", WITHOUT_MODEL, FEW_SAMPLES)
+    form, batches, few = ("rbf", MODEL_BASED, {}) if is_model_based else ("rbf + linear", WITHOUT_MODEL, FEW_SAMPLES)
     return {
         **batches,
         "exploration_sd": "range",

@@ -1,4 +1,4 @@
-"""Episodes in files: plain arrays in npz, no pickle."""
+"""Files of episodes: plain arrays in npz format, without pickle."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ NAMES = tuple(f.name for f in fields(Episodes))
 
 
 class SavedEpisodes(NamedTuple):
-    """What a file of episodes holds.
+    """Content of a file of episodes.
 
     Attributes:
-        episodes: what was observed, done and earned.
-        task: what they are of; None where the file does not say.
+        episodes: observations, actions and rewards.
+        task: task of the episodes; None if the file does not contain it.
     """
 
     episodes: Episodes
@@ -30,26 +30,26 @@ class SavedEpisodes(NamedTuple):
 
 
 def save_episodes(path: Path, episodes: Episodes, task: Task) -> None:
-    """Write episodes and the task they are of; an existing file is replaced whole or not at all.
+    """Write episodes and their task; replace an existing file atomically.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     about = {"task": np.array(json.dumps(asdict(task), sort_keys=True))}
     write_whole(path, packed({**about, **{name: getattr(episodes, name) for name in NAMES}}))
 
 
 def load_episodes(path: Path) -> SavedEpisodes:
-    """Read episodes, which others may have recorded: ``observations`` and ``actions`` are enough.
+    """Read episodes from a file, which other programs may have written.
 
     Args:
-        path: an npz file with ``observations`` of shape (N, H, d) and ``actions`` (N, H, n). Left out may be ``mask``
-            (N, H), all True then, ``rewards`` (N, H), 0 then, ``final_observations`` (N, d), ``terminated`` (N,), and
-            ``task``.
+        path: an npz file with ``observations`` of shape (N, H, d) and ``actions`` (N, H, n). Optional arrays are
+            ``mask`` (N, H), by default True, ``rewards`` (N, H), by default 0, ``final_observations`` (N, d),
+            ``terminated`` (N,) and ``task``.
 
     Raises:
-        ValueError: the file is cut short, of another kind, or holds what are no episodes.
-        FileNotFoundError: there is no such file.
+        ValueError: the file is truncated, has another format, or contains invalid episodes.
+        FileNotFoundError: the file does not exist.
     """
     try:
         arrays = unpacked(read_whole(path))
@@ -58,15 +58,15 @@ def load_episodes(path: Path) -> SavedEpisodes:
     except FileNotFoundError:
         raise
     except Exception as error:  # a damaged archive raises almost anything
-        got = f"one that cannot be read ({truncated(error)})"
+        got = f"an unreadable file ({truncated(error)})"
         raise ValueError(f"{path}: expected a file of episodes (npz), got {got}") from error
 
 
 def _episodes(arrays: Arrays) -> Episodes:
     for name in ("observations", "actions"):
-        require(name in arrays, "arrays", f"one named {name}", ", ".join(sorted(arrays)) or "none")
+        require(name in arrays, "arrays", f"an array {name}", ", ".join(sorted(arrays)) or "none")
         shape = arrays[name].shape
-        require(len(shape) == 3, name, "three dimensions: episodes, steps, numbers", shape)
+        require(len(shape) == 3, name, "three dimensions: episodes, steps, components", shape)
     shape = arrays["observations"].shape[:2]
     whole = Episodes.without_ends(
         observations=finite_array(arrays["observations"], arrays["observations"].shape, "observations"),
@@ -74,17 +74,17 @@ def _episodes(arrays: Arrays) -> Episodes:
         rewards=finite_array(arrays.get("rewards", np.zeros(shape)), shape, "rewards"),
         mask=_flags(arrays.get("mask", np.ones(shape, dtype=bool)), shape, "mask"),
     )
-    rows, width = shape[0], arrays["observations"].shape[2]
+    count, width = shape[0], arrays["observations"].shape[2]
     final = finite_array(
-        arrays.get("final_observations", whole.final_observations), (rows, width), "final_observations"
+        arrays.get("final_observations", whole.final_observations), (count, width), "final_observations"
     )
-    terminated = _flags(arrays.get("terminated", whole.terminated), (rows,), "terminated")
+    terminated = _flags(arrays.get("terminated", whole.terminated), (count,), "terminated")
     return replace(whole, final_observations=final, terminated=terminated)
 
 
 def _flags(values: np.ndarray, shape: tuple[int, ...], what: str) -> np.ndarray:
-    """Return truth values, which may be written as 0 and 1."""
+    """Return Boolean values, which may be stored as 0 and 1."""
     require(values.shape == shape, what, f"the shape {shape}", values.shape)
     good = values.dtype.kind in REAL_KINDS and bool(np.isin(values, (0, 1)).all())
-    require(good, what, "truth values", values)
+    require(good, what, "Boolean values", values)
     return values.astype(bool)

@@ -1,4 +1,4 @@
-"""Learning from recordings alone: the policy trains in a model of all recorded episodes, and none runs."""
+"""Offline training: the policy trains in a dynamics model of recorded episodes, without new episodes."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from rkhs_ros.runs.config import tree_of
 from rkhs_ros.runs.recorded import training_of
 
 MODEL = "model={form: gaussian_process}"
-HELD_OUT = 0.2  # part of the episodes that the model of the others must predict first
+HELD_OUT = 0.2  # share of the episodes that calibrates a model of the others
 
 
 def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Iterator[Iteration]:
-    """Practise in a model of recorded episodes, yielding each round as an iteration without an evaluation.
+    """Train in a dynamics model of recorded episodes; yield each iteration, which has no evaluation.
 
-    The model of most of the episodes is asked to predict the others. Where it was surer than it ought to have been,
-    practice is more careful, as between real episodes.
+    A model of most episodes first predicts the held-out ones. If the model was overconfident, training is more
+    cautious, like between real episodes.
 
     Args:
-        training: the learner's settings, with model-based training.
-        spaces: of the task.
-        episodes: at least one.
+        training: settings of the learner, with model-based training.
+        spaces: spaces of the task.
+        episodes: at least one episode.
 
     Raises:
-        ValueError: the settings do not fit, or there is no practice among them.
+        ValueError: a setting is invalid, or the settings contain no model.
     """
     settings, state = training.model, first_state(training, spaces)
     if not isinstance(settings, ModelBased):
-        raise ValueError("model.form: expected model, for no episode runs, got none")
+        raise ValueError("model.form: expected gaussian_process for offline training, got none")
     returns = episodes.returns(training.discount)
     while state.iterations < training.iterations:
         experience = RealExperience(
@@ -68,19 +68,19 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
 
 
 def all_episodes(recordings: Mapping[str, Recording]) -> Episodes:
-    """Return the episodes of all recordings that count.
+    """Return the completed episodes of all recordings.
 
     Args:
-        recordings: by the names to call them by, all of one task.
+        recordings: recordings of one task, by the names for error messages.
 
     Raises:
-        ValueError: they are of several tasks, or there are none.
+        ValueError: the recordings have different tasks, or contain no episodes.
     """
     found: Sequence[Episodes] = [recording.episodes() for recording in recordings.values()]
     first_name, first = next(iter(recordings.items()))
     for (name, recording), episodes in zip(recordings.items(), found, strict=True):
         expected, got = (_task(each, of) for each, of in ((first, found[0]), (recording, episodes)))
-        require(expected == got, f"{name}: task", f"that of {first_name}, {expected}", got)
+        require(expected == got, f"{name}: task", f"the task of {first_name}, {expected}", got)
     return Episodes.concatenate(found)
 
 
@@ -90,16 +90,16 @@ def _task(recording: Recording, episodes: Episodes) -> tuple[Any, ...]:
 
 
 def offline_settings(head: Head, changes: Iterable[str]) -> Training:
-    """Return the settings that a recording was made with, some replaced, with model-based training in any case.
+    """Return the settings of a recording with some changes, and with model-based training in any case.
 
     Raises:
-        ValueError: settings that are unknown or do not fit.
+        ValueError: a setting is unknown or invalid.
     """
     tree = loaded(head.configuration)[LEARNER][PARAMETERS]
     return training_from(tree_of(offline_changes(training_of(head), changes), tree))
 
 
 def offline_changes(training: Training, changes: Iterable[str]) -> list[str]:
-    """Return changes of settings after those that have them train in a model and evaluate nothing."""
+    """Return changes of settings, preceded by those that select model-based training and disable evaluation."""
     is_model_based = isinstance(training.model, ModelBased)
     return [*([] if is_model_based else [MODEL]), "evaluate_every=0", *changes]

@@ -1,4 +1,4 @@
-"""What the bits of a run depend on beside its settings: the code, the libraries it computes with, their threads."""
+"""Provenance of a run: code, libraries and threads, on which bit-identical results depend besides the settings."""
 
 from __future__ import annotations
 
@@ -14,33 +14,32 @@ from rkhs_ros import __version__
 from rkhs_ros.base.threads import use_one_thread
 
 CODE = tuple(f"rkhs_ros.{floor}" for floor in ("base", "rkhs", "policies", "learning", "rollouts", "runs"))
-TASKS = ("sim_nodes",)  # the package of the project's tasks, which is known by its name only
-LIBRARIES = {name: version(name) for name in ("numpy", "scipy", "gymnasium")}  # a learner imports no Gymnasium
+TASKS = ("sim_nodes",)  # package of the project's tasks, which this package must not import
+LIBRARIES = {
+    name: version(name) for name in ("numpy", "scipy", "gymnasium")
+}  # by name, since the learner does not import Gymnasium
 
 
 def provenance(*packages: str) -> dict[str, str]:
-    """Return what a run's bits depend on, by name; one thread is set, and the number in use told.
+    """Return the versions on which the results of a run depend, by name; limit linear algebra to one thread.
 
     Args:
-        packages: names of those whose code the run depends on, beside that which learns.
+        packages: names of packages on whose code the run depends, besides the learner's.
     """
     threads = {"threads of linear algebra": str(use_one_thread())}
-    python = ".".join(platform.python_version_tuple()[:2])  # the syntax tree of the same code is another
+    python = ".".join(platform.python_version_tuple()[:2])  # syntax trees differ between versions
     code = f"{__version__}+{code_digest((*CODE, *packages))}"
     return {"Python": python, "rkhs_ros": code, **LIBRARIES, **threads}
 
 
 def provenance_lines(*packages: str) -> tuple[str, ...]:
-    """Return the same as words, "name version" each."""
+    """Return the provenance as texts, "name version" each."""
     return tuple(f"{name} {version}" for name, version in provenance(*packages).items())
 
 
 @cache
 def code_digest(packages: tuple[str, ...]) -> str:
-    """Return a few letters that follow from what the packages' source files compute.
-
-    Docstrings, comments and line breaks count for nothing.
-    """
+    """Return a digest of the source files of packages, without docstrings, comments and line breaks."""
     digest = blake2b(digest_size=4)
     for package in packages:
         for folder in getattr(find_spec(package), "submodule_search_locations", None) or ():
@@ -52,7 +51,7 @@ def code_digest(packages: tuple[str, ...]) -> str:
 
 
 def _without_docstrings(statements: list[ast.stmt]) -> list[ast.stmt]:
-    """Return statements less those that are a text only, and those within them alike."""
+    """Return statements without those that consist of a text only, recursively."""
     for each in statements:
         if isinstance(body := getattr(each, "body", None), list):
             each.body = _without_docstrings(body)  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""A run that is recorded, and goes on from its recording."""
+"""Recording of a run, which can resume from its recording."""
 
 from __future__ import annotations
 
@@ -30,19 +30,18 @@ from rkhs_ros.runs.report import FIRST_POLICY, resolved
 
 
 class RecordableRunner(Runner, Protocol):
-    """A runner that tells of each batch as it ends."""
+    """Runner that reports each finished batch."""
 
     record: Record
 
 
 class RecordingRunner:
-    """Lets policies act by another runner and records it; episodes that are recorded already do not run again.
+    """Runner that records the episodes of another runner, and does not repeat episodes that are already recorded.
 
     Args:
         runner: the other runner.
-        recorder: of the run.
-        held: what the recording held when the run went on.
-
+        recorder: recorder of the run.
+        held: content of the recording when the run resumed.
     """
 
     def __init__(self, runner: RecordableRunner, recorder: Recorder, held: Recording) -> None:
@@ -56,26 +55,26 @@ class RecordingRunner:
         return self._runner.spaces
 
     def capacity(self, num_envs: int) -> int:
-        """Return how many of the environments can run side by side."""
+        """Return how many of the environments can run in one batch."""
         return self._runner.capacity(num_envs)
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Return the episodes of a batch under the policy.
 
         Raises:
-            ValueError: another policy acted in those that are recorded.
+            ValueError: another policy acted in the recorded episodes.
         """
         self._recorder.serve(policy)
         parts: list[Episodes] = []
         episodes = batch.parts(1)
-        for is_held, group in groupby(range(batch.num_envs), lambda row: episodes[row] in self._held):
-            rows = list(group)
-            part = batch.part(rows[0], rows[-1] + 1)
+        for is_held, group in groupby(range(batch.num_envs), lambda env: episodes[env] in self._held):
+            envs = list(group)
+            part = batch.part(envs[0], envs[-1] + 1)
             parts.append(self._recorded(policy, part) if is_held else self._runner.collect(policy, part))
         return Episodes.concatenate(parts)
 
     def updated(self, iteration: Iteration) -> None:
-        """Record what an iteration came to."""
+        """Record the result of an iteration."""
         self._recorder.updated(iteration)
 
     def _recorded(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
@@ -88,26 +87,26 @@ class RecordingRunner:
 def recorded(
     config: Config, runner: RecordableRunner, folder: Path, *, sync: bool, provenance_may_change: bool = False
 ) -> Iterator[RecordingRunner]:
-    """Record a run in its folder, or go on with its recording.
+    """Record a run in its folder, or continue its recording.
 
     Args:
-        config: the run.
-        runner: who lets the policies act.
-        folder: of the run.
-        sync: wait until the disk has each record, as for a robot, whose episodes cost.
-        provenance_may_change: whether to go on with a recording of other code, libraries or threads, with a new head.
+        config: configuration of the run.
+        runner: runner of the episodes.
+        folder: folder of the run.
+        sync: sync each message to the disk, such as for a robot, whose episodes are costly.
+        provenance_may_change: whether to continue a recording of other code, libraries or threads, with a new header.
 
     Raises:
-        ValueError: the recording is of another run.
-        OSError: it cannot be read or written.
+        ValueError: the recording belongs to another run.
+        OSError: the recording cannot be read or written.
     """
     file, head = folder / FILE, head_of_run(config, runner.spaces, warm_start=(folder / FIRST_POLICY).exists())
     held, messages = read_held(file)
     is_new = not held.heads or held.heads[-1].versions != head.versions
     if held.head:
         _check_same_run(file, held.head, head)
-        expected = f"the recording of this run, with the same versions (or {ACCEPT})"
-        require(provenance_may_change or not is_new, f"{file}", expected, "that of others")
+        expected = f"a recording with the current versions (or {ACCEPT})"
+        require(provenance_may_change or not is_new, f"{file}", expected, "other versions")
     recorder, record_before = Recorder(MessageFile(file, messages, sync=sync), held), runner.record
     runner.record = recorder.ended
     try:
@@ -120,23 +119,23 @@ def recorded(
 
 
 def head_of_run(config: Config, spaces: Spaces, *, warm_start: bool) -> Head:
-    """Return the head of the recording of a run."""
+    """Return the header of the recording of a run."""
     return Head(config.task, spaces, config.training.seed, resolved(config), provenance_lines(), warm_start)
 
 
 def training_of(head: Head) -> Training:
-    """Return the learner's settings that a recording was made with.
+    """Return the settings of the learner from the header of a recording.
 
     Raises:
-        ValueError: they are none.
+        ValueError: the settings are invalid.
     """
     return training_from(loaded(head.configuration)[LEARNER][PARAMETERS])
 
 
 def _check_same_run(file: Path, began: Head, goes_on: Head) -> None:
-    """Raise ValueError where a recording is of another run than the one that goes on."""
+    """Raise ValueError if a recording belongs to another run than the one that resumes."""
     trainings = [training_of(head) for head in (began, goes_on)]
     free = {name: getattr(trainings[1], name) for name in FREE}
     settings = [replace(training, **free) for training in trainings]
     same = settings[0] == settings[1] and began.task == goes_on.task
-    require(same, f"{file}", "the recording of this run, with the same settings", "that of another")
+    require(same, f"{file}", "the recording of this run, with equal settings", "that of another run")

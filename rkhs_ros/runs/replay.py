@@ -1,4 +1,4 @@
-"""A run made again from its recording: the same episodes must give the same updates, to the last bit."""
+"""Replay of a run from its recording: equal episodes must give bit-identical updates."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from rkhs_ros.runs.recorded import training_of
 
 
 class DifferenceError(ValueError):
-    """What was made again is not what is recorded."""
+    """Raised if a recomputed result differs from the recorded one."""
 
 
 class RecordedRunner:
-    """Lets no policy act, but returns the episodes that are recorded of it; a `Runner` like a simulation.
+    """Runner that returns recorded episodes instead of running new ones.
 
     Args:
-        recording: of the run.
-        spaces: of its task.
+        recording: recording of the run.
+        spaces: spaces of its task.
 
     Attributes:
-        update: number of the update under way.
+        update: number of the current update.
     """
 
     def __init__(self, recording: Recording, spaces: Spaces) -> None:
@@ -45,23 +45,23 @@ class RecordedRunner:
         self._episodes = recording.by_numbers()
 
     def capacity(self, num_envs: int) -> int:
-        """Return how many of the environments are looked up at a time: one, and none before it is needed."""
+        """Return 1: each episode is looked up only when needed."""
         return 1
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Return the episodes of a batch under the policy.
 
         Raises:
-            ValueError: some are not recorded.
-            DifferenceError: another policy acted in them.
+            ValueError: an episode is not recorded.
+            DifferenceError: another policy acted in an episode.
         """
         return Episodes.concatenate(self._episode(policy, part) for part in batch.parts(1))
 
     def _episode(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
-        number, kind = batch.first_episode, "exploring" if batch.explore else "evaluation"
+        number, kind = batch.first_episode, "exploration" if batch.explore else "evaluation"
         recorded = self._episodes.get(batch)
         if recorded is None:
-            raise ValueError(f"update {self.update}: expected the {kind} episode {number}, which is not recorded")
+            raise ValueError(f"update {self.update}: expected {kind} episode {number} in the recording, got none")
         where = f"update {self.update}, {kind} episode {number}"
         self.check_policy(policy, recorded.version, where)
         try:
@@ -71,9 +71,9 @@ class RecordedRunner:
         return recorded.episodes
 
     def check_policy(self, policy: GaussianPolicy, version: int, where: str) -> None:
-        """Raise DifferenceError unless a policy made again is the recorded one of that version."""
+        """Raise DifferenceError unless a recomputed policy is bit-identical to the recorded one of a version."""
         if version not in self._recording.policies:
-            raise ValueError(f"{where}: expected policy {version}, which is not recorded")
+            raise ValueError(f"{where}: expected policy {version} in the recording, got none")
         recorded, again = (
             policy_message(Types(), each, version) for each in (self._recording.policies[version], policy)
         )
@@ -81,22 +81,22 @@ class RecordedRunner:
 
 
 def replay(recording: Recording) -> Iterator[Iteration]:
-    """Make every update of a recording again, and yield each that has the recorded bits.
+    """Recompute every update of a recording, and yield each one that is bit-identical.
 
     Raises:
-        ValueError: what is needed is not recorded.
-        DifferenceError: an update has other bits; the message says which, and where.
+        ValueError: something required is not recorded.
+        DifferenceError: an update differs; the message names the first difference.
     """
     head = recording.head
     if head is None or not recording.updates:
-        raise ValueError("recording: expected one of a run, with updates, got none to make again")
+        raise ValueError("recording: expected the recording of a run with updates, got no updates")
     runner = RecordedRunner(recording, head.spaces)
     training = replace(training_of(head), iterations=len(recording.updates))
     for iteration in train(training, runner, _first_state(recording, head, runner)):
         update = recording.updates[iteration.number - 1]
         where = f"update {iteration.number}"
         require(
-            update.iteration == iteration.number, where, "all updates before it", f"update {update.iteration} there"
+            update.iteration == iteration.number, where, "all earlier updates", f"update {update.iteration} instead"
         )
         for name, value in update_fields(iteration).items():
             _check_same(f"{where}, {name}", getattr(update, name), value)
@@ -106,14 +106,14 @@ def replay(recording: Recording) -> Iterator[Iteration]:
 
 
 def _first_state(recording: Recording, head: Head, runner: RecordedRunner) -> State:
-    """Return the state that the run began in; a policy that was given is the first one recorded."""
+    """Return the initial state of the run; if an initial policy was given, it is the first recorded one."""
     given = recording.policies.get(1) if head.warm_start else None
-    require(given is not None or not head.warm_start, "recording", "the policy that was given", "none")
+    require(given is not None or not head.warm_start, "recording", "the initial policy", "none")
     return first_state(training_of(head), runner.spaces, given)
 
 
 def _check_same(where: str, recorded: Any, again: Any) -> None:
-    """Raise DifferenceError at the first field of two messages that differs in a bit."""
+    """Raise DifferenceError at the first field of two messages that is not bit-identical."""
     if isinstance(recorded, list) and len(recorded) == len(again):
         for number, (one, other) in enumerate(zip(recorded, again, strict=True)):
             _check_same(f"{where}[{number}]", one, other)
@@ -127,10 +127,10 @@ def _check_same(where: str, recorded: Any, again: Any) -> None:
 def _check_same_numbers(where: str, recorded: np.ndarray, again: np.ndarray) -> None:
     again = again.astype(recorded.dtype) if recorded.dtype.kind in "fiu" else again
     if recorded.shape != again.shape:
-        raise DifferenceError(f"{where}: recorded {recorded.size} numbers, made again {again.size}")
+        raise DifferenceError(f"{where}: recorded {recorded.size} numbers, recomputed {again.size}")
     if recorded.tobytes() == again.tobytes():
         return
     one, other = np.atleast_1d(recorded), np.atleast_1d(again)
     first = next(i for i in range(len(one)) if one[i].tobytes() != other[i].tobytes())
     place = f"[{first}]" if recorded.shape else ""
-    raise DifferenceError(f"{where}{place}: recorded {truncated(one[first])}, made again {truncated(other[first])}")
+    raise DifferenceError(f"{where}{place}: recorded {truncated(one[first])}, recomputed {truncated(other[first])}")

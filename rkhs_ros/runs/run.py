@@ -1,4 +1,4 @@
-"""A whole run with its results: the training loop, the progress bar, and the files it leaves."""
+"""Training run with its results: training loop, progress bar and files."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from rkhs_ros.runs.report import FIRST_POLICY, Report, begin, is_begun, new_fold
 if TYPE_CHECKING:
     from rkhs_ros.runs.recorded import RecordableRunner, RecordingRunner
 
-RECORDED = "the recording that this run began with (put it back, or start another one with --record)"
-OnIteration = Callable[[Iteration, Sequence[Row]], None]  # is told of each iteration, with the last lines of the curve
+RECORDED = "the recording of this run (restore it, or start another run with --record)"
+OnIteration = Callable[[Iteration, Sequence[Row]], None]  # takes an iteration and the last lines of the curve
 
 
 def ignore_iteration(iteration: Iteration, rows: Sequence[Row]) -> None:
-    """Look at nothing: what those do who do not look on."""
+    """No-op callback."""
 
 
 def run_training(
@@ -52,25 +52,25 @@ def run_training(
     """Train and write the results.
 
     Args:
-        config: the run.
-        runner: who lets the policies act.
-        folder: where the results go; results/NAME/TIME where None.
-        quiet: without progress bar.
-        resume: go on with the run in the folder; what it leaves has the same bits as that of a run never stopped.
-        record: write recording.mcap; a run that goes on and has one goes on with it in any case.
-        sync: wait until the disk has each record, as for a robot, whose episodes cost.
-        provenance_may_change: go on with a run of other code, libraries or threads, which is noted in config.yaml.
-        rest: waits for some seconds, while the run pauses.
-        on_iteration: is told of each iteration once it is written.
+        config: configuration of the run.
+        runner: runner of the episodes.
+        folder: folder of the results; None for results/NAME/TIME.
+        quiet: show no progress bar.
+        resume: resume the run in the folder; its results are bit-identical to those of an uninterrupted run.
+        record: write recording.mcap; a resumed run continues an existing recording in any case.
+        sync: sync each message of the recording to the disk, such as for a robot, whose episodes are costly.
+        provenance_may_change: resume a run of other code, libraries or threads; config.yaml records the change.
+        rest: function that waits for a number of seconds during a pause.
+        on_iteration: callback for each iteration, after its results are written.
 
     Returns:
         The folder of the results.
 
     Raises:
-        ValueError: the folder holds something already, or no run to go on with, or one that another process is
-            in, or one that began with other settings.
+        ValueError: the folder is not empty, contains no run to resume or a run with other settings, or is used by
+            another process.
         OSError: the folder cannot be written.
-        KeyboardInterrupt: the run was asked to stop.
+        KeyboardInterrupt: a viewer stopped the run.
     """
     folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
     with locked(folder):
@@ -78,18 +78,18 @@ def run_training(
         checkpoints = Checkpoints(folder, config, provenance_may_change=provenance_may_change)
         curve = Curve(folder / "curve.csv")
         lines, iterations = len(curve.rows()), config.training.iterations
-        require(lines <= iterations, "iterations", f"at least {lines}, which the run has made", iterations)
+        require(lines <= iterations, "iterations", f"at least {lines}, the number of finished iterations", iterations)
         state = checkpoints.newest(lines) if resume else None
         if resume and state is None:
             _check_environment(folder, config.environment)
             if lines > 1:  # a kill may come between the first line and the first checkpoint
                 raise ValueError(f"{folder / 'checkpoints'}: {WHOLE}, got none. {REMEDY}")
             if curve.path.exists():
-                print(f"note: {folder}: no checkpoint to go on from: the run begins again", file=sys.stderr)
+                print(f"note: {folder}: no checkpoint to resume from; the run restarts", file=sys.stderr)
         done = state.iterations if state else 0
         first = state or first_state(config.training, runner.spaces, _given(folder))
         control = Control(folder, rest)
-        record |= os.path.lexists(folder / FILE)  # also a pipe or a broken link, which is then refused
+        record |= os.path.lexists(folder / FILE)  # true for a pipe or a broken link as well, which then raises
         require(record or not checkpoints.recorded, f"{folder / FILE}", RECORDED, "none")
         checkpoints.recorded = record
         if not is_begun(folder):
@@ -97,13 +97,13 @@ def run_training(
         how = {"sync": sync, "provenance_may_change": provenance_may_change}
         with _recording(config, runner, folder, **how) if record else nullcontext() as recorder:
             if state:
-                checkpoints.go_on_from(state)
-            report = Report(folder, config, runner.spaces, done)  # from here on what was there before is replaced
+                checkpoints.resume_from(state)
+            report = Report(folder, config, runner.spaces, done)  # replaces earlier results from here on
             with finished(report), progress_bar(config.training, done, quiet=quiet, folder=folder) as show:
                 for iteration in train(config.training, recorder or runner, first):
                     if recorder:
                         recorder.updated(iteration)
-                    report.add(iteration)  # before the checkpoint, which is of no use without its line
+                    report.add(iteration)  # before the checkpoint, which is useless without its line
                     checkpoints.write(iteration.state)
                     show(iteration)
                     on_iteration(iteration, report.recent)
@@ -121,25 +121,25 @@ def _recording(
 
 
 def _check_environment(folder: Path, environment: Environment) -> None:
-    """Raise ValueError where the run in the folder began in another environment, as no checkpoint may tell."""
+    """Raise ValueError if the run in the folder has another environment, which no checkpoint may reveal."""
     began = load_config(folder / "config.yaml").environment
     expected, got = (f"{each.id} with options {dict(each.options)}" for each in (began, environment))
-    require(expected == got, f"{folder}: environment", f"{expected}, in which the run began", got)
+    require(expected == got, f"{folder}: environment", f"{expected} as at the start of the run", got)
 
 
 def _given(folder: Path) -> GaussianPolicy | None:
-    """Return the policy that the run is to begin from, if one was put into its folder."""
+    """Return the initial policy of the run from its folder, if there is one."""
     file = folder / FIRST_POLICY
     return load_policy(file)[0] if file.exists() else None
 
 
 @contextmanager
 def finished(report: Report) -> Iterator[None]:
-    """Write what was learnt, after an interruption too."""
+    """Write the results at the end, even after an interruption."""
     try:
         yield
     except BaseException:
-        with suppress(Exception):  # the first error is the one to tell of
+        with suppress(Exception):  # report the first error only
             report.finish()
         raise
     report.finish()

@@ -99,7 +99,7 @@ def test_a_run_interrupted_before_its_first_iteration_can_be_resumed(start: Star
     assert err.startswith("interrupted after 0 of 2 iterations; saved: ")
     assert err.count("\n") == 1
     code, _, err = start("rkhs", "train", "--quiet", "--resume", folder).finish()
-    assert (code, err) == (0, f"note: {folder}: no checkpoint to go on from: the run begins again\n")
+    assert (code, err) == (0, f"note: {folder}: no checkpoint to resume from; the run restarts\n")
 
 
 @pytest.mark.parametrize("name", [pytest.param("simulator", marks=pytest.mark.faults), "policy"])

@@ -162,7 +162,7 @@ def test_a_resumed_run_refuses_another_task_and_is_left_as_it_was(
     go_on = ("-p", f"output:={folder}", "-p", "resume:=true", "-p", "quiet:=true")
     code, _, err = start("learner", "--ros-args", "--params-file", other, *go_on).finish()
     assert code == 2
-    assert "environment.options.angle: expected clip, with which the run began, got wrap" in err
+    assert "environment.options.angle: expected clip as at the start of the run, got wrap" in err
     assert err.count("\n") == 1
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 

@@ -149,14 +149,14 @@ def test_a_file_that_is_no_configuration_ends_with_one_line(
 
 
 def test_a_missing_file_ends_with_one_line(rkhs: Run, tmp_path: Path) -> None:
-    assert_refused(rkhs("train", "none.yaml", *SHORT), "none.yaml: no such configuration, nor one of a like name")
+    assert_refused(rkhs("train", "none.yaml", *SHORT), "none.yaml: no such configuration, nor one with a similar name")
     (tmp_path / "config").mkdir()
     (tmp_path / "config" / "toy_nac.yaml").touch()
     for near in ("config/toy_nca.yaml", "toy_nac", "toynac.yaml"):
         assert_refused(
             rkhs("train", near, *SHORT), f"{near}: no such configuration, did you mean 'config/toy_nac.yaml'?"
         )
-    assert_refused(rkhs("train", tmp_path, *SHORT), f"{tmp_path}: expected a configuration's file, got a folder\n")
+    assert_refused(rkhs("train", tmp_path, *SHORT), f"{tmp_path}: expected a configuration file, got a folder\n")
     assert_refused(rkhs("evaluate", "none.npz"), "none.npz")
     assert list(tmp_path.iterdir()) == [tmp_path / "config"]
 
@@ -174,7 +174,7 @@ def test_a_folder_without_a_last_policy_is_refused_with_what_it_has(rkhs: Run, t
     assert_refused(rkhs(command, run), f"{refusal}\n")
     (run / "best_policy.npz").touch()
     assert_refused(rkhs(command, run), f"{refusal}. The best policy so far is {run / 'best_policy.npz'}")
-    assert_refused(rkhs("train", run), f"got a folder; go on with a run by --resume {run}")
+    assert_refused(rkhs("train", run), f"got a folder. To resume a run, use --resume {run}")
 
 
 @pytest.mark.parametrize("out", ["used", "used/file", "used/file/below"])

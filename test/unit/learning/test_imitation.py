@@ -89,13 +89,13 @@ SHOWN = {"observations": np.zeros((2, 3, 1)), "actions": np.zeros((2, 3, 1))}
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        ({"actions": np.zeros((2, 3, 1))}, "arrays: expected one named observations, got actions"),
+        ({"actions": np.zeros((2, 3, 1))}, "arrays: expected an array observations, got actions"),
         ({"observations": np.zeros((2, 3)), "actions": np.zeros((2, 3, 1))}, "observations: expected three dimensions"),
         ({"observations": np.zeros((2, 3, 1)), "actions": np.zeros((2, 4, 1))}, "episodes' actions: expected"),
         ({"observations": np.full((2, 3, 1), np.nan), "actions": np.zeros((2, 3, 1))}, "observations: expected finite"),
         (SHOWN | {"rewards": np.zeros((2, 3), dtype=complex)}, "rewards: expected real numbers"),
-        (SHOWN | {"mask": np.full((2, 3), "True")}, "mask: expected truth values"),
-        (SHOWN | {"mask": np.full((2, 3), 0.5)}, "mask: expected truth values"),
+        (SHOWN | {"mask": np.full((2, 3), "True")}, "mask: expected Boolean values"),
+        (SHOWN | {"mask": np.full((2, 3), 0.5)}, "mask: expected Boolean values"),
         (SHOWN | {"final_observations": np.full((2, 1), np.nan)}, "final_observations: expected finite"),
         (SHOWN | {"final_observations": np.zeros((2, 4))}, "final_observations: expected"),
         (SHOWN | {"terminated": np.zeros((2, 3), dtype=bool)}, "terminated: expected the shape"),

@@ -117,7 +117,7 @@ def test_a_changed_bit_in_an_episode_is_found(whole: Path, name: str, place: int
 @pytest.mark.parametrize(
     ("change", "where"),
     [
-        (lambda policy: flip(policy.weights, 1), r"policy 2, weights\[1\]: recorded .*, made again "),
+        (lambda policy: flip(policy.weights, 1), r"policy 2, weights\[1\]: recorded .*, recomputed "),
         (lambda policy: flip(policy.centres, 0), r"policy 2, centres\[0\]: "),
         (lambda policy: flip(policy.variance.values, 0), r"policy 2, variance, values\[0\]: "),
         (lambda policy: flip(policy.kernel[0].parameters, 0), r"policy 2, kernel\[0\], parameters\[0\]: "),
@@ -135,14 +135,14 @@ def test_a_changed_bit_in_an_update_is_found(whole: Path, name: str) -> None:
         setattr(update, name, float(np.nextafter(getattr(update, name), np.inf)))
 
     copy = changed(whole, "Update", 2, change)
-    with pytest.raises(DifferenceError, match=f"^update 3, {name}: recorded .*, made again "):
+    with pytest.raises(DifferenceError, match=f"^update 3, {name}: recorded .*, recomputed "):
         list(replay(read_recording(copy)))
 
 
 def test_episodes_that_are_missing_are_named(whole: Path) -> None:
     recording = read_recording(whole)
     del recording.batches[4]
-    with pytest.raises(ValueError, match=r"^update 3: expected the exploring episode 6, which is not recorded"):
+    with pytest.raises(ValueError, match=r"^update 3: expected exploration episode 6 in the recording, got none"):
         list(replay(recording))
 
 
@@ -151,7 +151,7 @@ def test_the_command_says_what_is_equal_and_what_is_not(whole: Path, rkhs: Calla
     copy = changed(whole, "Update", 2, lambda update: setattr(update, "kl", 0.5))
     result = rkhs("replay", copy, "--quiet")
     assert (result.code, result.err) == (1, "")
-    assert result.out.startswith("update 3, kl: recorded 0.5, made again ")
+    assert result.out.startswith("update 3, kl: recorded 0.5, recomputed ")
     assert result.out.endswith("; the first 2 of 4 updates are bit-identical\n")
 
 
@@ -166,7 +166,7 @@ def test_what_cannot_be_replayed_is_refused(whole: Path, tmp_path: Path, rkhs: C
     assert_refused(rkhs("replay", tmp_path / "none.mcap"), "none.mcap: no such recording")
     messages = [message for message in read_messages(whole).messages if not message.kind.endswith("/Update")]
     MessageFile(tmp_path / "a.mcap", messages).close()
-    assert_refused(rkhs("replay", tmp_path / "a.mcap"), "expected one of a run, with updates")
+    assert_refused(rkhs("replay", tmp_path / "a.mcap"), "expected the recording of a run with updates, got no updates")
 
 
 def test_the_number_of_iterations_asked_for_does_not_matter(tmp_path: Path) -> None:

@@ -82,7 +82,7 @@ def test_the_same_recordings_give_the_same_policy_and_more_another(whole: Path, 
 
 def test_recordings_of_several_tasks_are_refused(whole: Path, rkhs: Callable[..., Result]) -> None:
     other = recorded_run(Path("other"), longer(1, horizon=7))
-    assert_refused(rkhs("offline", whole, other, *SHORT), "other/recording.mcap: task: expected that of")
+    assert_refused(rkhs("offline", whole, other, *SHORT), "other/recording.mcap: task: expected the task of")
     pendulum = ROOT / "config" / "pendulum_nac.yaml"
     assert_refused(rkhs("offline", whole, pendulum), "pendulum_nac.yaml: environment: expected the environment of")
     assert_refused(rkhs("offline", pendulum), "offline: expected at least one recording, got none")

@@ -74,7 +74,7 @@ def test_invalid_sections_are_refused_before_any_node_starts(
     [
         ("/**/gate", "expected sections /**/robot and /**/gate, got no gate"),
         ("/**/robot", "expected sections /**/robot and /**/gate, got no robot"),
-        ("/**/learner", "expected a section /**/learner, for a robot moves by what it says, got none"),
+        ("/**/learner", "expected a section /**/learner, which is required for robots, got none"),
     ],
 )
 def test_a_robot_needs_its_gate(section: str, message: str, tmp_path: Path) -> None:

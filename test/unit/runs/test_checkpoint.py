@@ -134,7 +134,7 @@ def test_a_checkpoint_cut_short_anywhere_is_passed_over_by_name(
         path.write_bytes(whole[:length])
         assert newest(folder) == 1
         err = capsys.readouterr().err
-        assert err.startswith(f"warning: {path}: passed over (damaged, ")
+        assert err.startswith(f"warning: {path}: skipped (damaged, ")
         assert err.count("\n") == 1
     path.write_bytes(whole)
     assert newest(folder) == 2
@@ -154,7 +154,7 @@ def test_a_flipped_bit_is_seen_or_changes_nothing(
     state = Checkpoints(folder, CONFIG).newest(2)
     assert state is not None
     assert_same_state(state, states[state.iterations - 1], arrays_of)
-    assert (f"warning: {path}: passed over" in capsys.readouterr().err) is (state.iterations == 1)
+    assert (f"warning: {path}: skipped (" in capsys.readouterr().err) is (state.iterations == 1)
 
 
 @pytest.mark.usefixtures("quick_disk")
@@ -175,7 +175,7 @@ def test_what_is_no_checkpoint_is_passed_over(
     _, path = write(folder, *states[:2])
     path.write_bytes(content)
     assert newest(folder) == 1
-    assert f"warning: {path}: passed over (damaged, " in capsys.readouterr().err
+    assert f"warning: {path}: skipped (damaged, " in capsys.readouterr().err
 
 
 def test_none_at_all_is_no_state_but_damaged_ones_only_are_refused(
@@ -184,9 +184,11 @@ def test_none_at_all_is_no_state_but_damaged_ones_only_are_refused(
     assert newest(folder) is None
     for path in write(folder, *states[:2]):
         path.write_bytes(b"")
-    with pytest.raises(ValueError, match=r"2\.npz: expected a whole checkpoint to resume from, got damaged ones only"):
+    with pytest.raises(
+        ValueError, match=r"2\.npz: expected an intact checkpoint to resume from, got damaged ones only"
+    ):
         newest(folder)
-    assert capsys.readouterr().err.count("passed over") == 2
+    assert capsys.readouterr().err.count(": skipped (") == 2
 
 
 def test_a_checkpoint_with_too_few_lines_in_the_curve_is_passed_over(
@@ -196,10 +198,8 @@ def test_a_checkpoint_with_too_few_lines_in_the_curve_is_passed_over(
     assert [newest(folder, lines=lines) for lines in (3, 2)] == [2, 2]
     assert capsys.readouterr().err == ""
     assert newest(folder, lines=1) == 1
-    assert (
-        capsys.readouterr().err == f"warning: {two}: passed over (curve.csv has the lines of 1 iterations, not of 2)\n"
-    )
-    with pytest.raises(ValueError, match=r"curve\.csv: lines are missing; expected those of 2 iterations"):
+    assert capsys.readouterr().err == f"warning: {two}: skipped (expected 2 lines in curve.csv, got 1)\n"
+    with pytest.raises(ValueError, match=r"curve\.csv: expected the lines of the 2 iterations before"):
         newest(folder, lines=0)
     assert one.exists()
 
@@ -224,17 +224,17 @@ def changed(**changes: Any) -> Config:
 @pytest.mark.parametrize(
     ("config", "message"),
     [
-        (changed(seed=1), "seed: expected 0, with which the run began, got 1; "),
-        (changed(horizon=4, discount=0.5), "horizon: expected 3, with which the run began, got 4; "),
-        (changed(exploration_sd=(0.5,)), r"exploration_sd: expected \[1.0\], with which the run began, got \[0.5\]; "),
-        (changed(algorithm=ALGORITHMS["power"]()), "algorithm.name: expected rkhs_nac, with .* got power; "),
+        (changed(seed=1), "seed: expected 0 as at the start of the run, got 1. "),
+        (changed(horizon=4, discount=0.5), "horizon: expected 3 as at the start of the run, got 4. "),
+        (changed(exploration_sd=(0.5,)), r"exploration_sd: expected \[1.0\] as at the start of the run, got \[0.5\]. "),
+        (changed(algorithm=ALGORITHMS["power"]()), "algorithm.name: expected rkhs_nac as .* got power. "),
         (
             replace(CONFIG, environment=Environment("rkhs/Pendulum-v0", {"angle": "clip"})),
-            "environment.id: expected rkhs/Toy-v0, with which the run began, got rkhs/Pendulum-v0; ",
+            "environment.id: expected rkhs/Toy-v0 as at the start of the run, got rkhs/Pendulum-v0. ",
         ),
         (
             replace(CONFIG, environment=Environment("rkhs/Toy-v0", {"start": 1})),
-            "environment.options.start: expected no such setting, with which the run began, got 1; ",
+            "environment.options.start: expected no such setting as at the start of the run, got 1. ",
         ),
     ],
 )
@@ -264,7 +264,7 @@ def test_a_checkpoint_of_another_schema_is_refused(folder: Path, states: list[St
     arrays = unpacked(path.read_bytes())
     about = arrays["about"].item().replace(b'"schema": 4', b'"schema": 5').replace(__version__.encode(), b"9.8.7")
     path.write_bytes(packed({"about": np.array(about)}))
-    with pytest.raises(ValueError, match=r"a checkpoint of schema 4, got schema 5; go on with rkhs_ros 9\.8\.7"):
+    with pytest.raises(ValueError, match=r"a checkpoint of schema 4, got schema 5. Resume with rkhs_ros 9\.8\.7"):
         newest(folder)
 
 
@@ -285,10 +285,10 @@ def test_a_checkpoint_with_no_numbers_for_counts_is_passed_over(
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("__version__", "9.9.9", r"rkhs_ros: expected .*, with which the run began, got 9\.9\.9\+"),
-        ("code_digest", lambda packages: "other", r"rkhs_ros: expected .*, with which the run began, got .*\+other; "),
-        ("LIBRARIES", {"numpy": "1.2.3"}, r"numpy: expected .*, with which the run began, got 1\.2\.3; "),
-        ("use_one_thread", lambda: 2, "threads of linear algebra: expected 1, with which the run began, got 2; "),
+        ("__version__", "9.9.9", r"rkhs_ros: expected .* as at the start of the run, got 9\.9\.9\+"),
+        ("code_digest", lambda packages: "other", r"rkhs_ros: expected .* as at the start of the run, got .*\+other. "),
+        ("LIBRARIES", {"numpy": "1.2.3"}, r"numpy: expected .* as at the start of the run, got 1\.2\.3. "),
+        ("use_one_thread", lambda: 2, "threads of linear algebra: expected 1 as at the start of the run, got 2. "),
     ],
 )
 def test_a_checkpoint_of_other_code_or_threads_is_refused(
@@ -298,7 +298,7 @@ def test_a_checkpoint_of_other_code_or_threads_is_refused(
     monkeypatch.setattr(provenance, name, value)
     with pytest.raises(ValueError, match=message) as refusal:
         newest(folder)
-    assert "--allow-provenance-change goes on regardless" in str(refusal.value)
+    assert ", or resume regardless with --allow-provenance-change" in str(refusal.value)
     checkpoints = Checkpoints(folder, CONFIG, provenance_may_change=True)
     state = checkpoints.newest(99)
     assert state is not None
@@ -309,9 +309,7 @@ def test_a_checkpoint_of_other_code_or_threads_is_refused(
 
 def test_settings_may_not_change_with_the_provenance(folder: Path, states: list[State]) -> None:
     write(folder, *states[:2])
-    with pytest.raises(
-        ValueError, match=r"seed: expected 0, with which the run began, got 1; begin another run for that$"
-    ):
+    with pytest.raises(ValueError, match=r"seed: expected 0 as at the start of the run, got 1. Start another run$"):
         Checkpoints(folder, changed(seed=1), provenance_may_change=True).newest(99)
 
 
@@ -392,7 +390,7 @@ def test_what_is_gone_on_from_is_on_the_disk_and_kept(folder: Path, states: list
     checkpoints = Checkpoints(folder, CONFIG, clock=Clock())
     state = checkpoints.newest(1)
     assert state is not None
-    checkpoints.go_on_from(state)
+    checkpoints.resume_from(state)
     assert synced == ["0000001.npz", "checkpoints"]
     assert files(folder) == ["0000001.npz"]  # later ones know of lines with other seconds
     for k in (2, 3, 4, 5):
@@ -408,7 +406,7 @@ def test_what_a_write_cut_short_left_is_ignored_and_removed(folder: Path, states
     state = checkpoints.newest(9)
     assert state is not None
     assert state.iterations == 1
-    checkpoints.go_on_from(state)
+    checkpoints.resume_from(state)
     checkpoints.write(states[1])
     assert files(folder) == ["0000001.npz", "0000002.npz"]
 

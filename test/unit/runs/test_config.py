@@ -155,7 +155,7 @@ def test_sections_within_that_of_a_namespace_are_found(write: Any) -> None:
 def test_several_simulators_are_of_one_task(write: Any) -> None:
     two = "".join(MINIMAL.replace("simulator", f"/simulator_{k}/simulator") for k in (1, 2))
     assert load_config(write(two)) == load_config(write(MINIMAL))
-    with pytest.raises(ValueError, match="simulator: expected one task for all, got several"):
+    with pytest.raises(ValueError, match="simulator: expected equal sections in all namespaces, got different ones"):
         load_config(write(two.replace("Toy", "Pendulum", 1)))
 
 
@@ -182,8 +182,11 @@ def test_a_learner_may_say_the_environment_that_it_expects(write: Any) -> None:
 @pytest.mark.parametrize(
     ("learner", "message"),
     [
-        ("{id: rkhs/Pendulum-v0}", "learner: environment: expected the simulator's, .*Toy-v0.*, got .*Pendulum-v0"),
-        ("{id: rkhs/Toy-v0, options: {a: 1}}", "learner: environment: expected the simulator's"),
+        (
+            "{id: rkhs/Pendulum-v0}",
+            "learner: environment: expected the environment of the simulator, .*Toy-v0.*, got .*Pendulum-v0",
+        ),
+        ("{id: rkhs/Toy-v0, options: {a: 1}}", "learner: environment: expected the environment of the simulator"),
         ("rkhs/Toy-v0", "environment: expected a section of keys, got 'rkhs/Toy-v0'"),
         ("{ids: 3}", "unknown key 'environment.ids', did you mean 'environment.id'"),
     ],

@@ -70,7 +70,7 @@ def test_garbage_is_ignored(tmp_path_factory: pytest.TempPathFactory, content: b
 
 
 def test_only_what_there_is_can_be_asked(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="unknown word 'arm'"):
+    with pytest.raises(ValueError, match="unknown command 'arm'"):
         ask(tmp_path, "arm")
 
 

@@ -141,7 +141,7 @@ def test_more_iterations_are_those_of_a_run_begun_with_them(tmp_path: Path) -> N
 def test_fewer_iterations_than_were_made_are_refused(tmp_path: Path) -> None:
     folder = run_training(CONFIG, Stopping(), tmp_path / "run", quiet=True)
     before = contents(folder)
-    with pytest.raises(ValueError, match="iterations: expected at least 4, which the run has made, got 2"):
+    with pytest.raises(ValueError, match="iterations: expected at least 4, the number of finished iterations, got 2"):
         resumed(folder, longer(2))
     assert contents(folder) == before
 
@@ -155,7 +155,7 @@ def test_damaged_checkpoints_cost_time_only(
         subprocess.run(["cp", "-r", folder, copy], check=True)
         capsys.readouterr()
         assert results(resumed(copy)) == whole
-        assert capsys.readouterr().err.count(": passed over (damaged, ") == number - 1
+        assert capsys.readouterr().err.count(": skipped (damaged, ") == number - 1
         path.write_bytes(path.read_bytes()[:-1])
     assert number >= 2  # one more if the disk was waited for before these
 
@@ -169,7 +169,7 @@ def test_a_run_without_a_whole_checkpoint_is_refused_and_nothing_is_replaced(rkh
     code, out, err = rkhs("train", "--resume", "run", *INLINE)
     *warnings, refusal = err.splitlines()
     assert (code, out, len(warnings)) == (2, "", len(checkpoints))
-    assert "run/checkpoints/0000003.npz: expected a whole checkpoint to resume from, got damaged ones only" in refusal
+    assert "run/checkpoints/0000003.npz: expected an intact checkpoint to resume from, got damaged ones only" in refusal
     assert contents(folder) == before
 
 
@@ -178,7 +178,7 @@ def test_a_run_whose_checkpoints_are_gone_is_refused_and_nothing_is_replaced(rkh
     for path in (folder / "checkpoints").glob("*.npz"):
         path.unlink()
     before = contents(folder)
-    assert_refused(rkhs("train", "--resume", "run", *INLINE), "run/checkpoints: expected a whole checkpoint")
+    assert_refused(rkhs("train", "--resume", "run", *INLINE), "run/checkpoints: expected an intact checkpoint")
     assert contents(folder) == before
 
 
@@ -199,7 +199,7 @@ def test_seconds_and_the_bar_go_on_where_they_were(
 def test_a_refused_resume_touches_nothing(tmp_path: Path) -> None:
     folder = stopped(tmp_path / "run", 5)
     before = contents(folder)
-    with pytest.raises(ValueError, match="seed: expected 0, with which the run began, got 1"):
+    with pytest.raises(ValueError, match="seed: expected 0 as at the start of the run, got 1"):
         resumed(folder, longer(6, seed=1))
     assert contents(folder) == before
     for no_run in (None, tmp_path / "none", tmp_path):
@@ -224,7 +224,7 @@ def test_a_curve_that_was_edited_is_refused(
     curve = Curve(folder / "curve.csv")
     curve.begin(edit(curve.rows()))
     before = contents(folder)
-    with pytest.raises(ValueError, match=r"run/curve\.csv: expected the 3 lines that 0000003\.npz was written after"):
+    with pytest.raises(ValueError, match=r"run/curve\.csv: expected the 3 lines before 0000003\.npz"):
         resumed(folder)
     assert contents(folder) == before
 
@@ -300,9 +300,7 @@ def test_a_run_whose_curve_has_a_changed_byte_is_not_gone_on_with(rkhs: Cli, tmp
         refused(whole.replace(b"\r\n", end))
     refused(b"")
     result = rkhs("train", "--resume", "run", *INLINE)
-    assert_refused(
-        result, "curve.csv: lines are missing; expected those of 3 iterations, which 0000003.npz was written"
-    )
+    assert_refused(result, "curve.csv: expected the lines of the 3 iterations before 0000003.npz")
 
 
 def test_a_run_of_other_code_goes_on_where_that_is_allowed_and_it_is_noted(
@@ -340,7 +338,7 @@ def test_a_torn_curve_costs_time_only(
         subprocess.run(["cp", "-r", folder, copy], check=True)
         (copy / "curve.csv").write_bytes(content[: end + 5])
         assert results(resumed(copy)) == whole
-        assert capsys.readouterr().err.count(f"passed over (curve.csv has the lines of {lines}") == named
+        assert capsys.readouterr().err.count(f" lines in curve.csv, got {lines})") == named
 
 
 def test_a_second_error_does_not_hide_the_first(tmp_path: Path) -> None:
@@ -412,7 +410,7 @@ def test_without_room_a_run_ends_with_one_line_and_goes_on_later(
     disk(-1)
     if size > 1000:
         code, _, err = rkhs("train", "--resume", "run", *INLINE)
-        begins_again = "note: run: no checkpoint to go on from: the run begins again\n"
+        begins_again = "note: run: no checkpoint to resume from; the run restarts\n"
         assert (code, err) == (0, "" if size > 3000 else begins_again)
         assert results(tmp_path / "run") == results(tmp_path / "whole")
 
@@ -498,7 +496,7 @@ def test_settings_changed_since_are_refused_by_the_command(rkhs: Cli, tmp_path: 
     file = stopped(tmp_path / "run", 5) / "config.yaml"
     file.write_text(file.read_text().replace("horizon: 4", "horizon: 5"))
     before = contents(tmp_path)
-    assert_refused(rkhs("train", "--resume", "run", *INLINE), "horizon: expected 4, with which the run began, got 5")
+    assert_refused(rkhs("train", "--resume", "run", *INLINE), "horizon: expected 4 as at the start of the run, got 5")
     assert contents(tmp_path) == before
 
 
@@ -589,7 +587,7 @@ def test_a_run_without_checkpoints_is_not_begun_again_in_another_environment(tmp
         path.unlink()
     before = {path: path.read_bytes() for path in folder.glob("*.*")}
     other = replace(CONFIG, environment=Environment("rkhs/Pendulum-v0", {"angle": "wrap"}))
-    expected = r"environment: expected rkhs/Toy-v0 with options \{\}, in which the run began, got rkhs/Pendulum-v0"
+    expected = r"environment: expected rkhs/Toy-v0 with options \{\} as at the start of the run, got rkhs/Pendulum-v0"
     with pytest.raises(ValueError, match=expected):
         run_training(other, Stopping(), folder, quiet=True, resume=True)
     assert {path: path.read_bytes() for path in folder.glob("*.*")} == before
