@@ -25,6 +25,13 @@ CAMERAS = {
 NEAR, FAR = 0.05, 10.0  # m
 LIGHT = (-2.0, -2.0, 4.0)
 TINY_RENDERER = 1 << 16  # PyBullet's, on the processor
+FLOOR_SIZE, FLOOR_COLOUR = (4.0, 4.0, 0.01), (0.80, 0.78, 0.74, 1.0)  # m (half extents), RGBA
+
+
+def add_floor(client: Any) -> None:
+    """Add a floor that is visible but touches nothing, so that the physics stay the same."""
+    shape = client.createVisualShape(client.GEOM_BOX, halfExtents=FLOOR_SIZE, rgbaColor=FLOOR_COLOUR)
+    client.createMultiBody(baseMass=0.0, baseVisualShapeIndex=shape, basePosition=(0.0, 0.0, -FLOOR_SIZE[2]))
 
 
 class Film:
@@ -61,6 +68,6 @@ def picture(client: Any, camera: Camera, size: tuple[int, int]) -> NDArray[np.ui
     view = client.computeViewMatrix(camera.place, camera.target, (0.0, 0.0, 1.0))
     lens = client.computeProjectionMatrixFOV(camera.view, width / height, NEAR, FAR)
     _, _, pixels, _, _ = client.getCameraImage(
-        width, height, view, lens, lightDirection=LIGHT, shadow=0, renderer=TINY_RENDERER
+        width, height, view, lens, lightDirection=LIGHT, shadow=1, renderer=TINY_RENDERER
     )
     return np.reshape(pixels, (height, width, 4)).astype(np.uint8)[:, :, :3]

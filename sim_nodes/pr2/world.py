@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_nodes.pr2 import door, robot
+from sim_nodes.pr2.cameras import add_floor
 from sim_nodes.pr2.demonstration import RATE, TORSO
 from sim_nodes.pr2.kinematics import arm_chain, rotation_about
 from sim_nodes.pr2.meshes import with_meshes
@@ -98,6 +99,8 @@ class World:
         )
         self._robot = self._load("pr2", robot.simulated_urdf(TORSO), meshes=meshes)
         self._door = self._load("door", door.urdf())
+        if meshes:
+            add_floor(self.client)
         self._joints = self._indices(self._robot, JOINT_NAMES)
         self._hinge, self._lever = self._indices(self._door, [joint.name for joint in door.JOINTS])
         self._set_surfaces()
