@@ -139,7 +139,7 @@ class SimulatorNode(ReportingNode):
         return describe(self._simulation, request.num_envs, *place, failure=self._failure, connected=heard)
 
     def _start(self, request: StartEpisodes.Request, response: StartEpisodes.Response) -> StartEpisodes.Response:
-        with self.diagnostics.accepting(response, "to start episodes"):
+        with self.diagnostics.accepting(response, "start_episodes"):
             self._check_task(request)
             batch = batch_of(request)
             require(request.clock < MOST_STEPS, "clock", f"less than {MOST_STEPS} steps", request.clock)
@@ -193,12 +193,12 @@ class SimulatorNode(ReportingNode):
         if batch is None or said is None or not self._awaits(message):
             expected = f"batch {self._identity}, step {self._step}, policy version {self._version}"
             got = f"batch {message.batch}, step {message.step}, policy version {message.policy_version}"
-            self.diagnostics.skip(f"an action: expected {expected}, got {got}")
+            self.diagnostics.skip(f"action: expected {expected}, got {got}")
             return
         try:
             actions = matrix(message.actions, batch.num_envs, self._simulation.spaces.action_dim, "actions")
         except ValueError as error:
-            self.diagnostics.refuse(f"an action: {error}")
+            self.diagnostics.refuse(f"action: {error}")
             return
         frame = self._attempt(self._simulation.step, actions)
         if frame is None:

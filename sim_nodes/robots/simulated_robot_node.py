@@ -113,7 +113,7 @@ class SimulatedRobotNode(ReportingNode):
         protection = self._topics.robot.state.protection
         if protection.reason and protection.reason not in self._told:
             self.get_logger().error(f"protective stop: {protection.reason}")
-            self.diagnostics.tell(STOP, f"protective stop: {protection.reason}")
+            self.diagnostics.publish_event(STOP, f"protective stop: {protection.reason}")
         self._told = (protection.violations, protection.reason)
         self._violations.publish(
             DiagnosticStatus(

@@ -58,7 +58,7 @@ class Intruder:
     def _hear(self, message: DiagnosticArray) -> None:
         for status in message.status:
             values = {value.key: value.value for value in status.values}
-            self._refused[status.name] = int(values["refusals"]) + int(values["passed over"])
+            self._refused[status.name] = int(values["refusals"]) + int(values["ignored"])
             self.reasons |= {values["last refusal"]} - {""}
 
     def spoil(self, data: st.DataObject, message: Any, spoilers: dict[str, Spoiler], **live: Any) -> Any:

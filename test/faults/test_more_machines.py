@@ -103,7 +103,7 @@ def test_a_run_with_simulators_elsewhere_has_the_bits_of_one_machine_though_one_
     learner = start_in(HOME, "learner", "/", "-p", f"output:={folder}", "-p", "quiet:=true")
     start_in(HOME, "policy")
     start_in(OTHERS[0], "simulator", "/simulator_1")
-    wait_for(lambda: "waits for the simulator_2/simulator node" in said.read_text(), learner)
+    wait_for(lambda: "waiting for the simulator_2/simulator node" in said.read_text(), learner)
     start_in(OTHERS[1], "simulator", "/simulator_2")
     if cut != "never":
         wait_for(lambda: len(curve(folder)) > 5, learner)

@@ -42,7 +42,7 @@ def test_what_a_person_vetoes_is_run_again_and_not_learnt_from(start: Start, tmp
     assert code == 0, err
     journal = folder / "checkpoints" / "episodes"
     with np.load(next(journal.glob("*_discarded_*"))) as void:
-        assert str(void["discard_reason"]) == "vetoed by a person"
+        assert str(void["discard_reason"]) == "vetoed by the operator"
         again = np.load(journal / "training_seed_0_episode_0000000_steps_40.npz")
         assert void["stamps"][0] < again["stamps"][0]
     returns = [np.load(file)["rewards"][0] @ 0.99 ** np.arange(40) for file in journal.glob("*_steps_40.npz")]
@@ -61,7 +61,7 @@ def test_a_veto_holds_if_the_run_is_interrupted_and_resumed(start: Start, tmp_pa
 
     def vetoed() -> list[RecordedBatch]:
         batches = read_recording(folder).batches
-        return [each for each in batches if each.executions[0].discard_reason == "vetoed by a person"]
+        return [each for each in batches if each.executions[0].discard_reason == "vetoed by the operator"]
 
     probe.until(vetoed, 100)
     run.interrupt()

@@ -20,7 +20,7 @@ class FailingGate(GateNode):
         """Send what is due, and fail again and again where the fault stays."""
         wait = super().heartbeat()
         if self._fault == "check":
-            raise PeerError("expected one gate node, got another that was there before")
+            raise PeerError("expected one gate node, got an older one that is already running")
         if self._fault == "exits":
             raise SystemExit(3)
         return wait

@@ -146,7 +146,7 @@ def test_a_second_node_of_a_name_ends_and_the_first_goes_on(
         code, _, err = start(name, "--ros-args", *given).finish()
         assert code == 1
         (line,) = [line for line in err.splitlines() if line.startswith("error:")]
-        assert line.startswith(f"error: expected one {name} node, got another that was there before")
+        assert line.startswith(f"error: expected one {name} node, got an older one that is already running")
         count = len(probe.heard["episodes"])
         probe.until(lambda: len(probe.heard["episodes"]) >= count + 5)  # noqa: B023  # awaited in this step
 

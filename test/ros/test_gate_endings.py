@@ -95,7 +95,7 @@ class Trial:
         if how == "second gate":
             code, _, err = self.second.finish()
             assert code == 1
-            assert "error: expected one gate node, got another that was there before" in err
+            assert "error: expected one gate node, got an older one that is already running" in err
             assert any("expected no other publisher" in each.reason for each in self.hardware.states)
         else:
             time.sleep(0.5)

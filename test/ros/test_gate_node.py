@@ -238,12 +238,12 @@ def reports(robot: Robot) -> list[DiagnosticArray]:
     [
         (
             {"sensor": {"topic": "joint_sates"}},
-            "/joint_sates not heard, published by nobody; topics of sensor_msgs/msg/JointState: /joint_states",
+            "/joint_sates: no messages, no publishers; topics of sensor_msgs/msg/JointState: /joint_states",
         ),
         ({"joints": ["a", "b", "c"]}, "missing joints 'b', 'c', got other, a"),
         (
             {"sensor": {"topic": "numbers"}},
-            "/numbers not heard, published by /probe as std_msgs/msg/Float64MultiArray; "
+            "/numbers: no messages, published by /probe as std_msgs/msg/Float64MultiArray; "
             "topics of sensor_msgs/msg/JointState: /joint_states",
         ),
     ],

@@ -31,7 +31,7 @@ from test.ros.conftest import ROOT, Probe, Process, kill, nodes_of
 Start = Callable[..., Process]
 PENDULUM = ROOT / "config" / "pendulum_nac.yaml"
 STEP = 0.1  # seconds of the pendulum
-KEYS = {"serving version", "batch", "step", "steps per second", "refusals", "passed over", "last refusal", "restarts"}
+KEYS = {"serving version", "batch", "step", "steps per second", "refusals", "ignored", "last refusal", "restarts"}
 
 
 class Hearing:
@@ -95,7 +95,7 @@ def test_a_learner_that_is_stuck_says_so_and_at_its_end_why(start: Start, probe:
     (policy,) = nodes_of(run, "policy")
     os.kill(policy, signal.SIGSTOP)
     reason = "the policy node did not answer within 8 s"
-    probe.until(lambda: (DiagnosticStatus.ERROR, f"ends: {reason}") in hearing.states["/learner"])
+    probe.until(lambda: (DiagnosticStatus.ERROR, f"exits: {reason}") in hearing.states["/learner"])
     assert (DiagnosticStatus.ERROR, "stuck: the policy node does not answer") in hearing.states["/learner"]
     assert {level for level, _ in hearing.states["/simulator"]} == {DiagnosticStatus.OK}
     assert f"error: {reason}\n" in run.finish()[2]
@@ -110,7 +110,7 @@ def test_a_refusal_is_counted_and_told(run: Process, probe: Probe) -> None:
         return "batch 3, step 0" in hearing.value("/simulator", "last refusal")
 
     probe.until(told)
-    assert hearing.value("/simulator", "last refusal").startswith("an action: expected batch ")
+    assert hearing.value("/simulator", "last refusal").startswith("action: expected batch ")
 
 
 @pytest.mark.faults
@@ -125,7 +125,7 @@ def test_status_shows_the_nodes_and_says_where_there_are_none(
     assert (code, err) == (0, "")
     rows = [line for line in out.splitlines() if line.startswith("/") and "last refused" not in line]
     assert [row.split()[0] for row in rows] == ["/learner", "/policy", "/simulator"]
-    assert all("well" in row for row in rows)
+    assert all("ok" in row for row in rows)
     run.interrupt()
     assert "incompatible" not in run.finish()[2]
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain + 101))
@@ -204,7 +204,7 @@ def test_a_node_ends_only_for_an_older_one_that_is_there(
     other.say(age)
     if ends:
         probe.until(lambda: policy.popen.poll() is not None)
-        assert "error: expected one policy node, got another that was there before" in policy.finish()[2]
+        assert "error: expected one policy node, got an older one that is already running" in policy.finish()[2]
     else:
         probe.settle(1.5)
         assert policy.popen.poll() is None
@@ -225,5 +225,5 @@ def test_a_node_of_an_older_run_stays_though_it_started_later(start: Start, prob
     probe.until(lambda: hearing.instances["/policy"] == [1])
     older = start("policy", "--ros-args", "-p", "run_age:=100.0", "-p", "instance:=2")
     probe.until(lambda: younger.popen.poll() is not None)
-    assert "another that was there before" in younger.finish()[2]
+    assert "an older one that is already running" in younger.finish()[2]
     assert older.popen.poll() is None

@@ -61,7 +61,7 @@ class Peers:
         return response
 
     def report(self) -> None:
-        well = DiagnosticStatus(name="/policy", level=DiagnosticStatus.OK, message="well")
+        well = DiagnosticStatus(name="/policy", level=DiagnosticStatus.OK, message="ok")
         ill = DiagnosticStatus(name="/gate", level=DiagnosticStatus.ERROR, message="stuck: too fast")
         self._diagnostics.publish(DiagnosticArray(status=[well, ill]))
 
@@ -78,7 +78,7 @@ def test_gate_and_nodes_are_heard_and_told_what_is_safe(monitor: Monitor, probe:
     assert report.gate == {
         "state": "stopped", "reason": "too fast", "commands": 7, "clamps": 3, "refusals": 2, "stops": 1,
     }  # fmt: skip
-    assert report.nodes == (NodeReport("/gate", "error", "stuck: too fast"), NodeReport("/policy", "ok", "well"))
+    assert report.nodes == (NodeReport("/gate", "error", "stuck: too fast"), NodeReport("/policy", "ok", "ok"))
     for word in ("arm", "gate/arm", "ARM", "\0", "arm\nstop\narm"):
         monitor.send(word)
     probe.until(lambda: peers.asked == ["gate/stop"])

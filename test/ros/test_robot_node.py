@@ -101,7 +101,7 @@ def test_a_learner_that_asks_for_the_episode_under_way_is_given_that_one(
     ("part", "limit", "words"),
     [
         ("policy", {}, "4 actions arrived too late"),
-        ("learner", {"learner_timeout": 0.5}, "the learner gave no sign of life for"),
+        ("learner", {"learner_timeout": 0.5}, "no heartbeat of the learner for"),
         ("sensor", {"stale_after": 0.3}, "sensor position: stale: the last message on position came"),
         ("gate", {}, "the gate did not report 4 commands"),
     ],
@@ -158,11 +158,11 @@ def test_a_person_stops_and_lets_it_go_on(begin: Callable[..., Process], bench: 
     identity = bench.start(horizon=200)
     bench.until_moving()
     assert bench.say("stop").success
-    assert reason(bench.ended(identity)) == "stopped by a person"
+    assert reason(bench.ended(identity)) == "stopped by the operator"
     bench.probe.until(lambda: bench.is_at_rest)
     identity = bench.start()
     bench.probe.until(
-        lambda: "paused; to go on: rkhs robot start, or ros2 service call /robot/start" in bench.describe().waiting
+        lambda: "paused; to continue: rkhs robot start, or ros2 service call /robot/start" in bench.describe().waiting
     )
     assert bench.say("start").success
     assert reason(bench.ended(identity)) == ""
@@ -178,7 +178,7 @@ def test_a_finished_episode_can_be_vetoed_until_the_learner_may_have_learnt_from
     bench.start(1, horizon=100)  # it waits for another one, under the same policy
     bench.until_moving()
     assert bench.say("veto").success
-    assert reason(bench.ended(first, count=2)) == "vetoed by a person"
+    assert reason(bench.ended(first, count=2)) == "vetoed by the operator"
     assert not bench.say("veto").success
     commands = len(bench.moves)
     assert reason(bench.play(0, policy_version=2)) == ""
@@ -194,7 +194,7 @@ def test_an_episode_held_back_can_be_vetoed_before_anybody_hears_of_it(
     bench.probe.settle()
     assert not bench.probe.heard["episodes"]
     assert bench.say("veto").success
-    assert reason(bench.ended(identity)) == "vetoed by a person"
+    assert reason(bench.ended(identity)) == "vetoed by the operator"
 
 
 def test_steps_of_the_reset_follow_each_other_before_each_episode(begin: Callable[..., Process], bench: Bench) -> None:
@@ -221,7 +221,7 @@ def test_a_reward_that_fails_is_told_and_the_robot_holds(begin: Callable[..., Pr
         pytest.param(
             {"sensor"},
             {},
-            "sensor position: /position not heard, published by /probe as std_msgs/msg/Float64; "
+            "sensor position: /position: no messages, published by /probe as std_msgs/msg/Float64; "
             "topics of std_msgs/msg/Float64: /position, for 5 s",
             id="a sensor that never speaks",
         ),
@@ -252,7 +252,7 @@ def test_a_gate_that_hangs_is_noticed_in_time_however_many_actions_may_be_missed
     bench.until_moving(3)
     bench.silent = {"gate"}
     message = bench.ended(identity)
-    assert reason(message) == "the gate did not report within 0.3 s (stale_after) what it made of a command"
+    assert reason(message) == "the gate did not report a command within 0.3 s (stale_after)"
     assert message.lengths[0] < 100
 
 
@@ -265,7 +265,7 @@ SENSORS = {"position": {"topic": "position", "type": "std_msgs/msg/Float64", "fi
         ({"perod": 1.0}, "error: unknown key 'perod', did you mean 'period'?"),
         (
             {"sensors": {"position": SENSORS["position"] | {"type": "std_msgs/msg/Float65"}}},
-            "error: unknown type of messages 'std_msgs/msg/Float65'",
+            "error: unknown message type 'std_msgs/msg/Float65'",
         ),
         (
             {"sensors": {"position": SENSORS["position"] | {"fields": ["date"]}}},
@@ -306,7 +306,7 @@ def test_a_node_that_is_told_to_end_has_the_robot_hold(begin: Callable[..., Proc
     identity = bench.start(horizon=500)
     bench.until_moving()
     process.interrupt()
-    assert reason(bench.ended(identity)) == "the robot node was told to end"
+    assert reason(bench.ended(identity)) == "the robot node is shutting down"
     bench.probe.until(lambda: bench.is_at_rest)
     assert process.finish()[0] == 0
 
@@ -321,12 +321,12 @@ def test_a_persons_word_is_passed_on_and_a_refusal_is_told(
     code, _, err = veto.finish()
     assert (code, err) == (
         1,
-        "error: veto was refused: there is none that the learner has not learnt from (veto_window holds them back)\n",
+        "error: veto was refused: the learner has already used all completed episodes (veto_window holds them back)\n",
     )
     pause = start("rkhs", "robot", "pause")
     bench.probe.until(lambda: pause.popen.poll() is not None)
     code, out, _ = pause.finish()
-    assert (code, out.startswith("pause: done (before the next episode; to go on: rkhs robot start")) == (0, True)
+    assert (code, out.startswith("pause: done (before the next episode; to continue: rkhs robot start")) == (0, True)
     bench.start(1)
     bench.probe.until(lambda: "paused" in bench.describe().waiting)
 
@@ -350,9 +350,9 @@ def test_sensors_that_cannot_be_used_are_told_before_a_person_arms(
     good = SECTION["sensors"]["position"]
     begin(sensors={"arm": arm, "place": good | {"topic": "positon"}, "position": good})
     bench.start(horizon=200)
-    missing = "; missing joints 'elbow', got shoulder; sensor place: /positon not heard, published by nobody"
+    missing = "; missing joints 'elbow', got shoulder; sensor place: /positon: no messages, no publishers"
     probe.until(lambda: missing in bench.describe().waiting)
-    assert bench.describe().waiting.startswith("sensor arm: /joint_states heard, ")
+    assert bench.describe().waiting.startswith("sensor arm: /joint_states: received, ")
     probe.until(lambda: obstacles != [] and missing in obstacles[-1].data)  # which the gate refuses to be armed with
     names.append("elbow")
     speech = probe.create_publisher(Float64, "positon", 1)

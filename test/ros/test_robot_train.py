@@ -99,14 +99,19 @@ def test_a_real_robot_waits_for_a_person_to_arm_it(start: Start, tmp_path: Path,
     assert probe.ask_once("gate/arm", Trigger.Request(), "gate").success
     code, _, err = run.finish()
     assert code == 0, err
-    assert "the robot node waits: the gate is not armed; see that the robot may move, then: rkhs robot arm" in err
+    assert (
+        "the robot node is waiting: the gate is not armed; make sure that the robot may move, then run: rkhs robot arm"
+        in err
+    )
 
 
 def test_a_simulated_robot_that_stops_by_itself_teaches_nothing(start: Start, tmp_path: Path) -> None:
     weak = ("iterations=1", "simulated_robot.limits.torque=1.0")  # less than its gate lets through
     code, _, err = start("rkhs", "train", CONFIG, "--quiet", "--out", tmp_path / "run", "--set", *QUICK, *weak).finish()
     assert code == 1
-    reason = "the simulated robot stopped by itself (torque: expected at most 1 N m, got "
-    assert err.count(f"is void: {reason}") == 10  # each time the stop was ended, and the robot went to where it begins
+    reason = "the simulated robot made a protective stop (torque: expected at most 1 N m, got "
+    assert (
+        err.count(f"is discarded: {reason}") == 10
+    )  # each time the stop was ended, and the robot went to where it begins
     assert err.splitlines()[-1].startswith("error: episode 0 was void 10 times in a row, the last time: " + reason)
     assert not (tmp_path / "run" / "policy.npz").exists()

@@ -33,7 +33,7 @@ def test_a_run_of_two_simulators_in_a_namespace_is_shown_whole_in_80_characters(
     both = values | {"serving version": random, "batch": f"{random} {random}", "step": "100 100"}
     nodes = {"/learner": both, "/policy": both, "/lab/simulator_1/simulator": alone}
     statuses = {
-        name: DiagnosticStatus(name=name, message="well", values=[KeyValue(key=k, value=v) for k, v in known.items()])
+        name: DiagnosticStatus(name=name, message="ok", values=[KeyValue(key=k, value=v) for k, v in known.items()])
         for name, known in nodes.items()
     }
     out = StringIO()
@@ -54,12 +54,12 @@ def printed(*parts: object, width: int = 80) -> list[str]:
 def test_what_is_the_matter_stands_below_the_table_of_a_robots_nodes() -> None:
     why = "no simulator makes a step, and much more is to be said of this than any column has room for"
     values = dict.fromkeys(COLUMNS, "1000")
-    source = "/joint_sates not heard, published by nobody; topics of sensor_msgs/msg/JointState: /joint_states"
-    gate = {MODE: "stopped", "passed over": "0", LAST_REFUSAL: "a command", "source joints": source}
+    source = "/joint_sates: no messages, no publishers; topics of sensor_msgs/msg/JointState: /joint_states"
+    gate = {MODE: "stopped", "ignored": "0", LAST_REFUSAL: "a command", "source joints": source}
     known = {  # as gate and simulated robot report: some of the columns, and what they do
         "/gate": (b"\2", f"stuck: {why}", gate),
-        "/simulated_robot": (b"\0", "well", {"passed over": "0"}),
-        "/robot": (b"\1", "waits: for a person", values | {MODE: "getting ready"}),
+        "/simulated_robot": (b"\0", "ok", {"ignored": "0"}),
+        "/robot": (b"\1", "waiting: for an operator", values | {MODE: "getting ready"}),
     }
     statuses = {
         name: DiagnosticStatus(
@@ -71,13 +71,13 @@ def test_what_is_the_matter_stands_below_the_table_of_a_robots_nodes() -> None:
     assert [line.split()[:3] for line in rows if line.startswith("/")] == [
         ["/gate", "stuck", "stopped"],
         ["/robot", "waits", "getting"],
-        ["/simulated_robot", "well", "0"],
+        ["/simulated_robot", "ok", "0"],
     ]
     assert [str(line) for line in reasons(statuses)] == [
         f"/gate stuck: {why}",
         f"/gate joints: {source}",
-        "/gate last refused or passed over a command",
-        "/robot waits: for a person",
+        "/gate last refused or ignored a command",
+        "/robot waiting: for an operator",
     ]
 
 

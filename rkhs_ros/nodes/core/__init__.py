@@ -1,1 +1,1 @@
-"""What every node needs: parameters, messages, diagnostics, peers, and how its process starts and ends."""
+"""Infrastructure of every node: parameters, messages, diagnostics, calls to peers, and the life of its process."""

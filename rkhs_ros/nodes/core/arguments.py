@@ -1,4 +1,4 @@
-"""A node's command line, looked at before ROS takes its part of it."""
+"""A node's command line, checked before ROS parses it."""
 
 from __future__ import annotations
 
@@ -11,38 +11,39 @@ from rkhs_ros.base.validation import require
 
 USAGE = """usage: ros2 run rkhs_ros {0} --ros-args [--params-file FILE] [-p NAME:=VALUE] [-r __ns:=/NAMESPACE]
 
-FILE is a configuration, see config/; 'ros2 param describe /{0} NAME' tells what a parameter is."""
+FILE is a configuration, see config/; 'ros2 param describe /{0} NAME' describes a parameter."""
 
 
 def check_arguments(name: str, arguments: Sequence[str]) -> None:
-    """Answer ``--help``, and refuse what is not for ROS, and parameter files that cannot be read.
+    """Handle ``--help``; refuse arguments that are not for ROS, and unreadable parameter files.
 
     Args:
-        name: the node's.
+        name: of the node.
         arguments: of its process.
 
     Raises:
-        ValueError: there is such an argument or file.
-        SystemExit: help was asked for, and given.
+        ValueError: an argument is not for ROS, or a parameter file cannot be read.
+        SystemExit: after printing the help.
     """
     ours, ros = _split(arguments)
     if {"-h", "--help"} & set(ours):
         print(USAGE.format(name))
         raise SystemExit(0)
-    require(not ours, "arguments", f"those of ROS, as '--ros-args --params-file {(ours or [''])[0]}'", " ".join(ours))
+    expected = f"ROS arguments such as '--ros-args --params-file {(ours or [''])[0]}'"
+    require(not ours, "arguments", expected, " ".join(ours))
     for file in _parameter_files(ros):
         _sections(file)
 
 
 def require_section(node: str, arguments: Sequence[str]) -> None:
-    """Refuse to go without parameters where there are files that should have some.
+    """Refuse to start if there are parameter files but none has a section for the node.
 
     Args:
         node: its full name.
         arguments: of its process.
 
     Raises:
-        ValueError: there are parameter files, none of them with a section for the node.
+        ValueError: no parameter file has a section for the node.
     """
     files = _parameter_files(_split(arguments)[1])
     if files and not any(is_for(section, node) for file in files for section in _sections(file)):
@@ -51,7 +52,7 @@ def require_section(node: str, arguments: Sequence[str]) -> None:
 
 
 def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return the arguments that are not for ROS, and those that are: between ``--ros-args`` and ``--``."""
+    """Split arguments into those that are not for ROS, and those between ``--ros-args`` and ``--``, which are."""
     ours: list[str] = []
     ros: list[str] = []
     inside = False
@@ -71,4 +72,4 @@ def _sections(file: Path) -> list[str]:
     try:
         return list(read_sections(file))
     except OSError as error:
-        raise ValueError(f"{file}: expected a parameter file, got: {error.strerror}") from error
+        raise ValueError(f"{file}: cannot read the parameter file: {error.strerror}") from error

@@ -1,16 +1,16 @@
-"""The monotonic clock and the system's, and how to go from one to the other."""
+"""Conversion between the monotonic clock and the system clock."""
 
 from __future__ import annotations
 
 import time
 
-READINGS = 10  # of both clocks at most, of which the quickest counts: a process may be held up between them
-QUICK_S = 2e-5  # that a reading takes where the process is not held up
+READINGS = 10  # attempts; the fastest counts, because the process may be preempted between the two clocks
+QUICK_S = 2e-5  # duration of a reading without preemption
 
 
 def now_by_both_clocks() -> tuple[float, int]:
-    """Return the monotonic time in seconds and the system's in nanoseconds, read as near together as they come."""
-    best = (float("inf"), 0.0, 0)  # seconds that the reading took, and both times
+    """Return the monotonic time in seconds and the system time in nanoseconds, read as simultaneously as possible."""
+    best = (float("inf"), 0.0, 0)  # duration of the reading in seconds, and both times
     for _ in range(READINGS):
         before, system_ns, after = time.monotonic(), time.time_ns(), time.monotonic()
         best = min(best, (after - before, (before + after) / 2, system_ns))

@@ -1,4 +1,4 @@
-"""Diagnostics: what a node reports of itself on /diagnostics, and events that a person may want to know of."""
+"""Diagnostics: a node's status reports on /diagnostics, and its events on /rkhs/events."""
 
 from __future__ import annotations
 
@@ -17,38 +17,38 @@ from rkhs_interfaces.msg import LearningEvent
 from rkhs_ros.nodes.core.publishers import SinglePublishers
 
 TOPIC = "/diagnostics"
-DIAGNOSTICS_QOS = QoSProfile(depth=10)  # reliable and volatile, as of everybody who reports there
+DIAGNOSTICS_QOS = QoSProfile(depth=10)  # reliable and volatile, like all publishers of this topic
 EVENTS_TOPIC = "/rkhs/events"
 EVENTS_QOS = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # the last ones of each node
 DISCARDED_EPISODE, STOP, RESTART = LearningEvent.DISCARDED_EPISODE, LearningEvent.STOP, LearningEvent.RESTART
 REPORT_PERIOD_S = 1.0
-LOG_PERIOD_S = 1.0  # between lines in the log, and between events, of refusals
-LAST_REPORT_TIMEOUT_S = 0.5  # for listeners to take the report of an error before the node ends
+LOG_PERIOD_S = 1.0  # between log lines, and between events, of refusals
+LAST_REPORT_TIMEOUT_S = 0.5  # for subscribers to receive the report of an error before the node exits
 
 
 class Diagnostics:
-    """A node's reports of how it fares, once a second, and of events.
+    """A node's status reports, once a second, and its events.
 
-    Owns the numbers of messages refused or passed over and of steps made, why the node is stuck, if it is, what it
-    waits for a person to do, and which of the topics that it hears have more than one publisher.
+    Owns the numbers of refused and ignored messages and of steps, why the node is stuck, what the operator has to do,
+    and which subscribed topics have more than one publisher.
 
     Args:
-        node: the node, of which the full name is reported.
-        restarts: how often the node was started again.
-        report: returns what else is to be reported.
-        topics: that the node hears, on each of which one node alone should publish.
+        node: the reporting node.
+        restarts: number of times that the node was restarted.
+        report: returns further values to report.
+        topics: subscribed topics that should have a single publisher.
     """
 
     def __init__(
         self, node: Node, restarts: int, report: Callable[[], Mapping[str, object]], topics: Iterable[str] = ()
     ) -> None:
         self.refusals = 0
-        self.passed_over = 0
+        self.ignored = 0
         self.last_refusal = ""
         self.steps = 0
-        self.stuck = ""  # why; empty while the node gets on
-        self.waiting = ""  # for a person to do that; empty while it does not
-        self.crowded = ""  # topics with more than one publisher, and whose
+        self.stuck = ""  # why the node is stuck; empty if it is not
+        self.waiting = ""  # what the operator has to do; empty if nothing
+        self.crowded = ""  # topics with more than one publisher, with the publishers
         self._publishers = SinglePublishers(node, topics)
         self._node = node
         self._restarts = restarts
@@ -56,33 +56,33 @@ class Diagnostics:
         self._host = socket.gethostname()
         self._due = self._reported_at = time.monotonic()
         self._refusals_reported = self._steps_reported = 0
-        self._refusal_told_at = -LOG_PERIOD_S  # monotonic time, seconds
+        self._refusal_event_at = -LOG_PERIOD_S  # monotonic time, seconds
         self._reports = node.create_publisher(DiagnosticArray, TOPIC, DIAGNOSTICS_QOS)
         self._events = node.create_publisher(LearningEvent, EVENTS_TOPIC, EVENTS_QOS)
         if restarts:
-            self.tell(RESTART, f"started again, {restarts} time{'s' * (restarts > 1)} so far")
+            self.publish_event(RESTART, f"restarted, {restarts} time{'s' * (restarts > 1)} so far")
 
-    def tell(self, kind: str, text: str) -> None:
-        """Tell of an event of a kind."""
+    def publish_event(self, kind: str, text: str) -> None:
+        """Publish an event."""
         stamp, name = self._node.get_clock().now().to_msg(), str(self._node.get_fully_qualified_name())
         self._events.publish(LearningEvent(stamp=stamp, node=name, kind=kind, text=text))
 
     def refuse(self, reason: str) -> None:
-        """Count a message that was refused, and log why."""
+        """Count a refused message, and log why."""
         self.refusals += 1
         self.last_refusal = reason
         self._node.get_logger().warning(f"refused {reason}", throttle_duration_sec=LOG_PERIOD_S)
-        if (now := time.monotonic()) >= self._refusal_told_at + LOG_PERIOD_S:
-            self._refusal_told_at = now
-            self.tell(LearningEvent.REFUSAL, f"refused {reason}")
+        if (now := time.monotonic()) >= self._refusal_event_at + LOG_PERIOD_S:
+            self._refusal_event_at = now
+            self.publish_event(LearningEvent.REFUSAL, f"refused {reason}")
 
     @contextmanager
     def accepting(self, response: Any, what: str) -> Iterator[None]:
-        """Have a service accept what is asked for; where that is bad input, refuse it, and say why.
+        """Set a service's response to accepted, or to refused with the message of a ValueError or TypeError.
 
         Args:
             response: of the service, with ``accepted`` and ``message``.
-            what: is refused, for the log.
+            what: the request, for the log.
         """
         try:
             yield
@@ -92,31 +92,31 @@ class Diagnostics:
             self.refuse(f"{what}: {error}")
 
     def skip(self, reason: str) -> None:
-        """Count a message that came late, twice or for another, as some do wherever messages are lost."""
-        self.passed_over += 1
+        """Count an ignored message: late, repeated or for another node, as lossy communication causes."""
+        self.ignored += 1
         self.last_refusal = reason
 
     def heartbeat(self) -> float:
         """Report once a second; return the seconds until the next report."""
         now = time.monotonic()
         if now >= self._due:
-            self._look_for_strangers()
+            self._check_publishers()
             self._publish(*self._state())
             self._due = now + REPORT_PERIOD_S
         return self._due - now
 
     @contextmanager
     def errors_reported(self) -> Iterator[None]:
-        """Report the error that ends the node, if one does."""
+        """Report the error that ends the node, if there is one."""
         try:
             yield
         except Exception as error:
-            self._publish(DiagnosticStatus.ERROR, f"ends: {error}")
-            self.tell(STOP, f"ends: {error}")
+            self._publish(DiagnosticStatus.ERROR, f"exits: {error}")
+            self.publish_event(STOP, f"exits: {error}")
             self._reports.wait_for_all_acked(Duration(seconds=LAST_REPORT_TIMEOUT_S))
             raise
 
-    def _look_for_strangers(self) -> None:
+    def _check_publishers(self) -> None:
         before, self.crowded = self.crowded, self._publishers.crowded()
         if self.crowded and self.crowded != before:
             self._node.get_logger().warning(f"expected one publisher, got {self.crowded}; set ROS_DOMAIN_ID")
@@ -126,10 +126,10 @@ class Diagnostics:
         if self.stuck:
             return DiagnosticStatus.ERROR, f"stuck: {self.stuck}"
         if self.waiting:
-            return DiagnosticStatus.WARN, f"waits: {self.waiting}"
+            return DiagnosticStatus.WARN, f"waiting: {self.waiting}"
         if self.crowded:
             return DiagnosticStatus.WARN, f"more than one publisher: {self.crowded}"
-        return (DiagnosticStatus.WARN, "refused a message") if refused else (DiagnosticStatus.OK, "well")
+        return (DiagnosticStatus.WARN, "refused a message") if refused else (DiagnosticStatus.OK, "ok")
 
     def _publish(self, level: bytes, text: str) -> None:
         status = DiagnosticStatus(
@@ -148,13 +148,13 @@ class Diagnostics:
             **self._report(),
             "steps per second": f"{self._rate():.0f}",
             "refusals": self.refusals,
-            "passed over": self.passed_over,
+            "ignored": self.ignored,
             "last refusal": self.last_refusal,
             "restarts": self._restarts,
         }
 
     def _rate(self) -> float:
-        """Return the steps per second since the report before."""
+        """Return the steps per second since the last report."""
         now = time.monotonic()
         steps, seconds = self.steps - self._steps_reported, now - self._reported_at
         self._steps_reported, self._reported_at = self.steps, now

@@ -1,4 +1,4 @@
-"""Conversions between messages and the core's values: batches, steps, tasks; each is checked before it is used."""
+"""Validated conversions between messages and values: batches, steps and tasks."""
 
 from __future__ import annotations
 
@@ -29,38 +29,38 @@ if TYPE_CHECKING:  # a policy node needs no simulation
     from rkhs_ros.rollouts.simulation import Frame, Simulation
     from rkhs_ros.rollouts.visualization import JointStates
 
-# Reliable. Volatile, since keeping messages for late peers doubles the time of a round trip: the learner waits
-# until the peers say that they are connected.
+# Reliable. Volatile, because storing messages for late subscribers doubles the time of a round trip; the learner waits
+# until its peers report that they are connected.
 LOCKSTEP_QOS = QoSProfile(depth=16, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
-LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # for those who come later, too
+LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # late subscribers receive the last one
 batch_fields = attrgetter(*(field.name for field in fields(Batch)))  # of a message
-CLOCK_ENDS = 2**31  # seconds, which /clock cannot tell any more
+CLOCK_ENDS = 2**31  # seconds, the first time that /clock cannot represent
 
 
 def observation_message(identity: int, version: int, batch: Batch, step: int, frame: Frame) -> msg.Observation:
-    """Return what the simulator publishes after ``step`` steps of a batch."""
+    """Return the simulator's message after ``step`` steps of a batch."""
     message = msg.Observation(batch=identity, policy_version=version, **vars(batch))
     show(message, step, frame)
     return message
 
 
 def show(message: msg.Observation, step: int, frame: Frame) -> None:
-    """Fill in the message of a batch what it shows after ``step`` steps; to make a new one for each takes longer."""
+    """Update the message of a batch after ``step`` steps, which is faster than making a new one."""
     message.step, message.over = step, frame.is_over
     message.observations, message.rewards = doubles(frame.observations), doubles(frame.rewards)
     if not frame.is_whole:
-        message.terminated, message.truncated = _rows_where(frame.terminated), _rows_where(frame.truncated)
+        message.terminated, message.truncated = _indices_of(frame.terminated), _indices_of(frame.truncated)
 
 
-def _rows_where(flags: ArrayLike) -> array[int]:
-    """Return the rows of which something holds, from a flag for each."""
+def _indices_of(flags: ArrayLike) -> array[int]:
+    """Return the indices of the environments whose flag is set."""
     return array("I", np.flatnonzero(flags).tolist())
 
 
 def robot_observation_message(
     identity: int, version: int, batch: Batch, episode: RobotEpisode, step: int
 ) -> msg.Observation:
-    """Return what the robot publishes after ``step`` steps of an episode."""
+    """Return the robot's message after ``step`` steps of an episode."""
     return msg.Observation(
         batch=identity,
         policy_version=version,
@@ -69,30 +69,30 @@ def robot_observation_message(
         **vars(batch),
         observations=doubles(episode.observation),
         rewards=[] if episode.reward is None else [episode.reward],
-        terminated=_rows_where([episode.complete and episode.terminated]),
-        truncated=_rows_where([episode.complete and not episode.terminated]),
+        terminated=_indices_of([episode.complete and episode.terminated]),
+        truncated=_indices_of([episode.complete and not episode.terminated]),
     )
 
 
 def observations_of(message: msg.Observation, batch: Batch) -> Array:
-    """Return the observations that a message of a batch carries, shape (rows, d); they share its memory.
+    """Return the observations in a message of a batch, shape (num_envs, d); they share its memory.
 
     Raises:
-        ValueError: the step cannot be, or they are misshapen or not finite; nor may the rewards be.
+        ValueError: the step is out of range, or observations or rewards have the wrong shape or are not finite.
     """
     if message.step + (not message.over) > batch.horizon:
-        expected = f"at most {batch.horizon}, and less unless all is over"
+        expected = f"at most {batch.horizon}, and less unless all episodes are over"
         raise ValueError(f"step: expected {expected}, got {message.step}")
     viewed(message.rewards, (batch.num_envs if message.step else 0,), "rewards")
-    seen = message.observations
-    columns = max(len(seen) // batch.num_envs, 1)
+    flat = message.observations
+    columns = max(len(flat) // batch.num_envs, 1)
     if columns > MOST_INPUTS:
-        raise ValueError(f"observations: expected at most {MOST_INPUTS} numbers a row, got {columns}")
-    return viewed(seen, (batch.num_envs, columns), "observations")
+        raise ValueError(f"observations: expected at most {MOST_INPUTS} numbers per environment, got {columns}")
+    return viewed(flat, (batch.num_envs, columns), "observations")
 
 
 def batch_of(message: msg.Observation | StartEpisodes.Request) -> Batch:
-    """Return the batch that a message is of.
+    """Return the batch that a message belongs to.
 
     Raises:
         ValueError: a number is out of range.
@@ -111,7 +111,7 @@ def batch_of(message: msg.Observation | StartEpisodes.Request) -> Batch:
 def start_request(
     identity: int, version: int, batch: Batch, task: DescribeTask.Response, clock: int, *, anew: bool = False
 ) -> StartEpisodes.Request:
-    """Return the request to start a batch of a task; a robot runs it ``anew`` even where it finished it before."""
+    """Return the request to start a batch of a task; with ``anew``, a robot repeats a completed episode."""
     return StartEpisodes.Request(
         batch=identity,
         policy_version=version,
@@ -129,9 +129,9 @@ def set_policy_request(policy: GaussianPolicy, version: int) -> SetPolicy.Reques
 
 
 def describe(
-    simulation: Simulation, rows: int, identity: int, step: int, clock: int, *, failure: str, connected: bool
+    simulation: Simulation, num_envs: int, identity: int, step: int, clock: int, *, failure: str, connected: bool
 ) -> DescribeTask.Response:
-    """Return what a simulation's task is, how many of so many rows it has room for, and how far it is."""
+    """Return a simulation's task, its capacity for ``num_envs`` environments, and its progress."""
     space = simulation.observation_space
     return DescribeTask.Response(
         environment=simulation.environment,
@@ -141,7 +141,7 @@ def describe(
         observation_low=doubles(space.low),
         observation_high=doubles(space.high),
         horizon=simulation.own_horizon or 0,
-        capacity=simulation.capacity(rows),
+        capacity=simulation.capacity(num_envs),
         num_envs=simulation.num_envs,
         batch=identity,
         step=step,
@@ -154,7 +154,7 @@ def describe(
 def describe_robot(
     task: RobotTask, identity: int, step: int, *, failure: str, connected: bool
 ) -> DescribeTask.Response:
-    """Return what a robot's task is, and how far it is; what it waits for is to be added."""
+    """Return a robot's task and its progress, without ``resetting`` and ``waiting``."""
     return DescribeTask.Response(
         environment=task.task,
         options="{}",
@@ -171,13 +171,13 @@ def describe_robot(
 
 
 def clock_message(seconds: float) -> Clock:
-    """Return a time since the beginning of the run as what goes to /clock."""
+    """Return the /clock message of a time since the start of the run."""
     return Clock(clock=Time(nanoseconds=round(1e9 * seconds)).to_msg())
 
 
 def joint_state_messages(states: JointStates, begin: int) -> list[JointState]:
-    """Return a motion as messages, stamped from ``begin`` on, in nanoseconds."""
-    from sensor_msgs.msg import JointState  # here, since it takes 0.1 s and few nodes need it
+    """Return a motion as messages with stamps from ``begin`` on, in nanoseconds."""
+    from sensor_msgs.msg import JointState  # imported here, because it takes 0.1 s and few nodes need it
     from std_msgs.msg import Header
 
     stamps = (begin + round(1e9 * states.period * knot) for knot in range(len(states.positions)))

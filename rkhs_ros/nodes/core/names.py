@@ -1,4 +1,4 @@
-"""The names of a run's nodes, and of what they are started with."""
+"""Names of a run's nodes, and validation of launch arguments."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ NODES = ("simulator", "simulated_robot", "gate", "robot", "policy", "learner")
 
 
 def fresh_number() -> int:
-    """Return a number that names a batch or a policy: nobody else uses or can guess it, and no result depends on it."""
+    """Return a random identifier of a batch or a policy, unique and hard to guess; no result depends on it."""
     return 1 + secrets.randbelow(2**63 - 1)
 
 
 def namespaces(simulators: int) -> list[str]:
-    """Return the namespaces of that many simulator nodes, relative ones with their slash; none for a single one."""
+    """Return the relative namespaces of the simulator nodes, with their slash; empty for a single one."""
     return [""] if simulators == 1 else [f"simulator_{k + 1}/" for k in range(simulators)]
 
 
 def node_names(simulators: int, robot: Collection[str] = ()) -> list[str]:
-    """Return the names of all nodes of a run, the learner's last.
+    """Return the names of all nodes of a run; the learner is the last.
 
     Args:
-        simulators: their number.
-        robot: names of the nodes that are there in place of a simulator.
+        simulators: number of simulator nodes.
+        robot: names of the nodes that replace the simulator.
     """
     worlds = [name for name in NODES if name in robot]
     worlds = worlds or [f"{namespace}simulator" for namespace in namespaces(simulators)]
@@ -34,20 +34,20 @@ def node_names(simulators: int, robot: Collection[str] = ()) -> list[str]:
 
 
 def in_one_line(error: Exception) -> str:
-    """Return why a topic's name is none; ROS points to the place in further lines."""
+    """Return the message of an invalid name in one line; ROS adds lines that mark the position."""
     return " ".join(str(error).rstrip(" ^\n").split())
 
 
 def require_known_arguments(words: Sequence[str], file: str, known: Mapping[str, object]) -> None:
-    """Refuse arguments that a launch file does not have, which ``ros2 launch`` passes over in silence.
+    """Refuse unknown arguments of a launch file, which ``ros2 launch`` ignores.
 
     Args:
-        words: the command line. Where it starts another launch file, that includes this one, all may be meant for it.
+        words: the command line. If it starts another launch file that includes this one, nothing is refused.
         file: name of the launch file.
         known: its arguments.
 
     Raises:
-        ValueError: there is one that it does not have.
+        ValueError: an argument is unknown.
     """
     names = [PurePath(word).name for word in words]
     for word in words[names.index(file) + 1 :] if file in names else ():

@@ -1,4 +1,4 @@
-"""A topic for those who look on: of its messages the newest one counts."""
+"""A topic for monitoring, on which only the newest message matters."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from rclpy.node import Node
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 
 PERIOD_S = 0.2  # between messages
-LAST_MESSAGE_TIMEOUT_S = 0.5  # for listeners to take the last message before the node ends
+LAST_MESSAGE_TIMEOUT_S = 0.5  # for subscribers to receive the last message before the node exits
 
 
 class NewestTopic:
-    """A latched topic that is published on a few times a second at most, and not while nobody listens.
+    """A transient-local topic with a limited rate, by default published only if there are subscribers.
 
-    Owns the newest message, as what makes it, until it is published; who comes later hears it then.
+    Owns the function that makes the newest message, until it is published.
 
     Args:
-        node: that publishes.
-        kind: of the messages.
+        node: the publishing node.
+        kind: type of the messages.
         name: of the topic.
-        period_s: between messages.
-        always: publish although nobody listens: a node that computes for long would let those wait who come meanwhile.
+        period_s: least time between messages.
+        always: publish without subscribers too. Otherwise a late subscriber waits while the node computes.
     """
 
     def __init__(self, node: Node, kind: Any, name: str, period_s: float = PERIOD_S, *, always: bool = False) -> None:
@@ -36,11 +36,11 @@ class NewestTopic:
         self._due = 0.0  # monotonic time, seconds
 
     def offer(self, make: Callable[[], Any]) -> None:
-        """Have what this makes published in place of all before, when it is due."""
+        """Set the function that makes the next message; it replaces an unpublished one."""
         self._make = make
 
     def heartbeat(self) -> float:
-        """Publish what is due; return the seconds until more may be."""
+        """Publish a due message; return the seconds until the next one may be due."""
         if self._make is None:
             return self._period_s
         now = time.monotonic()
@@ -50,7 +50,7 @@ class NewestTopic:
         return self._due - now
 
     def close(self) -> None:
-        """Publish what was not yet, and wait until it is heard."""
+        """Publish the pending message, and wait until subscribers have received it."""
         self._publish()
         self._publisher.wait_for_all_acked(Duration(seconds=LAST_MESSAGE_TIMEOUT_S))
 

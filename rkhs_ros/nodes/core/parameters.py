@@ -1,4 +1,4 @@
-"""Settings as ROS parameters: read from the node's overrides, declared with description and range."""
+"""Settings as ROS parameters: read from a node's overrides, declared with description and range."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from rkhs_ros.base.settings import Entry
 from rkhs_ros.base.validation import hint
 
 OF_EVERY_NODE = ("use_sim_time", "start_type_description_service", "qos_overrides")
-MOST_INT64 = 2**63 - 1  # the greatest bound that a range of whole numbers can have
+MOST_INT64 = 2**63 - 1  # the greatest bound of an integer range
 
 
 def given(node: Node) -> dict[str, Any]:
-    """Return the parameters a node was started with as a tree, without those that every ROS node has.
+    """Return the parameters with which a node was started as a tree, without those of every ROS node.
 
-    The node must have been made with ``automatically_declare_parameters_from_overrides``, so that unknown names
-    are seen and can be refused.
+    The node must have been created with ``automatically_declare_parameters_from_overrides``, so that unknown names can
+    be refused.
     """
     tree: dict[str, Any] = {}
     for name, parameter in node.get_parameters_by_prefix("").items():
@@ -37,10 +37,7 @@ def given(node: Node) -> dict[str, Any]:
 
 
 def declare(node: Node, entries: Iterable[Entry]) -> None:
-    """Declare settings under their dotted names with the values in use.
-
-    They are read-only: a run is fixed by its configuration.
-    """
+    """Declare settings under their dotted names with the values in use, read-only."""
     for entry in entries:
         if node.has_parameter(entry.name):
             node.undeclare_parameter(entry.name)
@@ -49,10 +46,10 @@ def declare(node: Node, entries: Iterable[Entry]) -> None:
 
 
 def declared(node: Node, tree: dict[str, Any], name: str, default: Any, description: str) -> Any:
-    """Take one setting of a node out of its tree and declare it.
+    """Remove one setting of a node from its tree, declare it, and return its value.
 
     Raises:
-        ValueError: the value is of another type than the default.
+        ValueError: the value has another type than the default.
     """
     value = tree.pop(name, default)
     if type(value) is not type(default):
@@ -62,17 +59,17 @@ def declared(node: Node, tree: dict[str, Any], name: str, default: Any, descript
 
 
 def restarts(node: Node, tree: dict[str, Any]) -> int:
-    """Take out of a node's tree how often it was started again, and declare it."""
-    return int(declared(node, tree, "restarts", 0, "times that this node was started again after it died"))
+    """Remove the number of restarts from a node's tree, declare it, and return it."""
+    return int(declared(node, tree, "restarts", 0, "number of restarts of this node after it died"))
 
 
 @dataclass(frozen=True)
 class Process:
-    """What tells a process of a node from others of the same name.
+    """Identity of a node's process among others of the same name.
 
     Attributes:
-        number: greater than those of processes before it, by the system's clock.
-        began: monotonic time at which it began, in seconds, or the run that it belongs to.
+        number: greater than those of earlier processes, from the system clock.
+        began: monotonic start time of the process, or of its run, in seconds.
     """
 
     number: int
@@ -80,22 +77,22 @@ class Process:
 
 
 def process(node: Node, tree: dict[str, Any]) -> Process:
-    """Take out of a node's tree what names its process and tells how old it is, and declare it.
+    """Remove the identity and age of a node's process from its tree, declare both, and return the identity.
 
-    All nodes of a run are given the time at which it began, plus their restarts, and how long that is ago: so of two
-    runs all nodes of one are older than those of the other.
+    All nodes of a run receive the run's start time plus their number of restarts, and the run's age. Of two runs, all
+    nodes of one are therefore older than those of the other.
     """
-    about = "names this process among those of its name, the older ones by smaller numbers; 0 for the time"
+    about = "identifies this process among those of its name; newer ones have greater numbers; 0 for the current time"
     number = int(declared(node, tree, "instance", 0, about)) or time.time_ns()
-    about = "seconds since the run of this process began; of two processes of a name the one of the older run stays"
+    about = "seconds since the run of this process started; if two nodes share a name, that of the older run stays"
     return Process(number, time.monotonic() - float(declared(node, tree, "run_age", 0.0, about)))
 
 
 def require_known(tree: Mapping[str, Any], *known: str) -> None:
-    """Refuse what is left of a node's tree.
+    """Refuse unknown keys that are left in a node's tree.
 
     Raises:
-        ValueError: something is, but for the names given.
+        ValueError: a key is not among the known names.
     """
     for name in tree:
         if name not in known:

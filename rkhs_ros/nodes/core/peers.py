@@ -1,4 +1,4 @@
-"""Calls to other nodes, which may be slow, restarted or gone: retries, deadlines, and refusals that must stand."""
+"""Calls to other nodes, which may be slow, restarted or dead: retries, deadlines and confirmed refusals."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from rclpy.signals import SignalHandlerOptions, get_current_signal_handlers_opti
 from rkhs_ros.base.endings import Stop, signals_held
 from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S, PeerError, ReportingNode, StoppedError
 
-REFUSAL_STANDS_S = 2.0  # that a node must keep to its refusal
-SAID_AFTER_S = 3.0  # that a node is waited for
-FIRST_RETRY_S, LONGEST_RETRY_S = 0.5, 2.0  # without an answer before a request is sent again; back-off by two
+REFUSAL_STANDS_S = 2.0  # for which a node must repeat a refusal
+LOGGED_AFTER_S = 3.0  # of waiting for a node
+FIRST_RETRY_S, LONGEST_RETRY_S = 0.5, 2.0  # without an answer before a request is repeated; exponential back-off
 
 
 def _interrupts_held() -> AbstractContextManager[None]:
-    """Hold signals while the executor runs: it loses what their handlers raise while it converts a message.
+    """Hold signals while the executor runs: it loses exceptions of signal handlers while it converts a message.
 
-    In a process whose signals rclpy handles they are left to rclpy.
+    If rclpy handles the signals of this process, leave them to rclpy.
     """
     is_free = get_current_signal_handlers_options() == SignalHandlerOptions.NO
     return signals_held() if is_free else nullcontext()
@@ -33,16 +33,16 @@ class SilentError(PeerError):
 
 
 class Peers:
-    """A node's calls to other nodes; its own messages are handled while it waits for their answers.
+    """A node's calls to other nodes; the node handles its own messages while it waits for answers.
 
     Owns the executor of the calling node.
 
     Args:
         node: the calling node.
-        timeout_s: after which a silent node is given up.
+        timeout_s: after which a silent node is an error.
 
     Attributes:
-        stop: set when the process is to end.
+        stop: set when the process must exit.
         timeout_s: as above.
     """
 
@@ -54,14 +54,14 @@ class Peers:
         self._executor.add_node(node)
 
     def close(self) -> None:
-        """Handle no more messages."""
+        """Stop handling messages."""
         self._executor.shutdown()
 
     def spin(self, condition: Callable[[], bool], seconds: float) -> bool:
         """Handle messages until the condition holds or the time is over; return whether it holds.
 
         Raises:
-            StoppedError: the process was told to end.
+            StoppedError: the process was asked to exit.
         """
         deadline = time.monotonic() + seconds
         while not condition():
@@ -79,7 +79,7 @@ class Peers:
         """Handle messages for some time.
 
         Raises:
-            StoppedError: the process was told to end.
+            StoppedError: the process was asked to exit.
         """
         self.spin(lambda: False, seconds)
 
@@ -87,25 +87,25 @@ class Peers:
         """Wait until a node offers a service.
 
         Raises:
-            PeerError: it does not in time.
+            PeerError: the node does not offer it in time.
         """
         begin = time.monotonic()
-        if self.spin(client.service_is_ready, min(SAID_AFTER_S, self.timeout_s)):
+        if self.spin(client.service_is_ready, min(LOGGED_AFTER_S, self.timeout_s)):
             return
-        if self.timeout_s > SAID_AFTER_S:
-            self._say_waiting(name, begin)
+        if self.timeout_s > LOGGED_AFTER_S:
+            self._log_waiting(name, begin)
         if not self.spin(client.service_is_ready, begin + self.timeout_s - time.monotonic()):
             raise self.silent(name)
 
-    def _say_waiting(self, name: str, begin: float) -> None:
+    def _log_waiting(self, name: str, begin: float) -> None:
         left = max(begin + self.timeout_s - time.monotonic(), 0.0)
-        self._node.get_logger().info(f"waits for the {name} node, for {left:.0f} s more at most")
+        self._node.get_logger().info(f"waiting for the {name} node, for at most {left:.0f} s")
 
     def call(self, client: Client, request: Any, name: str) -> Any:
-        """Return a node's answer; ask again where it was lost, as happens to peers that have just met.
+        """Return a node's answer; repeat a lost request, as happens to nodes that have just discovered each other.
 
         Raises:
-            PeerError: no answer came in time.
+            PeerError: no answer arrived in time.
         """
         begin, patience = time.monotonic(), FIRST_RETRY_S
         while self.check_progress(begin, f"the {name} node does not answer"):
@@ -117,13 +117,13 @@ class Peers:
         raise self.silent(name)
 
     def call_until_accepted(self, ask: Callable[[], Any], name: str) -> Any:
-        """Ask a node again and again until it accepts.
+        """Repeat a request until the node accepts it.
 
-        A refusal must stand: one may come from a second node that is about to end.
+        A single refusal does not count, because it may come from a second node that is about to exit.
 
         Raises:
-            ValueError: it refuses; the message says why.
-            PeerError: no answer came in time.
+            ValueError: the node keeps refusing; the message says why.
+            PeerError: no answer arrived in time.
         """
         deadline = time.monotonic() + REFUSAL_STANDS_S
         while not (response := ask()).accepted:
@@ -133,33 +133,33 @@ class Peers:
         return response
 
     def call_until_connected(self, ask: Callable[[], Any], name: str) -> Any:
-        """Ask a node again and again until it is connected to its peers.
+        """Repeat a request until the node is connected to its peers.
 
         Raises:
-            PeerError: it is not in time.
+            PeerError: the node is not connected in time.
         """
-        begin, said = time.monotonic(), False
+        begin, is_logged = time.monotonic(), False
         while not (response := ask()).connected:
             waited = time.monotonic() - begin
             if waited > self.timeout_s:
                 raise self.silent(name, "found no peers")
-            if waited > SAID_AFTER_S and not said:
-                self._say_waiting(f"peers of the {name}", begin)
-                said = True
+            if waited > LOGGED_AFTER_S and not is_logged:
+                self._log_waiting(f"peers of the {name}", begin)
+                is_logged = True
         return response
 
     def check_progress(self, since: float, what: str) -> bool:
-        """Return whether there is time left to wait; report the node as stuck where it is stalled.
+        """Return whether there is time left to wait; report the node as stuck if it has stalled.
 
         Args:
             since: monotonic time of the last progress, in seconds.
-            what: holds the node up.
+            what: the obstacle.
         """
         self._node.diagnostics.stuck = what if self.stalled(since) else ""
         return time.monotonic() - since <= self.timeout_s
 
     def stalled(self, since: float) -> bool:
-        """Return whether half of the timeout passed since the last progress, a monotonic time in seconds."""
+        """Return whether half of the timeout has passed since the last progress, a monotonic time in seconds."""
         return time.monotonic() - since > self.timeout_s / 2
 
     def silent(self, name: str, how: str = "did not answer") -> SilentError:

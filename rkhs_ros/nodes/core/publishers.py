@@ -1,4 +1,4 @@
-"""Who publishes on a topic: on a topic of the lockstep one node alone should."""
+"""The publishers of topics, and detection of a second publisher on a topic of the lockstep."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from rkhs_ros.nodes.core.names import NODES
 
-DIFFERENT_STAND_S = 0.5  # that nodes must be seen side by side: one that has just come may be without its name yet
-SAME_STAND_S = 30.0  # the same of one name: a node that was killed is seen for some seconds more
+DIFFERENT_STAND_S = 0.5  # before two nodes count as publishers: a new node may not have its name yet
+SAME_STAND_S = 30.0  # the same for two nodes of one name: a killed node stays in the graph for some seconds
 
 
 def publishers(node: Node, topic: str) -> Counter[str]:
-    """Return how many publishers each node has on a topic, by the nodes' full names, unknown ones marked."""
+    """Return the number of publishers per node on a topic, by full names; names of other projects are marked."""
     infos = node.get_publishers_info_by_topic(topic)
     return Counter(_shown(full_name(info)) for info in infos)
 
@@ -27,9 +27,9 @@ def full_name(info: TopicEndpointInfo) -> str:
 
 
 def listed(node: Node, topic: str) -> str:
-    """Return in words who publishes on a topic."""
+    """Return a topic and the nodes that publish on it, as text."""
     names = publishers(node, topic).elements()
-    return f"{node.resolve_topic_name(topic)}: {', '.join(sorted(names)) or 'nobody'}"
+    return f"{node.resolve_topic_name(topic)}: {', '.join(sorted(names)) or 'no publishers'}"
 
 
 def _shown(name: str) -> str:
@@ -37,13 +37,13 @@ def _shown(name: str) -> str:
 
 
 class SinglePublishers:
-    """Watches topics on which one node alone should publish.
+    """Checks that topics have a single publisher.
 
-    Owns since when each topic has had more than one publisher.
+    Owns the time since which each topic has had more than one publisher.
 
     Args:
-        node: the node that looks.
-        topics: that it hears.
+        node: the subscribing node.
+        topics: that it subscribes to.
     """
 
     def __init__(self, node: Node, topics: Iterable[str]) -> None:
@@ -51,7 +51,7 @@ class SinglePublishers:
         self._crowded_since: dict[str, float | None] = dict.fromkeys(topics)
 
     def crowded(self) -> str:
-        """Return which topics have more than one publisher, and whose; empty where none has."""
+        """Return the topics with more than one publisher, with the publishers; empty if there are none."""
         return "; ".join(listed(self._node, topic) for topic in self._crowded_since if self._is_crowded(topic))
 
     def _is_crowded(self, topic: str) -> bool:

@@ -1,4 +1,4 @@
-"""Sources of sensor messages: whether each is heard, how often, and what else there is if it is not."""
+"""Sources of sensor messages: their state and rate, and alternative topics if a source is silent."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from rclpy.node import Node
 
 from rkhs_ros.nodes.core.publishers import full_name
 
-MESSAGES = 50  # of which a rate is the mean
-SILENT_S = 1.0  # without a message, at least
-OBSTACLE = "robot/obstacle"  # topic on which the robot node tells the gate which sensors cannot be used
-PREFIX = "source "  # of the keys under which nodes report their sources
+MESSAGES = 50  # over which the rate is averaged
+SILENT_S = 1.0  # least time without a message after which a source is silent
+OBSTACLE = "robot/obstacle"  # topic on which the robot node reports unusable sensors to the gate
+PREFIX = "source "  # of the diagnostics keys of sources
 
 
 class Source:
     """A topic of sensor messages.
 
-    Owns when its newest messages came.
+    Owns the arrival times of its newest messages.
 
     Args:
-        node: that hears it.
+        node: the subscribing node.
         topic: its name.
-        kind: name of the type of its messages.
-        stale_after: seconds after which a message is too old.
+        kind: name of its message type.
+        stale_after: seconds after which a message is stale.
     """
 
     def __init__(self, node: Node, topic: str, kind: str, stale_after: float) -> None:
@@ -40,28 +40,28 @@ class Source:
 
     @property
     def is_silent(self) -> bool:
-        """Whether no message came for a while, or none at all."""
+        """Whether no message has arrived recently, or ever."""
         return not self._times or time.monotonic() - self._times[-1] > self._silent_after
 
     def line(self, flaw: str = "") -> str:
-        """Return in one line how the source fares.
+        """Return the state of the source in one line.
 
         Args:
-            flaw: what is wrong with its newest message; empty if nothing.
+            flaw: error of its newest message; empty if there is none.
         """
         topic = self._node.resolve_topic_name(self._topic)
         if not self._times:
-            return f"{topic} not heard, {self._published()}; topics of {self._kind}: {self._alternatives()}"
+            return f"{topic}: no messages, {self._published()}; topics of {self._kind}: {self._alternatives()}"
         seconds = self._times[-1] - self._times[0]
         rate = (len(self._times) - 1) / seconds if seconds else 0.0
         age = time.monotonic() - self._times[-1]
-        how = "silent" if self.is_silent else "heard"
-        return f"{topic} {how}, {rate:.3g} Hz, last {age:.2f} s ago" + f"; {flaw}" * bool(flaw)
+        how = "silent" if self.is_silent else "received"
+        return f"{topic}: {how}, {rate:.3g} Hz, last {age:.2f} s ago" + f"; {flaw}" * bool(flaw)
 
     def _published(self) -> str:
         infos = self._node.get_publishers_info_by_topic(self._topic)
         whose = sorted({f"{full_name(info)} as {info.topic_type}" for info in infos})
-        return f"published by {', '.join(whose) or 'nobody'}"
+        return f"published by {', '.join(whose)}" if whose else "no publishers"
 
     def _alternatives(self) -> str:
         topics = [topic for topic, kinds in self._node.get_topic_names_and_types() if self._kind in kinds]

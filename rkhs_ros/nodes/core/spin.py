@@ -1,4 +1,4 @@
-"""How a node's process begins, spins and ends."""
+"""The life of a node's process: start, spin and exit."""
 
 from __future__ import annotations
 
@@ -36,34 +36,36 @@ if TYPE_CHECKING:
     from rkhs_ros.nodes.core.diagnostics import Diagnostics
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
-IGNORED = (signal.SIGUSR1, signal.SIGUSR2, signal.SIGTSTP)  # the last would suspend a node that others wait for
+IGNORED = (signal.SIGUSR1, signal.SIGUSR2, signal.SIGTSTP)  # SIGTSTP would suspend a node that others wait for
 CLOCK = "use_sim_time"
-SIGNAL_CHECK_S = 0.1  # between looks at whether a signal came
-MOST_ENDING_S = 10  # for a node to end; the middleware now and then waits for ever, and nothing else could end it then
-RETRY_S = 0.001  # after which what failed is tried again while a node brings to rest what it moves
-LAST_WORDS_S = 0.5  # for listeners to be found and to take the reason before a node ends by an error
+SIGNAL_CHECK_S = 0.1  # between checks for a signal
+MOST_ENDING_S = (
+    10  # for a node to exit; the middleware sometimes waits for ever, and nothing else would end the process
+)
+RETRY_S = 0.001  # before retrying a failed callback while a node brings its robot to rest
+LAST_WORDS_S = 0.5  # for subscribers to be discovered and to receive the reason before a node exits with an error
 ROSOUT_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 AnyNode = TypeVar("AnyNode", bound=Node)
 
 
 class PeerError(RunError):
-    """A node that does not answer in time or is there twice; the message names it."""
+    """A node does not answer in time, or runs twice; the message names it."""
 
 
 class StoppedError(BaseException):
-    """The process was told to end; as an interrupt it is no error, so `except Exception` lets it pass."""
+    """The process was asked to exit. Like an interrupt it is not an error, so `except Exception` does not catch it."""
 
 
 class ReportingNode(Node):
-    """A node that reports how it fares, and has work of its own between messages.
+    """A node that reports its status, and has periodic work between messages.
 
     Args:
-        name: the node's.
-        context: that it lives in, of a process that is not the node's alone; that of the process where None.
-        namespace: the node's.
+        name: of the node.
+        context: ROS context, for a node in a shared process; None for the default context.
+        namespace: of the node.
 
     Attributes:
-        diagnostics: its reports.
+        diagnostics: its status reports.
     """
 
     diagnostics: Diagnostics
@@ -79,17 +81,17 @@ class ReportingNode(Node):
         """Declare the parameters and open topics and services.
 
         Raises:
-            ValueError: an unknown parameter or a value that does not fit.
+            ValueError: an unknown parameter, or an invalid value.
         """
         raise NotImplementedError
 
     def _fix_clock(self) -> None:
-        """Make the parameter that chooses the node's clock read-only, as all others are: stamps must not jump."""
-        about = {"description": "whether time stamps are those of /clock; fixed when the node starts"}
+        """Make `use_sim_time` read-only like all other parameters: stamps must not jump."""
+        about = {"description": "take time stamps from /clock; fixed when the node starts"}
         declare(self, [Entry(CLOCK, self.get_parameter(CLOCK).value, about)])
 
     def log_fatal(self, reason: str) -> None:
-        """Tell those who listen to the log why the node ends; on standard error that is one line without this."""
+        """Publish on /rosout why the node exits; standard error gets its own line."""
         deadline = time.monotonic() + LAST_WORDS_S
         while not self._rosout.get_subscription_count() and time.monotonic() < deadline:
             time.sleep(LAST_WORDS_S / 10)
@@ -98,23 +100,23 @@ class ReportingNode(Node):
         self._rosout.wait_for_all_acked(Duration(seconds=LAST_WORDS_S))
 
     def heartbeat(self) -> float:
-        """Do the periodic work that is due, the report first of all; return the seconds until more may be due."""
+        """Do the periodic work that is due, such as the status report; return the seconds until more may be due."""
         raise NotImplementedError
 
     def may_end(self) -> bool:
-        """Begin to end where the process is told to; return whether the node has done what it does before."""
+        """Prepare for the exit of the process; return whether the node is ready to exit."""
         return True
 
 
 def serve(node: ReportingNode, stop: Stop) -> None:
-    """Handle a node's messages until told to end."""
+    """Handle a node's messages until `stop` is set."""
     serve_together([node], stop)
 
 
 def serve_together(nodes: Sequence[ReportingNode], stop: Stop) -> None:
-    """Handle the messages of nodes that share a process until told to end; an error of one ends all.
+    """Handle the messages of nodes that share a process until `stop` is set; an error of one ends all.
 
-    However it ends, each node first brings to rest what it moves.
+    In any case, each node first brings its robot to rest.
     """
     executor = EventsExecutor()
     with ExitStack() as reports:
@@ -130,7 +132,7 @@ def serve_together(nodes: Sequence[ReportingNode], stop: Stop) -> None:
 
 
 def _bring_to_rest(nodes: Sequence[ReportingNode], executor: EventsExecutor) -> None:
-    """Go on until all nodes may end, although something failed and may fail again."""
+    """Continue until all nodes may exit, although something failed and may fail again."""
     deadline = time.monotonic() + MOST_ENDING_S
     work: list[Callable[[], object]] = [node.heartbeat for node in nodes]
     work.append(partial(executor.spin_once, timeout_sec=RETRY_S))
@@ -140,27 +142,26 @@ def _bring_to_rest(nodes: Sequence[ReportingNode], executor: EventsExecutor) -> 
 
 
 def _tried(do: Callable[[], object]) -> object:
-    """Return what a function returns; None if it fails."""
+    """Call a function and return its result; None if it fails."""
     try:
         return do()
-    except BaseException:  # also SystemExit: nothing may end a process that still moves a robot
-        time.sleep(RETRY_S)  # it may fail at once, and is tried again at once
+    except BaseException:  # including SystemExit: nothing may end a process that still moves a robot
+        time.sleep(RETRY_S)  # so that a function that keeps failing does not occupy the processor
         return None
 
 
 def run(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, Stop], None]) -> None:
-    """Run a node's process: make it, let it work, and end cleanly.
+    """Run a node's process: make the node, run its work, and exit cleanly.
 
-    Bad input ends with one line and exit code 2, a silent peer, a failed environment or a full disk with one line and
-    exit code 1. A signal or a request to stop ends a run with the exit code of an interrupt, and a node that only
-    serves others with exit code 0. A signal only sets
-    the event that the work is given: ROS's own handlers would pull the context from under a callback that is about to
-    publish. SIGHUP ends no process that was started by nohup.
+    Bad input prints one line and exits with 2. A silent peer, a failed environment or a full disk prints one line and
+    exits with 1. A signal or a stop request ends a run with the exit code of an interrupt, and a serving node with 0.
+    A signal only sets the event that is passed to the work, because ROS's own handlers would invalidate the context of
+    a callback that is about to publish. SIGHUP is ignored under nohup.
 
     Args:
-        make_node: makes it.
-        name: the node's.
-        work: what it does.
+        make_node: returns the node.
+        name: of the node.
+        work: runs with the node until the event is set.
     """
     with messages_may_be_lost():
         sys.exit(_code_of(make_node, name, work))
@@ -186,30 +187,30 @@ def _code_of(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNod
     finally:
         rclpy.try_shutdown()
         for number in ENDING:
-            signal.signal(number, signal.SIG_IGN)  # Python would put back what kills it while it ends
+            signal.signal(number, signal.SIG_IGN)  # Python would restore handlers that kill it during its exit
     return code
 
 
 def _handle_signals(stop: Stop) -> None:
     for number in ENDING:
-        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # as nohup has it
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # nohup ignores it
             signal.signal(number, lambda number, frame: stop.set())
     for number in IGNORED:
         signal.signal(number, signal.SIG_IGN)
 
 
 def _begin(name: str) -> None:
-    """Begin to speak ROS: on this machine, by UDP, unless the environment says otherwise.
+    """Initialise ROS: on this machine, by UDP, unless the environment says otherwise.
 
     Raises:
-        ValueError: the arguments are bad, or there is no such domain.
+        ValueError: the arguments or the domain are invalid.
     """
     check_arguments(name, sys.argv[1:])
     os.environ.update(by_udp(os.environ))
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
-        raise ValueError(f"arguments: expected those of ROS, got what it refuses: {truncated(error)}") from error
+        raise ValueError(f"arguments: expected valid ROS arguments, but ROS reports: {truncated(error)}") from error
 
 
 def _work(node: AnyNode, work: Callable[[AnyNode, Stop], None], stop: Stop) -> None:
@@ -217,7 +218,7 @@ def _work(node: AnyNode, work: Callable[[AnyNode, Stop], None], stop: Stop) -> N
         if isinstance(node, ReportingNode):
             open_node(node)
         gc.collect()
-        gc.freeze()  # what was imported need not be searched for garbage between messages
+        gc.freeze()  # so that the collector does not traverse imported modules between messages
         work(node, stop)
     except (ValueError, RunError, OSError) as error:
         if isinstance(node, ReportingNode):
@@ -229,7 +230,7 @@ def open_node(node: ReportingNode) -> None:
     """Open a node's topics and services.
 
     Raises:
-        ValueError: a parameter is unknown or does not fit, a name is invalid, or the middleware refuses one.
+        ValueError: a parameter is unknown or invalid, a name is invalid, or the middleware refuses one.
     """
     try:
         node.open()

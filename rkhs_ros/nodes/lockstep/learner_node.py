@@ -116,7 +116,7 @@ def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
                 on_iteration=node.topics.tell,
             )
         except (StoppedError, KeyboardInterrupt):
-            node.diagnostics.tell(STOP, "the run was asked to stop")
+            node.diagnostics.publish_event(STOP, "the run was asked to stop")
             node.get_logger().info(interruption_summary(folder, config))
             if (folder / "policy.npz").is_file():
                 draw(folder)

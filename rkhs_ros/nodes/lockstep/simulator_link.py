@@ -181,7 +181,7 @@ class SimulatorLink:
     def report_waiting(self, text: str) -> None:
         """Tell the person what a robot waits for them to do, once."""
         if text and text != self._told:
-            self._node.get_logger().warning(f"the {self.name} node waits: {text}")
+            self._node.get_logger().warning(f"the {self.name} node is waiting: {text}")
         self._told = text
 
     def begin(

@@ -231,7 +231,7 @@ class TopicRunner:
         """Record an episode that does not count, tell of it, and return why."""
         self.record(*ended)
         reason = next(execution.discard_reason for execution in ended.executions if execution.discard_reason)
-        self._node.diagnostics.tell(DISCARDED_EPISODE, f"episode {ended.batch.first_episode}: {reason}")
+        self._node.diagnostics.publish_event(DISCARDED_EPISODE, f"episode {ended.batch.first_episode}: {reason}")
         return reason
 
     def _complete(self) -> bool:
@@ -299,7 +299,7 @@ class TopicRunner:
             raise RunError(f"the {died} node died {simulator.attempts} times at the same place; {simulator.place}")
         text = f"the batch of the {simulator.name} node begins anew"
         self._node.get_logger().info(text)
-        self._node.diagnostics.tell(RESTART, f"{text}, as the {died} node died")
+        self._node.diagnostics.publish_event(RESTART, f"{text}, as the {died} node died")
         self._begin([(simulator, batch)])
 
     def _take_again(self, simulator: SimulatorLink, batch: Batch) -> None:

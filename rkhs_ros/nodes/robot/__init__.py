@@ -1,1 +1,1 @@
-"""The nodes of a robot, which run by the wall clock: robot node, gate and sensors."""
+"""The nodes of a robot, timed by the wall clock: robot node, gate and sensors."""

@@ -1,4 +1,4 @@
-"""The gate as the robot node sees it."""
+"""The robot node's client of the gate."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from rkhs_ros.policies.messages import doubles
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.gate_state import STOP_REQUESTED
 
-LAST_COMMAND_TIMEOUT_S = 0.5  # for the gate to take the last command before the node ends
+LAST_COMMAND_TIMEOUT_S = 0.5  # for the gate to receive the last command before the node exits
 DISARMED, STOPPED = "disarmed", "stopped"
 
 
 class GateLink:
-    """The gate as the robot node sees it.
+    """The robot node's client of the gate.
 
-    Owns the numbers of the commands, and what the gate said of itself last.
+    Owns the numbers of the commands, and the last reported state of the gate.
 
     Args:
         node: the robot node.
-        instance: of its process, which the gate tells from others by it.
-        timeout: seconds without a report of a command after which the gate is taken to be gone.
-        report: is told of each report: the number of the command, what was executed, and the flags.
+        instance: of its process, by which the gate distinguishes senders.
+        timeout: seconds without a report of a command after which the gate counts as dead.
+        report: callback for each report, with the command's number, the executed command and the flags.
     """
 
     def __init__(self, node: Node, instance: int, timeout: float, report: Callable[[int, Array, int], None]) -> None:
@@ -41,29 +41,29 @@ class GateLink:
         self._report = report
         self._state: GateState | None = None
         self._timeout = timeout
-        self._unanswered_since = inf  # monotonic time of the first command that no report came of, seconds
+        self._unanswered_since = inf  # monotonic time of the first unreported command, seconds
         self._commands = node.create_publisher(Command, "command", LOCKSTEP_QOS)
         node.create_subscription(GateReport, "gate/report", self._hear_report, LOCKSTEP_QOS)
         node.create_subscription(GateState, "gate/state", self._hear_state, LATCHED_QOS)
 
     def send(self, values: Array, stamp: int) -> int:
-        """Send a command, which follows from an observation of that time in nanoseconds; return its number."""
+        """Send a command based on an observation of the time `stamp`, in nanoseconds; return its number."""
         self.number += 1
         self._unanswered_since = min(self._unanswered_since, time.monotonic())
         self._publish(stamp, values=doubles(values))
         return self.number
 
     def hold(self) -> None:
-        """Have the robot come to rest and hold."""
+        """Command the robot to come to rest and hold."""
         self.number += 1
         self._publish(time.time_ns(), hold=True)
 
     def obstacle(self) -> str:
-        """Return why the robot cannot be moved; empty where it can."""
+        """Return why the robot cannot be moved; empty if it can."""
         if self._state is None:
-            return "no gate is heard"
+            return "no gate is running"
         if self._is_silent:
-            return f"the gate did not report within {self._timeout:g} s (stale_after) what it made of a command"
+            return f"the gate did not report a command within {self._timeout:g} s (stale_after)"
         if self._state.state == DISARMED:
             return "the gate is not armed"
         if self._state.state == STOPPED:
@@ -76,24 +76,25 @@ class GateLink:
 
     @property
     def stands(self) -> bool:
-        """Whether the gate is there and moves nothing until it is armed."""
+        """Whether the gate is running, and disarmed or stopped."""
         return self._state is not None and self._state.state in (DISARMED, STOPPED)
 
     @property
     def stop_was_requested(self) -> bool:
-        """Whether somebody had the robot stop."""
+        """Whether the gate stopped because of a request."""
         return self._state is not None and self._state.reason.startswith(STOP_REQUESTED)
 
     @property
     def remedy(self) -> str:
-        """What a person is to do where there is an obstacle."""
+        """What the operator has to do about an obstacle."""
         service = self._node.resolve_service_name("gate/arm")
-        arm = f"see that the robot may move, then: rkhs robot arm, or ros2 service call {service} std_srvs/srv/Trigger"
-        is_there = self._state is not None and not self._is_silent
-        return arm if is_there else f"start it, {arm}"
+        call = f"rkhs robot arm, or ros2 service call {service} std_srvs/srv/Trigger"
+        arm = f"make sure that the robot may move, then run: {call}"
+        is_running = self._state is not None and not self._is_silent
+        return arm if is_running else f"start it, {arm}"
 
     def close(self) -> None:
-        """Have the robot hold, and wait until the gate has heard it."""
+        """Command the robot to hold, and wait until the gate has received the command."""
         self.hold()
         self._commands.wait_for_all_acked(Duration(seconds=LAST_COMMAND_TIMEOUT_S))
 

@@ -1,4 +1,4 @@
-"""Conversions between a gate's values and messages: of commands, joints, reports and the hardware."""
+"""Conversions between a gate's values and messages: commands, joint states, reports and outputs."""
 
 from __future__ import annotations
 
@@ -25,30 +25,30 @@ from rkhs_ros.robot.limits import Limits, Sensed
 from rkhs_ros.robot.motion import Setpoint, braking
 from rkhs_ros.robot.sensors import missing_joints
 
-MOST_POINTS = 10  # of a trajectory, which is sent every period
+MOST_POINTS = 10  # in a trajectory message; one is sent every period
 TYPES = {FLOATS: Float64MultiArray, TRAJECTORY: JointTrajectory, TWIST: Twist, TWIST_STAMPED: TwistStamped}
 
 
 def seconds_of(stamp: Stamp) -> float:
-    """Return the time of a stamp by the system's clock on the monotonic one, in seconds.
+    """Convert a stamp of the system clock to the monotonic clock, in seconds.
 
-    That is the gate's, which no correction of the system's clock moves. However busy the machine is, of two stamps
-    the later one stays so: both clocks are read at once, not one when the message came and the other when it is read.
+    The gate uses the monotonic clock, which corrections of the system clock do not affect. The order of stamps is
+    preserved even on a busy machine, because both clocks are read at once.
     """
     now, now_ns = now_by_both_clocks()
     return now - 1e-9 * (now_ns - (stamp.sec * 1_000_000_000 + stamp.nanosec))
 
 
 def command_of(message: msg.Command) -> Command:
-    """Return the command that a message carries."""
+    """Return the command in a message."""
     values = None if message.hold else np.array(message.values, dtype=np.float64)
     return Command(message.instance, message.number, seconds_of(message.stamp), values)
 
 
 class JointStates:
-    """Picks the joints of a gate out of messages.
+    """Extracts the joints of a gate from JointState messages.
 
-    Owns where they were found last.
+    Owns the positions of the joints in the last message.
 
     Args:
         joints: their names.
@@ -60,7 +60,7 @@ class JointStates:
         self._places = np.zeros(0, dtype=np.intp)
 
     def sensed_of(self, message: JointState) -> Sensed:
-        """Return what a message tells of the joints, nan for what it does not tell.
+        """Return the state of the joints in a message; fields that it omits are nan.
 
         Raises:
             ValueError: a joint is missing.
@@ -80,7 +80,7 @@ class JointStates:
 
 
 def report_message(command: msg.Command, report: CommandReport) -> msg.GateReport:
-    """Return what the gate publishes of a command."""
+    """Return the gate's report message of a command."""
     return msg.GateReport(
         instance=command.instance,
         number=command.number,
@@ -92,12 +92,12 @@ def report_message(command: msg.Command, report: CommandReport) -> msg.GateRepor
 
 
 def state_message(state: Gate) -> msg.GateState:
-    """Return what the gate publishes of itself."""
+    """Return the gate's state message."""
     return msg.GateState(state=str(state.mode), reason=state.reason, **vars(state.counts))
 
 
 def hardware_message(settings: GateSettings, limits: Limits, motion: Setpoint) -> Any:
-    """Return an output as the message that the hardware takes."""
+    """Return an output as a message of the hardware's type."""
     if settings.command.type == FLOATS:
         return Float64MultiArray(data=doubles(motion.value))
     if settings.command.type == TRAJECTORY:
@@ -107,7 +107,7 @@ def hardware_message(settings: GateSettings, limits: Limits, motion: Setpoint) -
 
 
 def _trajectory(settings: GateSettings, limits: Limits, motion: Setpoint) -> JointTrajectory:
-    """Return the next positions and how they come to rest, which is what happens where no further message comes."""
+    """Return the next positions and a braking trajectory, which the hardware executes if no further message arrives."""
     points = [
         JointTrajectoryPoint(
             positions=doubles(values), time_from_start=Duration(seconds=settings.period + seconds).to_msg()

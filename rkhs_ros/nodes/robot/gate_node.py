@@ -1,4 +1,4 @@
-"""The gate node: the only one that commands the hardware, within limits, and stops it when something is amiss."""
+"""The gate node: the only node that commands the hardware; it enforces limits and stops the robot on faults."""
 
 from __future__ import annotations
 
@@ -40,15 +40,15 @@ from rkhs_ros.robot.gate_state import STOP_REQUESTED, Counts, Gate, Mode
 from rkhs_ros.robot.motion import Setpoint
 from rkhs_ros.robot.sensors import JOINT_STATE
 
-YIELDS_S = 3.0  # after its start, for an older gate; one that was armed never does
-LAST_OUTPUT_TIMEOUT_S = 0.2  # for the hardware to take the last output
-LATE = 2  # periods between ticks from which one is missed
+YIELDS_S = 3.0  # after its start, during which a gate exits for an older one, unless it was armed
+LAST_OUTPUT_TIMEOUT_S = 0.2  # for the hardware to receive the last output
+LATE = 2  # periods between two ticks above which a tick counts as missed
 HARDWARE_QOS = QoSProfile(depth=1)
 
 
 @dataclass
 class Loop:
-    """Counts the ticks of a loop since it was last asked, and those missed since it began."""
+    """Statistics of a loop: rates since the last report, and missed ticks since the start."""
 
     period: float
     last: float | None = None
@@ -66,17 +66,17 @@ class Loop:
         self.last = now
 
     def report(self) -> dict[str, object]:
-        """Return the rates since the last report: mean, and of the longest wait."""
+        """Return the mean and the worst rate since the last report, and the missed ticks."""
         mean, worst = self.ticks / max(self.seconds, 1e-9), 1.0 / self.worst if self.worst else 0.0
         self.seconds, self.ticks, self.worst = 0.0, 0, 0.0
         return {"loop rate": f"{mean:.1f}", "worst loop rate": f"{worst:.1f}", "missed ticks": self.missed}
 
 
 class GateNode(ReportingNode):
-    """Passes commands on to the hardware, once a period, as far as limits and faults allow.
+    """Sends commands to the hardware once per period, within limits and unless there is a fault.
 
-    Owns the gate's state and the topic of the hardware. Does not own what is commanded: it knows nothing of learning,
-    raises no limit, and is armed by a person only.
+    Owns the gate's state and the topic of the hardware. It is independent of learning, never widens a limit, and only
+    an operator arms it.
     """
 
     def __init__(self) -> None:
@@ -86,7 +86,7 @@ class GateNode(ReportingNode):
         """Declare the parameters and open topics and services.
 
         Raises:
-            ValueError: an unknown parameter, or limits that are missing or do not fit.
+            ValueError: an unknown parameter, or missing or inconsistent limits.
         """
         require_section(self.get_fully_qualified_name(), sys.argv)
         tree = given(self)
@@ -95,20 +95,20 @@ class GateNode(ReportingNode):
         self._rules = rules(self._settings)
         declare(self, (entry for entry in entries(self._settings) if entry.value != ()))
         self._state = begin(self._rules)
-        self._told: tuple[Mode, str, Counts] | None = None
+        self._published: tuple[Mode, str, Counts] | None = None
         self._loop = Loop(self._settings.period)
         self._joints = JointStates(self._settings.joints)
-        self._end_at = inf  # monotonic time, seconds; known once the gate is to end
-        self._flaw = ""  # of what was sensed last
-        self._obstacle = ""  # that the robot node told of last
+        self._end_at = inf  # monotonic time, seconds; finite once the gate has been asked to exit
+        self._flaw = ""  # of the last joint state
+        self._obstacle = ""  # last reported by the robot node
         self._open_topics()
         self.diagnostics = Diagnostics(self, again, self._report, ["command", self._settings.command.topic])
         self._uniqueness = Uniqueness(self, own_process, YIELDS_S)
         self._turn(self._state)
-        self.get_logger().info(f"ready to be armed for {', '.join(self._settings.joints)}; sends nothing before")
+        self.get_logger().info(f"ready to be armed for {', '.join(self._settings.joints)}; sends nothing until then")
 
     def heartbeat(self) -> float:
-        """Send what is due to the hardware, and report; return the seconds until the next output."""
+        """Send a due output to the hardware, and report; return the seconds until the next output."""
         now = time.monotonic()
         if now >= self._state.due:
             self._tick(now)
@@ -116,7 +116,7 @@ class GateNode(ReportingNode):
         return max(min(self.diagnostics.heartbeat(), self._state.due - time.monotonic()), 0.0)
 
     def may_end(self) -> bool:
-        """Stop the robot before the process ends; return whether it is at rest, or takes too long."""
+        """Stop the robot before the process exits; return whether it is at rest or the timeout is over."""
         now = time.monotonic()
         self._end_at = min(self._end_at, now + self._settings.rest.timeout)
         state, is_left = leave(self._state, self._rules, now)
@@ -146,20 +146,20 @@ class GateNode(ReportingNode):
         self.create_service(Trigger, "~/stop", self._stop)
 
     def _turn(self, state: Gate) -> None:
-        """Go on to a state, and tell it where something of it is new."""
-        self._state, told = state, (state.mode, state.reason, state.counts)
-        if told == self._told:
+        """Set the state, and publish it if mode, reason or counters have changed."""
+        self._state, visible = state, (state.mode, state.reason, state.counts)
+        if visible == self._published:
             return
-        is_new = self._told is None or self._told[0] != Mode.STOPPED
+        is_new = self._published is None or self._published[0] != Mode.STOPPED
         if state.mode == Mode.STOPPED and is_new and not state.is_shutting_down:
             self.get_logger().error(f"stopped: {state.reason}")
-            self.diagnostics.tell(STOP, state.reason)
+            self.diagnostics.publish_event(STOP, state.reason)
         self.diagnostics.stuck = state.reason
         self._states.publish(state_message(state))
-        self._told = told
+        self._published = visible
 
     def _tick(self, now: float) -> None:
-        """Send an output first, whatever fails after it; what is seen then counts from the next one on."""
+        """Send an output first, so that no later failure prevents it; then check stops and other publishers."""
         state, output = ticked(self._state, self._rules, now)
         self._send(state.motion if output is not None else None)
         self._turn(state)
@@ -179,7 +179,7 @@ class GateNode(ReportingNode):
         state, report = commanded(self._state, self._rules, now, command_of(message))
         self._reports.publish(report_message(message, report))
         if report.reason:
-            self.diagnostics.refuse(f"a command: {report.reason}")
+            self.diagnostics.refuse(report.reason)
         self._turn(state)
 
     def _sense(self, source: Source, message: JointState) -> None:
@@ -187,14 +187,14 @@ class GateNode(ReportingNode):
         source.hear()
         try:
             news = self._joints.sensed_of(message)
-        except ValueError as error:  # from others than ours, as where each arm of a robot tells of itself
+        except ValueError as error:  # for example from a robot whose arms publish separately
             self._flaw = str(error)
-            self.diagnostics.skip(f"what was sensed: {error}")
+            self.diagnostics.skip(f"joint state: {error}")
             return
         state, reason = sensed(self._state, self._rules, now, news)
         self._flaw = reason
         if reason:
-            self.diagnostics.refuse(f"what was sensed: {reason}")
+            self.diagnostics.refuse(reason)
         self._turn(state)
 
     def _hear_obstacle(self, message: String) -> None:
@@ -202,19 +202,19 @@ class GateNode(ReportingNode):
 
     @property
     def _is_sensing(self) -> bool:
-        """Whether the joints are sensed, if they need be."""
+        """Whether the joints are sensed, or need not be."""
         news = self._state.sensed
         return not self._source or (news is not None and time.monotonic() - news.stamp <= self._settings.stale_after)
 
     def _joints_line(self) -> str:
-        """Return how the source of the joints fares."""
-        return self._source.line("" if self._is_sensing else self._flaw) if self._source else "needs none"
+        """Return the state of the source of joint states in one line."""
+        return self._source.line("" if self._is_sensing else self._flaw) if self._source else "not needed"
 
     def _hear_stops(self) -> None:
         self._turn(stop_requested(self._state, self._stops.reason()))
 
     def _rivals(self) -> str:
-        """Return in words who else publishes to the hardware; empty if nobody does."""
+        """Return an error message if another node publishes to the hardware; empty otherwise."""
         topic = self._settings.command.topic
         return f"expected no other publisher, got {listed(self, topic)}" if self.count_publishers(topic) > 1 else ""
 

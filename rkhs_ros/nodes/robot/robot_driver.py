@@ -1,4 +1,4 @@
-"""How the robot node moves a robot: through the reset before an episode, and through the episode."""
+"""The robot node's control of a robot during resets and episodes."""
 
 from __future__ import annotations
 
@@ -25,37 +25,36 @@ from rkhs_ros.robot.sensors import SensingError, field_values, fresh
 from rkhs_ros.robot.task import RobotTask
 
 RESET_PERIOD_S = 0.05  # between the commands of a reset, at most
-IDLE_S = 1.0  # between looks at nothing
-PEERS_TIMEOUT_S = 5.0  # for sensors to speak and the service to be there before a reset, after which the run ends
-FIRST_RETRY_S, LONGEST_RETRY_S = 0.02, 1.0  # without the first action before the observation is said again; doubled
+IDLE_S = 1.0  # until the next check without an episode
+PEERS_TIMEOUT_S = 5.0  # for sensors and the service to become available before a reset; after it the run ends
+FIRST_RETRY_S, LONGEST_RETRY_S = 0.02, 1.0  # before the first observation is repeated; exponential back-off
 
 
 class EpisodeDriver:
-    """Moves the robot through one episode at a time, with the reset before it.
+    """Runs one episode at a time on the robot, including the reset before it.
 
-    Owns the episode under way, its reset, the command that was sent last and the observation that was shown last. Does
-    not own what becomes of an episode that is over: who began it is told.
+    Owns the current episode, its reset, the last command and the last observation message.
 
     Args:
         node: the robot node.
-        task: the robot's.
+        task: the robot's task.
         instance: of the node's process.
-        arms: whether the robot is a simulated robot, which is made ready from here.
-        ended: is told of each episode that is over, at rest.
+        arms: whether the robot is simulated and prepared automatically.
+        ended: callback for each episode that has ended, with the robot commanded to hold.
 
     Attributes:
-        episode: the one under way, the reset before it included.
-        alive_at: monotonic time of the learner's last sign of life, seconds.
-        paused: whether a person wants no further episode to begin.
-        waiting: what a person is waited for to do; empty while nobody is.
-        sensors: the topics that are heard.
+        episode: the current episode, also during the reset before it.
+        alive_at: monotonic time of the learner's last heartbeat, seconds.
+        paused: whether the operator wants no further episode to start.
+        waiting: what the operator has to do; empty if nothing.
+        sensors: the subscribed sensor topics.
     """
 
     def __init__(
         self, node: ReportingNode, task: RobotTask, instance: int, *, arms: bool, ended: Callable[[RobotEpisode], None]
     ) -> None:
         self.episode: RobotEpisode | None = None
-        self.lockstep = (0, 0)  # batch and policy version that the policy node knows the episode by
+        self.lockstep = (0, 0)  # batch and policy version of the episode's messages
         self.alive_at = 0.0
         self.paused = False
         self.waiting = ""
@@ -78,55 +77,55 @@ class EpisodeDriver:
 
     @property
     def is_heard(self) -> bool:
-        """Whether a policy node hears the observations."""
+        """Whether a policy node subscribes to the observations."""
         return bool(self._observations.get_subscription_count() > 0)
 
     def begin(self, batch: Batch, identity: int, version: int) -> None:
-        """Begin an episode, in which the policy of that version is to act."""
+        """Start an episode with the policy of that version."""
         self.episode = RobotEpisode(batch, self._task, time.time_ns())
         self.lockstep = (identity, version)
         self._began_at = time.monotonic()
         self._clock = ElasticClock(self._reset_period, self._began_at)
 
     def rename(self, identity: int, version: int) -> None:
-        """Go on under another batch number and policy version, unless the policy acts under those before already."""
+        """Continue under another batch number and policy version, unless the policy already acts under the old ones."""
         if self.episode is not None and not self.episode.moving:
             self.lockstep = (identity, version)
             if self._shown is not None:
                 self._show(self.episode)
 
     def confirm(self) -> None:
-        """Take a person's word that the robot may go on."""
+        """Continue on the operator's confirmation."""
         self.paused = False
         if self._reset is not None:
             self._reset.is_confirmed = True
 
     def discard(self, reason: str) -> None:
-        """End the episode under way, if there is one, as void."""
+        """Discard the current episode, if there is one."""
         if self.episode is not None:
             self.episode.discard(reason)
             self._finish(self.episode)
 
     def close(self) -> None:
-        """Have the robot hold before the node ends."""
-        self.discard("the robot node was told to end")
+        """Command the robot to hold before the node exits."""
+        self.discard("the robot node is shutting down")
         self._gate.close()
 
     def proceed(self, now: float) -> float:
-        """Do what is due; return the monotonic time of what is due next.
+        """Process due events; return the monotonic time of the next one.
 
         Raises:
-            RunError: the sensors do not speak, or a function of the task fails.
+            RunError: the sensors are silent, or a function of the task fails.
         """
         episode = self.episode
         if episode is None:
             return now + IDLE_S
         if self._shown is None:
             return self._prepare(episode, now)
-        if spoilt := self._obstacle() or self._silence(now):
-            episode.discard(spoilt)
+        if fault := self._obstacle() or self._silence(now):
+            episode.discard(fault)
         if not episode.moving and not episode.over:
-            return self._ask_for_first_action(now)
+            return self._request_first_action(now)
         if episode.proceed(now, self._sense):
             if episode.complete:
                 self._gate.hold()
@@ -136,17 +135,17 @@ class EpisodeDriver:
         return min(episode.due, now + min(self._task.learner_timeout, self._task.stale_after))
 
     def _obstacle(self) -> str:
-        """Return why the robot cannot be moved; empty where it can."""
+        """Return why the robot cannot be moved; empty if it can."""
         return self._gate.obstacle() or (self._simulated.obstacle() if self._simulated else "")
 
     def _silence(self, now: float) -> str:
         silent, most = now - self.alive_at, self._task.learner_timeout
-        return f"the learner gave no sign of life for {silent:.2g} s (learner_timeout {most:g})" * (silent > most)
+        return f"no heartbeat of the learner for {silent:.2g} s (learner_timeout {most:g})" * (silent > most)
 
     # Before the first step.
 
     def _prepare(self, episode: RobotEpisode, now: float) -> float:
-        """Do the next part of the reset when it is due; return when more is."""
+        """Do the next part of the reset if it is due; return the monotonic time of the next one."""
         if now < self._clock.due:
             return self._clock.due
         self._clock = self._clock.ticked(now)
@@ -156,9 +155,9 @@ class EpisodeDriver:
         elif self._reset is not None:
             self._continue_reset(self._reset, episode, now)
         elif obstacle or self.paused:
-            from_here = self._simulated is not None and self._simulated.make_ready(now) and not self.paused
-            what = f"{obstacle}; {self._gate.remedy}" if obstacle else f"paused; to go on: {self.call('start')}"
-            self.waiting = "" if from_here else self.sensors.obstacle() or what
+            is_automatic = self._simulated is not None and self._simulated.make_ready(now) and not self.paused
+            what = f"{obstacle}; {self._gate.remedy}" if obstacle else f"paused; to continue: {self.call('start')}"
+            self.waiting = "" if is_automatic else self.sensors.obstacle() or what
             self._began_at = now
         elif self._is_sensing(now) and self._is_served(now):
             self.waiting = ""
@@ -166,12 +165,12 @@ class EpisodeDriver:
         return self._clock.due
 
     def call(self, service: str) -> str:
-        """Return what a person types to call a service of the node."""
+        """Return the commands with which the operator calls a service of the node."""
         name = f"{self._node.get_fully_qualified_name()}/{service}"
         return f"rkhs robot {service}, or ros2 service call {name} std_srvs/srv/Trigger"
 
     def _blindness(self) -> str:
-        """Return which sensors cannot be used, and why; empty if all can."""
+        """Return which sensors are unusable, and why; empty if all are usable."""
         try:
             self._observe()
         except SensingError as error:
@@ -179,10 +178,10 @@ class EpisodeDriver:
         return self.sensors.obstacle()
 
     def _is_sensing(self, now: float) -> bool:
-        """Return whether the sensors speak.
+        """Return whether all sensors are usable.
 
         Raises:
-            RunError: they do not in time.
+            RunError: they are not in time.
         """
         obstacle = self._blindness()
         if obstacle and now - self._began_at > PEERS_TIMEOUT_S:
@@ -190,10 +189,10 @@ class EpisodeDriver:
         return not obstacle
 
     def _is_served(self, now: float) -> bool:
-        """Return whether the service that a reset calls is there, or none is called.
+        """Return whether the service of the reset is available, or not needed.
 
         Raises:
-            RunError: it is not in time.
+            RunError: it is not available in time.
         """
         if "trigger" not in self._task.reset.steps or self._service.service_is_ready():
             return True
@@ -207,7 +206,7 @@ class EpisodeDriver:
         if isinstance(outcome, Move):
             self._sent = (self._gate.send(outcome.command, time.time_ns()), -1)
             return
-        if self._sent[0] == self._gate.number:  # nothing more is due
+        if self._sent[0] == self._gate.number:  # the last command was a motion of the reset
             self._gate.hold()
         self.waiting = outcome.text if isinstance(outcome, Wait) else ""
         match outcome:
@@ -236,7 +235,7 @@ class EpisodeDriver:
         self._show(episode)
         self._retry_s, self._retry_at = FIRST_RETRY_S, time.monotonic() + FIRST_RETRY_S
 
-    def _ask_for_first_action(self, now: float) -> float:
+    def _request_first_action(self, now: float) -> float:
         if now >= self._retry_at and self._shown is not None:
             self._observations.publish(self._shown)
             self._retry_s = min(2 * self._retry_s, LONGEST_RETRY_S)
@@ -252,15 +251,15 @@ class EpisodeDriver:
     def _act(self, message: Action) -> None:
         episode = self.episode
         if episode is None or (message.batch, message.policy_version) != self.lockstep:
-            self._node.diagnostics.skip(f"an action of batch {message.batch}, which is not under way")
+            self._node.diagnostics.skip(f"action: batch {message.batch} is not running")
             return
         try:
             action = matrix(message.actions, 1, self._task.action.dimension, "actions")[0]
             require(message.step < episode.batch.horizon, "step", f"less than {episode.batch.horizon}", message.step)
         except ValueError as error:
-            self._node.diagnostics.refuse(f"an action: {error}")
+            self._node.diagnostics.refuse(f"action: {error}")
             return
-        stamp = episode.stamp if episode.moving else time.time_ns()  # until it moves, what was observed still holds
+        stamp = episode.stamp if episode.moving else time.time_ns()  # before the motion, the observation is still valid
         command = episode.act(message.step, action, time.monotonic())
         if command is not None:
             self._sent = (self._gate.send(command, stamp), message.step)
@@ -270,32 +269,32 @@ class EpisodeDriver:
             self.episode.report(self._sent[1], executed, flags)
 
     def _observe(self) -> Reading:
-        """Return what the sensors say now, before anything is earned.
+        """Return a reading of the sensors without a reward.
 
         Raises:
-            SensingError: one is silent or stale.
+            SensingError: a sensor is silent or stale.
         """
         return Reading(self._task.sensors.observation(self.sensors.heard(), time.monotonic()), 0.0, time.time_ns())
 
     def _sense(self) -> Reading:
-        """Return what the sensors say now, and what the reward's topic does.
+        """Return a reading of the sensors and of the reward topic.
 
         Raises:
-            SensingError: one is silent or stale.
+            SensingError: a topic is silent or stale.
         """
         reading, reward = self._observe(), self._task.reward
         if not reward.topic:
             return reading
         message = fresh(self.sensors.heard(), reward.topic, time.monotonic(), self._task.stale_after)
-        (told,) = field_values(message, reward.field)
-        return reading._replace(reward=told)
+        (value,) = field_values(message, reward.field)
+        return reading._replace(reward=value)
 
     def _sense_joints(self) -> Joints:
         home = self._task.reset.home
         return home.joints_in(fresh(self.sensors.heard(), home.topic, time.monotonic(), self._task.stale_after))
 
     def _finish(self, episode: RobotEpisode) -> None:
-        """Have the robot hold, and tell who began the episode that it is over."""
+        """Command the robot to hold, and report the end of the episode."""
         self._gate.hold()
         self.episode = self._reset = self._shown = None
         self.waiting = ""

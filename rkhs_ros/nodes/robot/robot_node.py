@@ -1,4 +1,4 @@
-"""The robot node: a world of a robot's own topics, in which the wall clock ends a step."""
+"""The robot node: runs episodes on a robot over its own topics, with steps timed by the wall clock."""
 
 from __future__ import annotations
 
@@ -29,16 +29,15 @@ from rkhs_ros.robot.episode import FinishedEpisode, RobotEpisode
 from rkhs_ros.robot.journal import Journal
 from rkhs_ros.robot.task import robot_task_from
 
-CALM_S = 0.005  # before what is due next, in which nothing else is done
-ONE_ROW = "1, as a robot has"
+CALM_S = 0.005  # before the next due event, during which the node does nothing else
 
 
 class RobotNode(ReportingNode):
-    """Runs episodes on a robot, one at a time, for a learner that asks for them as it asks a simulator.
+    """Runs episodes on a robot, one at a time, with the same interface to the learner as a simulator.
 
-    Owns the journal, and the episode that may still be vetoed. Asked for an episode of the journal it tells it again,
-    asked for the one under way it goes on with it. Does not own the motion of the robot, nor the episodes' numbers,
-    which the learner gives, and does not speak to the hardware: commands go to the gate.
+    Owns the journal, and the episode that may still be vetoed. If the learner requests an episode that is in the
+    journal, the node publishes it again; if it is running, the node continues it. The learner assigns the episodes'
+    numbers. Commands go to the gate, never directly to the hardware.
     """
 
     def __init__(self) -> None:
@@ -48,35 +47,34 @@ class RobotNode(ReportingNode):
         """Read the task, and open topics and services.
 
         Raises:
-            ValueError: an unknown parameter, a value that does not fit, or an unknown type of messages.
-            OSError: the folder of the journal cannot be made.
+            ValueError: an unknown parameter, an invalid value, or an unknown message type.
+            OSError: the folder of the journal cannot be created.
         """
         require_section(self.get_fully_qualified_name(), sys.argv)
         tree = given(self)
-        folder = declared(self, tree, "journal", "", "folder that keeps each episode; empty: none is kept")
+        folder = declared(self, tree, "journal", "", "folder to store each episode in; empty: store none")
         arms = declared(
             self,
             tree,
             "simulated",
             False,
-            "arm the gate of a simulated robot, and end its protective stops, from here; of no other",
+            "arm the gate and end protective stops automatically, for simulated robots only",
         )
         again, own_process = restarts(self, tree), process(self, tree)
         self._task = robot_task_from(tree)
         declare(self, (entry for entry in self._task.entries() if entry.value != ()))
         self._journal = Journal(Path(folder).expanduser() if folder else None)
-        self._request = StartEpisodes.Request()  # of the batch that was asked for last
+        self._request = StartEpisodes.Request()  # the newest one
         self._held: tuple[FinishedEpisode, float] | None = None  # an episode that may be vetoed, and until when
-        self._told: tuple[FinishedEpisode, int, int] | None = (
-            None  # a finished one, with the batch and version it was told by
-        )
-        self._said: Episodes | None = None  # last
+        # The last completed episode that was published, with its batch and policy version.
+        self._reported: tuple[FinishedEpisode, int, int] | None = None
+        self._newest: Episodes | None = None  # the last published message
         self._failure = ""
-        self._pace, self._misses, self._voids = StepTiming(), 0, 0
+        self._timing, self._misses, self._discarded = StepTiming(), 0, 0
         self.diagnostics = Diagnostics(self, again, self._report, ["action", "gate/report"])
         self._uniqueness = Uniqueness(self, own_process)
         instance_number = self._uniqueness.instance
-        self._motion = EpisodeDriver(self, self._task, instance_number, arms=arms, ended=self._keep)
+        self._motion = EpisodeDriver(self, self._task, instance_number, arms=arms, ended=self._store)
         self._open_topics()
         self.get_logger().info(f"ready for episodes of {self._task.task}")
 
@@ -91,7 +89,7 @@ class RobotNode(ReportingNode):
         self.create_service(SetBool, "~/pause", self._pause)
 
     def heartbeat(self) -> float:
-        """Do what is due; return the seconds until the next time."""
+        """Process due events; return the seconds until the next one."""
         now = time.monotonic()
         if self._held is not None and now >= self._held[1]:
             self._release()
@@ -104,7 +102,7 @@ class RobotNode(ReportingNode):
         return max(min(self.diagnostics.heartbeat(), due - time.monotonic()), 0.0)
 
     def _proceed(self, now: float) -> float:
-        """Have the robot move on; where that fails the episode is void, and the learner is told why."""
+        """Continue the episode; if that fails, discard it and report the reason to the learner."""
         try:
             return self._motion.proceed(now)
         except RunError as error:
@@ -113,10 +111,10 @@ class RobotNode(ReportingNode):
             return now
 
     def close(self) -> None:
-        """Have the robot hold before the node ends."""
+        """Command the robot to hold before the node exits."""
         self._motion.close()
 
-    # What the learner asks for.
+    # Requests of the learner.
 
     def _describe(self, request: DescribeTask.Request, response: DescribeTask.Response) -> DescribeTask.Response:
         heard = self._motion.is_heard and self._episodes.get_subscription_count() > 0
@@ -129,75 +127,75 @@ class RobotNode(ReportingNode):
 
     def _start(self, request: StartEpisodes.Request, response: StartEpisodes.Response) -> StartEpisodes.Response:
         self._motion.alive_at = time.monotonic()
-        with self.diagnostics.accepting(response, "to start episodes"):
+        with self.diagnostics.accepting(response, "start_episodes"):
             batch = batch_of(request)
-            asked = (request.environment, request.options)
-            require(asked == (self._task.task, "{}"), "task", self._task.task, " with options ".join(asked))
-            require(batch.num_envs == 1, "num_envs", ONE_ROW, batch.num_envs)
+            requested = (request.environment, request.options)
+            require(requested == (self._task.task, "{}"), "task", self._task.task, " with options ".join(requested))
+            require(batch.num_envs == 1, "num_envs", "1 for a robot", batch.num_envs)
             if request.batch == self._request.batch:
-                require(request == self._request, f"batch {request.batch}", "the request of before", "another")
+                require(request == self._request, f"batch {request.batch}", "the same request again", "another one")
                 self._repeat()
             else:
                 self._take(request, batch)
         return response
 
     def _take(self, request: StartEpisodes.Request, batch: Batch) -> None:
-        """Go on with the episode under way where it is asked for, tell one of the journal, or begin a new one."""
+        """Continue the current episode if it is requested; else publish it from the journal, or start a new one."""
         episode = self._motion.episode
-        under_way = self._held[0].batch if self._held else episode.batch if episode else None
-        if under_way == batch and not request.anew:
+        current = self._held[0].batch if self._held else episode.batch if episode else None
+        if current == batch and not request.anew:
             self._request = request
             self._motion.rename(request.batch, request.policy_version)
             return
         self._release()
-        self._motion.discard("another episode was asked for")
-        self._request, self._said, self._failure, self.diagnostics.stuck = request, None, "", ""
+        self._motion.discard("another episode was requested")
+        self._request, self._newest, self._failure, self.diagnostics.stuck = request, None, "", ""
         if request.anew:
             self._journal.set_aside(batch)
         found = self._journal.find(batch)
         if found is not None:
-            self._tell(found)
+            self._publish(found)
         else:
             self._motion.begin(batch, request.batch, request.policy_version)
 
     def _repeat(self) -> None:
-        """Say again what was said last, as it may have been lost."""
-        if self._said is not None:
-            self._episodes.publish(self._said)
+        """Repeat the last message, which may have been lost."""
+        if self._newest is not None:
+            self._episodes.publish(self._newest)
 
     def _hear_learner(self, message: Empty) -> None:
         self._motion.alive_at = time.monotonic()
 
     # The end of an episode.
 
-    def _keep(self, episode: RobotEpisode) -> None:
-        """Keep an episode that is over, then tell of it, once it can no longer be vetoed."""
+    def _store(self, episode: RobotEpisode) -> None:
+        """Store an ended episode, and publish it once it can no longer be vetoed."""
         ended = episode.ended()
-        self._pace, self._misses = self._pace + episode.timing, self._misses + episode.misses
+        self._timing, self._misses = self._timing + episode.timing, self._misses + episode.misses
         self.diagnostics.steps += len(ended.execution.flags)
         self._journal.add(ended)
         if reason := ended.execution.discard_reason:
-            self._voids += 1
-            self.get_logger().warning(f"episode {ended.batch.first_episode} is void: {reason}")
+            self._discarded += 1
+            self.get_logger().warning(f"episode {ended.batch.first_episode} is discarded: {reason}")
         if self._failure:
-            return  # the learner is to end, not to ask again
+            return  # the learner exits; it must not repeat the episode
         self._held = (ended, 0.0 if reason else time.monotonic() + self._task.veto_window)
         if reason or not self._task.veto_window:
             self._release()
 
     def _release(self) -> None:
-        """Tell of an episode that was held back."""
+        """Publish an episode that was held back."""
         if self._held is not None:
             ended, self._held = self._held[0], None
-            self._tell(ended)
+            self._publish(ended)
 
-    def _tell(self, ended: FinishedEpisode) -> None:
+    def _publish(self, ended: FinishedEpisode) -> None:
         place = (self._request.batch, self._request.policy_version)
-        self._said = episodes_message(msg, *place, ended.episodes, [ended.execution])
-        self._episodes.publish(self._said)
-        self._told = None if ended.execution.discard_reason else (ended, *place)
+        self._newest = episodes_message(msg, *place, ended.episodes, [ended.execution])
+        self._episodes.publish(self._newest)
+        self._reported = None if ended.execution.discard_reason else (ended, *place)
 
-    # What a person asks for.
+    # Requests of the operator.
 
     def _go_on(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._motion.confirm()
@@ -206,38 +204,38 @@ class RobotNode(ReportingNode):
 
     def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._motion.paused, response.success = request.data, True
-        response.message = f"before the next episode; to go on: {self._motion.call('start')}" if request.data else ""
+        response.message = f"before the next episode; to continue: {self._motion.call('start')}" if request.data else ""
         return response
 
     def _stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._motion.paused, response.success = True, True
-        self._motion.discard("stopped by a person")
-        response.message = f"to go on: {self._motion.call('start')}"
+        self._motion.discard("stopped by the operator")
+        response.message = f"to continue: {self._motion.call('start')}"
         return response
 
     def _veto(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Make the last finished episode void, if the learner cannot have learnt from it.
+        """Discard the last completed episode, unless the learner may already have used it.
 
-        It has not where it was not told of it yet, nor where it waits for another one under the same policy.
+        The learner cannot have used an episode that is unpublished, nor one whose policy is still acting.
         """
         if self._held is not None:
-            self._held = (self._voided(self._held[0]), 0.0)
+            self._held = (self._vetoed(self._held[0]), 0.0)
             self._release()
-        elif self._told is not None and self._motion.episode and self._told[2] == self._request.policy_version:
-            (ended, identity, version), self._told = self._told, None
-            void = self._voided(ended)
-            self._episodes.publish(episodes_message(msg, identity, version, void.episodes, [void.execution]))
+        elif self._reported is not None and self._motion.episode and self._reported[2] == self._request.policy_version:
+            (ended, identity, version), self._reported = self._reported, None
+            vetoed = self._vetoed(ended)
+            self._episodes.publish(episodes_message(msg, identity, version, vetoed.episodes, [vetoed.execution]))
         else:
-            response.message = "there is none that the learner has not learnt from (veto_window holds them back)"
+            response.message = "the learner has already used all completed episodes (veto_window holds them back)"
             return response
         response.success = True
         return response
 
-    def _voided(self, ended: FinishedEpisode) -> FinishedEpisode:
-        void = replace(ended, execution=replace(ended.execution, discard_reason="vetoed by a person"))
-        self._journal.discard(void)
-        self._voids += 1
-        return void
+    def _vetoed(self, ended: FinishedEpisode) -> FinishedEpisode:
+        vetoed = replace(ended, execution=replace(ended.execution, discard_reason="vetoed by the operator"))
+        self._journal.discard(vetoed)
+        self._discarded += 1
+        return vetoed
 
     def _report(self) -> dict[str, object]:
         batch, version = self._motion.lockstep
@@ -247,16 +245,16 @@ class RobotNode(ReportingNode):
             "batch": batch,
             "step": episode.step if episode else 0,
             "state": "idle" if episode is None else "moving" if episode.moving else "getting ready",
-            "period mean ms": f"{1e3 * self._pace.mean:.2f}",
-            "period worst ms": f"{1e3 * self._pace.worst:.2f}",
+            "period mean ms": f"{1e3 * self._timing.mean:.2f}",
+            "period worst ms": f"{1e3 * self._timing.worst:.2f}",
             "misses": self._misses,
-            "discarded episodes": self._voids,
+            "discarded episodes": self._discarded,
             **self._motion.sensors.report(),
         }
 
 
 def serve_robot(node: RobotNode, stop: Stop) -> None:
-    """Handle the node's messages until told to end; the robot holds then."""
+    """Handle the node's messages until `stop` is set; then command the robot to hold."""
     try:
         serve(node, stop)
     finally:

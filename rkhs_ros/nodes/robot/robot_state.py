@@ -1,4 +1,4 @@
-"""A robot's description and motions, published for viewers; imported only where asked for, as it takes 0.1 s."""
+"""A robot's description and motions, published for viewers; imported only if needed, because it takes 0.1 s."""
 
 from __future__ import annotations
 
@@ -15,10 +15,9 @@ MOTION_QOS = QoSProfile(depth=256)  # a whole motion
 
 
 class RobotState:
-    """Publishes a robot's URDF once, and motions all at once, stamped with when they are to be seen: from now on.
+    """Publishes a robot's URDF once, and each motion as a whole, with stamps from now on.
 
-    Owns the time at which the last motion ends. Motions that are made before it are not shown: a simulator makes them
-    faster than they can be seen.
+    Owns the end time of the last motion. Earlier motions are skipped, because a simulator is faster than a viewer.
 
     Args:
         node: the simulator node.
@@ -39,7 +38,7 @@ class RobotState:
         self._description.publish(String(data=description))
 
     def publish(self) -> None:
-        """Publish what the robot did in the step just made, if it did something and no motion is being shown."""
+        """Publish the robot's motion of the last step, if there is one and no earlier motion is still running."""
         now_ns = self._clock.now().nanoseconds
         states = self._simulation.joint_states() if now_ns >= self._motion_end_ns else None
         if states is None:

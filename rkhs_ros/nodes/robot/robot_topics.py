@@ -1,4 +1,4 @@
-"""What can be said against a robot's topics, services and types before any of its nodes is there."""
+"""Validation of a robot's topics, services and types before any of its nodes runs."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from rkhs_ros.robot.task import RobotTask
 
 
 def check_topics(task: RobotTask, gate: GateSettings) -> None:
-    """Check what robot node and gate will open.
+    """Check the topics and services that the robot node and the gate will open.
 
     Raises:
-        ValueError: a name is none of a topic or service, a type is unknown, or has no such field.
+        ValueError: the name of a topic or service is invalid, a type is unknown, or has no such field.
     """
     for setting, name in _names(task, gate):
         try:
@@ -32,7 +32,7 @@ def check_topics(task: RobotTask, gate: GateSettings) -> None:
 
 
 def _names(task: RobotTask, gate: GateSettings) -> Iterator[tuple[str, str]]:
-    """Walk through the names of topics and services that are used, by their settings."""
+    """Yield the used names of topics and services with their settings."""
     yield from ((f"robot.sensors.{name}.topic", sensor.topic) for name, sensor in task.sensors)
     names = {
         "robot.reward.topic": task.reward.topic,
@@ -45,10 +45,10 @@ def _names(task: RobotTask, gate: GateSettings) -> Iterator[tuple[str, str]]:
 
 
 def check_fields(task: RobotTask) -> dict[str, Any]:
-    """Return the types of messages of all topics that a task has read, by topic.
+    """Return the message classes of all topics that a task reads, by topic.
 
     Raises:
-        ValueError: a type is unknown or has no such field, or a topic is to have two types.
+        ValueError: a type is unknown or has no such field, or a topic has two types.
     """
     types = {topic: message_type(name) for topic, name in topics_of(task).items()}
     fields = [(sensor.topic, field) for _, sensor in task.sensors for field in sensor.fields]
@@ -60,10 +60,10 @@ def check_fields(task: RobotTask) -> dict[str, Any]:
 
 
 def topics_of(task: RobotTask) -> dict[str, str]:
-    """Return the types of all topics that a task has read, by topic.
+    """Return the type names of all topics that a task reads, by topic.
 
     Raises:
-        ValueError: a topic is to have two types.
+        ValueError: a topic has two types.
     """
     wanted = [(sensor.topic, sensor.type) for _, sensor in task.sensors]
     if task.reward.topic:
@@ -77,13 +77,13 @@ def topics_of(task: RobotTask) -> dict[str, str]:
 
 
 def message_type(name: str) -> Any:
-    """Return the class of a type of messages, as ``sensor_msgs/msg/Imu``.
+    """Return the class of a message type such as ``sensor_msgs/msg/Imu``.
 
     Raises:
-        ValueError: there is none of that name.
+        ValueError: the type is unknown.
     """
     package, _, kind = name.partition("/msg/")
     try:
         return getattr(importlib.import_module(f"{package}.msg"), kind)
     except (ImportError, AttributeError) as error:
-        raise ValueError(f"unknown type of messages '{name}': {truncated(error)}") from error
+        raise ValueError(f"unknown message type '{name}': {truncated(error)}") from error

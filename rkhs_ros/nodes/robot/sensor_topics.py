@@ -1,4 +1,4 @@
-"""The topics of a robot's sensors: of each the newest message is kept, and read when it is needed."""
+"""The topics of a robot's sensors: the newest message of each is stored, and deserialised on demand."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from rkhs_ros.robot.reset import STEPS
 from rkhs_ros.robot.sensors import ReceivedMessage, SensingError, field_values
 from rkhs_ros.robot.task import RobotTask
 
-# Of what comes faster than it is read the newest counts. Best effort hears reliable publishers as well.
+# Only the newest message matters. A best-effort subscription is compatible with reliable publishers as well.
 SENSOR_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-CHECK_PERIOD_S = 1.0  # between looks at what cannot be used, and before the first
+CHECK_PERIOD_S = 1.0  # between checks for unusable sources, and before the first check
 
 
 class Use(NamedTuple):
-    """What a topic is heard for.
+    """The purpose of a topic.
 
     Attributes:
-        name: of the use, after the setting.
-        topic: that is heard.
-        read: reads a message; raises SensingError if it cannot be used.
-        is_needed: whether it must be heard before the robot may move.
+        name: of the purpose, from the settings.
+        topic: its name.
+        read: reads a message; raises SensingError if it is unusable.
+        is_needed: whether the topic must be usable before the robot may move.
     """
 
     name: str
@@ -41,15 +41,15 @@ class Use(NamedTuple):
 
 
 class SensorTopics:
-    """Hears the sensors of a robot.
+    """Subscriptions to the sensors of a robot.
 
-    Messages are kept as they come over the wire, since many more may come than are read.
+    Messages are stored serialised, because many more may arrive than are read.
 
-    Owns the newest message of each topic, and when it came; tells the gate which sensors cannot be used.
+    Owns the newest message of each topic and its arrival time. Reports unusable sensors to the gate.
 
     Args:
         node: the robot node.
-        task: says which topics.
+        task: defines the topics.
 
     Raises:
         ValueError: a type is unknown, or has no such field.
@@ -64,38 +64,38 @@ class SensorTopics:
         for topic, kind in self._types.items():
             node.create_subscription(kind, topic, partial(self._hear, topic), SENSOR_QOS, raw=True)
         self._obstacles = node.create_publisher(String, OBSTACLE, LATCHED_QOS)
-        self._told = ""
+        self._published = ""
         self._due = time.monotonic() + CHECK_PERIOD_S
 
     def heard(self) -> dict[str, ReceivedMessage]:
-        """Return the newest message of each topic that was heard."""
+        """Return the newest message of each topic that has one."""
         return {topic: self._read(topic) for topic in self._newest}
 
     def report(self) -> dict[str, str]:
-        """Return how each source fares, by the key to report it under."""
+        """Return the state of each source by its diagnostics key."""
         return {PREFIX + use.name: self._sources[use.topic].line(self._flaw(use)) for use in self._uses}
 
     def obstacle(self) -> str:
-        """Return which of the sources that are needed cannot be used, and why; empty if all can."""
+        """Return which needed sources are unusable, and why; empty if all are usable."""
         flaws = [(use, self._flaw(use)) for use in self._uses if use.is_needed]
         bad = [(use, flaw) for use, flaw in flaws if flaw or self._sources[use.topic].is_silent]
         return "; ".join(f"{use.name}: {self._sources[use.topic].line(flaw)}" for use, flaw in bad)
 
     def heartbeat(self, now: float) -> None:
-        """Tell the gate what changed of the sensors that cannot be used."""
+        """Report the unusable sensors to the gate, if they have changed."""
         if now < self._due:
             return
         self._due = now + CHECK_PERIOD_S
-        if (obstacle := self.obstacle()) != self._told:
+        if (obstacle := self.obstacle()) != self._published:
             self._obstacles.publish(String(data=obstacle))
-            self._told = obstacle
+            self._published = obstacle
 
     def _read(self, topic: str) -> ReceivedMessage:
         content, at = self._newest[topic]
         return ReceivedMessage(deserialize_message(content, self._types[topic]), at)
 
     def _flaw(self, use: Use) -> str:
-        """Return what is wrong with the newest message; empty if nothing, or if there is none."""
+        """Return the error of the newest message; empty if it is usable, or if there is none."""
         if use.topic in self._newest:
             try:
                 use.read(self._read(use.topic).message)
@@ -109,7 +109,7 @@ class SensorTopics:
 
 
 def _uses(task: RobotTask) -> Iterator[Use]:
-    """Walk through what the topics of a task are heard for."""
+    """Yield the uses of a task's topics."""
     reward, home = task.reward, task.reset.home
     yield from (Use(f"sensor {name}", sensor.topic, sensor.numbers) for name, sensor in task.sensors)
     if STEPS[0] in task.reset.steps:

@@ -1,4 +1,4 @@
-"""The robot node's link to a simulated robot, which a run makes ready by itself, as a person does a real robot."""
+"""The robot node's client of a simulated robot, which a run prepares automatically."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ NAME = "simulated_robot"
 
 
 class SimulatedRobotLink:
-    """The simulated robot as the robot node sees it.
+    """The robot node's client of a simulated robot.
 
-    Arms its gate and ends its protective stops, now and then, as long as nobody had it stop.
+    Arms its gate and ends its protective stops automatically, unless a stop was requested.
 
-    Owns what the robot said of itself last, and when it was spoken to.
+    Owns the robot's last report, and the time of the last attempt.
 
     Args:
         node: the robot node.
@@ -38,15 +38,15 @@ class SimulatedRobotLink:
         node.create_subscription(DiagnosticStatus, f"{NAME}/violations", self._hear_report, LATCHED_QOS)
 
     def obstacle(self) -> str:
-        """Return why the robot does not move; empty where nothing of its own keeps it from that."""
+        """Return the reason of the robot's protective stop; empty if there is none."""
         if self._report.level != DiagnosticStatus.ERROR:
             return ""
-        return f"the simulated robot stopped by itself ({truncated(self._report.message)})"
+        return f"the simulated robot made a protective stop ({truncated(self._report.message)})"
 
     def make_ready(self, now: float) -> bool:
-        """Do what a person would before the robot may move; return whether that is done from here.
+        """Prepare the robot to move; return whether this happens automatically.
 
-        Not where somebody had the robot stop: that takes their word, as on any robot.
+        After a requested stop it does not: as on any robot, an operator has to arm the gate.
         """
         if self._gate.stop_was_requested:
             return False

@@ -1,6 +1,7 @@
-"""The topic on which others request a stop, heard with who says what.
+"""The topic on which other nodes request a stop, with the publisher of each message.
 
-Of ROS 2 Jazzy rclpy tells a callback no publisher, so messages are taken by rcl itself, as rclpy takes them.
+In ROS 2 Jazzy, rclpy does not pass the publisher to a callback. The messages are therefore taken with rcl directly, in
+the same way as rclpy does.
 """
 
 from __future__ import annotations
@@ -17,20 +18,20 @@ from rkhs_ros.nodes.core.publishers import full_name
 from rkhs_ros.robot.gate_state import STOP_REQUESTED
 from rkhs_ros.robot.stops import StopRequest, Stops
 
-DEPTH = 256  # messages between two looks, of all publishers together
-# A latched subscription hears no publisher that is not, nor a reliable one that is not: whatever a publisher offers,
-# one of these takes it at its best. What is heard twice counts once.
+DEPTH = 256  # messages between two checks, from all publishers together
+# A transient-local subscription does not match a volatile publisher, nor a reliable one a best-effort one. For any
+# publisher, one of these is the best match. A message that arrives twice counts once.
 QOS = (
     QoSProfile(depth=DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL),
     QoSProfile(depth=DEPTH),
     QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),
 )
-UNKNOWN = "_NODE_NAME_UNKNOWN_"  # as rmw says of a node that has not told its name yet
+UNKNOWN = "_NODE_NAME_UNKNOWN_"  # rmw's name of a node whose name is not known yet
 OK = 0  # RCL_RET_OK: a message was taken
 
 
 class _MessageInfo(ctypes.Structure):
-    """rmw_message_info_t of rmw/types.h, and room for what later versions may append."""
+    """rmw_message_info_t of rmw/types.h, with space for fields of later versions."""
 
     _fields_ = (
         ("source_timestamp", ctypes.c_int64),
@@ -45,15 +46,15 @@ class _MessageInfo(ctypes.Structure):
 
 
 class StopTopic:
-    """Hears a topic of std_msgs/Bool with the publisher of each message.
+    """A subscription to a std_msgs/Bool topic with the publisher of each message.
 
-    Owns what each publisher said last, the names of their nodes, and a node of its own for its subscriptions: an
-    executor would take their messages.
+    Owns the newest message of each publisher, the names of their nodes, and a separate node for its subscriptions, so
+    that no executor takes their messages.
 
     Args:
-        node: that listens.
-        topic: of the stops.
-        timeout: seconds of silence that mean stop; 0 for none.
+        node: the gate node.
+        topic: of the stop requests.
+        timeout: seconds of silence that mean stop; 0 for no timeout.
     """
 
     def __init__(self, node: Node, topic: str, timeout: float) -> None:
@@ -73,9 +74,9 @@ class StopTopic:
         self._take.argtypes = (ctypes.c_void_p, ctypes.c_void_p, ctypes.POINTER(_MessageInfo), ctypes.c_void_p)
 
     def reason(self) -> str:
-        """Take what came; return who requests a stop, empty if nobody."""
+        """Take the new messages; return the reason for a stop with its publishers, empty if there is none."""
         full = [all(self._hear(subscription) for _ in range(DEPTH)) for subscription in self._subscriptions]
-        if any(full):  # a request may have been dropped
+        if any(full):  # a request may have been lost
             return (
                 f"{STOP_REQUESTED} on the topic '{self._topic}', perhaps: {DEPTH} or more messages between two checks"
             )
@@ -84,7 +85,7 @@ class StopTopic:
         return self._stops.reason(time.monotonic(), self._names)
 
     def drop_departed(self) -> None:
-        """Forget publishers that are gone, at the word of a person who arms the gate."""
+        """Remove publishers that no longer exist; only an operator who arms the gate may do so."""
         self._stops = self._stops.without_departed(self._present())
 
     def _hear(self, subscription: Subscription) -> bool:
@@ -93,12 +94,12 @@ class StopTopic:
         with subscription.handle:
             if self._take(subscription.handle.pointer, ctypes.byref(data), ctypes.byref(info), None) != OK:
                 return False
-        word = StopRequest(data.value, info.publication_sequence_number, time.monotonic())
-        self._stops = self._stops.with_request(bytes(info.publisher_gid), word)
+        request = StopRequest(data.value, info.publication_sequence_number, time.monotonic())
+        self._stops = self._stops.with_request(bytes(info.publisher_gid), request)
         return True
 
     def _present(self, *, named: bool = False) -> dict[bytes, str]:
-        """Return the full name of each publisher's node, or of those alone that have told it already."""
+        """Return the full name of each publisher's node; with `named`, only known names."""
         infos = self._node.get_publishers_info_by_topic(self._topic)
         return {
             bytes(info.endpoint_gid): full_name(info) for info in infos if not (named and info.node_name == UNKNOWN)

@@ -32,12 +32,12 @@ COLUMNS = {  # headers of the reported values: one line each, and short enough f
     "step": "step",
     "steps per second": "Hz",
     "refusals": "refused",
-    "passed over": "ignored",
+    "ignored": "ignored",
     "restarts": "restarts",
 }
 LAST_REFUSAL = "last refusal"
 MODE = "state"  # of a gate or a robot, beside how the node fares
-OF_OURS = "passed over"  # that all our nodes report
+OF_OURS = "ignored"  # that all our nodes report
 RANDOM = ("serving version", "batch")  # numbers that say no more than which are the same
 DIGITS = 4  # of these
 COLOURS = {DiagnosticStatus.OK: "green", DiagnosticStatus.WARN: "yellow", DiagnosticStatus.ERROR: "red"}

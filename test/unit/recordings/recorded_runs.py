@@ -81,7 +81,7 @@ class Robot:
                 self._to_veto.remove(number)
                 finished = execution(part, self._period)
                 self.record(part, spoilt, [finished])
-                self.record(part, spoilt, [replace(finished, discard_reason="vetoed by a person")])
+                self.record(part, spoilt, [replace(finished, discard_reason="vetoed by the operator")])
                 parts.append(part)
             else:
                 self.record(part, episodes, [execution(part, self._period)])

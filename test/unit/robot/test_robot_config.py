@@ -54,7 +54,7 @@ def test_robot_settings_can_be_changed_and_are_settings_of_the_run() -> None:
         ("robot.sensors.motor.topic='a b'", "robot.sensors.motor.topic: Invalid topic name: topic name must not"),
         ("robot.reset.trigger.service=1st", "robot.reset.trigger.service: Invalid topic name"),
         ("gate.command.topic='a b'", "gate.command.topic: Invalid topic name"),
-        ("robot.reward={topic: score, type: std_msgs/msg/Float65}", "unknown type of messages 'std_msgs/msg/Float65'"),
+        ("robot.reward={topic: score, type: std_msgs/msg/Float65}", "unknown message type 'std_msgs/msg/Float65'"),
         ("robot.sensors.motor={topic: a, type: sensor_msgs/msg/Imu, fields: [speed]}", "unknown field 'speed' of Imu"),
         ("simulators=2", "simulators: expected 1, since there is one robot"),
     ],

@@ -235,7 +235,7 @@ def test_the_journal_finds_completed_episodes_and_stores_discarded_ones(tmp_path
     journal = Journal(tmp_path / "journal")
     assert journal.find(BATCH) is None
     discarded = begun()
-    discarded.discard("stopped by a person")
+    discarded.discard("stopped by the operator")
     journal.add(discarded.ended())
     assert journal.find(BATCH) is None
     episode = begun()
