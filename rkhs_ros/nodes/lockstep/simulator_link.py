@@ -29,7 +29,7 @@ from rkhs_ros.policies.messages import spaces_of
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.batch_sharing import EpisodeTiming
-from rkhs_ros.runs.config import MOST_ROWS, Environment
+from rkhs_ros.runs.config import MOST_ENVS, Environment
 
 SIMULATOR, ROBOT = "simulator", "robot"
 PROBE_S = 0.2  # for a simulator that fell silent to answer, each time that others begin
@@ -312,7 +312,7 @@ def _environment_of(task: DescribeTask.Response) -> Environment:
         options = json.loads(task.options)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"options: expected a JSON object, got {truncated(task.options)}") from error
-    return Environment(task.environment, options, min(task.num_envs, MOST_ROWS))
+    return Environment(task.environment, options, min(task.num_envs, MOST_ENVS))
 
 
 def _named(environment: Environment) -> str:

@@ -17,13 +17,13 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.rollouts.env_batch import GOES_ON, KEPT, Flags
 
 try:
-    from rkhs_ros.nodes.remote.remote_world import RemoteSimulation
+    from rkhs_ros.nodes.remote.remote_simulation import RemoteSimulation
 except ImportError as error:
     got = missing_ros() or error
     raise DependencyNotInstalled(f"rkhs/Remote-v0: expected {EXPECTED}, got none: {got}") from error
 
 if TYPE_CHECKING:
-    from rkhs_ros.nodes.remote.remote_world import RemoteStep
+    from rkhs_ros.nodes.remote.remote_simulation import RemoteStep
 
 Values = NDArray[np.floating[Any]]
 Info = dict[str, Any]
