@@ -12,7 +12,6 @@ CONFIGURATIONS = sorted((ROOT / "config").rglob("*.yaml"))
 TEXTS = [*SOURCES, *(page for page in PAGES if page != GLOSSARY)]
 
 UNCHECKED = (
-    "CONTRIBUTING",
     "settings",
     "view",
 )
