@@ -7,11 +7,12 @@ from collections.abc import Generator, Iterable, Iterator, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 from numpy.typing import NDArray
 
 from rkhs_ros.app.inline import warn_of_horizon
+from rkhs_ros.app.learn_settings import LearnSettings
 from rkhs_ros.base.settings import Settings
 from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import hint, nearest, pick, require
@@ -36,9 +37,6 @@ from rkhs_ros.runs.progress import progress_bar
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-OTHERS = ("policy", "options", "num_envs")  # keywords that are not fields of Training
 
 
 @dataclass(frozen=True)
@@ -98,7 +96,11 @@ class GivenKernel(KernelChoice):
 
 
 def train(
-    environment: Source, algorithm: Algorithm | str | None = None, *, progress: bool = True, **settings: Any
+    environment: Source,
+    algorithm: Algorithm | str | None = None,
+    *,
+    progress: bool = True,
+    **settings: Unpack[LearnSettings],
 ) -> Result:
     """Train a policy and return it with its learning curve.
 
@@ -109,7 +111,7 @@ def train(
         algorithm: an algorithm such as ``RKHSNAC(centres=80)``, or its name; None stands for RKHS-NAC. Settings that
             are not given have the defaults of `rkhs_ros.runs.defaults`.
         progress: show a progress bar on standard error.
-        **settings: settings of `learn`.
+        **settings: keywords of `LearnSettings`, such as ``iterations``, ``seed``, ``kernel`` and ``model``.
 
     Returns:
         The result after the last iteration.
@@ -124,19 +126,15 @@ def train(
     return result
 
 
-def learn(environment: Source, algorithm: Algorithm | str | None = None, **settings: Any) -> Iterator[Result]:
+def learn(
+    environment: Source, algorithm: Algorithm | str | None = None, **settings: Unpack[LearnSettings]
+) -> Iterator[Result]:
     """Train a policy and yield the result of each iteration, for callbacks and early stopping.
 
     Args:
         environment: as for `train`.
         algorithm: as for `train`.
-        **settings: fields of `Training`: ``iterations``, ``seed``, ``episodes_per_iteration``, ``horizon`` (the
-            environment's time limit if it has one, otherwise 100), ``discount``, ``exploration_sd``,
-            ``evaluate_every``, ``evaluation_episodes``, ``inputs`` (an `Inputs`), ``kernel`` (a `KernelChoice`, its
-            form as text, or a kernel), ``model`` (a `ModelBased`, "gaussian_process" or "none"). Further keywords are
-            ``policy`` (the initial `Policy`, or its file), ``options`` (a mapping of options for an id) and
-            ``num_envs`` (the maximum number of environments in a batch). Settings that are not given have the defaults
-            of `rkhs_ros.runs.defaults`.
+        **settings: keywords of `LearnSettings`, such as ``iterations``, ``seed``, ``kernel`` and ``model``.
 
     Raises:
         ValueError: a setting is unknown or invalid, or the environment cannot be used.
@@ -211,7 +209,7 @@ def _meant(name: str, known: Iterable[str]) -> str:
     """Return a hint for an unknown setting: the nearest setting of a run, or of an algorithm."""
     algorithms: list[type[Algorithm]] = [*reversed(ALGORITHMS.values()), ALGORITHMS["rkhs_nac"]]
     owners = {f.name: each.__name__ for each in algorithms for f in fields(each)}
-    of_run = dict.fromkeys([*known, *OTHERS])
+    of_run = dict.fromkeys([*LearnSettings.__annotations__, *known])
     near = [] if name not in owners and nearest(name, of_run) else nearest(name, owners)
     return f"did you mean {owners[near[0]]}({near[0]}=...)?" if near else hint(name, of_run)
 

@@ -4,6 +4,7 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,10 @@ from gymnasium.vector import SyncVectorEnv
 
 import rkhs_ros
 from rkhs_ros.app.cli import main
+from rkhs_ros.app.learn_settings import LearnSettings
 from rkhs_ros.base.settings import build
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import load_config
@@ -135,6 +138,11 @@ def test_defaults_do_not_depend_on_how_the_algorithm_is_chosen(form: str, tmp_pa
     for curve in (*curves[1:], of_command):
         for name in set(curve) - {"seconds"}:
             assert np.array_equal(curve[name], curves[0][name], equal_nan=True), name
+
+
+def test_the_typed_keywords_are_those_that_are_taken() -> None:
+    of_run = {each.name for each in fields(Training)} - {"algorithm", "simulators", "timeout"}  # of nodes
+    assert set(LearnSettings.__annotations__) == of_run | {"policy", "options", "num_envs"}
 
 
 def test_an_object_overrides_only_the_settings_that_it_is_given() -> None:
