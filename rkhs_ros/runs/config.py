@@ -76,8 +76,7 @@ class Environment:
         limits = {"description": about, "minimum": 0, "maximum": MOST_ENVS}
         yield Entry("environment.num_envs", self.num_envs, limits)
         for name, value in _leaves(self.options):
-            about = {"description": f"keyword option of {self.id}"}
-            yield Entry(f"environment.options.{name}", value, about)
+            yield Entry(f"environment.options.{name}", value, {"description": f"keyword option of {self.id}"})
 
 
 @dataclass(frozen=True)
