@@ -1,4 +1,4 @@
-"""Build of the ament_python package; run by colcon, see the Makefile."""
+"""Build the ament_python package; run by colcon, see the Makefile."""
 
 import os
 import sys
@@ -10,7 +10,7 @@ NAME = "rkhs_ros"
 
 
 def files(pattern: str) -> list[str]:
-    """List the files that match, less the dangling links of a build before a file was removed."""
+    """List the files that match a pattern, without dangling links left by builds of removed files."""
     return [str(path) for path in sorted(Path().glob(pattern)) if path.exists()]
 
 
@@ -21,13 +21,15 @@ def requirements(name: str) -> list[str]:
 
 
 def warn_of_missing_interfaces() -> None:
-    """Say what to do where colcon does not see the messages: it looks for no packages inside of one."""
+    """Print how to link the messages if colcon does not find them: it does not search inside packages."""
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     found = any(Path(prefix, "share", "rkhs_interfaces", "package.xml").exists() for prefix in prefixes)
     if {"develop", "install"} & set(sys.argv) and prefixes != [""] and not found:
         here = Path(__file__).resolve().parent
         print(
-            f"rkhs_interfaces is not in the workspace: ln -s {here.name}/rkhs_interfaces {here.parent}", file=sys.stderr
+            f"rkhs_interfaces: expected the package in the workspace, got none. "
+            f"Run: ln -s {here.name}/rkhs_interfaces {here.parent}",
+            file=sys.stderr,
         )
 
 

@@ -21,7 +21,7 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Array
 from rkhs_ros.runs.config import Config
 
-NOISE_FREE = ConstantVariance(np.array([1e-18]))  # all but
+NEGLIGIBLE_VARIANCE = ConstantVariance(np.array([1e-18]))  # all but
 
 
 class Features(NamedTuple):
@@ -64,7 +64,7 @@ def scorer(config: Config, features: Features) -> Callable[..., float]:
     training, runner = config.training, runner_of(config.environment)
 
     def score(weights: Array, first: int, rows: int, *, explore: bool) -> float:
-        policy = GaussianPolicy(Function(features.kernel, features.centres, weights[:, None]), NOISE_FREE)
+        policy = GaussianPolicy(Function(features.kernel, features.centres, weights[:, None]), NEGLIGIBLE_VARIANCE)
         episodes = runner.collect(policy, Batch(training.seed, first, rows, training.horizon, explore=explore))
         return float(episodes.returns(training.discount).mean())
 

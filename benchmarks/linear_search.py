@@ -24,7 +24,7 @@ from trial import Meter, MeteredRunner, Point, Trial
 FIRST_SD = 0.5  # of the weights, by CMA-ES
 DIRECTIONS, BEST = 8, 4  # tried, and gone along, by ARS
 PROBE, STEP_SIZE = 0.1, 0.1  # how far ARS looks, and how far it goes
-NOISE_FREE = 1e-18  # variance: all but
+NEGLIGIBLE_VARIANCE = 1e-18  # of a deterministic policy
 CONSTANT = 1e-8  # standard deviation below which an input says nothing
 
 
@@ -141,7 +141,7 @@ def learn(make: Callable[[int, int], Search], trial: Trial) -> Iterator[Point]:
     spaces = runner.spaces
     seen = np.zeros((0, inputs.dimension(spaces.observation_dim, spaces.action_dim)))
     search = make(spaces.action_dim * (seen.shape[1] + 1), training.seed)
-    variance = ConstantVariance(np.full(spaces.action_dim, NOISE_FREE))
+    variance = ConstantVariance(np.full(spaces.action_dim, NEGLIGIBLE_VARIANCE))
     evaluated, rows = 0, training.evaluation_episodes
     while meter.episodes < trial.episodes:
         candidates, scores, generation = search.ask(), [], [seen]

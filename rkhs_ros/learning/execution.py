@@ -53,6 +53,6 @@ def discard(batch: Batch, episodes: Episodes, executions: list[Execution]) -> No
 
     Args:
         batch: the episodes' numbers.
-        episodes: that ended, finished or void.
+        episodes: that ended, finished or discarded.
         executions: of each episode; none in a simulation.
     """

@@ -59,7 +59,7 @@ def _packed(code: str, values: NDArray[Any], kind: type) -> array[int]:
 
 
 def episodes_of(message: Any, batch: Batch, spaces: Spaces) -> Episodes:
-    """Return the episodes that a message carries; those that are void may have no step.
+    """Return the episodes that a message carries; discarded ones may have no step.
 
     Raises:
         ValueError: they are not of that batch's size, or not finite.

@@ -58,7 +58,7 @@ class Recorder:
         self._served = self._version(policy)
 
     def ended(self, batch: Batch, episodes: Episodes, executions: list[Execution]) -> None:
-        """Record a batch of the policy in service, finished or void."""
+        """Record a batch of the policy in service, finished or discarded."""
         self._batches += 1
         numbers = {"seed": batch.seed, "first_episode": batch.first_episode, "explore": batch.explore}
         message = episodes_message(TYPES, self._batches, self._served, episodes, executions)

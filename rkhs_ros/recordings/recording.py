@@ -59,7 +59,7 @@ class Recording:
         heads: what was learnt and how; another one where the run went on with other versions, none in a bag that others
             recorded.
         policies: by version.
-        batches: in the order in which they ended, void ones included.
+        batches: in the order in which they ended, discarded ones included.
         updates: the messages of the iterations done.
         lost: bytes of the file that are ignored because they are damaged or cut.
     """

@@ -106,7 +106,7 @@ def test_a_learner_that_asks_for_the_episode_under_way_is_given_that_one(
         ("gate", {}, "the gate did not report 4 commands"),
     ],
 )
-def test_whoever_falls_silent_the_robot_comes_to_rest_and_the_episode_is_void(
+def test_whoever_falls_silent_the_robot_comes_to_rest_and_the_episode_is_discarded(
     begin: Callable[..., Process], bench: Bench, tmp_path: Path, part: str, limit: dict[str, object], words: str
 ) -> None:
     begin(**PATIENT | limit)

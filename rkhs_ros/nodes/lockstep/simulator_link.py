@@ -33,7 +33,7 @@ from rkhs_ros.runs.config import MOST_ENVS, Environment
 
 SIMULATOR, ROBOT = "simulator", "robot"
 PROBE_S = 0.2  # for a simulator that fell silent to answer, each time that others begin
-MOST_VOIDS = 10  # of a robot's episodes, one after another, after which it is given up
+MAX_DISCARDS = 10  # of a robot's episodes, one after another, after which it is given up
 SIGNS_OF_LIFE = 4  # within the time after which a robot takes the learner for dead
 
 
@@ -50,7 +50,7 @@ class SimulatorLink:
 
     Owns the task it simulates, the batch that it was asked for and the policy that acts in it, the furthest step of the
     batch that was seen, how often it was begun without coming further, how quick it was, and the episodes that it sent.
-    Only those in which the policy acted are taken. Of a robot's they may be void, even after they were finished, and
+    Only those in which the policy acted are taken. Episodes of a robot may be discarded, even after they finished; and
     while they are waited for it is given signs of life.
 
     Args:
@@ -85,9 +85,9 @@ class SimulatorLink:
         self._begun_at = 0.0  # monotonic time, seconds
         self.executions: list[Execution] = []
         self.refusal = ""  # why episodes of the batch were refused; empty while none were
-        self.void: FinishedBatch | None = None  # what ended as void and is to begin again
-        self.voids = 0  # of the batch, one after another
-        self.vetoed: list[FinishedBatch] = []  # finished, and made void since
+        self.discarded: FinishedBatch | None = None  # what was discarded and is to begin again
+        self.discards = 0  # of the batch, one after another
+        self.vetoed: list[FinishedBatch] = []  # finished, and discarded since
         self._policy: GaussianPolicy | None = None
         self._finished: dict[int, Batch] = {}  # under the policy in service, by the numbers that they were asked by
         self._told = ""  # what a person was last told that the robot waits for
@@ -160,11 +160,11 @@ class SimulatorLink:
 
     def mark_idle(self) -> None:
         """Mark the simulator idle."""
-        self.batch, self.episodes, self.void = None, None, None
-        self.step = self.attempts = self.voids = 0
+        self.batch, self.episodes, self.discarded = None, None, None
+        self.step = self.attempts = self.discards = 0
 
     def forget_finished(self) -> None:
-        """Forget the episodes that were finished: what is learnt from cannot become void."""
+        """Forget the episodes that were finished: what is learnt from cannot be discarded."""
         self._finished.clear()
         self.vetoed.clear()
 
@@ -202,7 +202,7 @@ class SimulatorLink:
             ValueError: it refuses.
         """
         anew = bool(self.refusal)
-        self.batch, self.episodes, self.refusal, self.void = batch, None, "", None
+        self.batch, self.episodes, self.refusal, self.discarded = batch, None, "", None
         self._begun_at = time.monotonic()
         self.attempts += 1
         if self.is_robot:
@@ -273,13 +273,13 @@ class SimulatorLink:
         return self.request.batch, self.request.policy_version
 
     def _take(self, message: EpisodesMessage) -> None:
-        """Take the episodes of the batch under way, finished or void."""
-        if self.batch is None or self.void:
+        """Take the episodes of the batch under way, finished or discarded."""
+        if self.batch is None or self.discarded:
             return
         episodes = episodes_of(message, self.batch, self.spaces)
         executions = self._executions(message, self.batch)
         if any(execution.discard_reason for execution in executions):
-            self.void = FinishedBatch(self.batch, episodes, executions)
+            self.discarded = FinishedBatch(self.batch, episodes, executions)
             return
         if self._policy is not None:
             check_actions(episodes, self._policy, self.batch)
@@ -288,7 +288,7 @@ class SimulatorLink:
         self._finished[message.batch] = self.batch
 
     def _hear_veto(self, message: EpisodesMessage, batch: Batch) -> None:
-        """Take note that finished episodes are void after all; what is finished may be told twice."""
+        """Take note that finished episodes are discarded after all; what is finished may be told twice."""
         executions = self._executions(message, batch)
         if any(execution.discard_reason for execution in executions):
             self.vetoed.append(FinishedBatch(batch, episodes_of(message, batch, self.spaces), executions))

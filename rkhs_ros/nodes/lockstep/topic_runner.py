@@ -19,7 +19,7 @@ from rkhs_ros.nodes.core.publishers import listed
 from rkhs_ros.nodes.core.spin import PeerError, ReportingNode
 from rkhs_ros.nodes.lockstep.policy_link import NAME as POLICY
 from rkhs_ros.nodes.lockstep.policy_link import PolicyLink
-from rkhs_ros.nodes.lockstep.simulator_link import MOST_VOIDS, ROBOT, SIMULATOR, FinishedBatch, SimulatorLink
+from rkhs_ros.nodes.lockstep.simulator_link import MAX_DISCARDS, ROBOT, SIMULATOR, FinishedBatch, SimulatorLink
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.batch_sharing import share
@@ -38,7 +38,7 @@ class TopicRunner:
     the policy in service or the steps of a batch: it hears whole episodes, so that a step costs one message each way
     between simulator and policy node. Brings peers back that died: what one of them no longer knows begins anew, and
     comes out the same to the last bit. So it does where another policy acted. What was asked of one of several
-    simulators that falls silent, the others make. A robot's episode that is void is asked for again, under the same
+    simulators that falls silent, the others make. A discarded episode of a robot is requested again, under the same
     number.
 
     Args:
@@ -186,7 +186,7 @@ class TopicRunner:
         while not self._complete():
             if self._peers.spin(self._has_news, IDLE_CHECK_S):
                 self._record_vetoes()
-                self._run_void_again()
+                self._rerun_discarded()
             else:
                 self._recover(policy)
         self._node.diagnostics.stuck = ""
@@ -207,23 +207,25 @@ class TopicRunner:
         timing.left_out()
 
     def _has_news(self) -> bool:
-        return self._complete() or any(simulator.void or simulator.vetoed for simulator in self._simulators)
+        return self._complete() or any(simulator.discarded or simulator.vetoed for simulator in self._simulators)
 
-    def _run_void_again(self) -> None:
-        """Ask robots again for the episodes that were void.
+    def _rerun_discarded(self) -> None:
+        """Ask robots again for the episodes that were discarded.
 
         Raises:
-            RunError: an episode was void too often.
+            RunError: an episode was discarded too often.
         """
         for simulator in self._simulators:
-            if simulator.void is None:
+            if simulator.discarded is None:
                 continue
-            ended = simulator.void
+            ended = simulator.discarded
             reason = self._report_discarded(ended)
-            simulator.voids += 1
-            if simulator.voids >= MOST_VOIDS:
+            simulator.discards += 1
+            if simulator.discards >= MAX_DISCARDS:
                 number = ended.batch.first_episode
-                raise RunError(f"episode {number} was void {simulator.voids} times in a row, the last time: {reason}")
+                raise RunError(
+                    f"episode {number} was discarded {simulator.discards} times in a row, the last time: {reason}"
+                )
             self._begin([(simulator, ended.batch)])
             self._progressed(simulator)
 

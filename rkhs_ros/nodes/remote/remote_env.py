@@ -197,7 +197,7 @@ def _info(seen: RemoteStep) -> Info:
 
 
 def _infos(seen: RemoteStep) -> Info:
-    """Return what is to be told beside a step of several rows; only a robot's single one may be void."""
+    """Return what is to be told beside a step of several rows; only a robot's single one may be discarded."""
     if not seen.discard_reason:
         return {}
     return {"discard_reason": np.array([seen.discard_reason], dtype=object), "_discard_reason": np.array([True])}

@@ -24,7 +24,7 @@ from rkhs_ros.nodes.core.names import fresh_number
 from rkhs_ros.nodes.core.peers import Peers
 from rkhs_ros.nodes.core.spin import PeerError, ReportingNode
 from rkhs_ros.nodes.core.transport import LAST_DOMAIN, by_udp
-from rkhs_ros.nodes.lockstep.simulator_link import MOST_VOIDS, SimulatorLink
+from rkhs_ros.nodes.lockstep.simulator_link import MAX_DISCARDS, SimulatorLink
 from rkhs_ros.policies.messages import doubles
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
@@ -166,19 +166,19 @@ class RemoteSimulation:
             ValueError: the world refuses.
         """
         self._link.connect(self._environment)
-        for _ in range(MOST_VOIDS):
+        for _ in range(MAX_DISCARDS):
             self._begin(seeds)
             seen = self._awaited(0)
             if not seen.discard_reason:
                 return seen
         raise RunError(
-            f"the {self._link.name} node could not begin an episode {MOST_VOIDS} times: {seen.discard_reason}"
+            f"the {self._link.name} node could not begin an episode {MAX_DISCARDS} times: {seen.discard_reason}"
         )
 
     def step(self, actions: ArrayLike) -> RemoteStep:
         """Make a step in the rows whose episode goes on, with actions of shape (rows, n), and return what they show.
 
-        Where a robot's episode becomes void it is cut off, with its last observation once more and a reward of 0.
+        Where a robot's episode is discarded, it is cut off, with its last observation once more and a reward of 0.
 
         Raises:
             PeerError: the world does not answer in time, or lost the episodes.
@@ -239,19 +239,19 @@ class RemoteSimulation:
         heard, link = self._heard, self._link
         try:
             progress_at = time.monotonic() + self.task.period
-            while not self._peers.spin(lambda: step in heard or link.void is not None, IDLE_CHECK_S):
+            while not self._peers.spin(lambda: step in heard or link.discarded is not None, IDLE_CHECK_S):
                 progress_at = self._look_after(step, progress_at)
         except RunError:
             self._over = True
             raise
-        seen = heard.pop(step) if step in heard else self._void()
+        seen = heard.pop(step) if step in heard else self._discarded_step()
         self._last, self._shown = seen, step
         self._over = bool((seen.terminated | seen.truncated).all())
         return seen
 
-    def _void(self) -> RemoteStep:
-        """Return what stands for the step, or the reset, in which a robot's episode became void."""
-        executions = self._link.void.executions if self._link.void else []
+    def _discarded_step(self) -> RemoteStep:
+        """Return what stands for the step, or the reset, in which a robot's episode was discarded."""
+        executions = self._link.discarded.executions if self._link.discarded else []
         reason = next(execution.discard_reason for execution in executions if execution.discard_reason)
         seen = self._last
         observations = np.zeros((self._rows, self.spaces.observation_dim)) if seen is None else seen.observations

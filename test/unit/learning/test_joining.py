@@ -21,13 +21,13 @@ MOST_COPIES = 6  # of an episode; joined one by one each would be copied EPISODE
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     config = longer(1, episodes_per_iteration=EPISODES, evaluate_every=0)
-    return recorded_run(tmp_path_factory.mktemp("many") / "run", config, Robot(void_every=10**6))
+    return recorded_run(tmp_path_factory.mktemp("many") / "run", config, Robot(discard_every=10**6))
 
 
 @pytest.mark.parametrize("user", ["recording", "offline", "resume", "replay", "rollout", "view"])
 def test_joining_is_linear(file: Path, user: str, monkeypatch: pytest.MonkeyPatch) -> None:
     recording = read_recording(file)
-    policy, robot = recording.policies[1], Robot(void_every=10**6)
+    policy, robot = recording.policies[1], Robot(discard_every=10**6)
     recorder = Recorder(None, recording)  # type: ignore[arg-type] # of what is held nothing is written
     batch = Batch(0, 0, EPISODES, 5, explore=True)
 

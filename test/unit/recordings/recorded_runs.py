@@ -35,11 +35,11 @@ def longer(iterations: int, **changes: Any) -> Config:
 
 
 class Robot:
-    """Runs one episode at a time, reports how it went, has every third one void at first, and counts; may be stopped.
+    """Runs one episode at a time, reports how it went, discards every third one at first, and counts; may be stopped.
 
     Args:
         episodes: after which it is stopped.
-        void_every: how many episodes there are for a void one.
+        discard_every: how many episodes there are for each discarded one.
         vetoed: whether an episode explores, and its number, of those that are vetoed once they are finished, and run
             again after the others of their batch.
         period: of a step, in nanoseconds.
@@ -48,7 +48,7 @@ class Robot:
     def __init__(
         self,
         episodes: float = float("inf"),
-        void_every: int = 3,
+        discard_every: int = 3,
         vetoed: Collection[tuple[bool, int]] = (),
         period: int = 50_000_000,
     ) -> None:
@@ -57,7 +57,7 @@ class Robot:
         self.record: Record = discard
         self.moved: list[tuple[bool, int]] = []
         self._left = episodes
-        self._void_every = void_every
+        self._discard_every = discard_every
         self._to_veto = set(vetoed)
         self._period = period
 
@@ -73,7 +73,7 @@ class Robot:
             self._left -= 1
             episodes = self.runner.collect(policy, part)
             spoilt = replace(episodes, rewards=episodes.rewards - 7.0)
-            if part.first_episode % self._void_every == 1:
+            if part.first_episode % self._discard_every == 1:
                 self.record(part, spoilt, [execution(part, self._period, "stopped")])
             number = part.explore, part.first_episode
             self.moved.append(number)

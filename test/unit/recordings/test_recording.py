@@ -223,9 +223,9 @@ def test_a_run_on_a_robot_that_is_interrupted_runs_no_episode_twice(
 
 def test_a_discarded_episode_is_recorded_and_not_counted(tmp_path: Path) -> None:
     recording = read_recording(recorded_run(tmp_path / "run", runner=Robot()))
-    void = [batch for batch in recording.batches if batch.is_discarded]
-    assert {batch.executions[0].discard_reason for batch in void} == {"stopped"}
-    assert len(recording.batches) == len(recording.finished) + len(void) == 20 + 7
+    discarded = [batch for batch in recording.batches if batch.is_discarded]
+    assert {batch.executions[0].discard_reason for batch in discarded} == {"stopped"}
+    assert len(recording.batches) == len(recording.finished) + len(discarded) == 20 + 7
     assert len(recording.episodes()) == 20
     assert recording.episodes().rewards.min() >= 0
     first = recording.batches[0]
