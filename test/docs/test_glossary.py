@@ -53,7 +53,7 @@ RETIRED_NAMES = [
     r"tell_(fatal|failures|end|what_it_waits_for)(?=\()",
     r"(is_|first_)?noise_[f]ree",
     r"(is|make)_[v]oid",
-    r"void_[reE](ason|very|pisodes?)",
+    r"[v]oid_(reason|every|episodes?)",
     r"MOST_[V]OIDS",
     r"printed_[r]egression",
     r"require_all_[h]eeded",
