@@ -1,1 +1,1 @@
-"""Learning from episodes: critics, step rules, and one page per algorithm."""
+"""Policy search from episodes: the training loop, the algorithms and model-based training."""

@@ -1,4 +1,4 @@
-"""Episodes: what was observed, done and earned, as plain arrays."""
+"""Episodes as plain arrays of observations, actions and rewards."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from rkhs_ros.rkhs.kernels import Array
 
 @dataclass(frozen=True)
 class Episodes:
-    """N episodes of H steps.
+    """N episodes of up to H steps.
 
     Attributes:
-        observations: before each action, shape (N, H, d); for the algorithms, the policy's inputs made of them.
-        actions: as drawn, before any clipping, shape (N, H, n).
-        rewards: of each action, shape (N, H); 0 where an episode was over.
-        mask: True where the episode was still going on, shape (N, H).
-        final_observations: after the last step of each episode, shape (N, d), never the policy's inputs.
-        terminated: True where the task ended the episode, False where it was cut off, shape (N,).
+        observations: raw observations before each action, shape (N, H, d); `with_inputs` replaces them by the policy's
+            inputs for the algorithms.
+        actions: sampled actions before clipping, shape (N, H, n).
+        rewards: reward of each action, shape (N, H); 0 after the end of an episode.
+        mask: True for the steps of an episode, False after its end, shape (N, H).
+        final_observations: raw observations after the last step of each episode, shape (N, d).
+        terminated: whether the task terminated the episode, False if it was truncated, shape (N,).
     """
 
     observations: Array
@@ -34,7 +35,7 @@ class Episodes:
     terminated: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
-        """Raise ValueError where the shapes do not fit."""
+        """Raise ValueError if the shapes do not match."""
         shape = self.rewards.shape
         for name in ("observations", "actions", "mask"):
             got = getattr(self, name).shape[:2]
@@ -45,14 +46,14 @@ class Episodes:
 
     @classmethod
     def without_ends(cls, observations: Array, actions: Array, rewards: Array, mask: NDArray[np.bool_]) -> Episodes:
-        """Return episodes of which nothing is known after the last step: cut off, the last observation repeated."""
+        """Return episodes without known final observations: truncated, with the last observation repeated."""
         last = np.maximum(mask.sum(axis=1) - 1, 0)
         final = observations[np.arange(len(mask)), last]
         return cls(observations, actions, rewards, mask, final, np.zeros(len(mask), dtype=bool))
 
     @classmethod
     def none(cls, horizon: int, observation_dim: int, action_dim: int) -> Episodes:
-        """Return no episodes, to which others can be added."""
+        """Return an empty set of episodes, to which others can be added."""
         shape = (0, horizon)
         return cls(
             observations=np.zeros((*shape, observation_dim)),
@@ -69,10 +70,10 @@ class Episodes:
 
     @classmethod
     def concatenate(cls, parts: Iterable[Episodes]) -> Episodes:
-        """Join episodes in order, each copied once; a single part is returned as it is.
+        """Concatenate episodes in order with a single copy; a single part is returned unchanged.
 
         Raises:
-            ValueError: there are no parts, or they differ in horizon or sizes.
+            ValueError: there are no parts, or their horizons or dimensions differ.
         """
         joined = list(parts)
         require(bool(joined), "episodes", "at least one part to join", "none")
@@ -81,20 +82,20 @@ class Episodes:
         return cls(*(np.concatenate([getattr(part, f.name) for part in joined]) for f in fields(cls)))
 
     def __add__(self, other: Episodes) -> Episodes:
-        """Put the episodes of both together; where there are no others these are not copied."""
+        """Concatenate two sets of episodes, without a copy if the other one is empty."""
         return Episodes.concatenate([self, other]) if len(other) else self
 
-    def take(self, rows: NDArray[np.int_] | slice) -> Episodes:
-        """Return some of the episodes."""
-        return Episodes(*(getattr(self, f.name)[rows] for f in fields(self)))
+    def take(self, indices: NDArray[np.int_] | slice) -> Episodes:
+        """Return a subset of the episodes."""
+        return Episodes(*(getattr(self, f.name)[indices] for f in fields(self)))
 
-    def seen_through(self, inputs: Inputs) -> Episodes:
-        """Return the episodes with the policy's inputs in place of the observations."""
+    def with_inputs(self, inputs: Inputs) -> Episodes:
+        """Return the episodes with the policy's inputs instead of the raw observations."""
         return replace(self, observations=inputs.unfold(self.observations, self.actions))
 
     @property
     def horizon(self) -> int:
-        """Number of steps H."""
+        """Maximum number of steps H."""
         return int(self.rewards.shape[1])
 
     def returns(self, discount: float) -> Array:
@@ -113,29 +114,29 @@ class Episodes:
         Args:
             value: V at each step, shape (N, H), 0 after the end.
             discount: gamma.
-            trace: lambda; at 1 V cancels and the rewards to go are left.
+            trace: lambda; for lambda = 1, V cancels and the result is the rewards to go.
         """
         following = np.concatenate([value[:, 1:], np.zeros((len(value), 1))], axis=1)
         return value + _sums_to_go(self.rewards + discount * following - value, discount * trace)
 
     def flat(self, values: Array) -> Array:
-        """Return the entries of an array of shape (N, H, ...) where episodes went on, shape (samples, ...)."""
+        """Return the entries of an array of shape (N, H, ...) at the steps of the episodes, shape (samples, ...)."""
         return values[self.mask]
 
     @property
     def steps(self) -> NDArray[np.int_]:
-        """The step t of each sample, shape (samples,)."""
+        """Step t of each sample, shape (samples,)."""
         return np.broadcast_to(np.arange(self.horizon), self.mask.shape)[self.mask]
 
     @property
     def begins(self) -> NDArray[np.int_]:
-        """Where the samples of each episode begin among all samples, shape (N,)."""
+        """Index of the first sample of each episode, shape (N,)."""
         lengths = self.mask.sum(axis=1)
         return np.asarray(np.cumsum(lengths) - lengths)
 
 
 def _sums_to_go(values: Array, factor: float) -> Array:
-    """Return the discounted sum from each step on."""
+    """Return the discounted sums from each step to the end."""
     result = np.empty_like(values)
     following = np.zeros(len(values))
     for t in reversed(range(values.shape[1])):

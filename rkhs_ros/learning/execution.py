@@ -1,4 +1,4 @@
-"""How an episode went on a robot, and who is told of each episode as it ends."""
+"""Execution logs of episodes on a robot, and the callback that records finished episodes."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from rkhs_ros.rkhs.kernels import Array
 
 @dataclass(frozen=True, eq=False)
 class Execution:
-    """How one episode of k steps went on a robot, by the wall clock.
+    """The execution log of one episode of k steps on a robot.
 
     Attributes:
-        stamps: when each observation was taken, in nanoseconds since 1970, shape (k + 1,).
-        executed: what was commanded after all limits, in the units of the robot's commands, shape (k, m).
-        flags: what the gate changed and what was late at each step, sums of powers of two, shape (k,).
-        discard_reason: why the episode is not to be learnt from; empty where it counts.
+        stamps: wall-clock time of each observation, in nanoseconds since 1970, shape (k + 1,).
+        executed: commands after all limits, in the units of the robot's commands, shape (k, m).
+        flags: bit flags of the gate's changes and late messages at each step, shape (k,).
+        discard_reason: why the episode is discarded; empty if learning uses it.
     """
 
     stamps: NDArray[np.int64]
@@ -31,28 +31,28 @@ class Execution:
     discard_reason: str = ""
 
     def __post_init__(self) -> None:
-        """Raise ValueError where the shapes do not fit."""
+        """Raise ValueError if the shapes do not match."""
         steps = len(self.flags)
         require(
             len(self.stamps) == steps + 1, "execution's stamps", f"{steps + 1}, one more than steps", len(self.stamps)
         )
-        require(len(self.executed) == steps, "executed commands", f"{steps}, one for each step", len(self.executed))
+        require(len(self.executed) == steps, "executed commands", f"{steps}, one per step", len(self.executed))
 
 
 Record = Callable[[Batch, Episodes, list[Execution]], None]
 
 
 def record_kinds(record: Record, batch: Batch, episodes: Episodes, executions: list[Execution]) -> None:
-    """Record a batch, evaluation episodes first: exploring ones beside them ran ahead, and are of use after them."""
+    """Record a batch, evaluation episodes first, because exploring ones that ran ahead are used after them."""
     for kind, rows in reversed(batch.kinds):
         record(kind, episodes.take(rows), executions[rows])
 
 
 def discard(batch: Batch, episodes: Episodes, executions: list[Execution]) -> None:
-    """Record nothing: what runners do with ended episodes unless told otherwise.
+    """Discard finished episodes; the default callback of runners.
 
     Args:
-        batch: the episodes' numbers.
-        episodes: that ended, finished or discarded.
-        executions: of each episode; none in a simulation.
+        batch: the batch with the episodes' numbers.
+        episodes: finished episodes, including discarded ones.
+        executions: execution log of each episode; empty for simulations.
     """

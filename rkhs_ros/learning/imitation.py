@@ -1,4 +1,4 @@
-"""Imitation: a policy fitted to what was shown, by kernel matching pursuit; a warm start for any algorithm."""
+"""Imitation: fit a policy to demonstrations by kernel matching pursuit, as a warm start for any algorithm."""
 
 from __future__ import annotations
 
@@ -15,35 +15,35 @@ from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.pursuit import pursue
 
-LEAST_SD = 1e-6  # of the exploration, where what was shown is fitted without error
+LEAST_SD = 1e-6  # minimum exploration, for demonstrations that are fitted without error
 
 
 @dataclass(frozen=True)
 class Imitation(Settings):
-    r"""Least squares of the actions shown, by few kernel functions of the states shown.
+    r"""Settings of imitation: least squares of the demonstrated actions with few kernel functions.
 
     .. math:: \min_h \frac1n \sum_t |a_t - h(s_t)|^2 + \lambda \|h\|^2
 
-    with the centres of h chosen one after the other among the :math:`s_t` (Vincent and Bengio, 2002).
+    The centres of h are selected greedily among the demonstrated states :math:`s_t` (Vincent and Bengio, 2002).
     """
 
-    centres: int = setting(40, "number of centres of the policy at most", minimum=1, maximum=2000)
+    centres: int = setting(40, "maximum number of centres of the policy", minimum=1, maximum=2000)
     ridge: float = setting(1e-6, "penalty lambda on the squared norm in the RKHS", minimum=0.0, maximum=1e6)
     inputs: Inputs = Inputs()
     kernel: KernelChoice = KernelChoice()
 
     def fit(self, episodes: Episodes) -> GaussianPolicy:
-        """Return the policy, which explores as far as what was shown differs from its mean.
+        """Fit a policy whose exploration is the error of the fit.
 
         Args:
-            episodes: what was observed and done, at least one step in all.
+            episodes: demonstrated observations and actions, at least one step in total.
 
         Raises:
-            ValueError: there is no step, or the inputs do not fit.
+            ValueError: there is no step, or the inputs do not match the observations.
         """
         require(bool(episodes.mask.any()), "episodes", "at least one step", "none")
-        seen = episodes.seen_through(self.inputs)
-        points, actions = seen.flat(seen.observations), seen.flat(seen.actions)
+        demonstrated = episodes.with_inputs(self.inputs)
+        points, actions = demonstrated.flat(demonstrated.observations), demonstrated.flat(demonstrated.actions)
         kernel = self.kernel.fit(points, self.inputs.ages)
         mean = pursue(
             kernel, points, actions, points, budget=self.centres, ridge=self.ridge, rank=4 * self.centres
@@ -53,9 +53,9 @@ class Imitation(Settings):
 
 
 def imitation_from(tree: dict[str, object]) -> Imitation:
-    """Return the settings of an imitation from a tree of values.
+    """Build the settings of imitation from a tree of values.
 
     Raises:
-        ValueError: an unknown key or a value that does not fit.
+        ValueError: a key is unknown or a value is invalid.
     """
     return build(Imitation, tree)

@@ -1,4 +1,4 @@
-"""The settings of the kernel, whose bandwidths may be taken from the first iteration's points."""
+"""Settings of the policy's kernel, whose bandwidths can be estimated from data."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from rkhs_ros.rkhs.kernels import RBF, Array, Kernel, Linear, Polynomial, deviat
 class KernelChoice(Settings):
     """The settings of the policy's kernel."""
 
-    form: str = setting("rbf", "names of kernels joined by + and *, as in 'rbf + polynomial'")
+    form: str = setting("rbf", "kernel names joined by + and *, such as 'rbf + polynomial'")
     bandwidth: str | tuple[float, ...] = setting(
         "median",
-        "bandwidths of rbf in the inputs' units: one, one per input, or one per number of a window's entry, the same "
-        "at every age; or 'median': along each dimension the median distance of pairs of the first iteration's points, "
-        "or their standard deviation where it is larger; or 'dimension': their standard deviation times root(d / 2), "
-        "which keeps the kernel of typical points the same in any dimension d",
+        "bandwidths of rbf in the inputs' units: one, one per input, or one per number of a time step of the window; "
+        "or 'median': per dimension, the larger of the median distance between pairs of points and their standard "
+        "deviation; or 'dimension': the standard deviation times sqrt(d / 2), which keeps the kernel between typical "
+        "points independent of the dimension d. The points are the inputs of the first iteration",
         minimum=1e-9,
         maximum=1e9,
         choices=("median", "dimension"),
@@ -34,35 +34,35 @@ class KernelChoice(Settings):
     degree: int = setting(3, "degree of the polynomial kernel", minimum=1, maximum=20)
 
     def __post_init__(self) -> None:
-        """Raise ValueError where a value does not fit, or the form names an unknown kernel."""
+        """Raise ValueError if a value is invalid or the form names an unknown kernel."""
         super().__post_init__()
         for name in self.form.replace("*", "+").split("+"):
             pick(name.strip(), KERNELS, "kernel")
 
     def unused(self) -> set[str]:
-        """Return the names of the settings of kernels that are not in the form."""
+        """Return the names of settings for kernels that the form does not contain."""
         own = {"rbf": {"bandwidth", "bandwidth_scale"}, "polynomial": {"offset", "degree"}}
         return set().union(*(names for kernel, names in own.items() if kernel not in self.form))
 
     def fit(self, points: Array, ages: int = 1) -> Kernel:
-        """Return the kernel, its bandwidths taken from the points where they are not given.
+        """Build the kernel; bandwidths that are not given are estimated from the points.
 
         Args:
             points: shape (n, d), n at least 1.
-            ages: number of entries of a window that a point is made of, each of d / ages numbers.
+            ages: number of time steps in a point, each of d / ages numbers.
 
         Raises:
-            ValueError: the bandwidths given are neither one, nor one per number of a point, nor of an entry.
+            ValueError: the number of bandwidths is not one, one per input or one per number of a time step.
         """
         products = (factors.split("*") for factors in self.form.split("+"))
         return reduce(add, (reduce(mul, (KERNELS[f.strip()](self, points, ages) for f in p)) for p in products))
 
     def bandwidths(self, points: Array, ages: int) -> tuple[float, ...]:
-        """Return the bandwidths times their scale: one, or one per dimension of the points."""
+        """Return the scaled bandwidths: one, or one per dimension of the points."""
         d = points.shape[1]
         bandwidth = self._measured(points) if isinstance(self.bandwidth, str) else self.bandwidth
         good = len(bandwidth) in (1, d // ages, d)
-        require(good, "kernel.bandwidth", f"{numbers(1, d // ages, d)}, for the policy's inputs", len(bandwidth))
+        require(good, "kernel.bandwidth", f"{numbers(1, d // ages, d)} for the policy's inputs", len(bandwidth))
         repeats = ages if len(bandwidth) == d // ages != 1 else 1
         return tuple(self.bandwidth_scale * b for b in bandwidth * repeats)
 

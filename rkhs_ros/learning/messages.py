@@ -1,4 +1,4 @@
-"""Episodes as messages, whatever made the types of these; each is checked before it is used."""
+"""Convert episodes to messages and back; each message is checked before use."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from rkhs_ros.policies.streams import Batch
 def episodes_message(
     types: Any, identity: int, version: int, episodes: Episodes, executions: Sequence[Execution] = ()
 ) -> Any:
-    """Return the episodes of a batch as a message.
+    """Convert the episodes of a batch to a message.
 
     Args:
-        types: of messages, as attributes: Episodes and Execution.
+        types: object with the message types as attributes: Episodes and Execution.
         identity: number of the batch.
-        version: of the policy that acted.
-        episodes: of the batch.
-        executions: of each episode; none in a simulation.
+        version: version of the policy that acted.
+        episodes: episodes of the batch.
+        executions: execution log of each episode; empty for simulations.
     """
-    rows, horizon = episodes.rewards.shape
+    num_envs, horizon = episodes.rewards.shape
     return types.Episodes(
         batch=identity,
         policy_version=version,
-        num_envs=rows,
+        num_envs=num_envs,
         horizon=horizon,
         lengths=_packed("I", episodes.mask.sum(axis=1), np.uint32),
         terminated=episodes.terminated.tolist(),
@@ -59,10 +59,10 @@ def _packed(code: str, values: NDArray[Any], kind: type) -> array[int]:
 
 
 def episodes_of(message: Any, batch: Batch, spaces: Spaces) -> Episodes:
-    """Return the episodes that a message carries; discarded ones may have no step.
+    """Read episodes from a message; discarded episodes may have no step.
 
     Raises:
-        ValueError: they are not of that batch's size, or not finite.
+        ValueError: the size differs from the batch, or a value is not finite.
     """
     shape = (batch.num_envs, batch.horizon)
     require(
@@ -88,10 +88,10 @@ def episodes_of(message: Any, batch: Batch, spaces: Spaces) -> Episodes:
 
 
 def executions_of(message: Any) -> list[Execution]:
-    """Return how the episodes that a message carries went on a robot; none of a simulation.
+    """Read the execution logs of a robot's episodes from a message; empty for simulations.
 
     Raises:
-        ValueError: the sizes do not fit, or commands are not finite.
+        ValueError: the sizes do not match, or a command is not finite.
     """
     return [_execution_of(execution) for execution in message.executions]
 

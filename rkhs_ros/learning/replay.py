@@ -1,4 +1,4 @@
-"""Replay: what a policy must have done in episodes that somebody else ran, computed again from what was observed."""
+"""Replay: recompute the actions of a policy in episodes that another process ran, from their observations."""
 
 from __future__ import annotations
 
@@ -10,37 +10,36 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 
-SAMPLES_AT_ONCE = 2048  # so that the kernel's matrix stays small
+SAMPLES_AT_ONCE = 2048  # keeps the kernel matrix small
 
 
 def check_actions(episodes: Episodes, policy: GaussianPolicy, batch: Batch) -> None:
-    """Check that the actions of a batch's episodes are the policy's, to the last bit.
+    """Check that the actions of a batch's episodes are bit-identical to the policy's.
 
-    Policy, batch and observations determine them. A window looks back on the actions of the episodes themselves: the
-    first one that is another is found, and those after it in its row may be others because of it.
+    Policy, batch and observations determine the actions. With a history, the inputs contain the recorded actions, so
+    actions after the first different one may differ too.
 
     Raises:
-        ValueError: they are not; the message names the first row with another action and its first such step.
+        ValueError: an action differs; the message names the first such environment and step.
     """
-    rows, steps = np.nonzero(episodes.mask)
-    points = policy.inputs.unfold(episodes.observations, episodes.actions)[rows, steps]
-    draws = policy.exploration(batch)  # of the first rows
-    exploring = rows < len(draws)
-    exploration = draws[rows[exploring], steps[exploring]]
-    actions = episodes.actions[rows, steps]
+    envs, steps = np.nonzero(episodes.mask)
+    points = policy.inputs.unfold(episodes.observations, episodes.actions)[envs, steps]
+    draws = policy.exploration(batch)  # of the first environments
+    exploring = envs < len(draws)
+    exploration = draws[envs[exploring], steps[exploring]]
+    actions = episodes.actions[envs, steps]
     for begin in range(0, len(points), SAMPLES_AT_ONCE):
         part = slice(begin, begin + SAMPLES_AT_ONCE)
-        seen = points[part]
-        expected = policy.act(seen, exploration[part])
+        expected = policy.act(points[part], exploration[part])
         wrong = (expected != actions[part]).any(axis=1)
         if wrong.any():
             first = int(wrong.argmax())
-            row, step = rows[begin + first], steps[begin + first]
+            env, step = envs[begin + first], steps[begin + first]
             raise ValueError(
-                f"row {row} (episode {batch.episodes[row]}), step {step}: "
-                f"expected the policy's action {_shown(expected[first])}, got {_shown(actions[begin + first])}"
+                f"environment {env} (episode {batch.episodes[env]}), step {step}: "
+                f"expected the policy's action {_text(expected[first])}, got {_text(actions[begin + first])}"
             )
 
 
-def _shown(action: Array) -> str:
+def _text(action: Array) -> str:
     return truncated(action.tolist())

@@ -1,4 +1,4 @@
-"""All steps of an iteration's episodes as rows of numbers: kernel features, exploration, variance and time."""
+"""The steps of an iteration's episodes as matrices: kernel features, exploration, variance and time."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ Rows = slice | NDArray[np.int_]
 
 @dataclass(frozen=True)
 class Samples:
-    r"""The steps of all episodes, one row each, in coordinates of the policy's space.
+    r"""The steps of all episodes, one row each, in coordinates of the policy's function space.
 
-    A function of the space is a matrix of m x n coefficients: :math:`w(s_i) = \phi_i^\top W`, phi the features.
+    A function of the space is a matrix of m x n coefficients: :math:`w(s_i) = \phi_i^\top W` with the features phi.
 
     Attributes:
-        episodes: where they come from.
+        episodes: the episodes, with the policy's inputs as observations.
         observations: s, shape (samples, d).
         mean: :math:`h(s)` of the policy that acted, shape (samples, n).
         exploration: :math:`a - h(s)`, shape (samples, n).
-        variance: of the policy that acted, the diagonal of Sigma, shape (samples, n).
-        basis: the functions that the coefficients belong to.
+        variance: diagonal of Sigma of the policy that acted, shape (samples, n).
+        basis: basis functions of the coefficients.
         features: phi, the basis at the observations, shape (samples, m).
     """
 
@@ -43,7 +43,7 @@ class Samples:
 
     @classmethod
     def in_newton_basis(cls, policy: GaussianPolicy, episodes: Episodes, centres: int) -> Samples:
-        """Return the samples in the Newton basis of at most that many centres, chosen among the observations."""
+        """Return the samples in a Newton basis of at most ``centres`` centres, selected among the observations."""
         observations = episodes.flat(episodes.observations)
         chosen = pivoted_cholesky(policy.mean.kernel, observations, centres)
         basis = NewtonBasis.of(policy.mean.kernel, observations, chosen)
@@ -51,7 +51,7 @@ class Samples:
 
     @classmethod
     def on_centres(cls, policy: GaussianPolicy, episodes: Episodes, centres: Array) -> Samples:
-        """Return the samples in the kernel functions of given centres, shape (m, d)."""
+        """Return the samples in the basis of the kernel functions of given centres, shape (m, d)."""
         basis = FixedBasis(policy.mean.kernel, centres)
         return cls._in_basis(policy, episodes, basis, basis(episodes.flat(episodes.observations)))
 
@@ -70,12 +70,12 @@ class Samples:
 
     @property
     def score(self) -> Array:
-        r"""The vectors :math:`u = \Sigma^{-1}(a - h(s))` of Eq 8, shape (samples, n)."""
+        r"""Vectors :math:`u = \Sigma^{-1}(a - h(s))` of Eq 8, shape (samples, n)."""
         return self.exploration / self.variance
 
     @property
     def deviation_scores(self) -> Array:
-        r"""The gradient of the log policy along :math:`\sqrt2 \log\sigma`, shape (samples, n), of mean square 1.
+        r"""Gradient of the log policy along :math:`\sqrt2 \log\sigma`, shape (samples, n), with mean square 1.
 
         .. math:: (\epsilon^2 / \sigma^2 - 1) / \sqrt 2
         """
@@ -83,11 +83,11 @@ class Samples:
 
     @property
     def score_features(self) -> Array:
-        r"""The gradient of the log policy, :math:`K(s, \cdot)\, u` (Eq 8), in coordinates, shape (samples, m n)."""
+        r"""Gradient of the log policy, :math:`K(s, \cdot)\, u` (Eq 8), in coordinates, shape (samples, m n)."""
         return self.score_features_of(slice(None))
 
     def score_features_of(self, rows: Rows) -> Array:
-        """Return the score features of some samples, shape (rows, m n)."""
+        """Return the score features of selected samples, shape (rows, m n)."""
         score = self.exploration[rows] / self.variance[rows]
         outer = self.features[rows][:, :, None] * score[:, None, :]
         return outer.reshape(len(outer), outer.shape[1] * outer.shape[2])
@@ -125,7 +125,7 @@ class Samples:
 
     @property
     def time_features(self) -> Array:
-        """The span of 1, t, t^2 with t in units of the horizon, shape (samples, 3)."""
+        """Features 1, t and t^2 with t in units of the horizon, shape (samples, 3)."""
         t = self.episodes.steps / self.episodes.horizon
         return np.stack([np.ones_like(t), t, t**2], axis=1)
 
@@ -134,7 +134,7 @@ class Samples:
         return self.episodes.flat(self.episodes.rewards_to_go(discount))
 
     def lambda_returns(self, values: Array, discount: float, trace: float) -> Array:
-        """Return the lambda returns of each sample, shape (samples,), from the values V there, of that shape."""
+        """Return the lambda returns of each sample from the values V of the samples, both of shape (samples,)."""
         by_step = np.zeros(self.episodes.mask.shape)
         by_step[self.episodes.mask] = values
         return self.episodes.flat(self.episodes.lambda_returns(by_step, discount, trace))

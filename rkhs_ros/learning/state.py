@@ -1,4 +1,4 @@
-"""Where a run is between two iterations, and where it begins."""
+"""The state of a run between two iterations, and its initial state."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from rkhs_ros.rkhs.kernels import RBF, Array
 
 @dataclass(frozen=True)
 class State:
-    """Where a run is between two iterations: all that the next one follows from, beside the settings.
+    """The complete state of a run between two iterations; with the settings it determines the next iteration.
 
-    Every random stream is a function of seed, name and episode. So the numbers of the next episodes are the whole
-    state of the randomness, and a run that goes on from here has the same bits as one that never stopped.
+    Every random stream is a function of seed, name and episode, so the episode counts are the whole state of the
+    random numbers. A run that resumes from a state is bit-identical to one that was never interrupted.
 
     Attributes:
-        iterations: number of iterations done.
+        iterations: number of completed iterations.
         policy: the policy after them.
-        memory: episodes that the algorithm asked to keep, or all of them for model-based training; none at first.
+        memory: episodes that the algorithm stores, or all episodes for model-based training; empty at first.
         explored: number of exploring episodes so far, which is the number of the next one.
         evaluated: number of evaluation episodes so far.
     """
@@ -40,10 +40,10 @@ class State:
 
 
 def first_policy(training: Training, spaces: Spaces) -> GaussianPolicy:
-    """Return the policy with mean 0 that explores first; its kernel is settled by what it sees.
+    """Return the initial policy with mean 0; the first iteration determines its kernel.
 
     Raises:
-        ValueError: the standard deviations are not one, or one per action dimension; or inputs or kernel do not fit.
+        ValueError: the standard deviations, the inputs or the kernel do not match the task.
     """
     action_dim = spaces.action_dim
     variance = first_variance(training, spaces)
@@ -58,7 +58,7 @@ def first_policy(training: Training, spaces: Spaces) -> GaussianPolicy:
 
 
 def first_variance(training: Training, spaces: Spaces) -> Array:
-    """Return the variance of the first policy, shape (n,)."""
+    """Return the variance of the initial policy, shape (n,)."""
     sd, action_dim = training.exploration_sd, spaces.action_dim
     if isinstance(sd, str):
         return spaces.half_ranges**2
@@ -67,7 +67,7 @@ def first_variance(training: Training, spaces: Spaces) -> Array:
 
 
 def _check_kernel(training: Training, input_dim: int) -> None:
-    """Raise ValueError where the kernel does not fit the inputs, or the algorithm, whatever will be seen."""
+    """Raise ValueError if the kernel cannot match the inputs or the algorithm for any data."""
     origin = np.zeros((1, input_dim))
     kernel = training.kernel.fit(origin, training.inputs.ages)
     kernel(origin, origin)
@@ -75,27 +75,27 @@ def _check_kernel(training: Training, input_dim: int) -> None:
 
 
 def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy | None = None) -> State:
-    """Return the state that a run begins in.
+    """Return the initial state of a run.
 
     Args:
         training: the learner's settings.
-        spaces: of the task.
-        warm_start: a policy whose mean is the first one; it explores as the settings say.
+        spaces: spaces of the task.
+        warm_start: initial policy, for example from `rkhs imitate`; its mean is used, with the settings' exploration.
 
     Raises:
-        ValueError: the settings, or the policy, do not fit the task.
+        ValueError: the settings or the initial policy do not match the task.
     """
     policy = first_policy(training, spaces)
     if warm_start is not None:
-        policy = policy.with_mean(_fitting_mean(warm_start, policy))
+        policy = policy.with_mean(_checked_mean(warm_start, policy))
     memory = Episodes.none(training.horizon, spaces.observation_dim, spaces.action_dim)
     is_model_based = isinstance(training.model, ModelBased)
-    return State(0, policy, memory if is_model_based else memory.seen_through(policy.inputs), 0, 0)
+    return State(0, policy, memory if is_model_based else memory.with_inputs(policy.inputs), 0, 0)
 
 
-def _fitting_mean(given: GaussianPolicy, first: GaussianPolicy) -> Function:
-    require(given.inputs == first.inputs, "inputs", f"{given.inputs}, which the first policy has", first.inputs)
+def _checked_mean(given: GaussianPolicy, first: GaussianPolicy) -> Function:
+    require(given.inputs == first.inputs, "inputs", f"{given.inputs} like the initial policy", first.inputs)
     sizes = [(policy.mean.input_dim, policy.mean.output_dim) for policy in (first, given)]
     expected, got = (f"one from {d} inputs to {n} actions" for d, n in sizes)
-    require(expected == got, "first policy", f"{expected}, as the task has", got)
+    require(expected == got, "initial policy", f"{expected} like the task", got)
     return given.mean

@@ -1,4 +1,4 @@
-"""The training loop (Algorithm 1 of the paper), the same over topics and in process."""
+"""The training loop (Algorithm 1 of the paper), for in-process simulations and for nodes."""
 
 from __future__ import annotations
 
@@ -16,37 +16,37 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 
-MOST_SAMPLES_AHEAD = 10**5  # of a batch with episodes that run ahead; more rows save nothing, and take memory
+MOST_SAMPLES_AHEAD = 10**5  # largest batch that may run exploring episodes ahead; larger ones only cost memory
 
 
 class Runner(Protocol):
-    """Who lets a policy act: an in-process simulation, or nodes behind topics."""
+    """An object that runs episodes with a policy: an in-process simulation, a model or nodes behind topics."""
 
     @property
     def spaces(self) -> Spaces:
-        """Shape of an observation, and bounds of the actions."""
+        """Shape of an observation and bounds of the actions."""
 
     def capacity(self, num_envs: int) -> int:
-        """Return how many of the environments can run side by side."""
+        """Return how many of ``num_envs`` environments can run in parallel."""
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
-        """Return the episodes of a batch under the policy."""
+        """Run the episodes of a batch with the policy."""
 
 
 @dataclass(frozen=True)
 class Iteration:
-    """One pass of the training loop.
+    """One iteration of the training loop.
 
     Attributes:
-        state: where the run is after it.
-        exploration: this iteration's exploring episodes, before the update.
-        exploration_returns: their returns, shape (N,).
-        evaluation: evaluation episodes after the update; none, of number 0, in an iteration without evaluation.
-        evaluation_returns: their returns.
-        metrics: what the update did, the last one of practice.
-        model_return: mean return of the last exploring episodes in the model; nan without a model.
-        model_error: of the model that came before, at this iteration's episodes; nan where there was none.
-        tried: the exploring episodes in which the update tried steps out, as they were collected.
+        state: state of the run after the iteration.
+        exploration: exploring episodes before the update.
+        exploration_returns: returns of these episodes, shape (N,).
+        evaluation: evaluation episodes after the update; empty in an iteration without evaluation.
+        evaluation_returns: returns of these episodes.
+        metrics: metrics of the update; with a model, of its last update.
+        model_return: mean return of the last exploring model rollouts; nan without a model.
+        model_error: error of the previous model on this iteration's episodes; nan if there was none.
+        tried: episodes in which the line search tried step sizes, in the order of collection.
     """
 
     state: State
@@ -61,17 +61,17 @@ class Iteration:
 
     @property
     def number(self) -> int:
-        """Its number, from 1."""
+        """Number of the iteration, from 1."""
         return self.state.iterations
 
     @property
     def episodes_used(self) -> int:
-        """Number of exploring episodes so far, this iteration's included."""
+        """Number of exploring episodes so far, including this iteration."""
         return self.state.explored
 
     @property
     def policy(self) -> GaussianPolicy:
-        """The policy after the update."""
+        """Policy after the update."""
         return self.state.policy
 
     @property
@@ -86,17 +86,15 @@ class Iteration:
 
 
 class Collector:
-    """Lets policies act in ever new episodes, and counts them.
+    """Collects episodes and counts them.
 
-    After an update the evaluation episodes and the next exploring ones are under the same policy. Where there is room
-    for both side by side, the exploring ones run ahead, beside the noise-free ones: the steps are half as many.
-
-    Owns the numbers of the next exploring and the next evaluation episode, and the exploring ones that ran ahead.
+    The evaluation episodes after an update and the exploring episodes of the next iteration use the same policy. If
+    there is capacity for both, they run in parallel in one batch, which halves the number of steps.
 
     Args:
         training: the learner's settings.
-        runner: who lets the policies act.
-        state: where the run is.
+        runner: runs the episodes.
+        state: state of the run.
     """
 
     def __init__(self, training: Training, runner: Runner, state: State) -> None:
@@ -108,30 +106,30 @@ class Collector:
         self._ahead: Episodes | None = None
 
     def explore(self, policy: GaussianPolicy) -> Episodes:
-        """Return the exploring episodes of an iteration; nobody acted since the policy was evaluated, if it was."""
+        """Return the exploring episodes of an iteration, which may have run ahead with the last evaluation."""
         ahead, self._ahead = self._ahead, None
         batch = self._exploring(self._training.episodes_per_iteration)
         self.explored += batch.num_envs
         return self._runner.collect(policy, batch) if ahead is None else ahead
 
     def try_out(self, policy: GaussianPolicy, episodes: int) -> Episodes:
-        """Return a number of exploring episodes in which a step is tried out, the policy's inputs as observations."""
+        """Run exploring episodes to try a step size; return them with the policy's inputs as observations."""
         batch = self._exploring(episodes)
         self.explored += episodes
         self._tried.append(self._runner.collect(policy, batch))
-        return self._tried[-1].seen_through(policy.inputs)
+        return self._tried[-1].with_inputs(policy.inputs)
 
     def take_tried(self) -> tuple[Episodes, ...]:
-        """Return the episodes in which steps were tried out since this was asked last."""
+        """Return the episodes of `try_out` since the last call."""
         tried, self._tried = tuple(self._tried), []
         return tried
 
     def evaluate(self, policy: GaussianPolicy, *, explores_next: bool) -> Episodes:
-        """Return evaluation episodes.
+        """Run evaluation episodes, and the next exploring ones ahead if there is capacity.
 
         Args:
-            policy: who acts.
-            explores_next: whether the policy explores in the next iteration.
+            policy: the policy.
+            explores_next: whether there is a next iteration, in which the policy explores.
         """
         training = self._training
         batch = Batch(training.seed, self.evaluated, training.evaluation_episodes, training.horizon, explore=False)
@@ -147,20 +145,20 @@ class Collector:
         return Batch(self._training.seed, self.explored, episodes, self._training.horizon, explore=True)
 
     def _has_capacity_for_both(self) -> bool:
-        rows = self._training.num_envs
-        return rows * self._training.horizon <= MOST_SAMPLES_AHEAD and self._runner.capacity(rows) >= rows
+        num_envs = self._training.num_envs
+        return num_envs * self._training.horizon <= MOST_SAMPLES_AHEAD and self._runner.capacity(num_envs) >= num_envs
 
 
 def train(training: Training, runner: Runner, state: State | None = None) -> Iterator[Iteration]:
-    """Learn, yielding each iteration as it is done.
+    """Train a policy and yield each iteration when it is complete.
 
     Args:
         training: the learner's settings.
-        runner: who lets the policies act.
-        state: where to go on from; None to begin.
+        runner: runs the episodes.
+        state: state to resume from; None for a new run.
 
     Raises:
-        ValueError: the settings do not fit the task.
+        ValueError: the settings do not match the task.
     """
     state = state or first_state(training, runner.spaces)
     collector = Collector(training, runner, state)
@@ -179,8 +177,8 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
         policy, metrics = model_update.policy, model_update.metrics
         model_return, model_error = model_update.model_return, model_update.model_error
     else:
-        episodes = exploration.seen_through(policy.inputs)
-        if state.iterations == 0 and len(policy.mean.centres) == 0:  # a policy given has its kernel
+        episodes = exploration.with_inputs(policy.inputs)
+        if state.iterations == 0 and len(policy.mean.centres) == 0:  # an initial policy brings its kernel
             kernel = training.kernel.fit(episodes.flat(episodes.observations), policy.inputs.ages)
             policy = policy.with_mean(replace(policy.mean, kernel=kernel))
         variance = first_variance(training, spaces)
@@ -214,7 +212,7 @@ def _train_in_model(
     spaces: Spaces,
     iteration: int,
 ) -> ModelUpdate:
-    """Return what becomes of the policy with a model learnt from all real episodes so far."""
+    """Update the policy in a model of all real episodes so far."""
     experience = RealExperience(
         episodes=episodes,
         newest=training.episodes_per_iteration,
@@ -232,6 +230,9 @@ def _train_in_model(
 
 
 def outperformed_iterations(returns: Array, newest: int) -> float:
-    """Return how many earlier iterations, of so many episodes each, earned less than the newest one in the mean."""
+    """Return the number of earlier iterations with a lower return than the newest one.
+
+    It counts earlier episodes below the newest mean return, divided by the ``newest`` episodes per iteration.
+    """
     earlier, now = returns[:-newest], returns[-newest:].mean()
     return float((earlier < now).sum() / newest)

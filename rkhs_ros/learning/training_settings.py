@@ -22,57 +22,55 @@ from rkhs_ros.policies.inputs import Inputs
 class Training(Settings):
     """The learner's settings."""
 
-    name: str = setting("run", "name of the run and of its folder of results")
-    seed: int = setting(0, "seed of all randomness", minimum=0, maximum=2**63 - 1)
-    iterations: int = setting(40, "number of policy updates", minimum=1, maximum=10**6)
-    episodes_per_iteration: int = setting(10, "exploring episodes before each update", minimum=1, maximum=10_000)
-    evaluation_episodes: int = setting(10, "evaluation episodes of an evaluation", minimum=1, maximum=10_000)
-    evaluate_every: int = setting(
-        1, "iterations from one evaluation by evaluation episodes to the next; 0: none", minimum=0, maximum=10**6
-    )
-    horizon: int = setting(100, "steps of an episode", minimum=1, maximum=10**6)
+    name: str = setting("run", "name of the run and of its results folder")
+    seed: int = setting(0, "seed of all random numbers", minimum=0, maximum=2**63 - 1)
+    iterations: int = setting(40, "number of training iterations", minimum=1, maximum=10**6)
+    episodes_per_iteration: int = setting(10, "exploring episodes per iteration", minimum=1, maximum=10_000)
+    evaluation_episodes: int = setting(10, "episodes per evaluation", minimum=1, maximum=10_000)
+    evaluate_every: int = setting(1, "iterations between evaluations; 0: no evaluation", minimum=0, maximum=10**6)
+    horizon: int = setting(100, "maximum number of steps per episode", minimum=1, maximum=10**6)
     discount: float = setting(0.99, "discount factor of the return, per step", minimum=0.0, maximum=1.0)
     exploration_sd: str | tuple[float, ...] = setting(
         (1.0,),
-        "first standard deviation of the actions, one or one per dimension; or 'range': half the range of each action, "
-        "1 where it has no bounds",
+        "initial standard deviation of the actions, one or one per dimension; or 'range': half the range of each "
+        "action, 1 if it is unbounded",
         minimum=1e-6,
         maximum=1e6,
         choices=("range",),
     )
     simulators: int = setting(
-        1, "simulator nodes that share the episodes of a batch; no result depends on it", minimum=1, maximum=64
+        1, "simulator nodes that share the episodes of a batch; does not affect results", minimum=1, maximum=64
     )
-    timeout: float = setting(20.0, "seconds after which a silent node ends the run", minimum=0.1, maximum=3600.0)
+    timeout: float = setting(20.0, "seconds without a message after which the run fails", minimum=0.1, maximum=3600.0)
     inputs: Inputs = Inputs()
     kernel: KernelChoice = KernelChoice()
     algorithm: Algorithm = variant(RKHSNAC(), ALGORITHMS, "name")
     model: ModelSettings = variant(NoModel(), MODELS, "form")
 
     def __post_init__(self) -> None:
-        """Raise ValueError where a value does not fit, or the algorithm wants real episodes that practice has not."""
+        """Raise ValueError if a value is invalid, or a line search would need real episodes in the model."""
         super().__post_init__()
         searches = isinstance(getattr(self.algorithm, "step", None), LineSearch)
         good = not (searches and isinstance(self.model, ModelBased))
         require(good, "algorithm.step.rule", "fixed or kl for model.form=gaussian_process", "line_search")
         plain = self.name.isprintable() and self.name not in ("", "..") and Path(self.name).name == self.name
-        require(plain, "name", "a plain name, for a folder is called so", repr(self.name))
+        require(plain, "name", "a valid folder name", repr(self.name))
 
     def unused(self) -> set[str]:
-        """Return the names of the settings of exploration that practice has its own in place of."""
+        """Return the names of the algorithm's exploration settings that model-based training replaces."""
         is_model_based = isinstance(self.model, ModelBased)
         return {"algorithm.exploration_decay", "algorithm.exploration_minimum"} if is_model_based else set()
 
     @property
     def num_envs(self) -> int:
-        """Most episodes that can run side by side: those of an evaluation and the exploring ones after it."""
+        """Maximum number of parallel episodes: those of an evaluation and the exploring ones after it."""
         return self.episodes_per_iteration + self.evaluation_episodes
 
 
 def training_from(tree: Mapping[str, Any]) -> Training:
-    """Return the learner's settings from a tree of values.
+    """Build the learner's settings from a tree of values.
 
     Raises:
-        ValueError: an unknown key or a value that does not fit.
+        ValueError: a key is unknown or a value is invalid.
     """
     return build(Training, tree)

@@ -42,7 +42,7 @@ class PolicyCoordinates:
 
     def of(self, episodes: Episodes) -> list[Array]:
         """Return the points visited in each episode, shape (steps, coordinates)."""
-        values = episodes.observations if self.are_observed else episodes.seen_through(self._inputs).observations
+        values = episodes.observations if self.are_observed else episodes.with_inputs(self._inputs).observations
         return [points[going] for points, going in zip(values, episodes.mask, strict=True)]
 
     def inputs(self, points: Array) -> Array:

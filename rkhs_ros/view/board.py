@@ -168,7 +168,7 @@ def _draw_attempts(axes: Axes, policy: GaussianPolicy, subject: Subject) -> Arra
         tried = subject.spaces.clip(np.concatenate([each.actions[:, 0] for each in subject.episodes]))[:, :2]
     returns = np.concatenate([each.returns(subject.discount) for each in subject.episodes])
     newest = subject.episodes[-1]
-    inputs = newest.seen_through(policy.inputs).observations[0]
+    inputs = newest.with_inputs(policy.inputs).observations[0]
     mean, sd = policy.mean(inputs)[0, :2], np.sqrt(policy.variance(inputs))[0, :2]
     norm = Normalize(min(0.0, float(returns.min())), max(float(returns.max()), 1e-9))
     dots: Any = {"edgecolors": "black", "linewidths": 0.5, "label": "attempts"}

@@ -75,7 +75,7 @@ def bits(policy: GaussianPolicy, x: np.ndarray) -> bytes:
 
 def assert_sound(iteration: Iteration, task: str, training: Training) -> None:
     mean, metrics = iteration.policy.mean, iteration.metrics
-    evaluation = iteration.evaluation.seen_through(iteration.policy.inputs)
+    evaluation = iteration.evaluation.with_inputs(iteration.policy.inputs)
     points = evaluation.flat(evaluation.observations)
     on_grid = isinstance(training.algorithm, GridSettings)
     assert np.isfinite(mean.weights).all()
@@ -118,7 +118,7 @@ def test_an_algorithm_works_with_any_kernel(task: str, algorithm: str, form: str
 @over_algorithms
 def test_the_seed_determines_every_bit(task: str, algorithm: str) -> None:
     (*_, one), (*_, again), (*_, other) = (run(task, settings(task, algorithm, seed=seed)) for seed in (5, 5, 6))
-    evaluation = one.evaluation.seen_through(one.policy.inputs)
+    evaluation = one.evaluation.with_inputs(one.policy.inputs)
     x = evaluation.flat(evaluation.observations)
     assert bits(one.policy, x) == bits(again.policy, x)
     assert np.array_equal(one.exploration_returns, again.exploration_returns)

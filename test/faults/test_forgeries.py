@@ -38,8 +38,8 @@ def test_who_changes_every_action_ends_the_run_by_name(
     code, err = finish(nodes.learn(), probe)
     assert code == 1
     assert re.fullmatch(
-        r"error: the simulator node sent wrong episodes 5 times: row 0 \(episode 0\), step 0: expected the policy's "
-        r"action \[.+\], got \[.+\]; publishers of /observation: /simulator; /action: /probe \(unknown\); "
+        r"error: the simulator node sent wrong episodes 5 times: environment 0 \(episode 0\), step 0: expected "
+        r"the policy's action \[.+\], got \[.+\]; publishers of /observation: /simulator; /action: /probe \(unknown\); "
         r"/episodes: /simulator",
         err.splitlines()[-1],
     )
@@ -66,7 +66,7 @@ def test_forged_episodes_do_not_end_the_run_nor_are_they_learnt_from(
     code, err = finish(learner, probe)
     assert code == 0, err
     assert len(forged) > 3
-    assert "refused episodes: simulator: row 0 (episode" in err
+    assert "refused episodes: simulator: environment 0 (episode" in err
     assert_same_bits(tmp_path / "out", in_process)
 
 

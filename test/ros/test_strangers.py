@@ -94,8 +94,10 @@ def test_a_forged_action_is_found_and_its_batch_taken_again(
     os.kill(nodes.policy.popen.pid, signal.SIGCONT)
     code, err = finish(learner, probe)
     assert code == 0, err
-    refused = rf"refused episodes: simulator: row 0 \(episode {asked.first_episode}\), step {asked.step}: expected the"
-    assert re.search(refused + r" policy's action \[.+\], got \[0.75\]", err), err
+    refused = (
+        rf"refused episodes: simulator: environment 0 \(episode {asked.first_episode}\), step {asked.step}: expected"
+    )
+    assert re.search(refused + r" the policy's action \[.+\], got \[0.75\]", err), err
     assert "/action: /policy, /probe (unknown); /episodes: /simulator" in err
     assert_same_bits(tmp_path / "out", in_process)
 

@@ -1,1 +1,1 @@
-"""The algorithms, one page each, and what they share: critics, step rules, and the function spaces they search."""
+"""The algorithms, one module each, and their shared parts: critics, step rules and function spaces."""

@@ -1,4 +1,4 @@
-"""AC: the actor-critic with a compatible critic (Konda and Tsitsiklis, 1999), a parametric rival (Eq 5)."""
+"""AC: the actor-critic with a compatible critic (Konda and Tsitsiklis, 1999), a parametric baseline (Eq 5)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 
 @dataclass(frozen=True)
 class AC(GridSettings, ActorCritic):
-    r"""The actor-critic on a grid: up the plain gradient (Eq 5).
+    r"""The actor-critic on a grid of centres: ascent along the plain gradient (Eq 5).
 
     .. math:: \theta \leftarrow \theta + \frac{\alpha}{N} \sum_{i,t} A(s_{it}, a_{it})\, \phi(s_{it})\, u_{it}
     """
@@ -22,7 +22,7 @@ class AC(GridSettings, ActorCritic):
     step: StepRule = variant(FixedStep(0.005), STEP_RULES, "rule")
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
-        """Return the policy one plain step on."""
+        """Return the policy after one step along the plain gradient."""
         samples = self.space.samples(policy, experience.episodes)  # phi, Eq 3
         w = self.chosen_critic.fit(samples, experience.discount)
         advantages = samples.compatible_advantages(w)  # <w, phi u>

@@ -1,4 +1,4 @@
-"""The settings of an actor-critic, and the critic and step rule that they choose."""
+"""Settings of actor-critics, and the critic and step rule that they select."""
 
 from __future__ import annotations
 
@@ -22,39 +22,39 @@ EQUATIONS = ("step", "trajectory")
 
 @dataclass(frozen=True)
 class ActorCritic(Algorithm):
-    """An algorithm whose direction is made from the estimate of a critic."""
+    """An algorithm whose update direction follows from the estimate of a critic."""
 
-    critic: str = setting("step", "equations of the critic: of each step or of each episode", choices=EQUATIONS)
+    critic: str = setting("step", "the critic has one equation per step or per episode (trajectory)", choices=EQUATIONS)
     regression: str = setting(
         "ridge",
-        "how the critic solves them: ridge regression, or kernel matching pursuit after the value",
+        "how the critic solves its equations: ridge regression, or kernel matching pursuit after subtracting the value",
         choices=("ridge", "pursuit"),
     )
-    ridge: float = setting(0.01, "penalty on the squared norm of w in the RKHS", minimum=1e-12, maximum=1e6)
-    value_ridge: float = setting(0.01, "penalty on the value's squared norm in the RKHS", minimum=1e-12, maximum=1e6)
+    ridge: float = setting(0.01, "penalty on the squared RKHS norm of w", minimum=1e-12, maximum=1e6)
+    value_ridge: float = setting(0.01, "penalty on the squared RKHS norm of the value", minimum=1e-12, maximum=1e6)
     trace: float = setting(
         1.0, "lambda of the returns that the step critic fits; 1: rewards to go", minimum=0.0, maximum=1.0
     )
     ridge_norm: str = setting(
         "norm",
-        "what the ridge penalises: the norms of functions; or scale_free: each coefficient by the mean square of its "
-        "column, which does not change with the coordinates",
+        "what the ridge penalises: norm, the norms of functions; or scale_free, each coefficient weighted by the mean "
+        "square of its column, which is independent of the scale of the coordinates",
         choices=RIDGE_NORMS,
     )
     step: StepRule = variant(KLStep(), STEP_RULES, "rule")
 
     def unused(self) -> set[str]:
-        """Return the names of the settings of the value, where there is none."""
+        """Return the names of the value's settings if the critic has no value."""
         return {"value_ridge", "trace"} if self.critic == "trajectory" else set()
 
     @property
     def value_baseline(self) -> ValueBaseline:
-        """The value that advantages are measured from."""
+        """Value baseline of the advantages."""
         return ValueBaseline(self.value_ridge, self.ridge_norm, self.trace)
 
     @property
     def chosen_critic(self) -> Critic:
-        """The critic that the settings choose."""
+        """Critic that the settings select."""
         baseline = self.value_baseline
         critics: dict[tuple[str, str], Critic] = {
             ("step", "ridge"): StepCritic(self.ridge, baseline, self.ridge_norm),

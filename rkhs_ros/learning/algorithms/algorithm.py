@@ -1,4 +1,4 @@
-"""The base of all algorithms: an update makes the next policy from a policy and its episodes."""
+"""The base class of all algorithms: an update computes the next policy from a policy and its episodes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rkhs_ros.policies.gaussian import GaussianPolicy, mean_kl
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.kernels import Array, Kernel
 
-LEARNT_SD = 0.01, 10.0  # parts of the first standard deviation between which one is learnt
+LEARNT_SD = 0.01, 10.0  # bounds of a learnt standard deviation, relative to the first one
 
 
 @dataclass(frozen=True)
@@ -26,10 +26,10 @@ class Metrics:
     """Measurements of one update.
 
     Attributes:
-        step_size: how far the mean went along the direction.
-        kl: mean divergence of the policies before and after, over the samples, in nats.
+        step_size: step size of the mean along the direction.
+        kl: mean KL divergence from the old to the new policy over the samples, in nats.
         centres: number of centres of the new mean.
-        sparsification_error: relative error of thinning the new mean out, at the samples.
+        sparsification_error: relative error of the sparsified mean at the samples.
     """
 
     step_size: float
@@ -40,15 +40,15 @@ class Metrics:
 
 @dataclass(frozen=True)
 class Experience:
-    """What an update learns from. The episodes' observations are the policy's inputs.
+    """The data of an update; the observations of its episodes are the policy's inputs.
 
     Attributes:
         episodes: exploring episodes of the policy, N at least 1.
         discount: discount factor of the return.
-        memory: earlier episodes that the algorithm asked to keep; none at first.
-        collect: makes a number of fresh exploring episodes with a policy; they count as episodes used.
-        first_variance: of the first policy, shape (n,), which bounds one that is learnt.
-        iteration: number of updates before this one.
+        memory: earlier episodes that the algorithm stored; empty at first.
+        collect: runs a number of new exploring episodes with a policy; they count as episodes used.
+        first_variance: variance of the first policy, shape (n,); it determines the bounds of a learnt variance.
+        iteration: number of previous updates.
     """
 
     episodes: Episodes
@@ -64,8 +64,8 @@ class Update(NamedTuple):
 
     Attributes:
         policy: the next policy.
-        metrics: what the update did.
-        memory: episodes to keep for the next update.
+        metrics: measurements of the update.
+        memory: episodes to store for the next update.
     """
 
     policy: GaussianPolicy
@@ -75,25 +75,27 @@ class Update(NamedTuple):
 
 @dataclass(frozen=True)
 class Algorithm(Settings, ABC):
-    """Policy search by functions; a subclass is one algorithm and its fields are the hyper-parameters."""
+    """A policy search in function space; each subclass is one algorithm, its fields are the hyper-parameters."""
 
     exploration_decay: float = setting(
-        1.0, "factor on a constant standard deviation each iteration", minimum=0.0, maximum=1.0
+        1.0, "factor on a constant standard deviation after each iteration", minimum=0.0, maximum=1.0
     )
-    exploration_minimum: float = setting(0.05, "standard deviation not decayed below", minimum=1e-6, maximum=1e6)
+    exploration_minimum: float = setting(
+        0.05, "minimum standard deviation of the decay, in units of the action", minimum=1e-6, maximum=1e6
+    )
 
     @property
     @abstractmethod
     def space(self) -> FunctionSpace:
-        """The space searched, made from the settings: see `SparseSettings` and `GridSettings`."""
+        """Function space of the search; see `SparseSettings` and `GridSettings`."""
 
     @property
     def learns_variance(self) -> bool:
-        """Whether an update sets the policy's variance by what was seen; else it decays."""
+        """Whether an update learns the policy's variance; otherwise the variance decays."""
         return False
 
-    def check_kernel(self, kernel: Kernel) -> None:  # most algorithms take any
-        """Raise ValueError where the algorithm cannot learn with this kernel."""
+    def check_kernel(self, kernel: Kernel) -> None:  # most algorithms support all kernels
+        """Raise ValueError if the algorithm does not support the kernel."""
 
     @abstractmethod
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
@@ -101,7 +103,7 @@ class Algorithm(Settings, ABC):
 
         Args:
             policy: the policy that acted in the episodes.
-            experience: what it saw, did and earned.
+            experience: the episodes and further data of the update.
         """
 
     def gradient_step(
@@ -113,27 +115,27 @@ class Algorithm(Settings, ABC):
         step: StepRule,
         spread: Array | None = None,
     ) -> Update:
-        r"""Return the policy a step along a direction, :math:`h \leftarrow h + \alpha w`, its variance decayed.
+        r"""Return the policy after a step along a direction, :math:`h \leftarrow h + \alpha w`, and its variance decay.
 
-        With a direction v of the variance, too, that goes along instead, by the same step:
+        If a direction v of the variance is given, the variance takes the same step instead of decaying:
         :math:`\sqrt2 \log\sigma \leftarrow \sqrt2 \log\sigma + \alpha v`.
 
         Args:
             policy: the policy.
-            coefficients: of the direction w, shape (m, n).
-            samples: the policy's samples, in whose basis the coefficients are.
-            experience: for the step rules that try steps out.
-            step: how far to go.
+            coefficients: coefficients of the direction w in the basis of the samples, shape (m, n).
+            samples: the policy's samples.
+            experience: the data of the update; line searches use it to collect episodes.
+            step: step rule.
             spread: v, shape (n,).
         """
         w = samples.basis.function(coefficients)
 
         def mean_return(size: float, episodes: int) -> float:
-            tried = policy.with_mean(policy.mean + w.scale(size))  # thinned out only once it is chosen
+            tried = policy.with_mean(policy.mean + w.scale(size))  # only the selected step is sparsified
             return float(experience.collect(tried, episodes).returns(experience.discount).mean())
 
         direction, variance = samples.features @ coefficients, samples.variance
-        if spread is not None:  # it is in units in which a policy's divergence is that of an action's of variance 1
+        if spread is not None:  # in its units, the divergence equals that of an action of variance 1
             direction = np.hstack([direction, np.tile(spread, (len(direction), 1))])
             variance = np.hstack([variance, np.ones_like(variance)])
         alpha = step.step_size(direction, variance, mean_return, experience.iteration)
@@ -144,22 +146,22 @@ class Algorithm(Settings, ABC):
         return Update(new, measure(samples, new, alpha, error), experience.memory)
 
     def decayed(self, policy: GaussianPolicy) -> ConstantVariance:
-        """Return the variance of the next policy.
+        """Return the decayed variance of the next policy.
 
         Raises:
-            ValueError: it depends on the state.
+            ValueError: the variance depends on the state.
         """
         return _constant_variance(policy).decay(self.exploration_decay, self.exploration_minimum)
 
 
 def _constant_variance(policy: GaussianPolicy) -> ConstantVariance:
-    """Return the variance of a policy.
+    """Return the constant variance of a policy.
 
     Raises:
-        ValueError: it depends on the state.
+        ValueError: the variance depends on the state.
     """
     if not isinstance(policy.variance, ConstantVariance):
-        raise ValueError("variance: expected a constant one to change, got one that depends on the state")
+        raise ValueError("variance: expected a constant variance, got one that depends on the state")
     return policy.variance
 
 
@@ -169,6 +171,6 @@ def _moved(policy: GaussianPolicy, step: Array, experience: Experience) -> Const
 
 
 def measure(samples: Samples, new: GaussianPolicy, step_size: float, sparsification_error: float) -> Metrics:
-    """Return the metrics of an update over the points visited."""
+    """Return the metrics of an update over its samples."""
     kl = mean_kl(samples.mean, samples.variance, new, samples.observations)
     return Metrics(step_size, kl, len(new.mean.centres), sparsification_error)

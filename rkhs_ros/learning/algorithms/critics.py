@@ -1,12 +1,12 @@
-r"""Critics: estimates of the natural gradient w, by regression of returns on the gradient of the log policy.
+r"""Critics estimate the natural gradient w by regression of returns on the gradient of the log policy.
 
-The advantage is taken to be compatible with the policy, linear in the same features (Eq 12):
+They assume that the advantage is compatible with the policy, that is, linear in the same features (Eq 12):
 
 .. math:: A(s, a) = \langle w, K(s, \cdot)\, u \rangle, \qquad u = \Sigma^{-1} (a - h(s))
 
-Then w is the natural gradient. A critic sets up one equation for it at each step or for each episode, and solves
-them by ridge regression or by kernel matching pursuit: two times two critics. The coefficients that they return are
-those of the samples' basis. In a Newton basis their squared norm is that of the function in the RKHS.
+Then w is the natural gradient. A critic has one equation per step or per episode, and solves its equations by ridge
+regression or by kernel matching pursuit: four critics in total. They return coefficients in the samples' basis. In a
+Newton basis, the squared norm of the coefficients is the squared RKHS norm of the function.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.pursuit import pursue_atoms
 from rkhs_ros.rkhs.regression import by_blocks, relative_ridge_regression, ridge_regression_by_blocks
 
-TREND_RIDGE = 1e-6  # penalty on the coefficients of 1, t and t^2, all but none
+TREND_RIDGE = 1e-6  # penalty on the coefficients of 1, t and t^2, negligibly small
 RIDGE_NORMS = ("norm", "scale_free")
 
 
 class Critic(Protocol):
-    """An estimate of the natural gradient."""
+    """An estimator of the natural gradient."""
 
     def fit(self, samples: Samples, discount: float) -> Array:
         """Return the coefficients of w, shape (m, n).
@@ -39,12 +39,12 @@ class Critic(Protocol):
 
 
 def ridge_scales(columns: Array, ridge_norm: str) -> Array:
-    """Return what a ridge multiplies each squared coefficient by, shape (p,).
+    """Return the weight of each squared coefficient in the ridge penalty, shape (p,).
 
     Args:
         columns: features, shape (samples, p).
-        ridge_norm: ``norm``: 1, so that it penalises the norms of functions; ``scale_free``: the mean square of the
-            column, so that the units of the coordinates do not matter.
+        ridge_norm: ``norm``: weights of 1, which penalise the norms of functions; ``scale_free``: the mean square of
+            each column, which makes the penalty independent of the units of the coordinates.
     """
     if ridge_norm == "norm":
         return np.ones(columns.shape[1])
@@ -54,15 +54,15 @@ def ridge_scales(columns: Array, ridge_norm: str) -> Array:
 
 @dataclass(frozen=True)
 class ValueBaseline:
-    r"""The value: a function of the state and a trend over time, fitted to the rewards to go.
+    r"""A value baseline: a function of the state plus a trend over time, fitted to the rewards to go.
 
     .. math:: \sum_{k \ge t} \gamma^{k-t} r_k = V(s_t) + (1, t, t^2)\, \beta
 
     Attributes:
         ridge: penalty on the squared norm of V.
         ridge_norm: one of `RIDGE_NORMS`.
-        trace: lambda of the returns made with these values. Below 1 they hold less of the noise of steps far ahead,
-            at the price of the values' error; at 1 they are the rewards to go.
+        trace: lambda of the returns. Below 1, the returns contain less noise of distant steps, but are biased by the
+            error of the values; at 1 they are the rewards to go.
     """
 
     ridge: float
@@ -70,7 +70,7 @@ class ValueBaseline:
     trace: float = 1.0
 
     def values(self, samples: Samples, discount: float) -> Array:
-        """Return the values, trend included, at each sample, shape (samples,)."""
+        """Return the values, including the trend, of each sample, shape (samples,)."""
         time_features, returns = samples.time_features, samples.rewards_to_go(discount)
 
         def columns(rows: slice) -> Array:
@@ -81,35 +81,35 @@ class ValueBaseline:
 
     def returns(self, samples: Samples, discount: float) -> Array:
         """Return the lambda returns of each sample, shape (samples,)."""
-        if self.trace == 1.0:  # no values enter
+        if self.trace == 1.0:  # independent of the values
             return samples.rewards_to_go(discount)
         return samples.lambda_returns(self.values(samples, discount), discount, self.trace)
 
     def advantages(self, samples: Samples, discount: float) -> Array:
-        """Return the lambda returns less the values at each sample, shape (samples,)."""
+        """Return the lambda returns minus the values of each sample, shape (samples,)."""
         values = self.values(samples, discount)
         if self.trace == 1.0:
             return np.asarray(samples.rewards_to_go(discount) - values)
         return np.asarray(samples.lambda_returns(values, discount, self.trace) - values)
 
     def penalty(self, samples: Samples) -> Array:
-        """Return the penalties on the coefficients of V and then of the trend, shape (m + 3,)."""
+        """Return the penalties on the coefficients of V, followed by those of the trend, shape (m + 3,)."""
         state = self.ridge * ridge_scales(samples.features, self.ridge_norm)
         return np.concatenate([state, np.full(samples.time_features.shape[1], TREND_RIDGE)])
 
 
 @dataclass(frozen=True)
 class StepCritic:
-    r"""One equation at each step, by ridge regression for w, V and the trend together (after Eq 12).
+    r"""A critic with one equation per step, solved by joint ridge regression for w, V and the trend (after Eq 12).
 
     .. math:: \sum_{k \ge t} \gamma^{k-t} r_k = \langle w, K(s_t, \cdot)\, u_t \rangle + V(s_t) + (1, t, t^2)\, \beta
 
-    It has far less variance than the critic of an equation for each episode. The :math:`u_t` are multiplied by the
-    policy's deviation, so that the ridge means the same at any variance.
+    It has much less variance than a critic with one equation per episode. The :math:`u_t` are multiplied by the
+    policy's standard deviation, so that the effect of the ridge does not depend on the variance.
 
     Attributes:
-        ridge: penalty on the squared norm of w, in those units.
-        baseline: V and the trend; its lambda returns are the left side.
+        ridge: penalty on the squared norm of w in these units.
+        baseline: V and the trend; its lambda returns are the left-hand side.
         ridge_norm: one of `RIDGE_NORMS`.
     """
 
@@ -132,19 +132,19 @@ class StepCritic:
         return deviation * samples.as_coefficients(solution[: len(scales)])
 
     def _scales(self, samples: Samples) -> Array:
-        """Return what the ridge multiplies each squared coefficient of w by, shape (m n,)."""
-        if self.ridge_norm == "norm":  # the scores of all samples at once need not be formed
+        """Return the weight of each squared coefficient of w in the penalty, shape (m n,)."""
+        if self.ridge_norm == "norm":  # avoids the score features of all samples at once
             return np.ones(samples.features.shape[1] * samples.exploration.shape[1])
         return ridge_scales(samples.deviation * samples.score_features, self.ridge_norm)
 
 
 @dataclass(frozen=True)
 class TrajectoryCritic:
-    r"""One equation for each episode, by ridge regression through their Gram matrix (section 3.2, "the critic").
+    r"""A critic with one equation per episode, solved by ridge regression (section 3.2, "the critic").
 
     .. math:: \sum_t \gamma^t r_t = \langle w, \sum_t \gamma^t K(s_t, \cdot)\, u_t \rangle + V(s_0)
 
-    One intercept, without a penalty, stands for :math:`V(s_0)`.
+    An intercept without a penalty represents :math:`V(s_0)`.
 
     Attributes:
         ridge: penalty on the squared norm of w, relative to the mean diagonal of the Gram matrix.
@@ -165,11 +165,11 @@ class TrajectoryCritic:
 
 @dataclass(frozen=True)
 class StepPursuitCritic:
-    """One equation at each step, by kernel matching pursuit after the values are taken off the returns.
+    """A critic with one equation per step, solved by kernel matching pursuit for the returns minus the values.
 
     Attributes:
-        ridge: penalty on the squared norm of w, as the step critic's.
-        baseline: gives the advantages that w is fitted to.
+        ridge: penalty on the squared norm of w, in the units of the step critic.
+        baseline: provides the advantages to which w is fitted.
     """
 
     ridge: float
@@ -183,10 +183,10 @@ class StepPursuitCritic:
 
 @dataclass(frozen=True)
 class TrajectoryPursuitCritic:
-    """One equation for each episode, by kernel matching pursuit after their mean is taken off the returns.
+    """A critic with one equation per episode, solved by kernel matching pursuit for the returns minus their mean.
 
     Attributes:
-        ridge: penalty on the squared norm of w, with the steps' u in the units of the step critic.
+        ridge: penalty on the squared norm of w, in the units of the step critic.
     """
 
     ridge: float
@@ -199,7 +199,7 @@ class TrajectoryPursuitCritic:
 
 
 def _scores(samples: Samples) -> Callable[[Rows], Array]:
-    """Return what gives some samples' u times features, in the units of the step critic."""
+    """Return a function from samples to their score features in the units of the step critic."""
     deviation = samples.deviation
     return lambda rows: deviation * samples.score_features_of(rows)
 
@@ -208,9 +208,9 @@ def _pursue_w(samples: Samples, rows: Callable[[slice], Array], targets: Array, 
     r"""Return the coefficients of :math:`w = \sum_j \beta_j K(s_j, \cdot)\, u_j` over at most m samples (Eq 11).
 
     Args:
-        samples: samples of the iteration, among whose kernel functions is chosen.
-        rows: from a slice of the equations for w to their left sides, shape (rows, m n).
-        targets: their right sides, shape (equations,).
+        samples: samples of the iteration, whose kernel functions are the candidates.
+        rows: returns the features of a slice of the equations for w, shape (rows, m n).
+        targets: returns or advantages to which w is fitted, shape (equations,).
         ridge: penalty on the squared norm of w.
     """
     scores, (count, budget) = _scores(samples), samples.features.shape

@@ -1,4 +1,4 @@
-"""eNAC: the episodic natural actor-critic of Peters and Schaal (2008), the paper's parametric rival."""
+"""eNAC: the episodic natural actor-critic of Peters and Schaal (2008), the paper's parametric baseline."""
 
 from __future__ import annotations
 
@@ -13,19 +13,24 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 
 @dataclass(frozen=True)
 class ENAC(GridSettings, ActorCritic):
-    r"""The natural actor-critic on a grid, with one equation for each episode.
+    r"""The natural actor-critic on a grid of centres, with one equation per episode.
 
     .. math:: \theta \leftarrow \theta + \alpha w, \qquad
         R(\xi) = \langle w, \sum_t \gamma^t \phi(s_t)\, u_t \rangle + V(s_0)
     """
 
-    critic: str = setting("trajectory", "equations of the critic: of each step or of each episode", choices=EQUATIONS)
+    critic: str = setting(
+        "trajectory", "the critic has one equation per step or per episode (trajectory)", choices=EQUATIONS
+    )
     ridge: float = setting(
-        0.1, "penalty on the critic's weights, of an episode's relative to the Gram", minimum=1e-12, maximum=1e6
+        0.1,
+        "penalty on the critic's weights; for equations per episode relative to the mean diagonal of the Gram matrix",
+        minimum=1e-12,
+        maximum=1e6,
     )
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
-        """Return the policy one natural step on."""
+        """Return the policy after one step along the natural gradient."""
         samples = self.space.samples(policy, experience.episodes)  # phi, Eq 3
         w = self.chosen_critic.fit(samples, experience.discount)  # of R(xi), see above
         return self.gradient_step(policy, w, samples, experience, self.step)  # theta + alpha w, Eq 15

@@ -1,4 +1,4 @@
-"""The spaces searched: the RKHS with few centres at a time, or the span of kernel functions on a grid."""
+"""Function spaces of the search: the RKHS with few centres, or the span of kernel functions on a grid."""
 
 from __future__ import annotations
 
@@ -21,52 +21,52 @@ from rkhs_ros.rkhs.regression import ridge_regression
 
 LINEAR = Polynomial(0.0, 1)
 MAX_GRID_CENTRES = 100_000
-FIT_RIDGE = 1e-6  # on the norm of a function fitted to values, beside their mean squared residual
+FIT_RIDGE = 1e-6  # penalty on the squared norm of a fitted function, relative to the mean squared residual
 
 
 class FunctionSpace(Protocol):
-    """The functions among which the policy's mean is searched for."""
+    """A space of functions in which the policy's mean is searched."""
 
     def samples(self, policy: GaussianPolicy, episodes: Episodes) -> Samples:
-        """Return the episodes' steps in coordinates of the space."""
+        """Return the steps of episodes in coordinates of the space."""
 
     def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
-        """Return the policy with the direction added to its mean, and the relative error of keeping that small.
+        """Return the policy with the direction added to its mean, and the relative error of the sparsification.
 
         Args:
             policy: the policy.
-            direction: of the space.
-            points: where the mean's values matter, shape (samples, d).
+            direction: a function of the space.
+            points: points at which the mean's values are fitted, shape (samples, d).
         """
 
     def fit(self, kernel: Kernel, points: Array, values: Array) -> Function:
-        """Return a function of the space with another kernel that has about these values, shape (n, k), at points."""
+        """Fit a function of the space with another kernel to values, shape (n, k), at points."""
 
 
 @dataclass(frozen=True)
 class Sparse:
-    """The RKHS: centres are chosen among what was seen, and thinned out after every update (Algorithm 1).
+    """The RKHS with centres selected among the samples and sparsified after every update (Algorithm 1).
 
     Attributes:
-        centres: number of centres of the policy at most.
-        tolerance: relative error at which fewer are enough.
+        centres: maximum number of centres of the policy.
+        tolerance: relative error below which no further centre is added.
     """
 
     centres: int
     tolerance: float = 0.0
 
     def samples(self, policy: GaussianPolicy, episodes: Episodes) -> Samples:
-        """Return the samples in the Newton basis of some of them.
+        """Return the samples in a Newton basis.
 
-        The unit vectors span all of a linear kernel's space and are orthonormal in it; where features have very
-        different sizes, a basis of samples would lose the small ones.
+        For a linear kernel, the basis is the unit vectors, which are orthonormal and span the whole space. A basis of
+        samples would lose small features beside large ones.
         """
         if policy.mean.kernel == LINEAR and policy.mean.input_dim <= self.centres:
             return Samples.on_centres(policy, episodes, np.eye(policy.mean.input_dim))
         return Samples.in_newton_basis(policy, episodes, self.centres)
 
     def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
-        """Return the policy with the direction added to its mean, sparsified, and the relative error of that."""
+        """Return the policy with the direction added to its sparsified mean, and the relative error."""
         mean = policy.mean + direction
         if len(mean.centres) <= self.centres and self.tolerance == 0.0:
             return policy.with_mean(mean), 0.0
@@ -74,18 +74,18 @@ class Sparse:
         return policy.with_mean(fit.function), fit.error
 
     def fit(self, kernel: Kernel, points: Array, values: Array) -> Function:
-        """Return a function with few centres that has about these values, by kernel matching pursuit."""
+        """Fit a function with few centres to values by kernel matching pursuit."""
         return pursue(kernel, points, values, points, budget=self.centres, ridge=FIT_RIDGE).function
 
 
 @dataclass(frozen=True)
 class Grid:
-    """The weights of kernel functions on a fixed grid, measured by their Euclidean norm (Eq 3).
+    """The span of kernel functions on a fixed grid, with the Euclidean norm of the weights (Eq 3).
 
     Attributes:
         low: lower corner, one number or one per input.
         high: upper corner, one number or one per input.
-        counts: centres along each dimension, one whole number or one per input.
+        counts: number of centres along each dimension, one whole number or one per input.
     """
 
     low: tuple[float, ...]
@@ -93,15 +93,15 @@ class Grid:
     counts: tuple[float, ...]
 
     def samples(self, policy: GaussianPolicy, episodes: Episodes) -> Samples:
-        """Return the samples in the kernel functions of the grid."""
+        """Return the samples in the basis of the grid's kernel functions."""
         return Samples.on_centres(policy, episodes, self.centres(policy.mean.input_dim))
 
     def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
-        """Return the policy with the direction's weights added, which leaves no error."""
+        """Return the policy with the direction's weights added, and an error of 0."""
         return policy.with_mean(policy.mean + direction), 0.0
 
     def fit(self, kernel: Kernel, points: Array, values: Array) -> Function:
-        """Return a function with the grid's centres that has about these values."""
+        """Fit a function with the grid's centres to values by ridge regression."""
         basis = FixedBasis(kernel, self.centres(points.shape[1]))
         features = basis(points)
         return basis.function(ridge_regression(features, values, np.full(features.shape[1], FIT_RIDGE)))
@@ -110,8 +110,7 @@ class Grid:
         """Return the points of the grid over d inputs, shape (m, d).
 
         Raises:
-            ValueError: the numbers are not one or d, the counts not whole, or the centres too many; named as the
-                settings are.
+            ValueError: there are not one or d numbers, a count is not whole, or there are too many centres.
         """
         corners = {"grid_low": self.low, "grid_high": self.high, "grid_counts": self.counts}
         for name, given in corners.items():
@@ -119,29 +118,29 @@ class Grid:
         low, high, counts = (np.broadcast_to(given, (d,)) for given in corners.values())
         require(all(count == int(count) for count in counts), "algorithm.grid_counts", "whole numbers", counts.tolist())
         sizes = tuple(int(count) for count in counts)
-        most = f"at most {MAX_GRID_CENTRES} centres in all"
+        most = f"at most {MAX_GRID_CENTRES} centres in total"
         require(prod(sizes) <= MAX_GRID_CENTRES, "algorithm.grid_counts", most, prod(sizes))
         return grid(low, high, sizes)
 
 
 @dataclass(frozen=True)
 class SparseSettings:
-    """The settings of an algorithm that searches the RKHS."""
+    """Settings of algorithms that search the RKHS."""
 
-    centres: int = setting(40, "number of centres of the policy at most", minimum=1, maximum=2000)
+    centres: int = setting(40, "maximum number of centres of the policy", minimum=1, maximum=2000)
     sparsification_tolerance: float = setting(
-        0.0, "relative error at which fewer centres are enough", minimum=0.0, maximum=1.0
+        0.0, "relative error below which sparsification adds no further centre", minimum=0.0, maximum=1.0
     )
 
     @property
     def space(self) -> Sparse:
-        """The space searched."""
+        """Function space of the search."""
         return Sparse(self.centres, self.sparsification_tolerance)
 
 
 @dataclass(frozen=True)
 class GridSettings:
-    """The settings of an algorithm that searches the weights on a grid."""
+    """Settings of algorithms that search the weights on a grid of centres."""
 
     grid_low: tuple[float, ...] = setting(
         (-1.0,), "lower corner of the grid of centres, one or one per input", minimum=-1e9, maximum=1e9
@@ -150,10 +149,10 @@ class GridSettings:
         (1.0,), "upper corner of the grid of centres, one or one per input", minimum=-1e9, maximum=1e9
     )
     grid_counts: tuple[float, ...] = setting(
-        (5.0,), "centres along each dimension, one or one per input", minimum=1, maximum=10_000
+        (5.0,), "number of centres along each dimension, one or one per input", minimum=1, maximum=10_000
     )
 
     @property
     def space(self) -> Grid:
-        """The space searched."""
+        """Function space of the search."""
         return Grid(self.grid_low, self.grid_high, self.grid_counts)

@@ -1,4 +1,4 @@
-"""PoWER: policy learning by weighting exploration with the returns (Kober and Peters, 2011), a parametric rival."""
+"""PoWER: policy learning by weighting exploration with the returns (Kober and Peters, 2011), a parametric baseline."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array
 
-LEAST_SQUARED_LENGTH = 1e-12  # of a state's features, which vanish far from every centre
+LEAST_SQUARED_LENGTH = 1e-12  # avoids division by zero, because features vanish far from every centre
 
 
 @dataclass(frozen=True)
 class PoWER(GridSettings, WeightedExploration):
-    r"""PoWER on a grid, with the best episodes so far used again.
+    r"""PoWER on a grid of centres, with reuse of the best episodes so far.
 
-    The exploration of the action stands for one of the parameters, :math:`\epsilon_t = \phi(s_t)^\top \varepsilon_t`.
-    ``full`` weighs with the matrix :math:`W = \phi \phi^\top / g` of Kober and Peters:
+    The exploration of the action represents that of the parameters, :math:`\epsilon_t = \phi(s_t)^\top \varepsilon_t`.
+    The solution ``full`` uses the matrix :math:`W = \phi \phi^\top / g` of Kober and Peters:
 
     .. math:: \theta' = \theta + \Big(\sum_t q_t W_t + \lambda I\Big)^{-1} \sum_t q_t W_t\, \varepsilon_t
     """
 
-    weighting: str = setting("returns", "how the exploration of a step is weighted", choices=tuple(WEIGHTINGS))
-    reuse: int = setting(5, "best episodes so far that are learnt from again", minimum=0, maximum=10_000)
+    weighting: str = setting("returns", "weighting of the exploration of a step", choices=tuple(WEIGHTINGS))
+    reuse: int = setting(5, "number of best episodes so far that the next update reuses", minimum=0, maximum=10_000)
     solution: str = setting(
-        "full", "the matrix W of Kober and Peters, or its diagonal, Eq 6", choices=("full", "diagonal")
+        "full", "the matrix W of Kober and Peters, or its diagonal (Eq 6)", choices=("full", "diagonal")
     )
 
     def unused(self) -> set[str]:
-        """Return the names of the settings of the regression too, where there is none."""
+        """Return the names of settings without effect, including those of the regression for ``diagonal``."""
         return super().unused() | ({"ridge", "ridge_unit"} if self.solution == "diagonal" else set())
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
@@ -51,15 +51,15 @@ class PoWER(GridSettings, WeightedExploration):
 
 
 def mean_exploration(samples: Samples, weights: Array) -> Function:
-    r"""Return the change by the diagonal of W: the weighted mean of each parameter's own exploration (Eq 6).
+    r"""Return the change for the diagonal of W: the weighted mean of each parameter's exploration (Eq 6).
 
     .. math:: \theta' - \theta = \sum_t q_t\, \varepsilon_t \Big/ \sum_t q_t, \qquad
         \varepsilon_t = \phi(s_t)\, \epsilon_t / |\phi(s_t)|^2
 
-    Of all explorations of the parameters that explain the action's, that one is the least.
+    This is the smallest exploration of the parameters that explains the exploration of the action.
 
     Args:
-        samples: samples of the iteration, and of the episodes remembered.
+        samples: samples of the iteration and of the reused episodes.
         weights: q, shape (samples,).
     """
     lengths = np.maximum(np.sum(samples.features**2, axis=1), LEAST_SQUARED_LENGTH)

@@ -1,4 +1,4 @@
-"""The algorithms by name."""
+"""The table of algorithms by name."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 
 @dataclass(frozen=True)
 class RKHSAC(SparseSettings, ActorCritic):
-    r"""The actor-critic in the RKHS: up the plain gradient, with the advantage by kernel matching pursuit.
+    r"""The actor-critic in the RKHS: ascent along the plain gradient, with the advantage by kernel matching pursuit.
 
     .. math:: h \leftarrow h + \frac{\alpha}{N} \sum_{i,t} A(s_{it}, a_{it})\, K(s_{it}, \cdot)\, u_{it}, \qquad
         u = \Sigma^{-1} (a - h(s))
@@ -22,13 +22,13 @@ class RKHSAC(SparseSettings, ActorCritic):
 
     regression: str = setting(
         "pursuit",
-        "how the critic solves its equations: ridge regression, or kernel matching pursuit after the value",
+        "how the critic solves its equations: ridge regression, or kernel matching pursuit after subtracting the value",
         choices=("ridge", "pursuit"),
     )
     step: StepRule = variant(FixedStep(0.005), STEP_RULES, "rule")
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
-        """Return the policy one plain step on."""
+        """Return the policy after one step along the plain gradient."""
         samples = self.space.samples(policy, experience.episodes)
         w = self.chosen_critic.fit(samples, experience.discount)  # Eq 11
         advantages = samples.compatible_advantages(w)  # <w, K(s, .) u>, Eq 12

@@ -17,12 +17,12 @@ from rkhs_ros.rkhs.kernels import Array
 
 @dataclass(frozen=True)
 class RKHSNAC(SparseSettings, ActorCritic):
-    r"""The natural actor-critic in the RKHS: what the critic estimates *is* the natural gradient (Eq 22).
+    r"""The natural actor-critic in the RKHS: the critic's estimate *is* the natural gradient (Eq 22).
 
     .. math:: h \leftarrow h + \alpha w, \qquad A(s, a) = \langle w, K(s, \cdot)\, \Sigma^{-1} (a - h(s)) \rangle
 
-    A learnt variance climbs its own natural gradient beside the mean's, between a hundredth and ten times the first
-    standard deviation. In the paper it is constant.
+    A learnt variance follows its own natural gradient, with a standard deviation between 0.01 and 10 times the first
+    one. In the paper the variance is constant.
 
     .. math:: \sqrt2 \log\sigma \leftarrow \sqrt2 \log\sigma + \alpha v, \qquad
         v = \frac1n \sum_t \big(A_t - A(s_t, a_t)\big) (\epsilon_t^2 / \sigma^2 - 1) / \sqrt2
@@ -30,35 +30,35 @@ class RKHSNAC(SparseSettings, ActorCritic):
 
     variance: str = setting(
         "constant",
-        "how the exploration changes: constant but for its decay, or learnt, up its natural gradient",
+        "how the variance changes: constant except for its decay, or learnt along its natural gradient",
         choices=("constant", "learnt"),
     )
     reuse: int = setting(
-        0, "newest episodes of earlier iterations that are learnt from again", minimum=0, maximum=10_000
+        0, "number of newest episodes of earlier iterations that an update reuses", minimum=0, maximum=10_000
     )
 
     @property
     def learns_variance(self) -> bool:
-        """Whether it climbs its natural gradient."""
+        """Whether the variance follows its natural gradient."""
         return self.variance == "learnt"
 
     def unused(self) -> set[str]:
-        """Return the names of the settings of a value that nobody fits, or of a decay where the variance is learnt."""
+        """Return the names of settings without effect, including those of the decay if the variance is learnt."""
         if not self.learns_variance:
             return super().unused()
         return {"exploration_decay", "exploration_minimum"}
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
-        """Return the policy one natural step on."""
+        """Return the policy after one step along the natural gradient."""
         episodes = experience.episodes + experience.memory
         samples = self.space.samples(policy, episodes)
-        w = self.chosen_critic.fit(samples, experience.discount)  # Eq 12, which makes it that of Eq 22
+        w = self.chosen_critic.fit(samples, experience.discount)  # Eq 12, which makes w the gradient of Eq 22
         v = self._spread(samples, w, experience) if self.learns_variance else None
         update = self.gradient_step(policy, w, samples, experience, self.step, v)  # h + alpha w, Eq 15 and 20
         return update._replace(memory=episodes.take(slice(self.reuse)))
 
     def _spread(self, samples: Samples, w: Array, experience: Experience) -> Array:
-        """Return v, shape (n,), of what w leaves of the advantages, in coordinates whose Fisher information is 1."""
-        newest = slice(experience.episodes.mask.sum())  # those before explored with another deviation
+        """Return v, shape (n,), from the advantages that w does not explain, in coordinates of Fisher information 1."""
+        newest = slice(experience.episodes.mask.sum())  # reused episodes explored with another standard deviation
         advantages = self.value_baseline.advantages(samples, experience.discount) - samples.compatible_advantages(w)
         return np.asarray(advantages[newest] @ samples.deviation_scores[newest] / len(advantages[newest]))

@@ -19,39 +19,40 @@ from rkhs_ros.rkhs.regression import relative_ridge_regression
 
 @dataclass(frozen=True)
 class RKHSNPG(SparseSettings, Algorithm):
-    r"""Up the natural gradient, through the N x N Gram of the trajectories (Eq 18 to 20).
+    r"""Ascent along the natural gradient, computed with the N x N Gram matrix of the trajectories (Eq 18 to 20).
 
     .. math:: h \leftarrow h + \alpha \sum_i \hat R_i \sum_t K(s_{it}, \cdot)\, u_{it}, \qquad
         \hat R = (\Lambda + \lambda N I)^{-1} (R - b 1)
 
-    As printed there is no baseline b, and learning stalls halfway: the returns' mean drowns their differences.
+    The published form has no baseline b. Learning then stalls, because the mean of the returns dominates their
+    differences.
     """
 
     baseline: str = setting(
         "intercept",
-        "what is taken off the returns: their intercept in the regression, the value of the first state beside it, or "
-        "nothing, as printed",
+        "baseline of the returns: an intercept of the regression; value, which also subtracts the value of the first "
+        "state; or as_published, no baseline",
         choices=("intercept", "value", "as_published"),
     )
-    ridge: float = setting(0.1, "lambda N relative to the Gram's mean diagonal", minimum=1e-12, maximum=1e6)
-    value_ridge: float = setting(0.01, "penalty on the value's squared norm in the RKHS", minimum=1e-12, maximum=1e6)
+    ridge: float = setting(0.1, "lambda N relative to the mean diagonal of the Gram matrix", minimum=1e-12, maximum=1e6)
+    value_ridge: float = setting(0.01, "penalty on the squared RKHS norm of the value", minimum=1e-12, maximum=1e6)
     step: StepRule = variant(KLStep(), STEP_RULES, "rule")
 
     def unused(self) -> set[str]:
-        """Return the names of the settings of the value, where it is not taken off."""
+        """Return the names of the value's settings if the baseline is not the value."""
         return {"value_ridge"} if self.baseline != "value" else set()
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
-        """Return the policy one natural step on."""
+        """Return the policy after one step along the natural gradient."""
         samples = self.space.samples(policy, experience.episodes)
         scores = samples.trajectory_features(discount=1.0)  # grad log P(xi), Eq 19; Lambda is their Gram
         returns = self._returns(samples, experience.discount)  # R
         with_intercept = self.baseline != "as_published"
-        gradient = relative_ridge_regression(scores, returns, self.ridge, intercept=with_intercept)  # by R hat, Eq 18
+        gradient = relative_ridge_regression(scores, returns, self.ridge, intercept=with_intercept)  # with R hat, Eq 18
         return self.gradient_step(policy, samples.as_coefficients(gradient), samples, experience, self.step)  # Eq 20
 
     def _returns(self, samples: Samples, discount: float) -> Array:
-        """Return R, less the value of the first state where that is the baseline, shape (N,)."""
+        """Return R, minus the value of the first state if that is the baseline, shape (N,)."""
         returns = samples.episodes.returns(discount)
         if self.baseline != "value":
             return returns

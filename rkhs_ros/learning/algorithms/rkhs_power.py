@@ -25,7 +25,7 @@ class RKHSPoWER(SparseSettings, WeightedExploration):
     """
 
     weighting: str = setting(
-        "positive", "how the exploration of a step is weighted", choices=(*WEIGHTINGS, "as_published")
+        "positive", "weighting of the exploration of a step", choices=(*WEIGHTINGS, "as_published")
     )
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
@@ -33,21 +33,21 @@ class RKHSPoWER(SparseSettings, WeightedExploration):
         samples = self.space.samples(policy, experience.episodes + experience.memory)
         if self.weighting == "as_published":
             q = self.value_baseline.advantages(samples, experience.discount)  # A, signed
-            change = published_regression(samples, q, self.ridge)  # Eq 23 to the letter
+            change = published_regression(samples, q, self.ridge)  # Eq 23 as published
         else:
             q = self.weights(samples, experience.discount)
-            change = weighted_regression(samples, q, self.ridge, self.ridge_unit)  # Eq 23 as mended
+            change = weighted_regression(samples, q, self.ridge, self.ridge_unit)  # Eq 23, corrected
         return self.advance(policy, change, samples, q, experience)  # h + change; the variance by Eq 24
 
 
 def published_regression(samples: Samples, advantages: Array, ridge: float) -> Function:
-    r"""Return h' - h by Eq 23 to the letter, over all samples and with signed advantages.
+    r"""Return h' - h by Eq 23 as published, over all samples and with signed advantages.
 
     .. math:: \alpha = (\lambda A_1^{-1} + \Gamma)^{-1} \epsilon = (\lambda I + A_1 \Gamma)^{-1} A_1 \epsilon, \qquad
         A_1 = \mathrm{diag}(A / g)
 
     Args:
-        samples: samples of the iteration, and of the episodes remembered.
+        samples: samples of the iteration and of the reused episodes.
         advantages: A, shape (samples,).
         ridge: lambda.
     """

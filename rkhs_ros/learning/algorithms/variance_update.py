@@ -1,4 +1,4 @@
-"""The variance that PoWER learns: Eq 24, mended and as printed."""
+"""The variance update of PoWER: Eq 24, corrected and as published."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.pursuit import sparsify
 from rkhs_ros.rkhs.regression import by_blocks
 
-LEAST_MASS = 1e-9  # of a centre that is kept, relative to the greatest
+LEAST_MASS = 1e-9  # centres with a smaller mass relative to the largest are removed
 
 
 def learnt(samples: Samples, weights: Array, sd_minimum: float, sd_maximum: float) -> KernelVariance:
-    r"""Return the weighted mean of squared exploration near the state, each sample moved to its nearest centre.
+    r"""Return the kernel-weighted mean of squared exploration, with each sample assigned to its nearest centre.
 
     .. math:: g(s) = \frac{\sum_t q_t \epsilon_t^2 \kappa(s_t, s)}{\sum_t q_t \kappa(s_t, s)}
 
     Args:
         samples: samples of the iteration.
         weights: q, shape (samples,), not negative.
-        sd_minimum: least standard deviation.
-        sd_maximum: greatest standard deviation.
+        sd_minimum: minimum standard deviation.
+        sd_maximum: maximum standard deviation.
     """
     weights = np.maximum(weights, 0.0) if (weights > 0).any() else np.ones_like(weights)
     kernel, centres = samples.basis.kernel, samples.basis.centres
@@ -40,12 +40,12 @@ def learnt(samples: Samples, weights: Array, sd_minimum: float, sd_maximum: floa
 
 
 def as_published(samples: Samples, weights: Array, sd_minimum: float, sd_maximum: float) -> FunctionVariance:
-    r"""Return the function of Eq 24 to the letter, on as many centres as the basis has.
+    r"""Return the function of Eq 24 as published, with as many centres as the basis.
 
     .. math:: g(s) = \sum_t \kappa(s_t, s)\,\beta_t, \qquad
         \beta_t = \frac{\epsilon_t^2 A_t}{\kappa(s_t, s_t) \sum_k \epsilon_k^2 A_k}
 
-    Squared exploration in numerator and denominator cancels: its size has nothing to do with the exploration's.
+    Squared exploration occurs in numerator and denominator and cancels, so the value is not related to its size.
     """
     kernel = samples.basis.kernel
     squares = weights[:, None] * samples.exploration**2

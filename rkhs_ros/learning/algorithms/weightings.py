@@ -1,4 +1,4 @@
-"""Weightings of the exploration in PoWER: how much each step counts in the next policy."""
+"""Weightings of the exploration in PoWER: the weight of each step in the update."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ Weighting = Callable[[Samples, float, ValueBaseline], Array]
 
 
 def positive(samples: Samples, discount: float, baseline: ValueBaseline) -> Array:
-    r"""Return :math:`q = \max(A, 0)`: what went worse than expected does not count."""
+    r"""Return :math:`q = \max(A, 0)`, which ignores steps that were worse than expected."""
     return np.maximum(baseline.advantages(samples, discount), 0.0)
 
 
 def shifted(samples: Samples, discount: float, baseline: ValueBaseline) -> Array:
-    """Return the advantage less the least one at the same step of all episodes."""
+    """Return the advantage minus the smallest one at the same step of all episodes."""
     advantage = baseline.advantages(samples, discount)
     least = np.full(samples.episodes.horizon, np.inf)
     np.minimum.at(least, samples.episodes.steps, advantage)
@@ -34,7 +34,7 @@ def exponential(samples: Samples, discount: float, baseline: ValueBaseline) -> A
 
 
 def returns(samples: Samples, discount: float, baseline: ValueBaseline) -> Array:
-    """Return the reward to go, as Kober and Peters (2011) do; rewards are taken to be positive."""
+    """Return the rewards to go, like Kober and Peters (2011); rewards should be positive."""
     return np.maximum(samples.rewards_to_go(discount), 0.0)
 
 
@@ -47,6 +47,6 @@ WEIGHTINGS: dict[str, Weighting] = {
 
 
 def normalised(weights: Array) -> Array:
-    """Return the weights with mean 1, so that a ridge means the same whatever the rewards' units."""
+    """Return the weights scaled to mean 1, so that the effect of a ridge does not depend on the rewards' units."""
     mean = weights.mean()
     return weights / mean if mean > 0 else np.ones_like(weights)

@@ -1,1 +1,1 @@
-"""Model-based training: the learnt dynamics model, its rollouts, the user's priors, and the updates made in it."""
+"""Model-based training: the learnt dynamics model, the user's priors, model rollouts and policy updates."""

@@ -1,11 +1,11 @@
-r"""A model of a task, learnt from its episodes: how observations change, what is earned, and when an episode ends.
+r"""A dynamics model that is learnt from episodes: changes of observations, rewards and termination.
 
 .. math:: o_{t+1} = o_t + f(x_t, a_t) + \epsilon, \qquad r_t = g(x_t, a_t) \text{ or } g(o_{t+1}, a_t), \qquad
     \text{over after } t \Leftrightarrow e(o_{t+1}) > 0
 
-x are the policy's inputs, a is the action within its bounds, and + adds in the coordinates of
+x are the policy's inputs, a is the clipped action, and + adds in the coordinates of
 `rkhs_ros.learning.model.state_coordinates.StateCoordinates`. f, g and e are posteriors over functions, so the model
-knows its own uncertainty (like PILCO's, Deisenroth and Rasmussen, 2011). Priors replace parts that need not be learnt.
+represents its own uncertainty (like PILCO's, Deisenroth and Rasmussen, 2011). Priors replace parts of the model.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import ROUNDING, Array, deviations, spreads
 from rkhs_ros.rkhs.posterior import Posterior
 
-NORMAL_MEDIAN = 0.4549  # of the square of a standard normal number
+NORMAL_MEDIAN = 0.4549  # median of the square of a standard normal variable
 MOST_OVERCONFIDENCE = 3.0
-MARGIN = 0.25  # of the range seen, that is imagined beyond it: a wall there would be leant on
-EXPLAINED = 0.1  # part of the rewards' deviation that may be left
+MARGIN = 0.25  # part of the observed range that rollouts may exceed it by: policies learn to exploit hard clipping
+EXPLAINED = 0.1  # part of the rewards' standard deviation that may remain unexplained
 NO_PRIORS = Priors()
 
 
 @dataclass(frozen=True)
 class Transitions:
-    """The steps of episodes as the model sees them, one row each.
+    """The transitions of episodes, one row each.
 
     Attributes:
-        points: inputs and action within its bounds, shape (n, p).
-        actions: within their bounds, shape (n, m).
-        observations: before the step, shape (n, d).
-        next_observations: after it, shape (n, d).
+        points: policy inputs and clipped action, shape (n, p).
+        actions: clipped actions, shape (n, m).
+        observations: observations before the step, shape (n, d).
+        next_observations: observations after the step, shape (n, d).
         rewards: shape (n,).
-        terminated: True where the task ended the episode then, shape (n,).
+        terminated: whether the task terminated the episode after the step, shape (n,).
     """
 
     points: Array
@@ -53,7 +53,7 @@ class Transitions:
 
     @classmethod
     def of(cls, episodes: Episodes, inputs: Inputs, spaces: Spaces) -> Transitions:
-        """Return the steps of episodes, whose observations are as they were seen."""
+        """Return the transitions of episodes with raw observations."""
         last = episodes.mask.sum(axis=1) - 1
         rows = np.arange(len(episodes))
         following = np.roll(episodes.observations, -1, axis=1)
@@ -67,18 +67,18 @@ class Transitions:
 
 
 def points_of(inputs: Array, actions: Array, spaces: Spaces) -> Array:
-    """Return inputs, shape (..., q), beside actions within their bounds, shape (..., n)."""
+    """Concatenate inputs, shape (..., q), and clipped actions, shape (..., n)."""
     clipped = spaces.clip(actions.reshape(-1, actions.shape[-1])).reshape(actions.shape)
     return np.concatenate([inputs, clipped], axis=-1)
 
 
 @dataclass(frozen=True)
 class PredictionTest:
-    """How a model predicted steps that it had not seen.
+    """Test result of a model on new steps.
 
     Attributes:
-        error: root mean square of the errors in the observations' changes, in standard deviations of these.
-        overconfidence: how many times larger than expected the errors were, at least 1.
+        error: root mean square error of the predicted changes, in standard deviations of the changes.
+        overconfidence: ratio of the actual to the expected errors, at least 1.
     """
 
     error: float
@@ -87,23 +87,24 @@ class PredictionTest:
 
 @dataclass(frozen=True)
 class DynamicsModel:
-    """A model of a task.
+    """A probabilistic model of a task.
 
     Attributes:
-        inputs: what changes are functions of, beside the action.
-        spaces: of the task.
-        priors: what need not be learnt.
-        motion: the coordinates of changes.
-        state_delta: of the observation in a step, less those known.
-        rewards: of a step after which the episode goes on; None where they are known.
-        reward_depends_on_next: whether they follow from where a step leads, in place of where it begins.
-        termination: above 0 if an observation ends the episode; None if a prior says so, or no episode was terminated.
-        last_reward: what the last step of an episode that the task ends earns beside that, in the mean.
-        low: least observation seen, shape (d,); -inf of what comes round.
-        high: greatest observation seen, alike.
-        reward_range: least and greatest reward seen.
-        starts: first observations seen, shape (N, d).
-        visited: all observations seen from which a step began, shape (n, d).
+        inputs: computes the model's inputs, besides the action, from the observations.
+        spaces: spaces of the task.
+        priors: functions that replace learnt parts.
+        coordinates: coordinates of changes.
+        state_delta: posterior of the change of the observation in a step, without the prior part.
+        rewards: posterior of the reward of a non-terminal step; None with a prior.
+        reward_depends_on_next: whether the reward is a function of the next observation instead of the current one.
+        termination: posterior that is positive if an observation terminates the episode; None with a prior, or if no
+            episode was terminated.
+        last_reward: mean reward that a terminal step earns in addition.
+        low: lower end of the observed range, shape (d,); -inf for periodic columns.
+        high: upper end of the observed range, shape (d,); inf for periodic columns.
+        reward_range: smallest and largest observed reward of non-terminal steps.
+        starts: observed initial observations, shape (N, d).
+        visited: observed observations before each step, shape (n, d).
     """
 
     inputs: Inputs
@@ -128,33 +129,33 @@ class DynamicsModel:
         inputs: Inputs,
         spaces: Spaces,
         centres: int,
-        known: Priors = NO_PRIORS,
+        priors: Priors = NO_PRIORS,
     ) -> DynamicsModel:
-        """Return the model of a task of which episodes were seen.
+        """Fit a Gaussian-process dynamics model to episodes.
 
         Args:
-            episodes: N at least 1, their observations as they were seen.
-            inputs: of the policy.
-            spaces: of the task.
-            centres: kernel functions of each posterior at most.
-            known: what need not be learnt.
+            episodes: N at least 1, with raw observations.
+            inputs: inputs of the policy.
+            spaces: spaces of the task.
+            centres: maximum number of centres of each posterior.
+            priors: functions that replace learnt parts.
 
         Raises:
-            RunError: a function of what is known failed.
+            RunError: a prior function failed.
         """
         steps = Transitions.of(episodes, inputs, spaces)
         coordinates = _coordinates(steps, inputs)
         going_on = ~steps.terminated if not steps.terminated.all() else np.ones_like(steps.terminated)
-        learnt = _rewards(steps, going_on, inputs, centres) if known.reward_fn is None else NO_REWARDS
+        learnt = _rewards(steps, going_on, inputs, centres) if priors.reward_fn is None else NO_REWARDS
         return cls(
             inputs=inputs,
             spaces=spaces,
-            priors=known,
+            priors=priors,
             coordinates=coordinates,
-            state_delta=Posterior.fit(steps.points, _unknown_changes(steps, coordinates, known), centres),
+            state_delta=Posterior.fit(steps.points, _residual_changes(steps, coordinates, priors), centres),
             rewards=learnt.posterior,
-            reward_depends_on_next=learnt.follow,
-            termination=_ends(steps, inputs, centres) if known.termination_fn is None else None,
+            reward_depends_on_next=learnt.depends_on_next,
+            termination=_termination(steps, inputs, centres) if priors.termination_fn is None else None,
             last_reward=learnt.last,
             **_bounds(steps, coordinates),
             reward_range=(float(steps.rewards[going_on].min()), float(steps.rewards[going_on].max())),
@@ -163,18 +164,18 @@ class DynamicsModel:
         )
 
     def predict(self, observations: Array, actions: Array, changes: Array) -> Array:
-        """Return observations, shape (rows, d), after unknown changes of that shape, not far beyond those seen.
+        """Return the next observations, shape (n, d), clipped to the observed range plus a margin.
 
         Args:
-            observations: shape (rows, d).
-            actions: within their bounds, shape (rows, m).
-            changes: beside those known, shape (rows, d).
+            observations: current observations, shape (n, d).
+            actions: clipped actions, shape (n, m).
+            changes: changes of the observations without the prior part, shape (n, d).
         """
-        moved = self.coordinates.add(_as_known(self.priors, observations, actions), changes)
+        moved = self.coordinates.add(_apply_prior(self.priors, observations, actions), changes)
         return np.minimum(np.maximum(moved, self._lowest), self._highest)
 
     def clip_to_observed(self, observations: Array) -> Array:
-        """Return observations, shape (..., d), or those within what was seen that are nearest to them."""
+        """Return observations, shape (..., d), clipped to the observed range."""
         return np.minimum(np.maximum(observations, self.low), self.high)
 
     @cached_property
@@ -196,17 +197,16 @@ def prediction_test(
     inputs: Inputs,
     spaces: Spaces,
     centres: int,
-    known: Priors = NO_PRIORS,
+    priors: Priors = NO_PRIORS,
 ) -> PredictionTest:
-    """Return how a model of some episodes predicts the steps of others; the arguments are `DynamicsModel.fit`'s."""
+    """Fit a model to some episodes and test it on others; see `DynamicsModel.fit` for the arguments."""
     earlier, steps = (Transitions.of(episodes, inputs, spaces) for episodes in (before, after))
     coordinates = _coordinates(earlier, inputs)
-    model = Posterior.fit(earlier.points, _unknown_changes(earlier, coordinates, known), centres)
-    errors = coordinates.wrap(_unknown_changes(steps, coordinates, known) - model.mean(steps.points))
+    model = Posterior.fit(earlier.points, _residual_changes(earlier, coordinates, priors), centres)
+    errors = coordinates.wrap(_residual_changes(steps, coordinates, priors) - model.mean(steps.points))
     expected = np.hypot(model.sd(steps.points), model.noise)
-    expected = np.maximum(
-        expected, ROUNDING * np.abs(steps.next_observations).max(axis=0)
-    )  # as of a number that counts
+    # Rounding errors are always expected, also of a column that is predicted exactly, such as a counter.
+    expected = np.maximum(expected, ROUNDING * np.abs(steps.next_observations).max(axis=0))
     changes = coordinates.difference(steps.observations, steps.next_observations)
     moving = coordinates.columns
     sizes = np.sqrt(np.mean(errors**2, axis=0)) / deviations(changes)
@@ -216,9 +216,9 @@ def prediction_test(
 
 
 def reward_depends_on_action_only(episodes: Episodes, spaces: Spaces) -> bool:
-    """Return whether a cost of the actions explains all that was earned, and the task ended no episode.
+    """Return whether a cost of the actions explains all rewards, and the task terminated no episode.
 
-    Then no place is known to be better than another: where one is, if anywhere, none of the episodes has been.
+    If so, no visited state is known to be better than another, and exploration has to reach further.
     """
     if episodes.terminated.any():
         return False
@@ -233,44 +233,45 @@ def _coordinates(steps: Transitions, inputs: Inputs) -> StateCoordinates:
     return StateCoordinates.of(np.concatenate([steps.observations, steps.next_observations]), inputs.columns)
 
 
-def _as_known(known: Priors, observations: Array, actions: Array) -> Array:
-    """Return where observations lead as far as is known, shape (n, d): to themselves where nothing is."""
-    return observations if known.dynamics_fn is None else observations + known.dynamics_fn(observations, actions)
+def _apply_prior(priors: Priors, observations: Array, actions: Array) -> Array:
+    """Return the next observations that the prior dynamics predict, shape (n, d); without a prior, no change."""
+    return observations if priors.dynamics_fn is None else observations + priors.dynamics_fn(observations, actions)
 
 
-def _unknown_changes(steps: Transitions, coordinates: StateCoordinates, known: Priors) -> Array:
-    """Return the changes of the observations from where they lead as far as is known, shape (n, d)."""
-    return coordinates.difference(_as_known(known, steps.observations, steps.actions), steps.next_observations)
+def _residual_changes(steps: Transitions, coordinates: StateCoordinates, priors: Priors) -> Array:
+    """Return the changes of the observations without the prior part, shape (n, d)."""
+    return coordinates.difference(_apply_prior(priors, steps.observations, steps.actions), steps.next_observations)
 
 
 class _Rewards(NamedTuple):
-    """What is learnt of rewards, as `DynamicsModel` has it."""
+    """The learnt rewards, with the meaning of `DynamicsModel`'s attributes."""
 
     posterior: Posterior | None
-    follow: bool
+    depends_on_next: bool
     last: float
 
 
-NO_REWARDS = _Rewards(None, follow=False, last=0.0)
+NO_REWARDS = _Rewards(None, depends_on_next=False, last=0.0)
 
 
 def _rewards(steps: Transitions, going_on: np.ndarray, inputs: Inputs, centres: int) -> _Rewards:
-    """Return the rewards by where steps begin or by where they lead, whichever has the greater evidence."""
+    """Fit the rewards as a function of the current or the next observation, whichever has the greater evidence."""
     leads = np.concatenate([inputs.features(steps.next_observations), steps.actions], axis=1)
     fits = [Posterior.fit(points[going_on], steps.rewards[going_on, None], centres) for points in (steps.points, leads)]
-    follow = fits[1].evidence > fits[0].evidence
-    best, points = (fits[1], leads) if follow else (fits[0], steps.points)
+    depends_on_next = fits[1].evidence > fits[0].evidence
+    best, points = (fits[1], leads) if depends_on_next else (fits[0], steps.points)
     last = 0.0
     if steps.terminated.any() and not steps.terminated.all():
         last = float((steps.rewards[steps.terminated] - best.mean(points[steps.terminated])[:, 0]).mean())
-    return _Rewards(best, follow, last)
+    return _Rewards(best, depends_on_next, last)
 
 
-def _ends(steps: Transitions, inputs: Inputs, centres: int) -> Posterior | None:
-    """Return the regression on +1 where the episode ended and -1 elsewhere.
+def _termination(steps: Transitions, inputs: Inputs, centres: int) -> Posterior | None:
+    """Fit a regression to +1 for terminal and -1 for other observations.
 
-    Ends are rare. Counted as they come, some would not be seen; with either side counting for half, the boundary would
-    move inwards. The root of those weights lies between. Where every step ended its episode, it is +1 all over.
+    Terminal observations are rare. With equal weights the fit misses some of them; with equal total weight for both
+    classes the boundary moves inwards. The square roots of the class weights are a compromise. If every step is
+    terminal, the fit is +1 everywhere.
     """
     ended = steps.terminated
     if not ended.any():
@@ -282,8 +283,8 @@ def _ends(steps: Transitions, inputs: Inputs, centres: int) -> Posterior | None:
 
 
 def _bounds(steps: Transitions, coordinates: StateCoordinates) -> dict[str, Array]:
-    """Return the range of the observations seen; what comes round has none."""
-    seen = np.concatenate([steps.observations, steps.next_observations])
-    low, high = seen.min(axis=0), seen.max(axis=0)
+    """Return the range of the observations, infinite for periodic columns."""
+    observed = np.concatenate([steps.observations, steps.next_observations])
+    low, high = observed.min(axis=0), observed.max(axis=0)
     low[coordinates.periodic], high[coordinates.periodic] = -np.inf, np.inf
     return {"low": low, "high": high}

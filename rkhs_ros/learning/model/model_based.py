@@ -1,6 +1,6 @@
-"""Practice: between two real iterations the algorithm learns in a model of the task, from the policy so far.
+"""Model-based training: between two real iterations, the algorithm trains the policy in a learnt model of the task.
 
-Real episodes cost; imagined ones do not. The algorithms are those that learn without a model, and know of none.
+Model rollouts replace costly real episodes. The algorithms are the same as without a model and do not depend on it.
 """
 
 from __future__ import annotations
@@ -28,64 +28,67 @@ from rkhs_ros.policies.streams import Batch, stream_seed
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.kernels import Array, evenly
 
-MOST_COMPARED = 300  # points at which two kernels are compared
-SAME_KERNEL = 0.95  # alignment above which two kernels are as good as one
+MOST_COMPARED = 300  # maximum number of points at which two kernels are compared
+SAME_KERNEL = 0.95  # alignment above which the policy keeps its kernel
 AS_NEEDED = "as_needed"
-FUNCTION = "MODULE:FUNCTION in place of what is learnt, empty for none: from rows of"
-FROM_THE_START = 2  # the first of three episodes in a row that all begin as real ones do
-HORIZONS_AHEAD = 3.0  # times 1 / (1 - discount): beyond that 5 % of the return is left
+FUNCTION = "MODULE:FUNCTION that replaces the learnt part, empty for none; maps batches of"
+FROM_THE_START = 2  # number of the first of three consecutive rollouts that start from initial observations
+HORIZONS_AHEAD = 3.0  # times 1 / (1 - discount); later steps contribute 5 % of the return
 
 
 @dataclass(frozen=True)
 class NoModel(Settings):
-    """Each update learns from its real episodes alone."""
+    """Model-free training: each update uses only real episodes."""
 
 
 @dataclass(frozen=True)
 class ModelBased(Settings):
-    """Each iteration fits a model to all real episodes so far, and its updates are made in that."""
+    """Model-based training: each iteration fits a model to all real episodes and updates the policy in it."""
 
-    updates: int = setting(30, "updates of the policy in the model for each real iteration", minimum=1, maximum=1000)
-    rollouts: int = setting(50, "exploring model rollouts before each of them", minimum=1, maximum=10_000)
-    centres: int = setting(200, "kernel functions of the model at most", minimum=1, maximum=2000)
+    updates: int = setting(30, "policy updates in the model per real iteration", minimum=1, maximum=1000)
+    rollouts: int = setting(50, "exploring model rollouts per update", minimum=1, maximum=10_000)
+    centres: int = setting(200, "maximum number of centres of the model", minimum=1, maximum=2000)
     exploration_noise: str = setting(
         AS_NEEDED,
-        "exploration of the real episodes: white; pink, correlated over time, which gets farther; or as_needed, pink "
-        "as long as no place was better than another",
+        "exploration noise of real episodes: white; pink, which is correlated over time and reaches further; or "
+        "as_needed, which is pink while a cost of the actions explains all rewards, else white",
         choices=(*NOISES, AS_NEEDED),
     )
     evaluation_noise_scale: float = setting(
         0.3,
-        "factor on the standard deviation of every other real iteration, which sees where the policy itself leads",
+        "factor on the standard deviation in every second real iteration, which visits the states of the policy itself",
         minimum=0.01,
         maximum=1.0,
     )
     exploration_decay: float = setting(
-        0.93, "factor on the standard deviation of the model rollouts at each update", minimum=0.0, maximum=1.0
+        0.93, "factor on the standard deviation of the model rollouts after each update", minimum=0.0, maximum=1.0
     )
     restart_decay: float = setting(
         1.0,
-        "factor on the standard deviation that practice begins with, for each iteration that the newest one surpassed",
+        "factor on the initial standard deviation of the model rollouts for each earlier iteration with a lower return "
+        "than the newest one",
         minimum=0.0,
         maximum=1.0,
     )
     exploration_minimum: float = setting(
-        0.1, "least standard deviation, as a part of the first one", minimum=1e-6, maximum=1.0
+        0.1, "minimum standard deviation of the model rollouts, relative to the first one", minimum=1e-6, maximum=1.0
     )
-    reward_fn: str = setting("", f"{FUNCTION} (observations, actions, observations after them) to the rewards")
-    termination_fn: str = setting("", f"{FUNCTION} observations to whether they end an episode")
-    dynamics_fn: str = setting("", f"{FUNCTION} (observations, actions) to a part of the changes; the rest is learnt")
+    reward_fn: str = setting("", f"{FUNCTION} observations, actions and next observations to rewards")
+    termination_fn: str = setting("", f"{FUNCTION} observations to whether they terminate the episode")
+    dynamics_fn: str = setting("", f"{FUNCTION} observations and actions to a part of the change; the rest is learnt")
 
     def exploration_policy(
         self, policy: GaussianPolicy, variance: Array, iteration: int, *, reward_depends_on_action_only: bool
     ) -> GaussianPolicy:
-        """Return the policy as it explores in real episodes: wide and narrow by turns, wide as long as it must.
+        """Return the policy with the exploration of the next real episodes.
+
+        Wide and narrow exploration alternate; exploration stays wide while no state is known to be better than another.
 
         Args:
-            policy: with the mean.
-            variance: of wide exploration, shape (n,).
-            iteration: number of real iterations before.
-            reward_depends_on_action_only: whether none of these told one place from another.
+            policy: policy with the mean.
+            variance: variance of wide exploration, shape (n,).
+            iteration: number of previous real iterations.
+            reward_depends_on_action_only: whether a cost of the actions explains all rewards so far.
         """
         as_needed = "pink" if reward_depends_on_action_only else "white"
         share = self.evaluation_noise_scale if iteration % 2 and not reward_depends_on_action_only else 1.0
@@ -93,10 +96,10 @@ class ModelBased(Settings):
         return replace(policy, variance=ConstantVariance(share**2 * variance), noise=noise)
 
     def priors(self, observation_dim: int) -> Priors:
-        """Return the functions that are named.
+        """Import the functions of the settings.
 
         Raises:
-            ValueError: there is no such function.
+            ValueError: a function does not exist.
         """
         return Priors.named(self.reward_fn, self.termination_fn, self.dynamics_fn, observation_dim)
 
@@ -107,18 +110,18 @@ MODELS: dict[str, type] = {"none": NoModel, "gaussian_process": ModelBased}
 
 @dataclass(frozen=True)
 class RealExperience:
-    """All that practice follows from, beside its settings and the policy.
+    """The input of model-based training besides its settings and the policy.
 
     Attributes:
-        episodes: all real episodes so far, their observations as they were seen.
-        newest: how many of them are the last iteration's.
-        discount: of the return.
-        spaces: of the task.
-        kernel: how the policy's kernel is chosen.
-        first_variance: of the first policy, shape (n,).
-        seed: of all that is drawn.
-        iteration: number of real iterations before this one.
-        outperformed_iterations: how many of them the newest episodes earned more than.
+        episodes: all real episodes so far, with raw observations.
+        newest: number of episodes of the last iteration.
+        discount: discount factor of the return.
+        spaces: spaces of the task.
+        kernel: settings of the policy's kernel.
+        first_variance: variance of the first policy, shape (n,).
+        seed: seed of the run.
+        iteration: number of previous real iterations.
+        outperformed_iterations: number of previous iterations with a lower return than the newest one.
     """
 
     episodes: Episodes
@@ -134,13 +137,13 @@ class RealExperience:
 
 @dataclass(frozen=True)
 class ModelUpdate:
-    """What came of practice.
+    """The result of model-based training.
 
     Attributes:
-        policy: the policy after it, as it explores in the next real episodes.
-        metrics: of its last update.
-        model_return: mean return of the exploring episodes before that, in the model.
-        model_error: of the model before the newest real episodes, at their steps; nan at first.
+        policy: the new policy with the exploration of the next real episodes.
+        metrics: metrics of the last update.
+        model_return: mean return of the exploring rollouts before the last update.
+        model_error: error of the previous model on the newest real episodes; nan in the first iteration.
     """
 
     policy: GaussianPolicy
@@ -152,36 +155,38 @@ class ModelUpdate:
 def train_in_model(
     settings: ModelBased, algorithm: Algorithm, policy: GaussianPolicy, experience: RealExperience
 ) -> ModelUpdate:
-    """Return what becomes of a policy that trains in a model of all episodes so far.
+    """Train a policy in a model of all real episodes so far.
 
-    The model before the newest episodes is asked to predict them. Where it was surer than it ought to have been, the
-    functions drawn now stray further from their mean, and practice is shorter.
+    The newest episodes test a model of the earlier ones. If that model was overconfident, the functions drawn now
+    deviate further from their mean, and there are fewer updates.
     """
     episodes, inputs, spaces = experience.episodes, policy.inputs, experience.spaces
     policy = _refit_policy_kernel(policy, algorithm, experience)
-    known = settings.priors(spaces.observation_dim)
-    test = _test_before(settings, policy, experience, known)
-    model = DynamicsModel.fit(episodes, inputs, spaces, settings.centres, known)
+    priors = settings.priors(spaces.observation_dim)
+    test = _test_previous_model(settings, policy, experience, priors)
+    model = DynamicsModel.fit(episodes, inputs, spaces, settings.centres, priors)
     runner = ModelRunner(model, test.overconfidence)
     rounds = max(1, round(settings.updates / test.overconfidence))
     least = settings.exploration_minimum * np.sqrt(experience.first_variance)
     share = max(settings.restart_decay**experience.outperformed_iterations, settings.exploration_minimum)
     deviation = share * np.sqrt(experience.first_variance)
     policy = replace(policy, variance=ConstantVariance(deviation**2), noise="white")
-    memory = Episodes.none(_horizon(experience), spaces.observation_dim, spaces.action_dim).seen_through(inputs)
+    memory = Episodes.none(_horizon(experience), spaces.observation_dim, spaces.action_dim).with_inputs(inputs)
     for number in range(rounds):
-        imagined = runner.collect(policy, _batch(settings, experience, number)).seen_through(inputs)
+        rollouts = runner.collect(policy, _batch(settings, experience, number)).with_inputs(inputs)
         update = Experience(
-            imagined, experience.discount, memory, _no_fresh_episodes, experience.first_variance, number
+            rollouts, experience.discount, memory, _no_fresh_episodes, experience.first_variance, number
         )
         policy, metrics, memory = algorithm.update(policy, update)
         deviation = np.maximum(deviation * settings.exploration_decay, least)
         if not algorithm.learns_variance:
             policy = replace(policy, variance=ConstantVariance(deviation**2))
-    last = float(imagined.returns(experience.discount).mean())
-    alike = reward_depends_on_action_only(episodes, spaces)
+    last = float(rollouts.returns(experience.discount).mean())
     policy = settings.exploration_policy(
-        policy, experience.first_variance, experience.iteration + 1, reward_depends_on_action_only=alike
+        policy,
+        experience.first_variance,
+        experience.iteration + 1,
+        reward_depends_on_action_only=reward_depends_on_action_only(episodes, spaces),
     )
     return ModelUpdate(policy, metrics, last, test.error)
 
@@ -189,17 +194,17 @@ def train_in_model(
 def model_rollouts_of(
     settings: ModelBased, policy: GaussianPolicy, episodes: Episodes, spaces: Spaces, count: int
 ) -> Episodes:
-    """Return evaluation episodes of a policy as the model expects them, each in functions drawn from it.
+    """Roll out a policy without exploration in a model, each rollout in functions drawn from the posterior.
 
     Args:
-        settings: of the run.
-        policy: who acts.
-        episodes: all real ones so far, their observations as they were seen.
-        spaces: of the task.
-        count: number of episodes, below four.
+        settings: settings of the run.
+        policy: the policy.
+        episodes: all real episodes so far, with raw observations.
+        spaces: spaces of the task.
+        count: number of rollouts, at most 3.
 
     Raises:
-        RunError: a function of what is known failed.
+        RunError: a prior function failed.
     """
     model = DynamicsModel.fit(
         episodes, policy.inputs, spaces, settings.centres, settings.priors(spaces.observation_dim)
@@ -208,14 +213,15 @@ def model_rollouts_of(
 
 
 def _refit_policy_kernel(policy: GaussianPolicy, algorithm: Algorithm, experience: RealExperience) -> GaussianPolicy:
-    """Return the policy with the kernel that all episodes so far settle, and a mean not far beyond the actions' bounds.
+    """Return the policy with a kernel fitted to all episodes so far, and a mean near the bounds of the actions.
 
-    The first episodes may have seen little, and another kernel fits now. Where the mean strayed far beyond a bound
-    exploration changes no action, so nothing could be learnt any more: it comes back to one first standard deviation
-    beyond, at all points seen. To the bound itself it need not, and the kink there would cost what was learnt.
+    The first episodes may have visited few states, so that another kernel fits now. If the mean is far beyond a bound,
+    exploration does not change the clipped action, and nothing can be learnt. The mean is therefore clipped to the
+    bounds plus one initial standard deviation at all visited points. Clipping to the bounds themselves is not needed,
+    and its kink would distort the learnt mean.
     """
-    seen = experience.episodes.seen_through(policy.inputs)
-    points = seen.flat(seen.observations)
+    episodes = experience.episodes.with_inputs(policy.inputs)
+    points = episodes.flat(episodes.observations)
     few = evenly(points, MOST_COMPARED)
     own, kernel = policy.mean.kernel, experience.kernel.fit(points, policy.inputs.ages)
     if len(policy.mean.centres) == 0:
@@ -230,24 +236,24 @@ def _refit_policy_kernel(policy: GaussianPolicy, algorithm: Algorithm, experienc
 
 
 def _alignment(gram: Array, other: Array) -> float:
-    r"""Return :math:`\langle K, K' \rangle_F / (\|K\|_F \|K'\|_F)` of two Gram matrices, 1 where they agree."""
+    r"""Return :math:`\langle K, K' \rangle_F / (\|K\|_F \|K'\|_F)` of two Gram matrices, 1 if they are equal."""
     norms = np.linalg.norm(gram) * np.linalg.norm(other)
     return float(np.sum(gram * other) / norms) if norms > 0 else float(np.array_equal(gram, other))
 
 
-def _test_before(
-    settings: ModelBased, policy: GaussianPolicy, experience: RealExperience, known: Priors
+def _test_previous_model(
+    settings: ModelBased, policy: GaussianPolicy, experience: RealExperience, priors: Priors
 ) -> PredictionTest:
-    """Return how the model of the episodes before the newest ones predicts these."""
+    """Test a model of the earlier episodes on the newest ones."""
     old = len(experience.episodes) - experience.newest
     if old == 0:
         return PredictionTest(float("nan"), 1.0)
     before, newest = (experience.episodes.take(part) for part in (slice(old), slice(old, None)))
-    return prediction_test(before, newest, policy.inputs, experience.spaces, settings.centres, known)
+    return prediction_test(before, newest, policy.inputs, experience.spaces, settings.centres, priors)
 
 
 def _horizon(experience: RealExperience) -> int:
-    """Return the steps of an model rollout: as many as the discount lets count."""
+    """Return the length of a model rollout in steps, limited by the discount."""
     horizon = experience.episodes.horizon
     if experience.discount == 1.0:
         return horizon
@@ -260,4 +266,4 @@ def _batch(settings: ModelBased, experience: RealExperience, number: int) -> Bat
 
 
 def _no_fresh_episodes(policy: GaussianPolicy, episodes: int) -> Episodes:
-    raise ValueError("algorithm.step.rule: expected one that tries no steps out, for model-based training")
+    raise ValueError("algorithm.step.rule: expected fixed or kl for model-based training, got line_search")

@@ -1,4 +1,4 @@
-"""Model rollouts: a policy that acts in a model of its task, every row in a model drawn from the posterior."""
+"""Model rollouts: a policy acts in the learnt model, each episode in functions drawn from the posterior."""
 
 from __future__ import annotations
 
@@ -13,20 +13,18 @@ from rkhs_ros.policies.streams import Batch, stream
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.posterior import DrawnFunctions, Posterior
 
-START_VISITED_EVERY = (
-    4  # of how many model rollouts one begins at an observation that was seen in the midst of an episode
-)
+START_VISITED_EVERY = 4  # one of this many rollouts starts at a visited observation instead of an initial one
 
 
 class ModelRunner:
-    """Lets policies act in a model; a `Runner` like a simulation.
+    """A `Runner` that rolls out policies in a model instead of a simulation.
 
-    A row draws its functions once and the noise of each step, all from the stream of its episode, and depends on no
-    other row: split batches have the same bits.
+    Each episode draws its functions and the noise of its steps from its own random stream. Episodes do not depend on
+    each other, so splitting a batch gives bit-identical results.
 
     Args:
-        model: of the task.
-        caution: factor on how far the functions drawn stray from their mean.
+        model: model of the task.
+        caution: factor on the deviation of the drawn functions from their mean.
     """
 
     def __init__(self, model: DynamicsModel, caution: float = 1.0) -> None:
@@ -35,11 +33,11 @@ class ModelRunner:
 
     @property
     def spaces(self) -> Spaces:
-        """Shape of an observation, and bounds of the actions."""
+        """Shape of an observation and bounds of the actions."""
         return self._model.spaces
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
-        """Return the episodes of a batch under the policy."""
+        """Run the episodes of a batch with the policy."""
         model = self._model
         streams = [stream(batch.seed, "imagination", episode) for episode in batch.episodes]
         starts = self._starts(batch, streams)
@@ -51,9 +49,11 @@ class ModelRunner:
         return self._cut(observations, actions, self._rewards(observations, points, rewards))
 
     def _starts(self, batch: Batch, streams: list[np.random.Generator]) -> Array:
-        """Return where episodes begin: as real ones, every fourth where any step did, so that all is practised.
+        """Return the first observations of the episodes.
 
-        Where the past is seen through a window all begin as real ones, before which there is none.
+        Three quarters of the rollouts start from initial observations and a quarter from visited ones, so that the
+        rollouts cover all states. If the inputs have a history, all rollouts start from initial observations, because
+        these have no past.
         """
         model = self._model
         places = (model.starts, model.visited if model.inputs.history == 1 else model.starts)
@@ -67,7 +67,7 @@ class ModelRunner:
     def _roll_out(
         self, policy: GaussianPolicy, batch: Batch, starts: Array, changes: DrawnFunctions, noise: Array
     ) -> tuple[Array, Array, Array]:
-        """Return observations, shape (rows, H + 1, d), actions and points, shape (rows, H, .), whatever may end."""
+        """Return observations, shape (N, H + 1, d), actions and points, shape (N, H, .), ignoring termination."""
         model, inputs = self._model, policy.inputs
         acting = Acting(policy, batch, explore=batch.explore)
         rows, horizon, n = batch.num_envs, batch.horizon, policy.mean.output_dim
@@ -78,43 +78,42 @@ class ModelRunner:
             now = observations[:, step]
             actions[:, step] = acting(step, now)
             if inputs.history == 1:
-                seen = inputs.features(now)
+                features = inputs.features(now)
             else:
-                seen = inputs.at(np.array([step]), observations[:, : step + 1], actions[:, : step + 1])[:, 0]
-            points[:, step] = points_of(seen, actions[:, step], model.spaces)
+                features = inputs.at(np.array([step]), observations[:, : step + 1], actions[:, : step + 1])[:, 0]
+            points[:, step] = points_of(features, actions[:, step], model.spaces)
             unknown = changes(points[:, step]) + noise[:, step]
             observations[:, step + 1] = model.predict(now, points[:, step, -n:], unknown)
         return observations, actions, points
 
     def _rewards(self, observations: Array, points: Array, drawn: DrawnFunctions | None) -> Array:
-        """Return the rewards of all steps, shape (rows, H): as known, or drawn, and then within the range seen."""
-        known, n = self._model.priors.reward_fn, self.spaces.action_dim
-        if known is not None:
+        """Return the rewards of all steps, shape (N, H): from the prior, or drawn and clipped to the observed range."""
+        reward_fn, n = self._model.priors.reward_fn, self.spaces.action_dim
+        if reward_fn is not None:
             steps = (observations[:, :-1], points[..., -n:], observations[:, 1:])
-            return known(*(each.reshape(-1, each.shape[-1]) for each in steps)).reshape(points.shape[:2]).copy()
+            return reward_fn(*(each.reshape(-1, each.shape[-1]) for each in steps)).reshape(points.shape[:2]).copy()
         if drawn is None:
-            raise ValueError("model: expected rewards that are known or learnt, got neither")
+            raise ValueError("model: expected a prior or a learnt reward, got neither")
         if self._model.reward_depends_on_next:
             points = np.concatenate([self._model.inputs.features(observations[:, 1:]), points[..., -n:]], axis=-1)
         rewards = np.stack([drawn.of_draw(row, its_points)[:, 0] for row, its_points in enumerate(points)])
         return np.clip(rewards, *self._model.reward_range)
 
     def _ended(self, observations: Array) -> NDArray[np.bool_]:
-        """Return whether the task ends an episode with each of the observations, shape (rows, H, d): (rows, H)."""
-        known, ends = self._model.priors.termination_fn, self._model.termination
-        if known is not None:
-            ended = known(observations.reshape(-1, observations.shape[-1])) != 0.0
+        """Return whether each observation, shape (N, H, d), terminates its episode: shape (N, H)."""
+        termination_fn, ends = self._model.priors.termination_fn, self._model.termination
+        if termination_fn is not None:
+            ended = termination_fn(observations.reshape(-1, observations.shape[-1])) != 0.0
             return np.asarray(ended).reshape(observations.shape[:2])
         if ends is None:
             return np.zeros(observations.shape[:2], dtype=bool)
         expected = ends.draw(np.zeros((1, *ends.coefficients.mean.T.shape)))
-        features = self._model.inputs.features(
-            self._model.clip_to_observed(observations)
-        )  # beyond the end it is the end, too
+        # Clipping extends the boundary of termination beyond the observed range.
+        features = self._model.inputs.features(self._model.clip_to_observed(observations))
         return np.stack([expected.of_draw(0, its_features)[:, 0] > 0 for its_features in features])
 
     def _cut(self, observations: Array, actions: Array, rewards: Array) -> Episodes:
-        """Return the episodes, each up to where the model ends it."""
+        """Return the episodes, each truncated where the model terminates it."""
         before, after = observations[:, :-1], observations[:, 1:]
         rows, horizon = rewards.shape
         ended = self._ended(after)

@@ -1,4 +1,4 @@
-"""What a person knows of a task and need not be learnt: its reward, when it ends, or a part of how it changes."""
+"""Prior knowledge of a task that replaces learnt parts of the model: reward, termination or dynamics."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from rkhs_ros.rkhs.kernels import Array
 
 @dataclass(frozen=True)
 class Priors:
-    """Functions that take the place of learnt ones; None where the model is to learn.
+    """User functions that replace learnt parts of the model; None for a part that is learnt.
 
-    All take rows: observations of shape (n, d) as they were seen, actions within their bounds of shape (n, m).
+    All functions take batches: raw observations of shape (n, d) and clipped actions of shape (n, m).
 
     Attributes:
-        reward_fn: from observations, actions and the observations after them to the rewards, shape (n,).
-        termination_fn: from observations to whether the task ends the episode there, 1 or 0 or booleans, shape (n,).
-        dynamics_fn: from observations and actions to a part of how the observations change in a step, shape (n, d); the
-            model learns what is left.
+        reward_fn: maps observations, actions and next observations to rewards, shape (n,).
+        termination_fn: maps observations to whether the task terminates there, booleans or 0 and 1, shape (n,).
+        dynamics_fn: maps observations and actions to a part of the change of the observations in one step, shape
+            (n, d); the model learns the rest.
     """
 
     reward_fn: Callable[[Array, Array, Array], Array] | None = None
@@ -33,47 +33,47 @@ class Priors:
 
     @classmethod
     def named(cls, reward: str, end: str, change: str, observation_dim: int) -> Priors:
-        """Return the functions of those names, ``package.module:function`` each; empty for none.
+        """Import the functions with the given names ``package.module:function``; an empty name gives None.
 
         Raises:
-            ValueError: there is no such function.
+            ValueError: a function does not exist.
         """
         return cls(
             reward_fn=_checked("model.reward_fn", reward, ()) if reward else None,
-            termination_fn=partial(_ends, _checked("model.termination_fn", end, ()), end) if end else None,
+            termination_fn=partial(_terminations, _checked("model.termination_fn", end, ()), end) if end else None,
             dynamics_fn=_checked("model.dynamics_fn", change, (observation_dim,)) if change else None,
         )
 
 
 def _checked(what: str, name: str, shape: tuple[int, ...]) -> Callable[..., Array]:
-    """Return the function of that name, whose values for each row must be finite and have that shape."""
+    """Return the named function with a check that it returns finite values of the given shape per row."""
     return partial(_call, what, name, user_function(name, what), shape)
 
 
-def _ends(function: Callable[[Array], Array], name: str, observations: Array) -> Array:
-    """Return which observations end an episode.
+def _terminations(function: Callable[[Array], Array], name: str, observations: Array) -> Array:
+    """Return whether each observation ends an episode.
 
     Raises:
-        RunError: the function fails, or returns anything but 1 and 0.
+        RunError: the function fails, or returns values other than 0 and 1.
     """
     values = function(observations)
     if not np.isin(values, (0.0, 1.0)).all():
-        raise RunError(f"model.termination_fn: {name}: values: expected 1 or 0 of each row, got others")
+        raise RunError(f"model.termination_fn: {name}: values: expected 0 or 1 for each row, got other values")
     return values
 
 
 def _call(what: str, name: str, function: Callable[..., Array], shape: tuple[int, ...], *rows: Array) -> Array:
-    """Return what a user's function makes of rows, of which it is given copies.
+    """Call a user's function with copies of the rows.
 
     Raises:
-        RunError: it raises, or what it returns has another shape or is not finite.
+        RunError: the function raises, or returns values of another shape or values that are not finite.
     """
     expected = len(rows[0]), *shape
     try:
         values = np.asarray(call_user_function(function, *rows))
         require(values.shape == expected, "values", f"the shape {expected}", values.shape)
         finite = finite_array(values, expected, "values")
-        require(bool((np.abs(finite) <= LARGEST).all()), "values", f"at most {LARGEST:g} in size", "greater ones")
+        require(bool((np.abs(finite) <= LARGEST).all()), "values", f"magnitudes of at most {LARGEST:g}", "larger ones")
         return finite
-    except (RunError, TypeError, ValueError) as error:  # what it returns may be no array
+    except (RunError, TypeError, ValueError) as error:  # the return value may not be an array
         raise RunError(f"{what}: {name}: {truncated(error)}") from error

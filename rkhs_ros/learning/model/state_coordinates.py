@@ -1,4 +1,4 @@
-"""How observations change: angles the short way round, and points of circles along these."""
+"""Coordinates in which observations change: differences of angles are periodic, and pairs on a circle are rotated."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ import numpy as np
 
 from rkhs_ros.rkhs.kernels import Array
 
-ROUND = 1e-4  # relative spread of the squared radii of a circle at most: observations may be rounded to 32 bits
-FEWEST_ON_CIRCLE = 10  # different points that tell a circle from two flags
+ROUND = 1e-4  # largest relative spread of a circle's squared radii; observations may be rounded to 32 bits
+FEWEST_ON_CIRCLE = 10  # distinct points that distinguish a circle from a pair of flags
 
 
 @dataclass(frozen=True)
 class StateCoordinates:
-    r"""The coordinates in which an observation changes.
+    r"""The coordinates in which the model predicts the change of an observation.
 
-    An angle is told modulo :math:`2 \pi`. Two numbers that keep to a circle about 0, as a cosine and a sine, change by
-    the angle between them, told in the first one's place; in the other's is 0. What is imagined thus stays on the
-    circle, where all was seen that is known.
+    Angles are periodic, modulo :math:`2 \pi`. A pair of columns whose observations lie on a circle about 0, such as a
+    cosine and a sine, changes by a rotation: its angle replaces the change of the first column, and the change of the
+    second is 0. Predicted pairs therefore stay on the circle, where all observations lie.
 
     Attributes:
-        size: numbers d in an observation.
-        angles: columns.
-        circles: pairs of columns.
+        size: dimension d of an observation.
+        angles: columns that are angles.
+        circles: pairs of columns that lie on a circle.
     """
 
     size: int
@@ -34,7 +34,7 @@ class StateCoordinates:
 
     @classmethod
     def of(cls, observations: Array, angles: Sequence[int] = ()) -> StateCoordinates:
-        """Return the motion of a task of which observations were seen, shape (n, d); some columns may be angles."""
+        """Find the coordinates of a task from observations, shape (n, d), and the columns that are angles."""
         squares, free, circles = observations**2, set(range(observations.shape[1])) - set(angles), []
         for pair in combinations(sorted(free), 2):
             if free.issuperset(pair) and _on_circle(squares[:, pair[0]] + squares[:, pair[1]], squares[:, pair[0]]):
@@ -44,23 +44,23 @@ class StateCoordinates:
 
     @property
     def columns(self) -> list[int]:
-        """Columns in which changes are told."""
+        """Columns with a change; the second columns of circles have none."""
         return sorted(set(range(self.size)) - {j for _, j in self.circles})
 
     @property
     def periodic(self) -> list[int]:
-        """Columns of what comes round."""
+        """Columns that are periodic: angles and circles."""
         return [*self.angles, *(column for pair in self.circles for column in pair)]
 
     def difference(self, before: Array, after: Array) -> Array:
-        """Return how observations, shape (n, d), changed to others."""
+        """Return the changes between observations, shape (n, d)."""
         changes = after - before
         for i, j in self.circles:
             changes[:, i], changes[:, j] = _angle(after, i, j) - _angle(before, i, j), 0.0
         return self.wrap(changes)
 
     def wrap(self, changes: Array) -> Array:
-        """Return changes, shape (n, d), with those of angles in [-pi, pi)."""
+        """Return changes, shape (n, d), with those of angles wrapped to [-pi, pi)."""
         columns = [*self.angles, *(i for i, _ in self.circles)]
         if not columns:
             return changes
@@ -69,7 +69,7 @@ class StateCoordinates:
         return short
 
     def add(self, before: Array, changes: Array) -> Array:
-        """Return what observations, shape (n, d), change to."""
+        """Return observations, shape (n, d), after changes."""
         moved = before + changes
         if self.angles:
             moved[:, self.angles] = _short(moved[:, self.angles])
@@ -80,7 +80,7 @@ class StateCoordinates:
 
 
 def _on_circle(radii: Array, parts: Array) -> bool:
-    """Return whether squared radii are all but the same where the first coordinate's square, a part of them, is not."""
+    """Return whether squared radii are nearly constant while ``parts``, the first coordinate's square, varies."""
     mean = radii.mean()
     return bool(np.ptp(radii) < ROUND * mean and len(np.unique(parts)) >= FEWEST_ON_CIRCLE)
 

@@ -124,7 +124,7 @@ def test_evaluate_measures_the_policy_of_the_file(
         ("horizon=[1", "--set: expected a value in YAML, got 'horizon=[1'"),
         ("horizon={\n", "--set: expected a value in YAML"),
         ("exploration_sd=[1, 2]", "exploration_sd: expected 1 number, got 2"),
-        ("kernel.bandwidth=[1, 2]", "kernel.bandwidth: expected 1 number, for the policy's inputs, got 2"),
+        ("kernel.bandwidth=[1, 2]", "kernel.bandwidth: expected 1 number for the policy's inputs, got 2"),
     ],
 )
 def test_a_setting_that_does_not_fit_ends_with_one_line(rkhs: Run, change: str, message: str) -> None:

@@ -166,7 +166,7 @@ def test_a_policy_is_a_start_whose_kernel_stays(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="inputs: expected Inputs"):
         rkhs_ros.train("rkhs/Toy-v0", policy=first, inputs=other, **SHORT)
     with pytest.raises(
-        ValueError, match="first policy: expected one from 2 inputs to 1 actions, as the task has, got one from 1"
+        ValueError, match="initial policy: expected one from 2 inputs to 1 actions like the task, got one from 1"
     ):
         rkhs_ros.train("rkhs/Pendulum-v0", policy=first, **SHORT)
 

@@ -15,7 +15,7 @@ def episodes_of(rewards: np.ndarray, ends: np.ndarray) -> Episodes:
 
 
 @given(n=st.integers(1, 5), horizon=st.integers(1, 12), discount=st.floats(0, 1), seed=st.integers(0, 999))
-def test_rewards_to_go_and_returns_are_their_sums(n: int, horizon: int, discount: float, seed: int) -> None:
+def test_rewards_to_go_and_returns_match_their_sums(n: int, horizon: int, discount: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     episodes = episodes_of(rng.normal(size=(n, horizon)), rng.integers(1, horizon + 1, n))
     to_go = episodes.rewards_to_go(discount)
@@ -33,7 +33,7 @@ def test_rewards_to_go_and_returns_are_their_sums(n: int, horizon: int, discount
     trace=st.floats(0, 1),
     seed=st.integers(0, 999),
 )
-def test_lambda_returns_are_the_mixture_of_all_returns_of_some_steps(
+def test_lambda_returns_are_mixtures_of_n_step_returns(
     n: int, horizon: int, discount: float, trace: float, seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -43,7 +43,7 @@ def test_lambda_returns_are_the_mixture_of_all_returns_of_some_steps(
     for i in range(n):
         end = int(episodes.mask[i].sum())
         for t in range(end):
-            # k rewards and then the value; the last of these returns has all that is left of the weight.
+            # k rewards and then the value; the last of these returns has the remaining weight.
             after = [
                 sum(discount**j * episodes.rewards[i, t + j] for j in range(k))
                 + (discount**k * value[i, t + k] if t + k < end else 0.0)
@@ -55,7 +55,7 @@ def test_lambda_returns_are_the_mixture_of_all_returns_of_some_steps(
             assert got[i, t] == pytest.approx(mixture, abs=1e-9)
 
 
-def test_samples_are_the_steps_before_an_episodes_end() -> None:
+def test_samples_are_the_steps_before_the_end_of_an_episode() -> None:
     episodes = episodes_of(np.ones((3, 4)), np.array([4, 1, 2]))
     assert episodes.steps.tolist() == [0, 1, 2, 3, 0, 0, 1]
     assert episodes.flat(episodes.observations)[:, 0].tolist() == [0, 1, 2, 3, 4, 8, 9]
@@ -64,7 +64,7 @@ def test_samples_are_the_steps_before_an_episodes_end() -> None:
 
 
 @pytest.mark.parametrize("wrong", ["observations", "actions", "mask", "final_observations", "terminated"])
-def test_arrays_of_different_lengths_are_refused(wrong: str) -> None:
+def test_arrays_of_different_lengths_are_rejected(wrong: str) -> None:
     good = {
         "observations": np.zeros((2, 3, 1)),
         "actions": np.zeros((2, 3, 1)),
@@ -79,7 +79,7 @@ def test_arrays_of_different_lengths_are_refused(wrong: str) -> None:
 
 
 @given(ends=st.lists(st.integers(1, 6), min_size=0, max_size=5))
-def test_an_episode_begins_after_the_samples_of_those_before_it(ends: list[int]) -> None:
+def test_begins_are_the_first_samples_of_each_episode(ends: list[int]) -> None:
     episodes = episodes_of(np.ones((len(ends), 6)), np.array(ends, dtype=int))
     numbers = episodes.flat(np.broadcast_to(np.arange(len(ends))[:, None], (len(ends), 6))).tolist()
     assert episodes.begins.tolist() == [numbers.index(number) for number in range(len(ends))]
@@ -95,7 +95,7 @@ NAMES = ("observations", "actions", "rewards", "mask")
 
 
 @given(n=st.integers(0, 4), m=st.integers(0, 4), seed=st.integers(0, 999))
-def test_episodes_together_are_the_ones_and_then_the_others(n: int, m: int, seed: int) -> None:
+def test_adding_episodes_concatenates_them(n: int, m: int, seed: int) -> None:
     one, other = random_episodes(seed, n), random_episodes(seed + 1, m)
     together = one + other
     assert len(together) == n + m
@@ -104,7 +104,7 @@ def test_episodes_together_are_the_ones_and_then_the_others(n: int, m: int, seed
         assert np.array_equal(getattr(together.take(slice(n, None)), name), getattr(other, name))
 
 
-def test_some_of_the_episodes_are_taken_in_the_order_asked_for() -> None:
+def test_take_returns_episodes_in_the_given_order() -> None:
     episodes = random_episodes(0, 6)
     some = episodes.take(np.array([4, 0, 4]))
     for name in NAMES:
@@ -112,23 +112,23 @@ def test_some_of_the_episodes_are_taken_in_the_order_asked_for() -> None:
         assert np.array_equal(getattr(some, name), [values[4], values[0], values[4]])
 
 
-def test_episodes_seen_through_inputs_differ_in_their_observations_only() -> None:
+def test_with_inputs_replaces_only_the_observations() -> None:
     episodes, inputs = random_episodes(0, 3), Inputs(history=2, angles=(0.0,))
-    seen = episodes.seen_through(inputs)
-    assert np.array_equal(seen.observations, inputs.unfold(episodes.observations, episodes.actions))
-    assert seen.observations.shape == (3, 5, inputs.dimension(2, 1))
-    assert all(np.array_equal(getattr(seen, name), getattr(episodes, name)) for name in NAMES[1:])
-    assert np.array_equal(episodes.seen_through(Inputs()).observations, episodes.observations)
+    converted = episodes.with_inputs(inputs)
+    assert np.array_equal(converted.observations, inputs.unfold(episodes.observations, episodes.actions))
+    assert converted.observations.shape == (3, 5, inputs.dimension(2, 1))
+    assert all(np.array_equal(getattr(converted, name), getattr(episodes, name)) for name in NAMES[1:])
+    assert np.array_equal(episodes.with_inputs(Inputs()).observations, episodes.observations)
 
 
 @pytest.mark.parametrize("inputs", [Inputs(), Inputs(degree=2), Inputs(history=3, degree=2)], ids=str)
-def test_what_is_seen_lies_row_by_row_in_memory(inputs: Inputs) -> None:
-    seen = random_episodes(0, 6).seen_through(inputs)
-    assert seen.observations.flags.c_contiguous
-    assert seen.take(np.array([4, 1])).observations.flags.c_contiguous
+def test_inputs_are_contiguous_in_memory(inputs: Inputs) -> None:
+    converted = random_episodes(0, 6).with_inputs(inputs)
+    assert converted.observations.flags.c_contiguous
+    assert converted.take(np.array([4, 1])).observations.flags.c_contiguous
 
 
-def test_episodes_are_joined_in_order() -> None:
+def test_episodes_are_concatenated_in_order() -> None:
     parts = [episodes_of(np.full((n, 4), float(n)), np.full(n, 2)) for n in (1, 3, 2)]
     joined = Episodes.concatenate(iter(parts))
     assert joined.rewards[:, 0].tolist() == [1.0, 3.0, 3.0, 3.0, 2.0, 2.0]

@@ -1,4 +1,4 @@
-"""How an episode went on a robot, as a value."""
+"""Execution logs of episodes on a robot."""
 
 from dataclasses import replace
 
@@ -18,6 +18,6 @@ def test_there_is_one_more_stamp_than_steps(count: int) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 3])
-def test_there_is_one_executed_command_for_each_step(count: int) -> None:
-    with pytest.raises(ValueError, match=f"executed commands: expected 2, one for each step, got {count}"):
+def test_there_is_one_executed_command_per_step(count: int) -> None:
+    with pytest.raises(ValueError, match=f"executed commands: expected 2, one per step, got {count}"):
         replace(TWO_STEPS, executed=np.zeros((count, 1)))

@@ -1,4 +1,4 @@
-"""A policy fitted to what was shown."""
+"""Policies fitted to demonstrations."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -38,20 +38,20 @@ def test_with_all_states_as_centres_it_is_kernel_ridge_regression(
     np.testing.assert_allclose(fitted.variance(x)[0], np.mean(residual**2, axis=0))
 
 
-def test_a_window_is_seen_as_the_policy_will_see_it(random_policy: MakePolicy, random_episodes: MakeEpisodes) -> None:
+def test_imitation_uses_the_inputs_of_the_policy(random_policy: MakePolicy, random_episodes: MakeEpisodes) -> None:
     shown = random_episodes(random_policy(), n=5, horizon=6)
     fitted = Imitation(inputs=Inputs(history=2)).fit(shown)
     assert fitted.mean.input_dim == 2 * (2 + 2)
     assert fitted.inputs == Inputs(history=2)
 
 
-def test_nothing_shown_is_refused(random_policy: MakePolicy, random_episodes: MakeEpisodes) -> None:
+def test_imitation_without_steps_is_rejected(random_policy: MakePolicy, random_episodes: MakeEpisodes) -> None:
     with pytest.raises(ValueError, match="episodes: expected at least one step, got none"):
         Imitation().fit(random_episodes(random_policy()).take(slice(0)))
 
 
 @pytest.mark.slow
-def test_an_imitated_policy_earns_as_much_and_is_a_start_to_learn_on_from() -> None:
+def test_an_imitated_policy_performs_alike_and_can_be_trained_further() -> None:
     runner = InlineRunner(Simulation("rkhs/Pendulum-v0"))
     training = Training(iterations=25, exploration_sd=(2.0,))
     *_, last = train(training, runner)
@@ -66,7 +66,7 @@ def test_an_imitated_policy_earns_as_much_and_is_a_start_to_learn_on_from() -> N
     assert first.policy.mean.kernel == fitted.mean.kernel
 
 
-def test_episodes_come_back_and_those_of_others_need_little(
+def test_saved_episodes_are_read_back_with_optional_fields_missing(
     tmp_path: Path, random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:
     shown, task = random_episodes(random_policy(), masked=True), Task("Pendulum-v1", {"g": 9.0}, 8, 0.9)
@@ -101,7 +101,7 @@ SHOWN = {"observations": np.zeros((2, 3, 1)), "actions": np.zeros((2, 3, 1))}
         (SHOWN | {"terminated": np.zeros((2, 3), dtype=bool)}, "terminated: expected the shape"),
     ],
 )
-def test_what_are_no_episodes_is_refused_in_one_line(
+def test_files_without_valid_episodes_raise_a_one_line_error(
     tmp_path: Path, arrays: dict[str, np.ndarray], message: str
 ) -> None:
     np.savez(tmp_path / "bad.npz", **arrays)

@@ -1,4 +1,4 @@
-"""Whoever joins episodes copies each a few times, however many they are."""
+"""Concatenating many episodes copies each one only a few times."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from test.unit.recordings.recorded_runs import Robot, longer, recorded_run
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 EPISODES = 120
-MOST_COPIES = 6  # of an episode; joined one by one each would be copied EPISODES / 2 times
+MOST_COPIES = 6  # of an episode; repeated addition would copy each one EPISODES / 2 times on average
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_joining_is_linear(file: Path, user: str, monkeypatch: pytest.MonkeyPatch) -> None:
     recording = read_recording(file)
     policy, robot = recording.policies[1], Robot(discard_every=10**6)
-    recorder = Recorder(None, recording)  # type: ignore[arg-type] # of what is held nothing is written
+    recorder = Recorder(None, recording)  # type: ignore[arg-type] # nothing is written
     batch = Batch(0, 0, EPISODES, 5, explore=True)
 
     def view() -> Episodes | None:

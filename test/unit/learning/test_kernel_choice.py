@@ -6,26 +6,24 @@ from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.rkhs.kernels import RBF, Linear, Polynomial, median_bandwidth
 
 
-def test_the_median_of_the_points_makes_the_bandwidths(rng: np.random.Generator) -> None:
+def test_the_default_bandwidths_are_medians_of_the_points(rng: np.random.Generator) -> None:
     x = rng.normal(size=(30, 2)) * [1.0, 5.0]
     expected = RBF(tuple(2.0 * b for b in median_bandwidth(x)))
     assert KernelChoice(bandwidth_scale=2.0).fit(x) == expected
 
 
 @pytest.mark.parametrize("d", [1, 2, 10, 40])
-def test_by_dimension_the_kernel_of_typical_points_is_the_same_in_any_dimension(
-    d: int, rng: np.random.Generator
-) -> None:
+def test_bandwidths_by_dimension_keep_the_kernel_of_typical_points(d: int, rng: np.random.Generator) -> None:
     x = rng.normal(size=(300, d)) * np.geomspace(1e-3, 1e3, d) + 7.0
     values = KernelChoice(bandwidth="dimension").fit(x)(x, x)[np.triu_indices(300, 1)]
-    # A pair's squared distance is twice a chi-squared number of d degrees, whose median over d goes from 0.45 to 1:
-    # the kernel from 0.40 over 0.25 in 2 dimensions to 0.14. The margin is that of 300 points.
+    # A pair's squared distance is twice a chi-squared variable of d degrees, whose median over d goes from 0.45 to 1:
+    # the kernel decreases from 0.40 to 0.25 in 2 dimensions and to 0.14. The margin is that of 300 points.
     median = np.exp(-2.0 * chi2(d).median() / d)
     assert np.median(values) == pytest.approx(median, rel=0.15)
 
 
 @pytest.mark.parametrize("bandwidth", ["median", "dimension"])
-def test_measured_bandwidths_take_on_the_points_units(bandwidth: str, rng: np.random.Generator) -> None:
+def test_measured_bandwidths_scale_with_the_units_of_the_points(bandwidth: str, rng: np.random.Generator) -> None:
     x, units = rng.normal(size=(50, 4)), np.array([1.0, 1024.0, 1 / 1024, 1.0])
     choice = KernelChoice("rbf + linear", bandwidth=bandwidth)
     np.testing.assert_array_equal(choice.fit(x * units)(x * units, x * units), choice.fit(x)(x, x))
@@ -33,7 +31,7 @@ def test_measured_bandwidths_take_on_the_points_units(bandwidth: str, rng: np.ra
     np.testing.assert_allclose(choice.fit(moved)(moved, moved), choice.fit(x)(x, x), rtol=1e-9)
 
 
-def test_linear_stands_about_the_points_mean_in_their_deviations(rng: np.random.Generator) -> None:
+def test_linear_uses_the_mean_and_deviations_of_the_points(rng: np.random.Generator) -> None:
     x = np.column_stack([rng.normal(size=(30, 2)) * [1.0, 5.0] + [3.0, 0.0], np.full(30, 0.1)])
     kernel = KernelChoice("linear").fit(x)
     assert isinstance(kernel, Linear)
@@ -41,11 +39,11 @@ def test_linear_stands_about_the_points_mean_in_their_deviations(rng: np.random.
     np.testing.assert_allclose(kernel.scale, [*x[:, :2].std(axis=0), 1.0])
 
 
-def test_given_bandwidths_take_no_notice_of_the_points() -> None:
+def test_given_bandwidths_do_not_depend_on_the_points() -> None:
     assert KernelChoice(bandwidth=(0.5, 2.0)).fit(np.zeros((3, 2))) == RBF((0.5, 2.0))
 
 
-def test_the_bandwidths_of_one_entry_serve_every_age_of_a_window() -> None:
+def test_bandwidths_of_one_time_step_apply_to_the_whole_window() -> None:
     choice = KernelChoice(bandwidth=(0.5, 2.0), bandwidth_scale=3.0)
     assert choice.fit(np.zeros((3, 6)), 3) == RBF((1.5, 6.0) * 3)
     assert KernelChoice(bandwidth=(0.5,)).fit(np.zeros((3, 6)), 3) == RBF((0.5,))
@@ -54,14 +52,12 @@ def test_the_bandwidths_of_one_entry_serve_every_age_of_a_window() -> None:
 
 
 @pytest.mark.parametrize(("d", "ages", "expected"), [(4, 1, "1 or 4"), (6, 2, "1 or 3 or 6"), (5, 5, "1 or 5")])
-def test_bandwidths_that_fit_neither_a_point_nor_an_entry_of_a_window_are_refused(
-    d: int, ages: int, expected: str
-) -> None:
-    with pytest.raises(ValueError, match=f"kernel.bandwidth: expected {expected} numbers, .* got 2"):
+def test_bandwidths_must_match_the_inputs_or_one_time_step(d: int, ages: int, expected: str) -> None:
+    with pytest.raises(ValueError, match=f"kernel.bandwidth: expected {expected} numbers .*, got 2"):
         KernelChoice(bandwidth=(0.5, 2.0)).fit(np.zeros((3, d)), ages)
 
 
-def test_a_form_composes_kernels_with_times_before_plus() -> None:
+def test_products_take_precedence_over_sums_in_a_form() -> None:
     choice = KernelChoice("rbf + polynomial*rbf", bandwidth=(1.0,), offset=0.5, degree=2)
     rbf, polynomial = RBF((1.0,)), Polynomial(0.5, 2)
     assert choice.fit(np.zeros((3, 2))) == rbf + polynomial * rbf
@@ -71,6 +67,6 @@ def test_a_form_composes_kernels_with_times_before_plus() -> None:
     ("form", "message"),
     [("rbff", r"unknown kernel 'rbff', did you mean 'rbf'\?"), ("rbf +", "unknown kernel ''"), ("", "unknown kernel")],
 )
-def test_a_form_with_an_unknown_kernel_is_refused(form: str, message: str) -> None:
+def test_a_form_with_an_unknown_kernel_is_rejected(form: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         KernelChoice(form)

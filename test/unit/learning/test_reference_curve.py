@@ -1,4 +1,4 @@
-"""The curve of one run, kept with all its digits: what changes a bit of it is seen."""
+"""The learning curve of one run, stored with all digits to detect any change of a result."""
 
 import csv
 from pathlib import Path
@@ -15,12 +15,12 @@ from rkhs_ros.runs.curve import Row, columns
 
 ROOT = Path(__file__).parents[3]
 KEPT = Path(__file__).with_name("pendulum_nac_seed_0.csv")
-# Other versions, and other processors, round otherwise; then the first iterations agree to some digits.
+# Other versions and processors round differently; there, the first iterations agree to some digits.
 MADE_WITH = ("2.4.6", "1.17.1", {"SkylakeX"})
 SOME, DIGITS = 5, 1e-6
 
 
-def test_the_pendulum_learns_along_the_same_curve_to_the_bit() -> None:
+def test_the_pendulum_curve_is_bit_identical_to_the_reference() -> None:
     config = load_config(ROOT / "config" / "pendulum_nac.yaml", ["seed=0"])
     runner = InlineRunner(Simulation(config.environment.id, config.environment.options))
     got = columns([Row.of(iteration, 0.0) for iteration in train(config.training, runner)])

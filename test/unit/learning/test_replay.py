@@ -1,4 +1,4 @@
-"""What a policy did is computed again from what was observed, to the last bit."""
+"""Replay recomputes a policy's actions from observations, bit-identically."""
 
 from dataclasses import replace
 
@@ -24,19 +24,19 @@ KERNELS: list[Kernel] = [
     RBF((2.0,)) * Polynomial(1.0, 2),
 ]
 
-KINDS = ("exploring", "noise-free", "both")
+KINDS = ("exploring", "evaluation", "both")
 
 
 def make_batch(kinds: str, seed: int, rows: int, horizon: int) -> Batch:
     exploring, num_evaluation = (Batch(seed, 40, rows, horizon, explore=explore) for explore in (True, False))
-    return {"exploring": exploring, "noise-free": num_evaluation, "both": exploring.with_evaluation(num_evaluation)}[
+    return {"exploring": exploring, "evaluation": num_evaluation, "both": exploring.with_evaluation(num_evaluation)}[
         kinds
     ]
 
 
 def make_policy(rng: np.random.Generator, inputs: Inputs, d: int, n: int, noise: str = "white") -> GaussianPolicy:
     size, m = inputs.dimension(d, n), int(rng.choice([1, 2, 20]))
-    kernel = KERNELS[rng.integers(4 if inputs.history == 1 else 1)]  # in a window a polynomial goes to infinity
+    kernel = KERNELS[rng.integers(4 if inputs.history == 1 else 1)]  # a polynomial of a long window overflows
     mean = Function(kernel, rng.normal(size=(m, size)), rng.normal(size=(m, n)))
     centres, low, high = rng.normal(size=(m, size)), np.full(n, 0.1), np.full(n, 3.0)
     variances = [
@@ -48,15 +48,15 @@ def make_policy(rng: np.random.Generator, inputs: Inputs, d: int, n: int, noise:
 
 
 def make_episodes(rng: np.random.Generator, policy: GaussianPolicy, batch: Batch, d: int) -> Episodes:
-    """Let the policy act step by step on random observations; the rows end when they like."""
+    """Run the policy step by step on random observations; episodes end at random."""
     shape = (batch.num_envs, batch.horizon)
     mask = np.arange(batch.horizon) < rng.integers(1, batch.horizon + 1, batch.num_envs)[:, None]
     observations = np.where(mask[:, :, None], rng.normal(size=(*shape, d)), 0.0)
-    actions, seen = np.zeros((*shape, policy.mean.output_dim)), observations[:, 0]
+    actions, latest = np.zeros((*shape, policy.mean.output_dim)), observations[:, 0]
     acting = Acting(policy, batch, explore=batch.explore)
     for t in range(batch.horizon):
-        seen = np.where(mask[:, t, None], observations[:, t], seen)  # of a row that is over its last one
-        actions[mask[:, t], t] = acting(t, seen)[mask[:, t]]
+        latest = np.where(mask[:, t, None], observations[:, t], latest)  # the last observation after the end
+        actions[mask[:, t], t] = acting(t, latest)[mask[:, t]]
     return Episodes.without_ends(observations, actions, np.zeros(shape), mask)
 
 
@@ -69,7 +69,7 @@ def make_episodes(rng: np.random.Generator, policy: GaussianPolicy, batch: Batch
     st.integers(0, 3),
     st.sampled_from(NOISES),
 )
-def test_the_policy_that_acted_is_found_to_have_acted(
+def test_the_actions_of_the_policy_that_acted_pass(
     seed: int, kinds: str, history: int, degree: int, angles: int, noise: str
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -82,7 +82,7 @@ def test_the_policy_that_acted_is_found_to_have_acted(
 
 @pytest.mark.parametrize("history", [1, 3])
 @pytest.mark.parametrize(("kinds", "noise"), [(KINDS[0], "white"), (KINDS[2], "pink"), (KINDS[1], "white")])
-def test_one_bit_of_one_action_is_found_and_named(history: int, kinds: str, noise: str) -> None:
+def test_one_changed_bit_of_an_action_is_detected(history: int, kinds: str, noise: str) -> None:
     rng = np.random.default_rng(0)
     policy = make_policy(rng, Inputs(history), 3, 2, noise)
     batch = make_batch(kinds, 1, 6, SAMPLES_AT_ONCE // 3)
@@ -90,13 +90,13 @@ def test_one_bit_of_one_action_is_found_and_named(history: int, kinds: str, nois
     for row, step in ((0, 0), (5, int(episodes.mask[5].sum()) - 1), (3, 1)):
         actions = episodes.actions.copy()
         actions[row, step, 1] = np.nextafter(actions[row, step, 1], np.inf)
-        place = rf"^row {row} \(episode {batch.episodes[row]}\), step {step}"
+        place = rf"^environment {row} \(episode {batch.episodes[row]}\), step {step}"
         with pytest.raises(ValueError, match=rf"{place}: expected the policy's"):
             check_actions(replace(episodes, actions=actions), policy, batch)
 
 
 @pytest.mark.parametrize("change", ["policy", "noise", "seed", "episodes", "kind"])
-def test_the_actions_of_another_policy_or_batch_are_found(change: str) -> None:
+def test_the_actions_of_another_policy_or_batch_are_detected(change: str) -> None:
     rng = np.random.default_rng(1)
     policy, batch = make_policy(rng, Inputs(), 3, 2), Batch(1, 40, 6, 5, explore=True)
     episodes = make_episodes(rng, policy, batch, 3)

@@ -53,7 +53,7 @@ def test_score_features_are_coordinates_of_the_score(
 
 
 @pytest.mark.parametrize("block_rows", [1, 8, 20, 1000])
-def test_trajectory_features_by_blocks_have_the_bits_of_all_at_once(
+def test_trajectory_features_by_blocks_are_bit_identical(
     policy: GaussianPolicy,
     random_episodes: Callable[..., Episodes],
     monkeypatch: pytest.MonkeyPatch,
@@ -66,7 +66,7 @@ def test_trajectory_features_by_blocks_have_the_bits_of_all_at_once(
     np.testing.assert_array_equal(samples.trajectory_features(0.9), expected)
 
 
-def test_samples_are_what_the_policy_saw_and_did(
+def test_samples_contain_the_inputs_and_exploration_of_the_policy(
     policy: GaussianPolicy, random_episodes: Callable[..., Episodes]
 ) -> None:
     episodes = random_episodes(policy, 4, 5, masked=True)
@@ -89,15 +89,13 @@ def test_the_time_features_span_the_quadratic_polynomials(
 
 
 @given(n=st.integers(1, 12), more=st.integers(1, 12), weighted=st.booleans(), seed=st.integers(0, 999))
-def test_more_features_than_rows_change_nothing_but_the_way_to_the_solution(
-    n: int, more: int, weighted: bool, seed: int
-) -> None:
+def test_dual_and_primal_ridge_regression_agree(n: int, more: int, weighted: bool, seed: int) -> None:
     rng = np.random.default_rng(seed)
     p = n + more
     features, targets = rng.normal(size=(n, p)), rng.normal(size=(n, 2))
     penalty, weights = 10 ** rng.uniform(-3, 1, p), rng.uniform(0, 3, n) if weighted else None
     dual = ridge_regression(features, targets, penalty, weights)
-    # Rows without weight make the system tall, which is then solved through the features.
+    # Rows of weight 0 make the system tall, so that the primal form solves it.
     padding = np.zeros((more, p))
     q = np.concatenate([np.ones(n) if weights is None else weights, np.zeros(more)]) * p / n
     primal = ridge_regression(
@@ -106,7 +104,7 @@ def test_more_features_than_rows_change_nothing_but_the_way_to_the_solution(
     np.testing.assert_allclose(dual, primal, rtol=1e-8, atol=1e-10)
 
 
-def test_samples_on_given_centres_are_measured_by_the_kernel_functions_there(
+def test_samples_on_given_centres_use_their_kernel_functions(
     policy: GaussianPolicy, random_episodes: Callable[..., Episodes], rng: np.random.Generator
 ) -> None:
     episodes, centres = random_episodes(policy, 3, 4, masked=True), rng.normal(size=(5, 2))

@@ -1,4 +1,4 @@
-"""Units do not matter: a task measured in others learns the same curve, to the bit where they are powers of 2."""
+"""The units of a task do not affect learning; results are bit-identical for powers of 2."""
 
 from collections.abc import Iterator
 from functools import cache
@@ -15,13 +15,13 @@ from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.defaults import settings_for
 
-THOUSAND, MILLIARD = 2.0**10, 2.0**30  # powers of 2: numbers times them have the same digits
-LIMIT = 2.0  # radians off the bottom that end an episode
-OVER = 5.0  # what that earns
+THOUSAND, MILLIARD = 2.0**10, 2.0**30  # powers of 2, which do not change the digits of a product
+LIMIT = 2.0  # radians from the bottom at which an episode ends
+OVER = 5.0  # reward of the last step
 
 
-class Standardizer(NamedTuple):
-    """What a task's numbers are multiplied by."""
+class Units(NamedTuple):
+    """Factors on the observations, actions and rewards of a task."""
 
     observations: tuple[float, float] = (1.0, 1.0)
     actions: float = 1.0
@@ -29,9 +29,9 @@ class Standardizer(NamedTuple):
 
 
 class Pushed(gymnasium.Env[Any, Any]):
-    """Two pushes act on a pendulum that hangs, in units of one's own; far up the episode ends."""
+    """A hanging pendulum with two actuators, in any units; the episode ends far from the bottom."""
 
-    def __init__(self, units: Standardizer) -> None:
+    def __init__(self, units: Units) -> None:
         self._units = units
         self.observation_space = Box(-np.inf, np.inf, (2,), np.float64)
         high = np.array([2.0, 3.0]) * units.actions
@@ -53,24 +53,24 @@ class Pushed(gymnasium.Env[Any, Any]):
 
 
 def settings(algorithm: str, form: str, iterations: int = 3) -> Training:
-    """Return the settings for any task, of a run of moments."""
+    """Return the settings of a very short run."""
     model = {"form": form, **({"updates": 3, "rollouts": 6, "centres": 30} if form != "none" else {})}
     small = {"iterations": iterations, "episodes_per_iteration": 3, "evaluation_episodes": 2, "horizon": 15}
     tree = {**settings_for(algorithm, form), **small, "model": model}
     return training_from({**tree, "algorithm": {**tree["algorithm"], "centres": 20}})
 
 
-def learn(training: Training, units: Standardizer) -> Iterator[Iteration]:
+def learn(training: Training, units: Units) -> Iterator[Iteration]:
     return train(training, InlineRunner(Simulation(lambda: Pushed(units))))
 
 
 @cache
 def plain(training: Training) -> list[Iteration]:
-    return list(learn(training, Standardizer()))
+    return list(learn(training, Units()))
 
 
-def assert_same(training: Training, units: Standardizer, tolerance: float = 0.0) -> None:
-    """Learn in other units, and compare all that came of it in the plain ones."""
+def assert_same(training: Training, units: Units, tolerance: float = 0.0) -> None:
+    """Train in other units and compare all results in the original ones."""
     sizes = np.array(units.observations)
     for ours, theirs in zip(plain(training), learn(training, units), strict=True):
         for name, unit in (
@@ -97,14 +97,14 @@ def assert_close(got: Any, expected: Any, tolerance: float) -> None:
 
 
 OTHER = {
-    "rewards": Standardizer(rewards=THOUSAND),
-    "small rewards": Standardizer(rewards=1 / THOUSAND),
-    "actions": Standardizer(actions=THOUSAND),
-    "small actions": Standardizer(actions=1 / THOUSAND),
-    "observations": Standardizer(observations=(THOUSAND, THOUSAND)),
-    "small observations": Standardizer(observations=(1 / THOUSAND, 1 / THOUSAND)),
-    "all": Standardizer((1 / MILLIARD, MILLIARD), MILLIARD, 1 / MILLIARD),
-    "all the other way": Standardizer((MILLIARD, 1 / MILLIARD), 1 / MILLIARD, MILLIARD),
+    "rewards": Units(rewards=THOUSAND),
+    "small rewards": Units(rewards=1 / THOUSAND),
+    "actions": Units(actions=THOUSAND),
+    "small actions": Units(actions=1 / THOUSAND),
+    "observations": Units(observations=(THOUSAND, THOUSAND)),
+    "small observations": Units(observations=(1 / THOUSAND, 1 / THOUSAND)),
+    "all": Units((1 / MILLIARD, MILLIARD), MILLIARD, 1 / MILLIARD),
+    "all the other way": Units((MILLIARD, 1 / MILLIARD), 1 / MILLIARD, MILLIARD),
 }
 over_models = pytest.mark.parametrize("form", ["none", "gaussian_process"])
 over_algorithms = pytest.mark.parametrize("algorithm", ["rkhs_nac", "rkhs_npg", "rkhs_ac", "rkhs_power"])
@@ -113,21 +113,19 @@ over_algorithms = pytest.mark.parametrize("algorithm", ["rkhs_nac", "rkhs_npg", 
 @pytest.mark.parametrize("units", OTHER.values(), ids=OTHER)
 @over_models
 @over_algorithms
-def test_a_task_in_other_units_is_learnt_to_the_same_bits(algorithm: str, form: str, units: Standardizer) -> None:
+def test_results_are_bit_identical_in_units_of_powers_of_two(algorithm: str, form: str, units: Units) -> None:
     assert_same(settings(algorithm, form), units)
 
 
 @over_algorithms
-def test_units_that_round_leave_the_first_update_as_it_was_but_for_rounding(algorithm: str) -> None:
-    # Numbers times 1000 have other last digits, of which the pivots and the equations make a little more. With a model
-    # an imagined step beside the boundary may end its episode or not, and what follows is another episode.
-    assert_same(
-        settings(algorithm, "none", iterations=1), Standardizer((1000.0, 0.001), 1000.0, 1000.0), tolerance=1e-6
-    )
+def test_other_units_change_the_first_update_by_rounding_only(algorithm: str) -> None:
+    # Numbers times 1000 have other last digits, which pivots and equations amplify a little. With a model,
+    # rounding may decide whether a rollout terminates at the boundary, which changes the following episodes.
+    assert_same(settings(algorithm, "none", iterations=1), Units((1000.0, 0.001), 1000.0, 1000.0), tolerance=1e-6)
 
 
-def test_what_is_compared_has_learnt_and_ended() -> None:
-    *_, last = learn(settings("rkhs_nac", "none"), Standardizer())
+def test_the_compared_runs_learn_and_contain_ended_episodes() -> None:
+    *_, last = learn(settings("rkhs_nac", "none"), Units())
     assert last.policy.mean.weights.any()
     assert last.metrics.kl > 0.01
     assert last.exploration.terminated.any()

@@ -28,7 +28,7 @@ SHORT = Training(iterations=3, episodes_per_iteration=4, evaluation_episodes=2, 
 CONFIG = Path(__file__).parents[3] / "config"
 
 
-def test_the_first_policy_is_0_with_the_deviations_asked_for() -> None:
+def test_the_first_policy_has_mean_0_and_the_given_deviations() -> None:
     policy = first_policy(Training(exploration_sd=(0.5, 2.0)), Spaces.unbounded(3, 2))
     assert np.array_equal(policy.mean(np.ones((4, 3))), np.zeros((4, 2)))
     assert policy.variance.values.tolist() == [0.25, 4.0]
@@ -39,20 +39,20 @@ def test_the_first_policy_is_0_with_the_deviations_asked_for() -> None:
 
 
 @pytest.mark.parametrize("name", ["power", "rkhs_power"])
-def test_a_kernel_that_cannot_weigh_the_learnt_variance_is_refused_before_the_run_begins(name: str) -> None:
+def test_a_kernel_without_support_for_the_learnt_variance_is_rejected_early(name: str) -> None:
     def begin(**changes: object) -> None:
         cubic = Training(kernel=KernelChoice("rbf + polynomial"), algorithm=ALGORITHMS[name](**changes))
         first_state(cubic, Spaces.unbounded(2, 1))
 
     with pytest.raises(
-        ValueError, match=r"kernel: .* algorithm.variance=learnt \(take .* algorithm.variance=constant\)"
+        ValueError, match=r"kernel: .* algorithm.variance=learnt \(use .* algorithm.variance=constant\)"
     ):
         begin()
     begin(variance="constant")
     begin(variance="as_published")
 
 
-def test_a_kernel_that_does_not_fit_the_inputs_is_refused_before_the_run_begins() -> None:
+def test_a_kernel_that_does_not_match_the_inputs_is_rejected_early() -> None:
     two = Training(kernel=KernelChoice(bandwidth=(1.0, 2.0)))
     first_state(two, Spaces.unbounded(2, 1))
     with pytest.raises(ValueError, match=r"kernel\.bandwidth: expected 1 or 4 numbers"):
@@ -64,7 +64,7 @@ def test_a_kernel_that_does_not_fit_the_inputs_is_refused_before_the_run_begins(
 
 
 class Watching:
-    """Runs episodes and keeps what it was asked for and what came of it."""
+    """A runner that stores its requests and results."""
 
     def __init__(self, num_envs: int = 1) -> None:
         self._runner = InlineRunner(Simulation("rkhs/Toy-v0"))
@@ -102,7 +102,7 @@ def test_each_iteration_uses_new_episodes_and_reports_them() -> None:
 
 @pytest.mark.parametrize("algorithm", [RKHSNAC(), RKHSNAC(step=LineSearch(choices=2, episodes=1))])
 @pytest.mark.parametrize("every", [0, 1, 2])
-def test_where_there_is_room_exploring_episodes_run_ahead_to_the_same_bits(
+def test_exploring_episodes_that_run_ahead_are_bit_identical(
     algorithm: RKHSNAC, every: int, arrays_of: Callable[[Any], dict[str, np.ndarray]]
 ) -> None:
     training = replace(SHORT, algorithm=algorithm, evaluate_every=every)
@@ -116,11 +116,11 @@ def test_where_there_is_room_exploring_episodes_run_ahead_to_the_same_bits(
     assert len(one_by_one.batches) - len(together.batches) == len(ahead) == {0: 0, 1: 2, 2: 1}[every]
     assert {key for batch in one_by_one.batches for key in batch.keys} == {
         key for batch in together.batches for key in batch.keys
-    }  # none beyond the last iteration
+    }  # none after the last iteration
     assert sum(batch.num_envs for batch in one_by_one.batches) == sum(batch.num_envs for batch in together.batches)
 
 
-def test_the_median_of_the_first_iteration_is_kept() -> None:
+def test_the_median_bandwidth_of_the_first_iteration_does_not_change() -> None:
     runner = Watching()
     iterations = list(train(SHORT, runner))
     first = runner.episodes[0]
@@ -128,7 +128,7 @@ def test_the_median_of_the_first_iteration_is_kept() -> None:
     assert {i.policy.mean.kernel for i in iterations} == {expected}
 
 
-def test_a_run_that_goes_on_longer_begins_the_same(arrays_of: Callable[[Any], dict[str, np.ndarray]]) -> None:
+def test_a_longer_run_starts_with_the_same_iterations(arrays_of: Callable[[Any], dict[str, np.ndarray]]) -> None:
     short, long = (list(train(replace(SHORT, iterations=n), InlineRunner(Simulation("rkhs/Toy-v0")))) for n in (2, 4))
     for one, other in zip(short, long[:2], strict=True):
         a, b = arrays_of(one), arrays_of(other)
@@ -136,7 +136,7 @@ def test_a_run_that_goes_on_longer_begins_the_same(arrays_of: Callable[[Any], di
 
 
 @pytest.mark.parametrize("done", range(4))
-def test_a_run_goes_on_from_any_state_as_if_it_had_not_stopped(
+def test_a_run_resumes_from_any_state_bit_identically(
     done: int, arrays_of: Callable[[Any], dict[str, np.ndarray]]
 ) -> None:
     runner = Watching()
@@ -152,13 +152,13 @@ def test_a_run_goes_on_from_any_state_as_if_it_had_not_stopped(
 
 
 @pytest.mark.filterwarnings("error")
-def test_one_episode_of_one_step_is_enough() -> None:
+def test_training_works_with_one_episode_of_one_step() -> None:
     tiny = Training(iterations=2, episodes_per_iteration=1, evaluation_episodes=1, horizon=1)
     assert len(list(train(tiny, InlineRunner(Simulation("rkhs/Toy-v0"))))) == 2
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_a_space_with_nothing_in_it_yet_stays_at_0(algorithm: str) -> None:
+def test_a_mean_without_features_stays_0(algorithm: str) -> None:
     # At the toy's start, 0, the homogeneous polynomial kernel vanishes.
     choice = KernelChoice("polynomial", offset=0.0, degree=2)
     training = Training(
@@ -169,7 +169,7 @@ def test_a_space_with_nothing_in_it_yet_stays_at_0(algorithm: str) -> None:
 
 
 class Numbered:
-    """Tells which episodes were asked for; what they hold does not matter."""
+    """A runner that stores the requested batches and returns arbitrary episodes."""
 
     spaces = Spaces.unbounded(2, 1)
 
@@ -188,20 +188,20 @@ class Numbered:
         return Episodes.without_ends(numbers, np.zeros((*shape, 1)), rewards, np.ones(shape, bool))
 
 
-def test_an_update_is_told_how_many_came_before_it_and_what_the_last_one_kept() -> None:
-    told: list[tuple[int, int, float]] = []
+def test_an_update_receives_its_number_and_the_memory_of_the_last_one() -> None:
+    received: list[tuple[int, int, float]] = []
 
     class Keeping(RKHSNAC):
         def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
-            told.append((experience.iteration, len(experience.memory), experience.discount))
+            received.append((experience.iteration, len(experience.memory), experience.discount))
             update = super().update(policy, experience)
             return update._replace(memory=experience.episodes.take(slice(experience.iteration + 1)))
 
     list(train(replace(SHORT, algorithm=Keeping(), discount=0.8), InlineRunner(Simulation("rkhs/Toy-v0"))))
-    assert told == [(0, 0, 0.8), (1, 1, 0.8), (2, 2, 0.8)]
+    assert received == [(0, 0, 0.8), (1, 1, 0.8), (2, 2, 0.8)]
 
 
-def test_no_episode_is_used_twice_and_exploring_ones_are_counted() -> None:
+def test_no_episode_number_repeats_and_exploring_episodes_are_counted() -> None:
     inputs = Inputs(history=2)
     training = replace(SHORT, inputs=inputs, evaluation_episodes=3, horizon=4)
     collector = Collector(training, Numbered(), first_state(training, Numbered.spaces))
@@ -226,7 +226,7 @@ def test_no_episode_is_used_twice_and_exploring_ones_are_counted() -> None:
 
 
 @pytest.mark.parametrize(("horizon", "together"), [(10_000, True), (10_001, False)])
-def test_no_episodes_run_ahead_in_a_batch_too_large_to_gain_by_it(horizon: int, together: bool) -> None:
+def test_no_episodes_run_ahead_in_large_batches(horizon: int, together: bool) -> None:
     training, runner = replace(SHORT, episodes_per_iteration=8, horizon=horizon), Numbered()
     state = first_state(training, runner.spaces)
     assert len(Collector(training, runner, state).evaluate(state.policy, explores_next=True)) == 2

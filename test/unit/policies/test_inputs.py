@@ -83,7 +83,7 @@ def test_acting_and_learning_use_the_same_inputs(inputs: Inputs, random_policy: 
     policy = replace(random_policy(d=inputs.dimension(2, 1), n=1), inputs=inputs)
     batch = Batch(3, 20, 4, 9, explore=True)
     episodes = InlineRunner(Simulation("rkhs/Pendulum-v0")).collect(policy, batch)
-    points, exploration = episodes.seen_through(inputs).observations, batch.exploration(1)
+    points, exploration = episodes.with_inputs(inputs).observations, batch.exploration(1)
     for t in range(9):
         assert np.array_equal(policy.act(points[:, t], exploration[:, t]), episodes.actions[:, t])
 

@@ -111,7 +111,7 @@ def test_a_changed_bit_in_an_episode_is_found(whole: Path, name: str, place: int
     with pytest.raises(DifferenceError, match=r"^update 2, ") as found:
         list(replay(read_recording(copy)))
     if name == "actions":
-        assert f"update 2, {kind} row 0 (episode" in str(found.value)
+        assert f"update 2, {kind} environment 0 (episode" in str(found.value)
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ over_algorithms = pytest.mark.parametrize("algorithm", [cls() for cls in ALGORIT
 
 
 def bandit(seed: int, best: float) -> tuple[GaussianPolicy, Episodes]:
-    """One-step episodes in one state; the nearer an action to the best, the higher its reward."""
+    """Return one-step episodes in one state; the closer an action to the best, the higher its reward."""
     policy = GaussianPolicy(Function.zero(RBF((1.0,)), 1, 1), ConstantVariance(np.ones(1)))
     actions = np.random.default_rng(seed).standard_normal((200, 1, 1))
     rewards = np.exp(-0.5 * (actions[:, :, 0] - best) ** 2)
@@ -51,13 +51,13 @@ def test_the_mean_moves_towards_better_actions(learn: Learn, algorithm: Algorith
     if isinstance(algorithm, ActorCritic | RKHSNPG):
         algorithm = replace(algorithm, step=KLStep(0.02, cap=1e6))
     moved, *_ = learn(algorithm, policy, episodes)
-    # A divergence of 0.02 is a move of 0.2; PoWER goes farther.
+    # A divergence of 0.02 is a step of 0.2; PoWER takes longer steps.
     assert np.sign(best) * moved.mean(np.zeros((1, 1)))[0, 0] > 0.15
 
 
 @over_algorithms
 @pytest.mark.parametrize("masked", [False, True], ids=["whole", "masked"])
-def test_an_update_edits_nothing_and_repeats_to_the_bit(
+def test_an_update_modifies_no_input_and_is_deterministic(
     learn: Learn,
     algorithm: Algorithm,
     masked: bool,
@@ -101,7 +101,7 @@ def test_steps_after_the_end_of_an_episode_do_not_matter(
 
 
 @over_algorithms
-def test_the_metrics_are_what_happened(
+def test_the_metrics_describe_the_update(
     learn: Learn, algorithm: Algorithm, random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:
     policy = random_policy(m=0 if isinstance(algorithm, GridSettings) else 5)
@@ -113,18 +113,16 @@ def test_the_metrics_are_what_happened(
 
 
 @pytest.mark.parametrize("critic", EQUATIONS)
-def test_nac_goes_just_as_far_as_its_divergence(
+def test_a_nac_step_has_the_given_divergence(
     learn: Learn, critic: str, random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:
     policy = random_policy()
     algorithm = RKHSNAC(centres=60, critic=critic, step=KLStep(0.07, cap=1e6))
     _, metrics, _ = learn(algorithm, policy, random_episodes(policy), 0.99)
-    assert metrics.kl == pytest.approx(0.07, rel=1e-3)  # the sparsification's ridge takes 1e-4
+    assert metrics.kl == pytest.approx(0.07, rel=1e-3)  # the ridge of the sparsification changes it by 1e-4
 
 
-def test_a_later_update_goes_less_far_where_its_step_is_annealed(
-    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
-) -> None:
+def test_annealing_shortens_later_steps(learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes) -> None:
     policy = random_policy()
     episodes = random_episodes(policy)
     algorithm = RKHSNAC(centres=60, step=KLStep(0.08, cap=1e6, annealing=0.5))
@@ -142,7 +140,7 @@ CRITICS: list[tuple[str, str, Critic]] = [
 
 
 @pytest.mark.parametrize(("equations", "regression", "critic"), CRITICS, ids=[f"{c}-{r}" for c, r, _ in CRITICS])
-def test_nac_adds_the_critics_weight_times_the_step(
+def test_nac_adds_the_critics_estimate_times_the_step_size(
     learn: Learn,
     equations: str,
     regression: str,
@@ -164,7 +162,7 @@ def test_nac_adds_the_critics_weight_times_the_step(
 
 @pytest.mark.parametrize("critic", EQUATIONS)
 @pytest.mark.parametrize("step", [KLStep(), FixedStep(0.5)], ids=["kl", "fixed"])
-def test_nac_without_rewards_stays_where_it_is(
+def test_nac_without_rewards_does_not_change_the_mean(
     learn: Learn, critic: str, step: KLStep, random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:
     policy = random_policy()
@@ -177,12 +175,12 @@ def test_nac_without_rewards_stays_where_it_is(
 
 
 @over_algorithms
-def test_the_exploration_narrows_down_to_its_minimum(
+def test_the_exploration_decays_to_its_minimum(
     learn: Learn, algorithm: Algorithm, random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:
     policy = random_policy()
     constant = {"variance": "constant"} if isinstance(algorithm, WeightedExploration) else {}
-    for minimum, factor in ((1e-3, 0.81), (1e3, 1.0)):  # a deviation below the minimum stays where it is
+    for minimum, factor in ((1e-3, 0.81), (1e3, 1.0)):  # a standard deviation below the minimum does not change
         narrowing = replace(algorithm, exploration_decay=0.9, exploration_minimum=minimum, **constant)
         moved, *_ = learn(narrowing, policy, random_episodes(policy))
         np.testing.assert_allclose(moved.variance.values, factor * policy.variance.values, rtol=1e-12)
@@ -194,7 +192,7 @@ def test_a_variance_that_depends_on_the_state_does_not_decay(
 ) -> None:
     policy = random_policy(learnt=True)
     constant = {"variance": "constant"} if isinstance(algorithm, WeightedExploration) else {}
-    with pytest.raises(ValueError, match="variance: expected a constant one to change, got one that depends"):
+    with pytest.raises(ValueError, match="variance: expected a constant variance, got one that depends"):
         learn(replace(algorithm, **constant), policy, random_episodes(policy))
 
 
@@ -223,7 +221,7 @@ OTHER: dict[str, Any] = {
         ("rkhs_power", {"weighting": "returns", "variance": "constant"}),
     ],
 )
-def test_settings_are_unused_if_and_only_if_they_change_nothing(
+def test_settings_are_unused_if_and_only_if_they_have_no_effect(
     learn: Learn,
     arrays_of: Callable[[Any], dict[str, np.ndarray]],
     name: str,
@@ -245,12 +243,12 @@ def test_settings_are_unused_if_and_only_if_they_change_nothing(
 
 
 @pytest.mark.parametrize("name", ["rkhs_ac", "rkhs_npg", "rkhs_nac", "rkhs_power"])
-def test_the_sparsification_error_is_how_far_the_smaller_mean_is_from_the_whole(
+def test_the_sparsification_error_is_the_distance_from_the_full_mean(
     learn: Learn, name: str, random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:
     policy = random_policy(m=7, kernel=RBF((0.5,)))
     episodes = random_episodes(policy)
-    # A direction over few centres, added to seven: the mean has too many and is thinned out to as many again.
+    # A direction with few centres is added to a mean with seven; the sum has too many centres and is sparsified.
     algorithm = replace(ALGORITHMS[name](), centres=7)
     small, metrics, _ = learn(algorithm, policy, episodes)
     x = episodes.flat(episodes.observations)
@@ -265,7 +263,7 @@ def test_the_sparsification_error_is_how_far_the_smaller_mean_is_from_the_whole(
     assert learn(with_room, policy, episodes).metrics.sparsification_error == 0.0
 
 
-def test_more_is_forgotten_where_less_is_asked_of_the_centres(
+def test_a_larger_tolerance_leaves_fewer_centres(
     learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:
     policy = random_policy(m=7)
@@ -282,7 +280,7 @@ def test_more_is_forgotten_where_less_is_asked_of_the_centres(
 
 
 @over_algorithms
-def test_far_from_all_centres_an_update_still_makes_a_policy(
+def test_an_update_far_from_all_centres_returns_a_policy(
     learn: Learn,
     algorithm: Algorithm,
     random_policy: MakePolicy,
@@ -295,7 +293,7 @@ def test_far_from_all_centres_an_update_still_makes_a_policy(
     assert np.isfinite(new.mean(far.flat(far.observations))).all()
 
 
-def test_a_learnt_variance_can_do_without_rewards_under_the_printed_weighting(
+def test_a_learnt_variance_works_without_rewards_with_the_published_weighting(
     learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:
     policy = random_policy()

@@ -1,4 +1,4 @@
-"""The natural gradient is the same function in any coordinates of the space, the plain gradient is not."""
+"""The natural gradient does not depend on the coordinates of the function space; the plain gradient does."""
 
 from collections.abc import Callable
 
@@ -22,20 +22,20 @@ from rkhs_ros.rkhs.kernels import Polynomial
 LINEAR = Polynomial(0.0, 1)
 OFFSETS = (0.01, 0.2, 1.0)
 DEGREE = 5
-TEST_POINTS = np.linspace(-1.0, 1.0, 21)[:, None]  # farther out the highest power hides the others
+TEST_POINTS = np.linspace(-1.0, 1.0, 21)[:, None]  # further out the highest power dominates
 Learn = Callable[..., Update]
 over_critics = pytest.mark.parametrize("critic", EQUATIONS)
 
 
 def critic_of(equations: str, ridge: float, ridge_norm: str) -> Critic:
-    """Return a critic whose ridges on w and on the value are the same."""
+    """Return a critic with the same ridge for w and the value."""
     if equations == "trajectory":
         return TrajectoryCritic(ridge, ridge_norm)
     return StepCritic(ridge, ValueBaseline(ridge, ridge_norm), ridge_norm)
 
 
 def walks(n: int = 12, horizon: int = 15) -> Episodes:
-    """Walks along a line with a reward at its end."""
+    """Return random walks along a line with a reward at its end."""
     rng = np.random.default_rng(3)
     actions = rng.normal(scale=0.7, size=(n, horizon, 1))
     places = np.clip(np.cumsum(np.concatenate([np.zeros((n, 1, 1)), actions[:, :-1]], axis=1), axis=1), -1.5, 3.5)
@@ -54,18 +54,18 @@ def moves(learn: Learn, algorithm: ActorCritic, mean: np.ndarray) -> list[np.nda
     changes = []
     for offset in OFFSETS:
         inputs = Inputs(degree=DEGREE, offset=offset)
-        nodes = np.linspace(-1.5, 3.5, DEGREE + 1)[:, None]  # a polynomial follows from its values here
+        nodes = np.linspace(-1.5, 3.5, DEGREE + 1)[:, None]  # the values at these points determine a polynomial
         weights = np.linalg.solve(inputs.features(nodes), np.polynomial.polynomial.polyval(nodes, mean))
         function = Function(LINEAR, np.eye(DEGREE + 1), weights.reshape(-1, 1))
         policy = GaussianPolicy(function, ConstantVariance(np.array([0.5])), inputs)
-        moved, *_ = learn(algorithm, policy, walks().seen_through(inputs))
+        moved, *_ = learn(algorithm, policy, walks().with_inputs(inputs))
         points = inputs.features(TEST_POINTS)
         changes.append(moved.mean(points) - policy.mean(points))
     return changes
 
 
 def difference(one: np.ndarray, other: np.ndarray) -> float:
-    """Return how far two functions' values are apart after both are given the length 1."""
+    """Return the distance between two functions' values after both are normalised to length 1."""
     return float(np.linalg.norm(one / np.linalg.norm(one) - other / np.linalg.norm(other)))
 
 
@@ -103,7 +103,7 @@ def test_a_ridge_on_the_norm_in_the_rkhs_destroys_the_covariance(learn: Learn, c
 
 @over_critics
 @pytest.mark.parametrize("masked", [False, True], ids=["whole", "masked"])
-def test_a_critic_in_scaled_coordinates_is_the_same_function(
+def test_scaling_the_coordinates_does_not_change_the_critic(
     random_policy: Callable[..., GaussianPolicy],
     random_episodes: Callable[..., Episodes],
     rng: np.random.Generator,
@@ -121,7 +121,7 @@ def test_a_critic_in_scaled_coordinates_is_the_same_function(
 
 
 @over_critics
-def test_without_a_ridge_any_invertible_change_of_coordinates_leaves_the_critic(
+def test_without_a_ridge_the_critic_does_not_depend_on_the_coordinates(
     random_policy: Callable[..., GaussianPolicy],
     random_episodes: Callable[..., Episodes],
     rng: np.random.Generator,

@@ -1,4 +1,4 @@
-"""The gradient updates against their equations, written out on their own: loops over steps, explicit features."""
+"""Gradient updates match independent implementations of their equations with loops and explicit features."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -69,7 +69,7 @@ def first_values(policy: GaussianPolicy, episodes: Episodes, ridge: float) -> np
 
 @over_masks
 @pytest.mark.parametrize("baseline", ["intercept", "value", "as_published"])
-def test_npg_through_the_gram_is_the_ridge_regression_in_explicit_features(
+def test_npg_with_the_gram_matrix_is_ridge_regression_in_explicit_features(
     learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, baseline: str, masked: bool
 ) -> None:
     policy = random_policy(d=3, kernel=LINEAR)
@@ -88,7 +88,7 @@ def test_npg_through_the_gram_is_the_ridge_regression_in_explicit_features(
 
 
 @over_masks
-def test_npg_on_a_full_dictionary_is_the_sum_of_kernel_functions_of_the_paper(
+def test_npg_with_a_full_dictionary_is_the_published_sum_of_kernel_functions(
     learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, rng: np.random.Generator, masked: bool
 ) -> None:
     policy = random_policy(m=3, kernel=RBF((0.4,)))
@@ -109,14 +109,14 @@ def test_npg_on_a_full_dictionary_is_the_sum_of_kernel_functions_of_the_paper(
 
 
 @over_masks
-def test_a_learnt_variance_climbs_the_gradient_of_what_the_mean_leaves_unexplained(
+def test_a_learnt_variance_follows_the_gradient_of_the_unexplained_advantage(
     learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, masked: bool
 ) -> None:
     policy = random_policy(d=3, kernel=LINEAR)
     newest, older = (random_episodes(policy, n, 8, masked=masked) for n in (5, 3))
     algorithm = RKHSNAC(variance="learnt", reuse=4, trace=0.8, step=FixedStep(0.3))
     moved, _, memory = learn(algorithm, policy, newest, DISCOUNT, memory=older)
-    w = (moved.mean(np.eye(3)) - policy.mean(np.eye(3))) / 0.3  # of a linear mean
+    w = (moved.mean(np.eye(3)) - policy.mean(np.eye(3))) / 0.3  # for a linear mean
     samples = algorithm.space.samples(policy, newest + older)
     left, count = iter(algorithm.value_baseline.advantages(samples, DISCOUNT)), 0
     v, variance = np.zeros(2), policy.variance(np.zeros((1, 3)))[0]
@@ -128,27 +128,27 @@ def test_a_learnt_variance_climbs_the_gradient_of_what_the_mean_leaves_unexplain
     np.testing.assert_array_equal(memory.rewards, (newest + older).take(slice(4)).rewards)
 
 
-def test_the_step_of_mean_and_variance_together_has_the_divergence_asked_for(
+def test_the_joint_step_of_mean_and_variance_has_the_given_divergence(
     learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:
     policy = random_policy()
     algorithm = RKHSNAC(variance="learnt", step=KLStep(divergence=1e-6))
     moved, metrics, _ = learn(algorithm, policy, random_episodes(policy, 20, 8), DISCOUNT)
     assert (moved.variance.values != policy.variance.values).all()
-    assert metrics.kl == pytest.approx(1e-6, rel=0.01)  # to the order of the step, a thousandth
+    assert metrics.kl == pytest.approx(1e-6, rel=0.01)  # up to the order of the step, 1e-3
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_learnt_variance_stays_near_the_first_however_long_the_step(
+def test_a_learnt_variance_stays_within_its_bounds_for_any_step(
     learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:
     policy = random_policy()
     moved, *_ = learn(RKHSNAC(variance="learnt", step=FixedStep(1e6)), policy, random_episodes(policy))
-    assert set(moved.variance.values) <= {0.01**2, 10.0**2}  # times the first one, 1
+    assert set(moved.variance.values) <= {0.01**2, 10.0**2}  # relative to the first one, 1
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0], ids=["costs", "pays"])
-def test_exploration_that_costs_shrinks_at_the_rate_of_its_own_gradient(sign: float, learn: Learn) -> None:
+def test_costly_exploration_shrinks_at_the_rate_of_its_gradient(sign: float, learn: Learn) -> None:
     sd, n = 0.7, 20_000
     kernel = Polynomial(1.0, 1)
     policy = GaussianPolicy(Function(kernel, np.zeros((0, 1)), np.zeros((0, 1))), ConstantVariance(np.array([sd**2])))
@@ -161,7 +161,7 @@ def test_exploration_that_costs_shrinks_at_the_rate_of_its_own_gradient(sign: fl
 
 
 @over_masks
-def test_a_step_of_enac_is_that_of_the_textbook(
+def test_an_enac_step_matches_the_textbook(
     learn: Learn, random_episodes: MakeEpisodes, rng: np.random.Generator, masked: bool
 ) -> None:
     centres = np.array([[a, b] for a in (-1.0, 0.5, 2.0) for b in (0.0, 1.0)])
@@ -184,7 +184,7 @@ def test_a_step_of_enac_is_that_of_the_textbook(
 
 
 def on_a_lattice(rng: np.random.Generator) -> tuple[GaussianPolicy, Episodes]:
-    """Episodes that visit the points of a grid, whose kernel functions are all but orthonormal."""
+    """Return episodes that visit the points of a grid, whose kernel functions are nearly orthonormal."""
     points = np.array([[a, b] for a in (0.0, 1.0, 2.0) for b in (0.0, 1.0, 2.0)])
     mean = Function(RBF((0.1,)), points, rng.normal(size=(9, 2)))
     policy = GaussianPolicy(mean, ConstantVariance(np.array([0.5, 2.0])))
@@ -200,7 +200,7 @@ GRID = {"grid_low": (0.0,), "grid_high": (2.0,), "grid_counts": (3.0,)}
 
 @pytest.mark.parametrize(("free", "fixed"), ACTOR_CRITICS, ids=["nac", "ac"])
 @pytest.mark.parametrize(("critic", "regression", "norm"), CRITICS)
-def test_among_orthonormal_kernel_functions_an_actor_critic_in_the_rkhs_is_its_parametric_rival(
+def test_with_orthonormal_kernel_functions_rkhs_and_parametric_actor_critics_agree(
     learn: Learn,
     rng: np.random.Generator,
     free: type[Algorithm],
@@ -219,7 +219,7 @@ def test_among_orthonormal_kernel_functions_an_actor_critic_in_the_rkhs_is_its_p
 
 
 @pytest.mark.parametrize("weighting", ["positive", "shifted", "exponential", "returns"])
-def test_among_orthonormal_kernel_functions_rkhs_power_is_power(
+def test_with_orthonormal_kernel_functions_rkhs_power_and_power_agree(
     learn: Learn, rng: np.random.Generator, weighting: str
 ) -> None:
     policy, episodes = on_a_lattice(rng)
@@ -249,7 +249,7 @@ def test_the_plain_gradient_is_the_sum_of_weighted_kernel_functions(
     np.testing.assert_allclose(moved.mean(x), policy.mean(x) + 0.5 / 4 * total, rtol=1e-8, atol=1e-8)
 
 
-def test_a_line_search_asks_for_episodes_of_the_policies_it_chooses_among(
+def test_a_line_search_collects_episodes_for_each_candidate(
     learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:
     policy = random_policy()
@@ -257,7 +257,7 @@ def test_a_line_search_asks_for_episodes_of_the_policies_it_chooses_among(
     tried: list[GaussianPolicy] = []
 
     def collect(candidate: GaussianPolicy, number: int) -> Episodes:
-        """The third policy asked about earns most."""
+        """Return the highest reward for the third candidate."""
         assert number == 2
         tried.append(candidate)
         good = 1.0 if len(tried) == 3 else 0.0

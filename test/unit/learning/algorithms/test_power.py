@@ -1,4 +1,4 @@
-"""PoWER and RKHS-PoWER against their equations, written out on their own."""
+"""PoWER and RKHS-PoWER match independent implementations of their equations."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -44,7 +44,7 @@ def steps_of(episodes: Episodes) -> np.ndarray:
 
 
 def advantages(features: np.ndarray, episodes: Episodes, ridge: float) -> np.ndarray:
-    """Return the rewards to go less their fit by the features, 1, t and t^2."""
+    """Return the rewards to go minus their fit by the features, 1, t and t^2."""
     to_go, time = rewards_to_go(episodes), steps_of(episodes) / episodes.horizon
     rows = np.column_stack([features, np.ones_like(time), time, time**2])
     penalty = len(rows) * np.array([ridge] * features.shape[1] + [1e-6] * 3)
@@ -53,7 +53,7 @@ def advantages(features: np.ndarray, episodes: Episodes, ridge: float) -> np.nda
 
 
 def weights(weighting: str, features: np.ndarray, episodes: Episodes, ridge: float) -> np.ndarray:
-    """Return the weights q of the samples, with mean 1."""
+    """Return the weights q of the samples, scaled to mean 1."""
     a, steps = advantages(features, episodes, ridge), steps_of(episodes)
     q = {
         "positive": np.where(a > 0, a, 0.0),
@@ -86,7 +86,7 @@ def test_rkhs_power_with_a_linear_kernel_is_power_on_the_observation(
     rbf = random_policy(d=3, learnt=state)  # its variance is over the same points
     policy = replace(random_policy(d=3, kernel=LINEAR), variance=rbf.variance)
     episodes = random_episodes(policy, 6, 8, masked=True)
-    # The mean is compared; the variance learnt by default asks for a kernel without negative values.
+    # Only the mean is compared, because the learnt variance needs a kernel without negative values.
     algorithm = RKHSPoWER(weighting=weighting, ridge=0.7, value_ridge=0.2, variance="as_published")
     moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
     x = episodes.flat(episodes.observations)
@@ -126,7 +126,7 @@ def test_the_diagonal_solution_is_the_mean_of_each_parameters_exploration(
     total = np.zeros((9, 2))
     for s, a, weight in zip(x, episodes.flat(episodes.actions), q, strict=True):
         phi = policy.mean.kernel(s[None], moved.mean.centres)[0]
-        parameters = np.linalg.pinv(phi[None]) @ a[None]  # the least epsilon with phi' epsilon = a - 0
+        parameters = np.linalg.pinv(phi[None]) @ a[None]  # the smallest epsilon with phi' epsilon = a - 0
         np.testing.assert_allclose(phi @ parameters, a, rtol=1e-9)
         total += weight * parameters
     np.testing.assert_allclose(moved.mean.weights, total / q.sum(), rtol=1e-8, atol=1e-10)
@@ -141,7 +141,7 @@ def test_power_on_a_full_dictionary_is_the_full_kernel_system(
     algorithm = RKHSPoWER(centres=60, ridge=0.5, value_ridge=0.2)
     moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
     x, gram = full_gram(policy, episodes)
-    # The features of the full system: any root of the Gram matrix has its inner products.
+    # Any square root of the Gram matrix is a feature matrix of the full system.
     q = weights("positive", np.linalg.cholesky(gram), episodes, 0.2)
     exploration, variance = episodes.flat(episodes.actions) - policy.mean(x), policy.variance(x)
     step = np.zeros_like(exploration)
@@ -158,7 +158,7 @@ def full_gram(policy: GaussianPolicy, episodes: Episodes) -> tuple[np.ndarray, n
 
 
 @over_variances
-def test_the_printed_weighting_is_the_papers_system_to_the_letter(
+def test_the_published_weighting_solves_the_papers_system(
     learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, rng: np.random.Generator, state: bool
 ) -> None:
     policy = random_policy(kernel=RBF((0.4,)), learnt=state)
@@ -180,10 +180,10 @@ def test_the_printed_weighting_is_the_papers_system_to_the_letter(
 
 
 @pytest.mark.parametrize("kernel", [RBF((0.02,)), RBF((0.02,)) * Polynomial(2.0, 1)], ids=["rbf", "product"])
-def test_the_printed_variance_is_the_papers_formula(
+def test_the_published_variance_matches_the_papers_formula(
     random_policy: MakePolicy, random_episodes: MakeEpisodes, rng: np.random.Generator, kernel: Kernel
 ) -> None:
-    # All but orthogonal kernel functions, at which the sparsification's ridge takes 1e-7.
+    # The kernel functions are nearly orthogonal; the ridge of the sparsification changes them by 1e-7.
     policy = random_policy(kernel=kernel)
     samples = Samples.in_newton_basis(policy, random_episodes(policy, 3, 5, masked=True), 60)
     signed = rng.normal(size=len(samples.observations))
@@ -199,7 +199,7 @@ def test_the_printed_variance_is_the_papers_formula(
     np.testing.assert_allclose(variance(samples.observations), np.clip(values, 0.01, 4.0), rtol=1e-5)
 
 
-def test_the_printed_variance_has_nothing_to_do_with_the_size_of_the_exploration(
+def test_the_published_variance_does_not_depend_on_the_size_of_the_exploration(
     random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:
     policy = random_policy()
@@ -219,15 +219,15 @@ def test_the_printed_variance_has_nothing_to_do_with_the_size_of_the_exploration
     form=st.sampled_from(["newton", "grid", "quadratic"]),
     rule=st.sampled_from([learnt, as_published]),
 )
-def test_a_learnt_variance_is_within_its_bounds_whatever_the_weights(
+def test_a_learnt_variance_is_within_its_bounds_for_any_weights(
     seed: int, scale: float, zeros: float, form: str, rule: Callable[..., KernelVariance | FunctionVariance]
 ) -> None:
     rng = np.random.default_rng(seed)
     kernel = Polynomial(0.0, 2) if form == "quadratic" else RBF((0.5,))
     policy = GaussianPolicy(Function.zero(kernel, 2, 2), ConstantVariance(np.ones(2)))
     shape = (4, 6)
-    seen, done = rng.normal(size=(*shape, 2)), rng.normal(scale=3, size=(*shape, 2))
-    episodes = Episodes.without_ends(seen, done, np.ones(shape), np.ones(shape, dtype=bool))
+    states, done = rng.normal(size=(*shape, 2)), rng.normal(scale=3, size=(*shape, 2))
+    episodes = Episodes.without_ends(states, done, np.ones(shape), np.ones(shape, dtype=bool))
     samples = (
         Samples.in_newton_basis(policy, episodes, 8)
         if form == "newton"
@@ -240,7 +240,7 @@ def test_a_learnt_variance_is_within_its_bounds_whatever_the_weights(
     assert np.all((variance >= 0.6**2) & (variance <= 0.9**2))  # false for nan
 
 
-def test_the_learnt_variance_is_the_weighted_mean_of_squared_exploration_nearby(
+def test_the_learnt_variance_is_a_kernel_weighted_mean_of_squared_exploration(
     random_policy: MakePolicy, random_episodes: MakeEpisodes, rng: np.random.Generator
 ) -> None:
     policy = random_policy(kernel=RBF((0.4,)))
@@ -256,18 +256,18 @@ def test_the_learnt_variance_is_the_weighted_mean_of_squared_exploration_nearby(
 
 def test_each_sample_adds_to_the_variance_at_its_nearest_centre() -> None:
     policy = GaussianPolicy(Function.zero(RBF((1.0,)), 1, 1), ConstantVariance(np.ones(1)))
-    seen = np.array([[[0.1], [0.2], [3.8], [4.1]]])
+    states = np.array([[[0.1], [0.2], [3.8], [4.1]]])
     done = np.array([[[1.0], [2.0], [3.0], [5.0]]])
-    episodes = Episodes.without_ends(seen, done, np.ones((1, 4)), np.ones((1, 4), dtype=bool))
+    episodes = Episodes.without_ends(states, done, np.ones((1, 4)), np.ones((1, 4), dtype=bool))
     samples = Samples.on_centres(policy, episodes, np.array([[0.0], [4.0], [8.0]]))
     variance = learnt(samples, np.array([1.0, 3.0, 2.0, 2.0]), 1e-3, 1e3)
-    assert variance.centres.tolist() == [[0.0], [4.0]]  # none was near the third
+    assert variance.centres.tolist() == [[0.0], [4.0]]  # no sample is close to the third
     np.testing.assert_allclose(variance.mass, [4.0, 4.0])
     np.testing.assert_allclose(variance.values[:, 0], [(1 + 3 * 4) / 4, (2 * 9 + 2 * 25) / 4])
 
 
 def bandit(best: float) -> tuple[GaussianPolicy, Episodes]:
-    """One-step episodes in one state; the nearer an action to the best, the higher its reward."""
+    """Return one-step episodes in one state; the closer an action to the best, the higher its reward."""
     policy = GaussianPolicy(Function.zero(RBF((1.0,)), 1, 1), ConstantVariance(np.ones(1)))
     actions = np.random.default_rng(1).standard_normal((200, 1, 1))
     rewards = np.exp(-0.5 * (actions[:, :, 0] - best) ** 2)
@@ -278,7 +278,7 @@ def test_power_in_one_state_learns_the_weighted_mean_of_squared_exploration(lear
     policy, episodes = bandit(1.5)
     new, *_ = learn(RKHSPoWER(), policy, episodes)
     rewards, exploration = episodes.rewards[:, 0], episodes.actions[:, 0, 0]
-    q = np.maximum(rewards - rewards.mean(), 0.0)  # the value of the only state is the mean, up to its ridge
+    q = np.maximum(rewards - rewards.mean(), 0.0)  # up to its ridge, the value of the only state is the mean
     expected = np.sum(q * exploration**2) / np.sum(q)
     assert new.variance(np.zeros((1, 1)))[0, 0] == pytest.approx(expected, rel=1e-3)
 
@@ -287,16 +287,16 @@ over_powers = pytest.mark.parametrize("algorithm", [RKHSPoWER(reuse=3), PoWER(re
 
 
 @over_powers
-def test_the_best_episodes_so_far_are_remembered(
+def test_the_best_episodes_so_far_are_stored(
     learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, algorithm: WeightedExploration
 ) -> None:
     policy, memory = random_policy(), None
-    seen = [random_episodes(policy, n, 8, masked=True) for n in (2, 6, 6)]
-    for k, episodes in enumerate(seen):
+    collected = [random_episodes(policy, n, 8, masked=True) for n in (2, 6, 6)]
+    for k, episodes in enumerate(collected):
         *_, memory = learn(algorithm, policy, episodes, DISCOUNT, memory=memory)
         everything = [
             (sum(DISCOUNT**t * r for t, r in enumerate(rewards)), observations.tobytes())
-            for some in seen[: k + 1]
+            for some in collected[: k + 1]
             for rewards, observations in zip(some.rewards, some.observations, strict=True)
         ]
         best = sorted(everything, reverse=True)[:3]
@@ -305,7 +305,7 @@ def test_the_best_episodes_so_far_are_remembered(
 
 
 @over_powers
-def test_what_is_remembered_is_learnt_from_like_what_is_new(
+def test_reused_episodes_count_like_new_ones(
     learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, algorithm: WeightedExploration
 ) -> None:
     policy = random_policy()
@@ -320,7 +320,7 @@ def test_what_is_remembered_is_learnt_from_like_what_is_new(
     assert np.abs(split.mean(x) - forgotten.mean(x)).max() > 1e-3
 
 
-def test_without_reuse_nothing_is_remembered(
+def test_without_reuse_no_episode_is_stored(
     learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:
     policy = random_policy()
@@ -328,7 +328,7 @@ def test_without_reuse_nothing_is_remembered(
 
 
 @pytest.mark.parametrize("power", [RKHSPoWER, PoWER])
-def test_crossed_bounds_of_the_deviation_are_refused(power: type[WeightedExploration]) -> None:
+def test_swapped_bounds_of_the_deviation_are_rejected(power: type[WeightedExploration]) -> None:
     with pytest.raises(ValueError, match=r"algorithm\.sd_minimum: expected at most 1\.0, got 2\.0"):
         power(sd_minimum=2.0, sd_maximum=1.0)
     assert power(sd_minimum=1.0, sd_maximum=1.0).sd_minimum == 1.0
@@ -342,7 +342,7 @@ def test_a_grid_has_as_many_numbers_as_the_policy_has_inputs(
         algorithm = replace(PoWER(), **{name: (1.0, 2.0)})
         with pytest.raises(ValueError, match=rf"algorithm\.{name}: expected 1 or 3 numbers, got 2"):
             learn(algorithm, policy, random_episodes(policy))
-    with pytest.raises(ValueError, match=r"algorithm\.grid_counts: expected at most 100000 centres in all, got 125000"):
+    with pytest.raises(ValueError, match=r"algorithm\.grid_counts: expected at most 100000 centres in total, got 1250"):
         learn(PoWER(grid_counts=(50.0,)), policy, random_episodes(policy))
     with pytest.raises(ValueError, match=r"algorithm\.grid_counts: expected whole numbers, got \[2\.5, 2\.5, 2\.5\]"):
         learn(PoWER(grid_counts=(2.5,)), policy, random_episodes(policy))

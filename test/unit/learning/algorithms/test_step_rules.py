@@ -16,7 +16,7 @@ def never(size: float, episodes: int) -> float:
 
 
 @given(divergence=st.floats(1e-4, 1.0), scale=st.floats(1e-3, 1e3), seed=st.integers(0, 999))
-def test_a_kl_step_makes_policies_of_that_divergence(divergence: float, scale: float, seed: int) -> None:
+def test_a_kl_step_has_the_given_divergence(divergence: float, scale: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     kernel, x, variance = RBF((1.0,)), rng.normal(size=(20, 2)), rng.uniform(0.1, 4, 2)
     h, w = (Function(kernel, rng.normal(size=(4, 2)), scale * rng.normal(size=(4, 2))) for _ in range(2))
@@ -25,13 +25,13 @@ def test_a_kl_step_makes_policies_of_that_divergence(divergence: float, scale: f
     assert kl_between(old, old.with_mean(h + w.scale(size)), x) == pytest.approx(divergence, rel=1e-6)
 
 
-def test_the_step_is_never_above_the_cap() -> None:
+def test_the_cap_limits_the_step() -> None:
     tiny, variance = np.full((5, 1), 1e-9), np.ones((5, 1))
     assert KLStep(0.02, cap=0.5).step_size(tiny, variance, never) == 0.5
 
 
 @given(annealing=st.floats(0, 10), iteration=st.integers(0, 1000))
-def test_the_divergence_decreases_with_the_iterations_by_its_annealing(annealing: float, iteration: int) -> None:
+def test_annealing_decreases_the_divergence_over_the_iterations(annealing: float, iteration: int) -> None:
     x, variance = np.linspace(-1, 1, 9)[:, None], np.full((9, 1), 0.5)
     kernel = RBF((1.0,))
     old = GaussianPolicy(Function.zero(kernel, 1, 1), ConstantVariance(np.array([0.5])))
@@ -42,18 +42,16 @@ def test_the_divergence_decreases_with_the_iterations_by_its_annealing(annealing
 
 
 @pytest.mark.parametrize("rule", [KLStep(0.02, cap=1.0), LineSearch()], ids=["kl", "line search"])
-def test_no_direction_gives_no_step(rule: KLStep | LineSearch) -> None:
+def test_a_zero_direction_gives_no_step(rule: KLStep | LineSearch) -> None:
     assert rule.step_size(np.zeros((5, 2)), np.ones((5, 2)), never) == 0.0
 
 
-def test_a_fixed_step_is_the_same_in_any_direction() -> None:
+def test_a_fixed_step_does_not_depend_on_the_direction() -> None:
     assert FixedStep(0.3).step_size(np.full((5, 2), 7.0), np.ones((5, 2)), never) == 0.3
 
 
 @given(best=st.floats(-4.0, 2.0), scale=st.floats(1e-3, 1e3), seed=st.integers(0, 999))
-def test_a_line_search_takes_the_step_nearest_to_the_best_of_a_concave_return(
-    best: float, scale: float, seed: int
-) -> None:
+def test_a_line_search_selects_the_candidate_closest_to_the_maximum(best: float, scale: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     direction, variance = scale * rng.normal(size=(20, 2)), rng.uniform(0.1, 4, (20, 2))
     length = np.sqrt(np.mean([row @ (row / v) for row, v in zip(direction, variance, strict=True)]))

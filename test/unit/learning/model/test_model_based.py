@@ -1,4 +1,4 @@
-"""Model-based training: with every algorithm, on tasks that tell little, interrupted, and where it is refused."""
+"""Model-based training with every algorithm, on degenerate tasks, with interruptions and invalid settings."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
@@ -63,10 +63,10 @@ def learn(training: Training, task: Any = PENDULUM) -> list[Iteration]:
 
 def assert_sound(iterations: list[Iteration]) -> None:
     assert [iteration.number for iteration in iterations] == [1, 2, 3]
-    assert np.isnan(iterations[0].model_error)  # there was no model before
+    assert np.isnan(iterations[0].model_error)  # there is no earlier model
     for iteration in iterations:
-        policy, seen = iteration.policy, iteration.exploration.seen_through(iteration.policy.inputs)
-        points = seen.flat(seen.observations)
+        policy, episodes = iteration.policy, iteration.exploration.with_inputs(iteration.policy.inputs)
+        points = episodes.flat(episodes.observations)
         assert np.isfinite(policy.mean(points)).all()
         assert (policy.variance(points) > 0).all()
         assert np.isfinite([iteration.model_return, iteration.exploration_return, iteration.evaluation_return]).all()
@@ -78,7 +78,7 @@ def assert_sound(iterations: list[Iteration]) -> None:
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("inputs", [{}, {"angles": [0]}, {"history": 2}], ids=["plain", "angles", "history"])
 @over_algorithms
-def test_every_algorithm_practises(algorithm: str, inputs: dict[str, Any]) -> None:
+def test_every_algorithm_trains_in_a_model(algorithm: str, inputs: dict[str, Any]) -> None:
     iterations = learn(settings(algorithm, inputs=inputs))
     assert_sound(iterations)
     assert iterations[-1].policy.mean.weights.any()
@@ -96,18 +96,18 @@ def test_every_algorithm_practises(algorithm: str, inputs: dict[str, Any]) -> No
         ("rkhs_ac", {"step": {"rule": "fixed"}}),
     ],
 )
-def test_the_choices_of_an_algorithm_serve_in_practice_too(algorithm: str, changes: dict[str, Any]) -> None:
+def test_variants_of_algorithms_train_in_a_model(algorithm: str, changes: dict[str, Any]) -> None:
     assert_sound(learn(settings(algorithm, algorithm=changes, inputs={"angles": [0]})))
 
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("form", ["linear", "polynomial", "rbf + linear", "rbf * polynomial"])
-def test_practice_takes_any_kernel(form: str) -> None:
+def test_model_based_training_supports_all_kernels(form: str) -> None:
     assert_sound(learn(settings(kernel={"form": form, "degree": 2, "offset": 0.0})))
 
 
 class Odd(gymnasium.Env[Any, Any]):
-    """A task that tells little: two numbers that an action changes, in ways that a test chooses.
+    """A degenerate task: an action changes two numbers in a way that the test selects.
 
     Args:
         lengths: steps of its episodes, one after another, again and again; 0 for without an end.
@@ -158,17 +158,17 @@ ODD = {
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("odd", ODD.values(), ids=ODD)
 @over_algorithms
-def test_a_task_that_tells_little_is_practised_without_a_warning(algorithm: str, odd: dict[str, Any]) -> None:
+def test_degenerate_tasks_train_in_a_model_without_warnings(algorithm: str, odd: dict[str, Any]) -> None:
     assert_sound(learn(settings(algorithm), partial(Odd, **odd)))
 
 
 @pytest.mark.filterwarnings("error")
-def test_one_episode_of_one_step_is_enough() -> None:
+def test_model_based_training_works_with_one_episode_of_one_step() -> None:
     training = replace(settings(), horizon=1, episodes_per_iteration=1)
     assert len(learn(training)) == ITERATIONS
 
 
-def test_a_task_that_ended_every_episode_at_once_is_imagined_to_do_so() -> None:
+def test_rollouts_terminate_at_once_if_all_real_episodes_did() -> None:
     *_, last = learn(settings(), partial(Odd, (1,)))
     real = last.state.memory
     model = DynamicsModel.fit(real, Inputs(), Spaces((2,), np.array([-1.0]), np.array([1.0])), 20)
@@ -178,7 +178,7 @@ def test_a_task_that_ended_every_episode_at_once_is_imagined_to_do_so() -> None:
     assert rewards.min() <= last.model_return <= rewards.max()  # of one step
 
 
-def test_a_mean_that_strayed_far_beyond_the_bounds_comes_back() -> None:
+def test_a_mean_far_beyond_the_bounds_is_pulled_back() -> None:
     training = settings(iterations=1, algorithm={"centres": 60})
     (first,) = learn(training)
     mean = first.policy.mean.scale(30.0)
@@ -189,19 +189,19 @@ def test_a_mean_that_strayed_far_beyond_the_bounds_comes_back() -> None:
     points = last.state.memory.flat(last.state.memory.observations)
     before, after = mean(points), last.policy.mean(points)
     near = simulation.spaces.clip_with_margin(before, np.sqrt(first_variance(training, simulation.spaces)))
-    assert np.abs(after - near).mean() < 0.1 * np.abs(before - near).mean()  # all but where it jumps
+    assert np.abs(after - near).mean() < 0.1 * np.abs(before - near).mean()  # except at the jump
 
 
-def test_a_number_that_only_counts_makes_no_model_overconfident() -> None:
+def test_a_step_counter_in_the_observation_does_not_cause_overconfidence() -> None:
     training = replace(settings(), episodes_per_iteration=10)
     *_, last = learn(training, partial(Odd, clock=True))
     spaces = Spaces((2,), np.array([-1.0]), np.array([1.0]))
     before, after = (last.state.memory.take(part) for part in (slice(20), slice(20, None)))
-    # 100 steps tell the noise's deviation to 7 %; the model's noises are 1.5 times apart.
+    # 100 steps determine the standard deviation of the noise to 7 %; the model's candidates differ by a factor of 1.5.
     assert prediction_test(before, after, Inputs(), spaces, 40).overconfidence < 1.6
 
 
-def test_a_step_that_is_tried_out_is_refused_before_the_run(rkhs: Callable[..., Result]) -> None:
+def test_a_line_search_is_rejected_before_the_run(rkhs: Callable[..., Result]) -> None:
     changes = ("algorithm.step={rule: line_search}", "--iterations", 1, "--out", "run")
     result = rkhs("train", "--env", PENDULUM, "--runner", "inline", "--set", *changes)
     assert_refused(result, "algorithm.step.rule: expected fixed or kl for model.form=gaussian_process, got line_search")
@@ -239,7 +239,7 @@ class Stopping(stopping.Stopping):
 
 
 def results(folder: Path) -> dict[str, object]:
-    """What a run left, to the last bit, less the seconds that it took."""
+    """Return the results of a run without its durations."""
     names = ("policy.npz", "best_policy.npz", "episodes.npz", "config.yaml")
     lines = [line.rpartition(",")[0] for line in (folder / "curve.csv").read_text().splitlines()]
     return {"curve": lines} | {name: (folder / name).read_bytes() for name in names}
@@ -252,7 +252,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
 
 
 @pytest.mark.parametrize("batches", range(2 * ITERATIONS))
-def test_a_run_with_practice_stopped_anywhere_goes_on_to_the_same_bits(
+def test_an_interrupted_model_based_run_resumes_bit_identically(
     tmp_path: Path, whole: dict[str, object], batches: int
 ) -> None:
     folder = tmp_path / "run"
@@ -262,30 +262,28 @@ def test_a_run_with_practice_stopped_anywhere_goes_on_to_the_same_bits(
     assert results(run_training(CONFIG, Stopping(), folder, quiet=True, resume=True)) == whole
 
 
-def test_a_checkpoint_holds_all_real_episodes_as_they_were_seen(tmp_path: Path, arrays_of: ArraysOf) -> None:
+def test_a_checkpoint_contains_all_real_episodes_with_raw_observations(tmp_path: Path, arrays_of: ArraysOf) -> None:
     (tmp_path / "checkpoints").mkdir()
     (tmp_path / "curve.csv").touch()
-    seen = []
+    collected = []
     for k, iteration in enumerate(train(CONFIG.training, Stopping()), 1):
-        seen.append(iteration.exploration)
+        collected.append(iteration.exploration)
         Checkpoints(tmp_path, CONFIG).write(iteration.state)
-        if k == ITERATIONS:  # the last iteration is made again
+        if k == ITERATIONS:  # the last iteration is repeated
             break
         state = Checkpoints(tmp_path, CONFIG).newest(k)
         assert state is not None
         ours, theirs = arrays_of(state), arrays_of(iteration.state)
         assert {name: array.tobytes() for name, array in ours.items()} == {n: a.tobytes() for n, a in theirs.items()}
         assert state.policy.noise == iteration.state.policy.noise
-        whole = sum(seen[1:], start=seen[0])
+        whole = sum(collected[1:], start=collected[0])
         for f in fields(whole):
             np.testing.assert_array_equal(getattr(state.memory, f.name), getattr(whole, f.name))
 
 
 @pytest.mark.parametrize("constant", ["", "rewards"])
 @pytest.mark.parametrize("narrow", [0.01, 0.25])
-def test_real_episodes_explore_wide_and_narrow_by_turns_and_far_where_all_places_are_alike(
-    narrow: float, constant: str
-) -> None:
+def test_wide_and_narrow_exploration_alternate_unless_rewards_are_uninformative(narrow: float, constant: str) -> None:
     model = {**MODEL, "exploration_noise": "as_needed", "evaluation_noise_scale": narrow}
     for k, iteration in enumerate(learn(settings(iterations=4, model=model), Odd(constant=constant))):
         assert iteration.policy.noise == ("pink" if constant else "white")
@@ -297,12 +295,14 @@ def test_real_episodes_explore_wide_and_narrow_by_turns_and_far_where_all_places
     ("returns", "newest", "earlier"),
     [([1, 2, 3], 1, 2), ([1, 1, 2, 2, 3, 3], 2, 2), ([3, 1, 2], 1, 1), ([2, 2], 1, 0), ([1, 5], 2, 0)],
 )
-def test_the_newest_iteration_is_compared_with_earlier_ones(returns: list[float], newest: int, earlier: int) -> None:
+def test_outperformed_iterations_compares_the_newest_with_earlier_iterations(
+    returns: list[float], newest: int, earlier: int
+) -> None:
     assert outperformed_iterations(np.array(returns, dtype=float), newest) == earlier
 
 
 @pytest.mark.parametrize(("discount", "steps"), [(0.92, 38), (0.93, 43), (0.999, 100), (1.0, 100)])
-def test_model_rollouts_last_until_a_twentieth_of_the_return_is_left(discount: float, steps: int) -> None:
+def test_the_discount_limits_the_length_of_model_rollouts(discount: float, steps: int) -> None:
     lasted = []
 
     @dataclass(frozen=True)
@@ -317,8 +317,8 @@ def test_model_rollouts_last_until_a_twentieth_of_the_return_is_left(discount: f
     assert discount**steps < 0.05 or steps == 100
 
 
-def test_a_policy_whose_kernel_still_fits_goes_on_from_its_mean() -> None:
-    means = []  # that the first update of each iteration begins with
+def test_a_policy_whose_kernel_still_fits_keeps_its_mean() -> None:
+    means = []  # at the first update of each iteration
 
     @dataclass(frozen=True)
     class Watched(RKHSNAC):
@@ -335,10 +335,10 @@ def test_a_policy_whose_kernel_still_fits_goes_on_from_its_mean() -> None:
 
 
 @pytest.mark.parametrize("algorithm", [RKHSNAC, RKHSNPG])
-def test_exploration_in_the_model_narrows_from_update_to_update_down_to_its_minimum(
+def test_exploration_in_the_model_decays_to_its_minimum(
     algorithm: type[RKHSNAC | RKHSNPG],
 ) -> None:
-    deviations: list[list[float]] = []  # of each iteration, before each of its updates
+    deviations: list[list[float]] = []  # per iteration, before each update
 
     @dataclass(frozen=True)
     class Watched(algorithm):

@@ -1,4 +1,4 @@
-"""Model rollouts are those of the task, where the model knows it, and follow the conventions of recorded ones."""
+"""Model rollouts match the task if the model has learnt it, and follow the conventions of real episodes."""
 
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -21,7 +21,7 @@ SPACES = Spaces((2,), np.array([-1.0]), np.array([1.0]))
 NOISE = np.array([0.02, 0.05])
 TURNING, PUSH = np.array([[0.95, 0.3], [-0.3, 0.95]]), np.array([[0.0, 0.5]])
 ROWS, HORIZON, LIMIT = 60, 12, 1.0
-OVER = 10.0  # what the last step costs beside its reward
+OVER = 10.0  # additional cost of a terminal step
 Step = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -33,10 +33,10 @@ def reward(observations: np.ndarray, actions: np.ndarray) -> np.ndarray:
     return 3.0 - observations[:, 0] ** 2 - 0.1 * np.clip(actions[:, 0], -1.0, 1.0)
 
 
-def lived(
+def simulated_episodes(
     rng: np.random.Generator, step: Step = linear, rows: int = ROWS, *, ending: bool = False, turning: bool = False
 ) -> Episodes:
-    """Return episodes under actions at random; ending ones are over where the first number leaves the limits."""
+    """Return episodes with random actions; if ``ending``, an episode ends when the first number leaves the limits."""
     observations, actions = np.zeros((rows, HORIZON + 1, 2)), rng.uniform(-1.5, 1.5, (rows, HORIZON, 1))
     rewards, mask = np.zeros((rows, HORIZON)), np.zeros((rows, HORIZON), dtype=bool)
     now, going = rng.uniform(-1.0, 1.0, (rows, 2)), np.ones(rows, dtype=bool)
@@ -66,37 +66,37 @@ def batch_of(rows: int, horizon: int = HORIZON, first: int = 0) -> Batch:
     return Batch(5, first, rows, horizon, explore=True)
 
 
-def assert_same_bits(ours: Episodes, theirs: Episodes) -> None:
+def assert_bit_identical(ours: Episodes, theirs: Episodes) -> None:
     for f in fields(ours):
         np.testing.assert_array_equal(getattr(ours, f.name), getattr(theirs, f.name))
 
 
 def transitions(episodes: Episodes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return observations, actions and the observations after them of all steps."""
+    """Return observations, actions and next observations of all steps."""
     following = np.concatenate([episodes.observations[:, 1:], episodes.final_observations[:, None]], axis=1)
     last = episodes.mask.sum(axis=1) - 1
     following[np.arange(len(episodes)), last] = episodes.final_observations
     return tuple(episodes.flat(v) for v in (episodes.observations, episodes.actions, following))
 
 
-def test_of_a_linear_system_the_imagined_steps_have_mean_and_spread_of_the_true_ones(
+def test_rollouts_of_a_linear_system_have_the_true_mean_and_spread(
     rng: np.random.Generator,
 ) -> None:
-    model = DynamicsModel.fit(lived(rng, rows=200), Inputs(), SPACES, 50)
+    model = DynamicsModel.fit(simulated_episodes(rng, rows=200), Inputs(), SPACES, 50)
     model = replace(model, low=np.full(2, -np.inf), high=np.full(2, np.inf))
-    imagined = ModelRunner(model).collect(policy_of(rng), batch_of(200))
-    now, actions, following = transitions(imagined)
+    rollouts = ModelRunner(model).collect(policy_of(rng), batch_of(200))
+    now, actions, following = transitions(rollouts)
     errors = following - linear(now, actions)
-    # 2400 steps give a mean within 0.02 standard deviations of the noise; the rest is what 2400 steps leave unknown.
+    # The mean of 2400 steps is within 0.02 standard deviations of the noise; the rest is the model's uncertainty.
     np.testing.assert_allclose(errors.mean(axis=0) / NOISE, 0.0, atol=0.1)
-    # The noises tried are 1.47 times apart: the nearest is within a fifth.
+    # Adjacent noise candidates differ by a factor of 1.47, so the closest one is within a fifth.
     np.testing.assert_allclose(errors.std(axis=0) / NOISE, 1.0, atol=0.25)
-    earned = imagined.flat(imagined.rewards)
+    earned = rollouts.flat(rollouts.rewards)
     np.testing.assert_allclose(earned, np.clip(reward(now, actions), *model.reward_range), atol=0.1)
 
 
-def test_rows_begin_where_episodes_began_and_where_steps_did(rng: np.random.Generator) -> None:
-    episodes = lived(rng, rows=3)
+def test_rollouts_start_from_initial_and_visited_observations(rng: np.random.Generator) -> None:
+    episodes = simulated_episodes(rng, rows=3)
     model = DynamicsModel.fit(episodes, Inputs(), SPACES, 30)
     begins = ModelRunner(model).collect(policy_of(rng), batch_of(400)).observations[:, 0]
 
@@ -106,58 +106,58 @@ def test_rows_begin_where_episodes_began_and_where_steps_did(rng: np.random.Gene
     among, elsewhere = begins[np.arange(400) % 4 != 1], begins[1::4]
     assert different(among) == different(episodes.observations[:, 0])
     assert different(elsewhere) <= different(episodes.flat(episodes.observations))
-    assert len(different(elsewhere)) > 0.8 * episodes.mask.sum()  # of 36, by 100 draws
+    assert len(different(elsewhere)) > 0.8 * episodes.mask.sum()  # of 36, with 100 draws
 
 
-def test_behind_a_window_all_begin_where_episodes_began(rng: np.random.Generator) -> None:
-    episodes, inputs = lived(rng, rows=3), Inputs(history=2)
+def test_with_a_history_all_rollouts_start_from_initial_observations(rng: np.random.Generator) -> None:
+    episodes, inputs = simulated_episodes(rng, rows=3), Inputs(history=2)
     model = DynamicsModel.fit(episodes, inputs, SPACES, 30)
     begins = ModelRunner(model).collect(policy_of(rng, inputs), batch_of(40)).observations[:, 0]
     assert {row.tobytes() for row in begins} == {row.tobytes() for row in episodes.observations[:, 0]}
 
 
-def test_caution_spreads_the_functions_and_0_is_the_mean(rng: np.random.Generator) -> None:
-    model = DynamicsModel.fit(lived(rng, rows=2), Inputs(), SPACES, 20)
+def test_caution_scales_the_spread_of_the_functions_and_0_gives_the_mean(rng: np.random.Generator) -> None:
+    model = DynamicsModel.fit(simulated_episodes(rng, rows=2), Inputs(), SPACES, 20)
     quiet = replace(model.state_delta, coefficients=model.state_delta.coefficients._replace(noise=np.zeros(2)))
     model = replace(model, state_delta=quiet, low=np.full(2, -np.inf), high=np.full(2, np.inf))
     still, batch = policy_of(rng), batch_of(400, horizon=1)
 
     def changes_under(caution: float) -> tuple[np.ndarray, np.ndarray]:
-        imagined = ModelRunner(model, caution).collect(still, batch)
-        points = points_of(imagined.observations[:, 0], imagined.actions[:, 0], SPACES)
-        return imagined.final_observations - imagined.observations[:, 0], points
+        rollouts = ModelRunner(model, caution).collect(still, batch)
+        points = points_of(rollouts.observations[:, 0], rollouts.actions[:, 0], SPACES)
+        return rollouts.final_observations - rollouts.observations[:, 0], points
 
     certain, points = changes_under(0.0)
     np.testing.assert_allclose(certain, model.state_delta.mean(points), atol=1e-9)
     once, twice = changes_under(1.0)[0] - certain, changes_under(2.0)[0] - certain
     np.testing.assert_allclose(twice, 2.0 * once, atol=1e-9)
-    # What the span leaves out is not drawn: the spread is at most that of the posterior; 400 draws tell it to 7 %.
+    # The part outside the span is not drawn, so the spread is at most that of the posterior, within 7 % for 400 draws.
     expected = np.sqrt(np.mean(model.state_delta.sd(points) ** 2, axis=0))
     assert (once.std(axis=0) < 1.15 * expected).all()
     assert (once.std(axis=0) > 0.5 * expected).all()
 
 
-def test_episodes_end_where_the_task_ends_them(rng: np.random.Generator) -> None:
-    real = lived(rng, rows=200, ending=True)
+def test_rollouts_terminate_like_the_task(rng: np.random.Generator) -> None:
+    real = simulated_episodes(rng, rows=200, ending=True)
     assert 0.2 < real.terminated.mean() < 1.0
     model = DynamicsModel.fit(real, Inputs(), SPACES, 60)
-    imagined = ModelRunner(model).collect(policy_of(rng), batch_of(200))
-    _, _, following = transitions(imagined)
-    lengths = imagined.mask.sum(axis=1)
-    ended = np.zeros(imagined.mask.shape, dtype=bool)
-    ended[np.arange(200), lengths - 1] = imagined.terminated
-    over, beyond = imagined.flat(ended), np.abs(following[:, 0])
-    assert over[beyond > LIMIT].mean() > 0.85  # most steps beyond the limit are so by little
+    rollouts = ModelRunner(model).collect(policy_of(rng), batch_of(200))
+    _, _, following = transitions(rollouts)
+    lengths = rollouts.mask.sum(axis=1)
+    ended = np.zeros(rollouts.mask.shape, dtype=bool)
+    ended[np.arange(200), lengths - 1] = rollouts.terminated
+    over, beyond = rollouts.flat(ended), np.abs(following[:, 0])
+    assert over[beyond > LIMIT].mean() > 0.85  # most steps beyond the limit are close to it
     assert not over[beyond < 0.85 * LIMIT].any()
     assert over[beyond < LIMIT].mean() < 0.1
-    # The last step earns less by what ending costs.
-    now, actions, _ = transitions(imagined)
-    beside = imagined.flat(imagined.rewards) - reward(now, actions) + OVER * over
+    # A terminal step has an additional cost.
+    now, actions, _ = transitions(rollouts)
+    beside = rollouts.flat(rollouts.rewards) - reward(now, actions) + OVER * over
     np.testing.assert_allclose(beside, 0.0, atol=0.5)
 
 
-def test_rare_ends_are_neither_missed_nor_expected_too_early() -> None:
-    """Weigh ends by the root of what would balance them: balanced, 8 % of the steps before the limit would be ends."""
+def test_rare_terminations_are_neither_missed_nor_predicted_too_early() -> None:
+    """Use the square roots of balancing weights: balanced ones would end 8 % of the steps before the limit."""
     limit, rows, line = 2.5, 2000, np.linspace(-3.0, 3.0, 301)
     beyond, errors = np.abs(line) > limit, []
     for seed in range(6):
@@ -172,22 +172,22 @@ def test_rare_ends_are_neither_missed_nor_expected_too_early() -> None:
         errors.append((ended[~beyond].mean(), (~ended)[beyond].mean()))
     too_early, missed = np.mean(errors, axis=0)
     assert too_early < 0.055
-    assert missed < 0.025  # 5 % if every step counted alike
+    assert missed < 0.025  # 5 % with equal weights
 
 
-def test_what_is_imagined_follows_the_conventions_of_recorded_episodes(rng: np.random.Generator) -> None:
-    model = DynamicsModel.fit(lived(rng, rows=100, ending=True), Inputs(), SPACES, 40)
-    imagined = ModelRunner(model).collect(policy_of(rng), batch_of(50))
-    lengths = imagined.mask.sum(axis=1)
-    np.testing.assert_array_equal(imagined.mask, np.arange(HORIZON) < lengths[:, None])
-    assert (lengths[~imagined.terminated] == HORIZON).all()
-    assert (lengths[imagined.terminated] < HORIZON).any()
+def test_rollouts_follow_the_conventions_of_real_episodes(rng: np.random.Generator) -> None:
+    model = DynamicsModel.fit(simulated_episodes(rng, rows=100, ending=True), Inputs(), SPACES, 40)
+    rollouts = ModelRunner(model).collect(policy_of(rng), batch_of(50))
+    lengths = rollouts.mask.sum(axis=1)
+    np.testing.assert_array_equal(rollouts.mask, np.arange(HORIZON) < lengths[:, None])
+    assert (lengths[~rollouts.terminated] == HORIZON).all()
+    assert (lengths[rollouts.terminated] < HORIZON).any()
     for name in ("observations", "actions", "rewards"):
-        assert not getattr(imagined, name)[~imagined.mask].any()
+        assert not getattr(rollouts, name)[~rollouts.mask].any()
 
 
-def test_an_episode_that_does_not_end_is_that_which_ends_up_to_there(rng: np.random.Generator) -> None:
-    model = DynamicsModel.fit(lived(rng, rows=100, ending=True), Inputs(), SPACES, 40)
+def test_termination_only_truncates_a_rollout(rng: np.random.Generator) -> None:
+    model = DynamicsModel.fit(simulated_episodes(rng, rows=100, ending=True), Inputs(), SPACES, 40)
     policy = policy_of(rng)
     ending, endless = (ModelRunner(m).collect(policy, batch_of(50)) for m in (model, replace(model, termination=None)))
     assert endless.mask.all()
@@ -202,55 +202,55 @@ def test_an_episode_that_does_not_end_is_that_which_ends_up_to_there(rng: np.ran
 
 
 @pytest.mark.parametrize("history", [1, 3])
-def test_the_same_batch_has_the_same_bits_however_it_is_split(rng: np.random.Generator, history: int) -> None:
+def test_splitting_a_batch_gives_bit_identical_rollouts(rng: np.random.Generator, history: int) -> None:
     inputs = Inputs(history=history, angles=(0.0,))
-    episodes = lived(rng, rows=40, ending=True)
+    episodes = simulated_episodes(rng, rows=40, ending=True)
     runner = ModelRunner(DynamicsModel.fit(episodes, inputs, SPACES, 40))
     policy, batch = policy_of(rng, inputs), batch_of(13)
     whole = runner.collect(policy, batch)
-    assert_same_bits(whole, runner.collect(policy, batch))
+    assert_bit_identical(whole, runner.collect(policy, batch))
     for parts in (2, 13):
         first, *rest = (runner.collect(policy, part) for part in batch.split(parts))
-        assert_same_bits(whole, sum(rest, start=first))
+        assert_bit_identical(whole, sum(rest, start=first))
 
 
-def test_angles_come_round(rng: np.random.Generator) -> None:
+def test_angles_are_periodic(rng: np.random.Generator) -> None:
     def spin(observations: np.ndarray, actions: np.ndarray) -> np.ndarray:
         return observations * [1.0, 0.5] + [0.7, 0.0] + np.clip(actions, -1.0, 1.0) * [[0.1, 0.2]]
 
     inputs = Inputs(angles=(0.0,))
-    model = DynamicsModel.fit(lived(rng, spin, 100, turning=True), inputs, SPACES, 40)
-    imagined = ModelRunner(model).collect(policy_of(rng, inputs), batch_of(50, horizon=30))
-    angles = imagined.observations[:, :, 0]
+    model = DynamicsModel.fit(simulated_episodes(rng, spin, 100, turning=True), inputs, SPACES, 40)
+    rollouts = ModelRunner(model).collect(policy_of(rng, inputs), batch_of(50, horizon=30))
+    angles = rollouts.observations[:, :, 0]
     assert ((-np.pi <= angles) & (angles < np.pi)).all()
-    now, actions, following = transitions(imagined)
+    now, actions, following = transitions(rollouts)
     turned = np.remainder(following[:, 0] - spin(now, actions)[:, 0] + np.pi, 2 * np.pi) - np.pi
     np.testing.assert_allclose(turned, 0.0, atol=6 * NOISE[0])
-    assert (np.abs(following[:, 0] - now[:, 0]) > np.pi).mean() > 0.05  # many came round
+    assert (np.abs(following[:, 0] - now[:, 0]) > np.pi).mean() > 0.05  # many crossed the boundary
     assert (now[:, 1] >= model.low[1]).all()
     assert (now[:, 1] <= model.high[1]).all()
 
 
-def test_changes_are_functions_of_the_windows_that_the_policy_sees(rng: np.random.Generator) -> None:
+def test_changes_are_functions_of_the_policy_inputs(rng: np.random.Generator) -> None:
     inputs = Inputs(history=3, angles=(0.0,))
-    model = DynamicsModel.fit(lived(rng, rows=30), inputs, SPACES, 40)
+    model = DynamicsModel.fit(simulated_episodes(rng, rows=30), inputs, SPACES, 40)
     still = model.state_delta.coefficients._replace(noise=np.zeros(2))
     model = replace(model, state_delta=replace(model.state_delta, coefficients=still))
     policy = policy_of(rng, inputs)
-    imagined = ModelRunner(model, caution=0.0).collect(policy, batch_of(10))
-    windows = inputs.unfold(imagined.observations, imagined.actions)
+    rollouts = ModelRunner(model, caution=0.0).collect(policy, batch_of(10))
+    windows = inputs.unfold(rollouts.observations, rollouts.actions)
     explored = policy.exploration(batch_of(10))
     for t in range(HORIZON):
-        np.testing.assert_array_equal(imagined.actions[:, t], policy.act(windows[:, t], explored[:, t]))
-    now, actions, following = transitions(imagined)
-    points = points_of(imagined.flat(windows), actions, SPACES)
+        np.testing.assert_array_equal(rollouts.actions[:, t], policy.act(windows[:, t], explored[:, t]))
+    now, actions, following = transitions(rollouts)
+    points = points_of(rollouts.flat(windows), actions, SPACES)
     expected = model.state_delta.mean(points)
     np.testing.assert_allclose(model.predict(now, points[:, -1:], expected), following, atol=1e-9)
     earned = model.rewards.mean(points)[:, 0]
-    np.testing.assert_allclose(imagined.flat(imagined.rewards), np.clip(earned, *model.reward_range), atol=1e-9)
+    np.testing.assert_allclose(rollouts.flat(rollouts.rewards), np.clip(earned, *model.reward_range), atol=1e-9)
 
 
-def test_what_is_seen_on_a_circle_is_imagined_on_it(rng: np.random.Generator) -> None:
+def test_rollouts_stay_on_circles(rng: np.random.Generator) -> None:
     def turn(observations: np.ndarray, actions: np.ndarray) -> np.ndarray:
         angle = np.arctan2(observations[:, 1], observations[:, 0]) + 0.3 * np.clip(actions[:, 0], -1.0, 1.0)
         return np.column_stack([np.cos(angle), np.sin(angle)])
@@ -266,30 +266,28 @@ def test_what_is_seen_on_a_circle_is_imagined_on_it(rng: np.random.Generator) ->
         observations[:, :-1], actions, observations[:, 1:, 0], mask, observations[rows, -1], ~mask[:, 0]
     )
     model = DynamicsModel.fit(episodes, Inputs(), SPACES, 40)
-    imagined = ModelRunner(model).collect(policy_of(rng), batch_of(20, horizon=HORIZON))
-    now, done, following = transitions(imagined)
+    rollouts = ModelRunner(model).collect(policy_of(rng), batch_of(20, horizon=HORIZON))
+    now, done, following = transitions(rollouts)
     np.testing.assert_allclose(np.hypot(*following.T), 1.0, atol=1e-9)
     np.testing.assert_allclose(following, turn(now, done), atol=0.02)
 
 
 @pytest.mark.parametrize("follow", [False, True])
-def test_rewards_of_where_a_step_leads_are_told_from_those_of_where_it_begins(
-    rng: np.random.Generator, follow: bool
-) -> None:
-    episodes = lived(rng)
+def test_rewards_of_current_and_next_observations_are_distinguished(rng: np.random.Generator, follow: bool) -> None:
+    episodes = simulated_episodes(rng)
     now, actions, following = transitions(episodes)
     rewards = reward(following if follow else now, actions).reshape(episodes.rewards.shape)
     model = DynamicsModel.fit(replace(episodes, rewards=rewards), Inputs(), SPACES, 50)
     assert model.reward_depends_on_next is follow
-    imagined = ModelRunner(model).collect(policy_of(rng), batch_of(50))
-    now, actions, following = transitions(imagined)
+    rollouts = ModelRunner(model).collect(policy_of(rng), batch_of(50))
+    now, actions, following = transitions(rollouts)
     inside = ((model.clip_to_observed(now) == now) & (model.clip_to_observed(following) == following)).all(axis=1)
     expected = np.clip(reward(following if follow else now, actions), *model.reward_range)
-    np.testing.assert_allclose(imagined.flat(imagined.rewards)[inside], expected[inside], atol=0.1)
+    np.testing.assert_allclose(rollouts.flat(rollouts.rewards)[inside], expected[inside], atol=0.1)
 
 
-def test_what_is_imagined_goes_a_quarter_beyond_what_was_seen(rng: np.random.Generator) -> None:
-    model = DynamicsModel.fit(lived(rng, rows=5), Inputs(), SPACES, 20)
+def test_rollouts_exceed_the_observed_range_by_at_most_a_quarter(rng: np.random.Generator) -> None:
+    model = DynamicsModel.fit(simulated_episodes(rng, rows=5), Inputs(), SPACES, 20)
     far = model.predict(np.zeros((2, 2)), np.zeros((2, 1)), np.array([[1e3, 1e3], [-1e3, -1e3]]))
     size = model.high - model.low
     np.testing.assert_allclose(far, [model.high + 0.25 * size, model.low - 0.25 * size], rtol=1e-12)
@@ -303,21 +301,21 @@ def test_what_is_imagined_goes_a_quarter_beyond_what_was_seen(rng: np.random.Gen
         (lambda place, push: np.full(push.shape, -0.7), True),
         (lambda place, push: -(push**2) - 0.3 * push, True),
         (lambda place, push: 2.0 - np.abs(push), True),
-        (lambda place, push: -(push**2) + 100.0 * (place == place.max()), False),  # that one step of 720 came across
+        (lambda place, push: -(push**2) + 100.0 * (place == place.max()), False),  # which one step of 720 reached
         (lambda place, push: 0.2 * place - push**2, False),
     ],
     ids=["nothing", "square", "size", "a goal", "a slope"],
 )
-def test_places_are_alike_until_another_was_better_than_what_its_action_costs(
+def test_rewards_depend_on_actions_only_until_a_state_is_better(
     rng: np.random.Generator, earned: Step, alike: bool, size: float
 ) -> None:
-    episodes = lived(rng)
+    episodes = simulated_episodes(rng)
     place, push = episodes.observations[..., 0], np.clip(episodes.actions[..., 0], -1.0, 1.0)
     assert reward_depends_on_action_only(replace(episodes, rewards=size * earned(place, push)), SPACES) == alike
 
 
-def test_places_differ_where_the_task_ends_episodes(rng: np.random.Generator) -> None:
-    episodes = lived(rng, ending=True)
+def test_rewards_do_not_depend_on_actions_only_if_the_task_terminates_episodes(rng: np.random.Generator) -> None:
+    episodes = simulated_episodes(rng, ending=True)
     assert episodes.terminated.any()
     same = replace(episodes, rewards=episodes.mask.astype(float))
     assert not reward_depends_on_action_only(same, SPACES)

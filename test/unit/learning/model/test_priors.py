@@ -1,4 +1,4 @@
-"""What is known of a task takes the place of what is learnt, and functions that fail are named."""
+"""Priors replace learnt parts of the model, and errors name the failing function."""
 
 import sys
 from dataclasses import replace
@@ -25,8 +25,8 @@ from test.unit.learning.model.test_model_rollouts import (
     SPACES,
     batch_of,
     linear,
-    lived,
     policy_of,
+    simulated_episodes,
     transitions,
 )
 from test.unit.learning.model.test_model_rollouts import reward as task_reward
@@ -46,7 +46,7 @@ def moved(observations: np.ndarray, actions: np.ndarray) -> np.ndarray:
     return linear(observations, actions) - observations
 
 
-KNOWN_CHANGE = Priors(dynamics_fn=moved)
+PRIOR_DYNAMICS = Priors(dynamics_fn=moved)
 
 
 @pytest.fixture
@@ -67,33 +67,33 @@ def functions(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return module
 
 
-def test_known_rewards_and_ends_are_those_of_the_task_to_the_bit(rng: np.random.Generator) -> None:
-    known = Priors(reward_fn=paid, termination_fn=over)
-    model = DynamicsModel.fit(lived(rng, rows=10, ending=True), Inputs(), SPACES, 30, known)
-    imagined = ModelRunner(model).collect(policy_of(rng), batch_of(80))
-    now, actions, following = transitions(imagined)
-    np.testing.assert_array_equal(imagined.flat(imagined.rewards), paid(now, np.clip(actions, -1, 1), following))
-    assert 0.1 < imagined.terminated.mean() < 1.0
-    np.testing.assert_array_equal(imagined.terminated, over(imagined.final_observations))
-    assert (imagined.mask.sum(axis=1)[~imagined.terminated] == HORIZON).all()
+def test_prior_rewards_and_termination_match_the_task_exactly(rng: np.random.Generator) -> None:
+    priors = Priors(reward_fn=paid, termination_fn=over)
+    model = DynamicsModel.fit(simulated_episodes(rng, rows=10, ending=True), Inputs(), SPACES, 30, priors)
+    rollouts = ModelRunner(model).collect(policy_of(rng), batch_of(80))
+    now, actions, following = transitions(rollouts)
+    np.testing.assert_array_equal(rollouts.flat(rollouts.rewards), paid(now, np.clip(actions, -1, 1), following))
+    assert 0.1 < rollouts.terminated.mean() < 1.0
+    np.testing.assert_array_equal(rollouts.terminated, over(rollouts.final_observations))
+    assert (rollouts.mask.sum(axis=1)[~rollouts.terminated] == HORIZON).all()
 
 
-def test_of_changes_that_are_known_only_the_noise_is_left(rng: np.random.Generator) -> None:
-    before, after = lived(rng, rows=6), lived(rng, rows=20)
-    known = prediction_test(before, after, Inputs(), SPACES, 30, KNOWN_CHANGE)
+def test_prior_dynamics_leave_only_the_noise(rng: np.random.Generator) -> None:
+    before, after = simulated_episodes(rng, rows=6), simulated_episodes(rng, rows=20)
+    prior = prediction_test(before, after, Inputs(), SPACES, 30, PRIOR_DYNAMICS)
     now, actions, following = transitions(after)
     noise = (following - linear(now, actions)) / (following - now).std(axis=0)
-    assert known.error == pytest.approx(float(np.sqrt(np.mean(noise**2))), rel=0.1)
-    few = lived(rng, rows=1)
-    known, learnt = (prediction_test(few, after, Inputs(), SPACES, 30, parts) for parts in (KNOWN_CHANGE, Priors()))
-    assert known.error < learnt.error  # of a dozen steps of a linear system little is left but noise, either way
+    assert prior.error == pytest.approx(float(np.sqrt(np.mean(noise**2))), rel=0.1)
+    few = simulated_episodes(rng, rows=1)
+    prior, learnt = (prediction_test(few, after, Inputs(), SPACES, 30, parts) for parts in (PRIOR_DYNAMICS, Priors()))
+    assert prior.error < learnt.error  # a dozen steps determine a linear system well, so the difference is small
 
 
-def test_a_known_part_and_a_learnt_rest_make_the_whole(rng: np.random.Generator) -> None:
+def test_prior_and_learnt_dynamics_add_up(rng: np.random.Generator) -> None:
     half = Priors(dynamics_fn=lambda observations, actions: 0.5 * moved(observations, actions))
-    model = DynamicsModel.fit(lived(rng, rows=40), Inputs(), SPACES, 40, half)
-    imagined = ModelRunner(model, caution=0.0).collect(policy_of(rng), batch_of(50))
-    now, actions, following = transitions(imagined)
+    model = DynamicsModel.fit(simulated_episodes(rng, rows=40), Inputs(), SPACES, 40, half)
+    rollouts = ModelRunner(model, caution=0.0).collect(policy_of(rng), batch_of(50))
+    now, actions, following = transitions(rollouts)
     inside = (np.abs(following[:, 0]) < 0.9 * model.high[0]) & (np.abs(following[:, 1]) < 0.9 * model.high[1])
     np.testing.assert_allclose(following[inside], linear(now, actions)[inside], atol=0.3)
 
@@ -105,31 +105,31 @@ def test_a_known_part_and_a_learnt_rest_make_the_whole(rng: np.random.Generator)
         ("not_finite", "model.reward_fn: known_task:not_finite: values: expected finite numbers"),
         ("narrow", "model.reward_fn: known_task:narrow: values: expected "),
         ("exits", "model.reward_fn: known_task:exits: SystemExit: 0"),
-        ("giant", "model.reward_fn: known_task:giant: values: expected at most 1e\\+100"),
+        ("giant", "model.reward_fn: known_task:giant: values: expected magnitudes of at most 1e\\+100"),
         ("column", r"model.reward_fn: known_task:column: values: expected the shape \(24,\), got \(24, 1\)"),
     ],
 )
-def test_a_function_that_fails_is_named(
+def test_the_error_names_a_failing_function(
     functions: ModuleType, rng: np.random.Generator, name: str, message: str
 ) -> None:
-    known = ModelBased(reward_fn=f"known_task:{name}").priors(2)
-    model = DynamicsModel.fit(lived(rng, rows=3), Inputs(), SPACES, 10, known)
+    priors = ModelBased(reward_fn=f"known_task:{name}").priors(2)
+    model = DynamicsModel.fit(simulated_episodes(rng, rows=3), Inputs(), SPACES, 10, priors)
     with pytest.raises(RunError, match=message):
         ModelRunner(model).collect(policy_of(rng), batch_of(2))
 
 
-def test_an_end_is_true_or_false(functions: ModuleType) -> None:
-    known = ModelBased(termination_fn="known_task:likely").priors(2)
-    assert known.termination_fn is not None
-    with pytest.raises(RunError, match=r"model.termination_fn: known_task:likely: values: expected 1 or 0"):
-        known.termination_fn(np.zeros((3, 2)))
+def test_termination_must_be_0_or_1(functions: ModuleType) -> None:
+    priors = ModelBased(termination_fn="known_task:likely").priors(2)
+    assert priors.termination_fn is not None
+    with pytest.raises(RunError, match=r"model.termination_fn: known_task:likely: values: expected 0 or 1"):
+        priors.termination_fn(np.zeros((3, 2)))
 
 
-def test_changes_whose_rows_are_columns_are_refused_though_they_are_as_many(functions: ModuleType) -> None:
-    known = ModelBased(dynamics_fn="known_task:turned").priors(2)
-    assert known.dynamics_fn is not None
+def test_transposed_changes_are_rejected(functions: ModuleType) -> None:
+    priors = ModelBased(dynamics_fn="known_task:turned").priors(2)
+    assert priors.dynamics_fn is not None
     with pytest.raises(RunError, match=r"model.dynamics_fn: known_task:turned: values: .*\(3, 2\), got \(2, 3\)"):
-        known.dynamics_fn(np.zeros((3, 2)), np.zeros((3, 1)))
+        priors.dynamics_fn(np.zeros((3, 2)), np.zeros((3, 1)))
 
 
 @pytest.mark.parametrize(
@@ -140,14 +140,14 @@ def test_changes_whose_rows_are_columns_are_refused_though_they_are_as_many(func
         ("no_such_module:f", "model.termination_fn: expected an importable module 'no_such_module'"),
     ],
 )
-def test_a_run_does_not_begin_without_its_functions(functions: ModuleType, name: str, message: str) -> None:
+def test_a_run_does_not_start_without_its_functions(functions: ModuleType, name: str, message: str) -> None:
     config = load_config(CONFIG, [f"model.termination_fn={name}"])
     environment = config.environment
     with pytest.raises(ValueError, match=message):
         next(train(config.training, InlineRunner(Simulation(environment.id, environment.options))))
 
 
-def test_users_functions_cannot_change_what_is_imagined(functions: ModuleType, rng: np.random.Generator) -> None:
+def test_user_functions_cannot_change_rollouts(functions: ModuleType, rng: np.random.Generator) -> None:
     def spoils(observations: np.ndarray, actions: np.ndarray, following: np.ndarray) -> np.ndarray:
         values = task_reward(observations, actions)
         observations[:], actions[:], following[:] = 7.0, 7.0, 7.0
@@ -157,8 +157,8 @@ def test_users_functions_cannot_change_what_is_imagined(functions: ModuleType, r
     vars(functions)["clean"] = lambda o, a, f: task_reward(o, a)
     runs = []
     for name in ("spoils", "clean"):
-        known = replace(ModelBased(), reward_fn=f"known_task:{name}").priors(2)
-        model = DynamicsModel.fit(lived(np.random.default_rng(3), rows=5), Inputs(), SPACES, 20, known)
+        priors = replace(ModelBased(), reward_fn=f"known_task:{name}").priors(2)
+        model = DynamicsModel.fit(simulated_episodes(np.random.default_rng(3), rows=5), Inputs(), SPACES, 20, priors)
         runs.append(ModelRunner(model).collect(policy_of(np.random.default_rng(4)), batch_of(5)))
     np.testing.assert_array_equal(runs[0].observations, runs[1].observations)
     np.testing.assert_array_equal(runs[0].actions, runs[1].actions)

@@ -1,4 +1,4 @@
-"""Changes of observations: angles and points of circles come round, the rest is a difference."""
+"""Changes of observations: angles and circles are periodic, other columns have plain differences."""
 
 import numpy as np
 import pytest
@@ -12,35 +12,35 @@ def on_circle(angles: np.ndarray, radius: float = 1.0) -> np.ndarray:
     return radius * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
-def seen(rng: np.random.Generator, n: int = 50, radius: float = 1.0) -> np.ndarray:
-    """Return observations of cosine, a number, sine and an angle."""
+def observed(rng: np.random.Generator, n: int = 50, radius: float = 1.0) -> np.ndarray:
+    """Return observations with a cosine, a number, a sine and an angle."""
     cosine, sine = on_circle(rng.uniform(-np.pi, np.pi, n), radius).T
     return np.column_stack([cosine, rng.normal(size=n), sine, rng.uniform(-np.pi, np.pi, n)])
 
 
-def test_circles_are_found(rng: np.random.Generator) -> None:
-    motion = StateCoordinates.of(seen(rng).astype(np.float32).astype(float), [3])
-    assert motion.circles == ((0, 2),)
-    assert motion.columns == [0, 1, 3]
-    assert sorted(motion.periodic) == [0, 2, 3]
+def test_circles_are_detected(rng: np.random.Generator) -> None:
+    coordinates = StateCoordinates.of(observed(rng).astype(np.float32).astype(float), [3])
+    assert coordinates.circles == ((0, 2),)
+    assert coordinates.columns == [0, 1, 3]
+    assert sorted(coordinates.periodic) == [0, 2, 3]
 
 
-def test_two_circles_are_told_apart(rng: np.random.Generator) -> None:
+def test_two_circles_are_distinguished(rng: np.random.Generator) -> None:
     one, other = (on_circle(rng.uniform(-3, 3, 50)) for _ in range(2))
     observations = np.column_stack([one[:, 0], other[:, 0], one[:, 1], other[:, 1]])
     assert StateCoordinates.of(observations).circles == ((0, 2), (1, 3))
 
 
 @pytest.mark.parametrize("size", [1024.0, 1 / 1024])
-def test_units_do_not_matter(rng: np.random.Generator, size: float) -> None:
-    before, after = seen(rng), seen(rng)
+def test_circles_are_detected_in_any_units(rng: np.random.Generator, size: float) -> None:
+    before, after = observed(rng), observed(rng)
     plain, scaled = StateCoordinates.of(before), StateCoordinates.of(size * before)
     assert plain.circles == scaled.circles == ((0, 2),)
     change = plain.difference(before, after)
     np.testing.assert_array_equal(scaled.difference(size * before, size * after)[:, [0, 2]], change[:, [0, 2]])
 
 
-def test_what_only_looks_like_a_circle_is_none(rng: np.random.Generator) -> None:
+def test_pairs_that_are_not_circles_are_not_detected(rng: np.random.Generator) -> None:
     flags = np.eye(2)[rng.integers(2, size=50)]
     assert StateCoordinates.of(flags).circles == ()
     near = on_circle(rng.uniform(-3, 3, 200)) * rng.uniform(0.999, 1.001, (200, 1))
@@ -49,19 +49,19 @@ def test_what_only_looks_like_a_circle_is_none(rng: np.random.Generator) -> None
 
 
 @given(seed=st.integers(0, 1000))
-def test_a_change_leads_to_where_it_came_from(seed: int) -> None:
+def test_add_inverts_difference(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    before, after = seen(rng, 20), seen(rng, 20)
-    motion = StateCoordinates(4, [3], ((0, 2),))
-    changes = motion.difference(before, after)
+    before, after = observed(rng, 20), observed(rng, 20)
+    coordinates = StateCoordinates(4, [3], ((0, 2),))
+    changes = coordinates.difference(before, after)
     assert (np.abs(changes[:, [0, 3]]) <= np.pi).all()
     np.testing.assert_array_equal(changes[:, 2], 0.0)
-    np.testing.assert_allclose(motion.add(before, changes), after, atol=1e-12)
+    np.testing.assert_allclose(coordinates.add(before, changes), after, atol=1e-12)
 
 
-def test_what_moves_stays_on_its_circle(rng: np.random.Generator) -> None:
-    now, motion = seen(rng), StateCoordinates(4, [3], ((0, 2),))
+def test_changed_observations_stay_on_their_circle(rng: np.random.Generator) -> None:
+    now, coordinates = observed(rng), StateCoordinates(4, [3], ((0, 2),))
     for _ in range(1000):
-        now = motion.add(now, rng.normal(size=now.shape))
+        now = coordinates.add(now, rng.normal(size=now.shape))
     np.testing.assert_allclose(np.hypot(now[:, 0], now[:, 2]), 1.0, atol=1e-12)
     assert (np.abs(now[:, 3]) <= np.pi).all()
