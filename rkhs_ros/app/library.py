@@ -201,7 +201,7 @@ def _check_order(environment: object) -> None:
     if isinstance(environment, str) and environment in ALGORITHMS:
         kind = ALGORITHMS[environment]
     hint = f"the algorithm {kind.__name__}. Pass the environment first: train(environment, {kind.__name__}())"
-    expected = "an id, an environment, or a function that makes one"
+    expected = "an id, an environment, or a function that returns one"
     require(not issubclass(kind, Algorithm), "environment", expected, hint)
 
 

@@ -1,22 +1,22 @@
-"""How the episodes of a batch are shared among simulators of different speed."""
+"""Distribution of the episodes of a batch among simulators of different throughput."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-ALIKE = 2.0  # times as long as the quickest, within which simulators count as equally quick
-FIRST_PATIENCE, MOST_PATIENCE = 10, 160  # batches without episodes for a simulator, after which it is tried again
+ALIKE = 2.0  # simulators that take at most this multiple of the fastest one's time count as equally fast
+FIRST_PATIENCE, MOST_PATIENCE = 10, 160  # batches without episodes until a slow simulator is tried again
 
 
 @dataclass
 class EpisodeTiming:
-    """How quick a simulator was when it was asked last.
+    """Last measured episode time of a simulator.
 
     Attributes:
-        seconds: for each of its episodes; 0 where it is not known.
-        waits: batches that went without it since.
-        patience: batches that may, before what is known of it is forgotten; twice as many each time.
+        seconds: time per episode; 0 if unknown.
+        waits: number of batches without this simulator since then.
+        patience: number of such batches until the time is discarded; doubles each time.
     """
 
     seconds: float = 0.0
@@ -25,46 +25,45 @@ class EpisodeTiming:
 
     @property
     def is_new(self) -> bool:
-        """Whether no batch went without it yet."""
+        """Whether the simulator took part in every batch so far."""
         return (self.waits, self.patience) == (0, FIRST_PATIENCE)
 
     def took(self, seconds: float, episodes: int) -> None:
-        """Note how long it took for so many episodes."""
+        """Store the time for a number of episodes."""
         self.seconds, self.waits = seconds / episodes, 0
 
     def left_out(self) -> None:
-        """Note that a batch went without it; after a while what is known of it is forgotten."""
+        """Count a batch without this simulator; discard its time when the patience ends."""
         self.waits += 1
         if self.waits >= self.patience:
             self.seconds, self.waits, self.patience = 0.0, 0, min(2 * self.patience, MOST_PATIENCE)
 
 
 def share(episodes: int, capacities: Sequence[int], seconds: Sequence[float]) -> list[int]:
-    """Return how many episodes each simulator is to make side by side, so that all have ended soonest.
+    """Return the number of parallel episodes for each simulator that maximises the throughput.
 
-    Where there is not room for all, fewer are shared, and simulators that the others would wait for get none.
+    If the capacity is too small for all episodes, the result contains fewer. A simulator that would delay the others
+    gets no episodes.
 
     Args:
-        episodes: number of all.
-        capacities: of the simulators, how many each has room for, at least 1.
-        seconds: of the simulators, seconds for an episode; 0 where it is not known.
+        episodes: total number of episodes.
+        capacities: maximum number of parallel episodes of each simulator, at least 1.
+        seconds: time per episode of each simulator; 0 if unknown.
     """
     known = _evened(seconds)
-    order = sorted(range(len(capacities)), key=known.__getitem__)  # the quickest first; in their order where alike
-    shares = [_side_by_side(episodes, capacities, known, order[:count]) for count in range(1, len(capacities) + 1)]
+    order = sorted(range(len(capacities)), key=known.__getitem__)  # fastest first; stable for equal times
+    shares = [_assigned(episodes, capacities, known, order[:count]) for count in range(1, len(capacities) + 1)]
     return min(reversed(shares), key=lambda counts: _seconds(counts, known) / sum(counts))
 
 
 def _evened(seconds: Sequence[float]) -> list[float]:
-    """Return the seconds, all the same where they are nearly; one that is not known is as the quickest."""
+    """Return the times, with unknown times and those close to the fastest one set to the fastest one."""
     quickest = min((each for each in seconds if each > 0), default=1.0)
     return [quickest if each <= ALIKE * quickest else each for each in seconds]
 
 
-def _side_by_side(
-    episodes: int, capacities: Sequence[int], seconds: Sequence[float], chosen: Sequence[int]
-) -> list[int]:
-    """Share as many as there is room for among those chosen, each to who would have made it first."""
+def _assigned(episodes: int, capacities: Sequence[int], seconds: Sequence[float], chosen: Sequence[int]) -> list[int]:
+    """Assign episodes greedily to the chosen simulator that would finish first, up to the capacity."""
     counts = [0] * len(capacities)
     for _ in range(min(episodes, sum(capacities[i] for i in chosen))):
         free = [i for i in chosen if counts[i] < capacities[i]]

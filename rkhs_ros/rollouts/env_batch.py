@@ -1,4 +1,4 @@
-"""The rows of a batch: copies of an environment stepped one by one, or the rows of one vector environment."""
+"""Batches of environments: copies of an environment that are stepped one by one, or one vector environment."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from rkhs_ros.rkhs.kernels import Array
 Flags = NDArray[np.bool_]
 AnyEnv = Env[Any, Any]
 AnyVectorEnv = VectorEnv[Any, Any, Any]
-# In place of a seed: the row begins anew, its random stream going on as it is; or its episode goes on.
-GOES_ON, KEPT = -1, -2
-MOST_COPIES = 32  # of an environment side by side; more of them save nothing
-MOST_VECTORS = 8  # vector environments kept; more than a run has kinds of batches
+# Instead of a seed: reset the environment without a new seed, or continue its episode.
+CONTINUE_STREAM, CONTINUE_EPISODE = -1, -2
+MOST_COPIES = 32  # of an environment in a batch; more copies do not save time
+MOST_VECTORS = 8  # cached vector environments; more than a run has kinds of batches
 
 
 class Step(NamedTuple):
-    """What the rows showed after a step.
+    """Result of a step of a batch of environments.
 
     Attributes:
-        observations: shape (rows, d).
-        rewards: shape (rows,).
-        terminated: True in rows whose episode ended by the task, shape (rows,).
-        truncated: True in rows whose episode was cut off, shape (rows,).
+        observations: observations after the step, shape (num_envs, d).
+        rewards: rewards of the step, shape (num_envs,).
+        terminated: True if the task ended the episode, shape (num_envs,).
+        truncated: True if the episode was cut off, shape (num_envs,).
     """
 
     observations: Array
@@ -45,14 +45,14 @@ class Step(NamedTuple):
 
 
 class EnvBatch(Protocol):
-    """Rows of one environment that run side by side.
+    """Batch of equal environments.
 
     Attributes:
-        observed: observation space of one row, as the environment has it.
-        observation_space: of one row, a dictionary or tuple being flattened.
-        action_space: of one row.
-        shown: the environment of the first row, or of all, to look at.
-        current: the row that is being reset or stepped; None where all are at once.
+        observed: original observation space of one environment.
+        observation_space: observation space of one environment, flattened if it is a dictionary or tuple.
+        action_space: action space of one environment.
+        shown: the first environment, or the vector environment, for viewers.
+        current: index of the environment that is being reset or stepped; None if all are stepped together.
     """
 
     observed: Space[Any]
@@ -64,31 +64,31 @@ class EnvBatch(Protocol):
     def shown(self) -> AnyEnv | AnyVectorEnv: ...  # noqa: D102
 
     def capacity(self, num_envs: int) -> int:
-        """Return how many of the environments can run side by side."""
+        """Return how many of the environments can run in one batch."""
 
     def reset(self, seeds: list[int], horizon: int) -> Array:
-        """Begin an episode in as many rows as there are seeds; return the observations, shape (rows, d).
+        """Reset one environment per seed; return the observations, shape (num_envs, d).
 
-        A seed may be `GOES_ON` or `KEPT`; the observations of rows that are kept mean nothing.
+        A seed may be `CONTINUE_STREAM` or `CONTINUE_EPISODE`; the observation for the latter is undefined.
         """
 
     def step(self, actions: NDArray[Any], active: Flags) -> Step:
-        """Make a step with actions of shape ``(rows, *shape)``; what rows show that are not active means nothing."""
+        """Step with actions of shape ``(num_envs, *shape)``; the result of an inactive environment is undefined."""
 
     def close(self) -> None:
         """Close the environments."""
 
 
 class SeparateEnvs:
-    """Copies of an ordinary environment; only those are stepped whose episode goes on.
+    """Copies of an ordinary environment; only active ones are stepped.
 
-    Owns the copies, which are made when they are first needed. Where another one cannot be made, as of a robot, the
-    episodes run one after the other.
+    Owns the copies, which are created when needed. If no further copy can be created, for example of hardware, the
+    batches become smaller.
 
     Args:
-        make: makes a copy.
-        name: of the environment, for messages.
-        most: copies at most; 0 for as many as the environment's metadata ``num_envs`` says, or any number.
+        make: function that creates a copy.
+        name: name of the environment, for messages.
+        most: maximum number of copies; 0 for ``num_envs`` of the environment's metadata, or any number.
     """
 
     def __init__(self, make: Callable[[], AnyEnv], name: str, most: int = 0) -> None:
@@ -105,11 +105,11 @@ class SeparateEnvs:
 
     @property
     def shown(self) -> AnyEnv:
-        """The environment of the first row."""
+        """The first environment."""
         return self._copies[0]
 
     def capacity(self, num_envs: int) -> int:
-        """Return how many of the environments can run side by side, having made the copies."""
+        """Return how many of the environments can run in one batch, and create the copies."""
         while len(self._copies) < min(num_envs, self._most):
             try:
                 self._copies.append(self._another())
@@ -118,8 +118,8 @@ class SeparateEnvs:
             except BaseException as error:
                 self._most = len(self._copies)
                 print(
-                    f"warning: {self._name}: no more than {self._most} at a time, as another copy could not be made "
-                    f"({type(error).__name__}: {truncated(error)}); environment.num_envs={self._most} says so",
+                    f"warning: {self._name}: limited to {self._most} at a time, since no further copy can be created "
+                    f"({type(error).__name__}: {truncated(error)}). Set environment.num_envs={self._most} to hide this",
                     file=sys.stderr,
                 )
         return min(num_envs, self._most)
@@ -127,32 +127,32 @@ class SeparateEnvs:
     def _another(self) -> AnyEnv:
         copy = _flat(self._make())
         if any(copy.unwrapped is made.unwrapped for made in self._copies):
-            raise ValueError("expected a new environment each time, got the same again")
+            raise ValueError("expected a new environment from each call, got the same one again")
         return copy
 
     def reset(self, seeds: list[int], horizon: int) -> Array:
-        """Begin an episode in as many rows as there are seeds; return the observations, shape (rows, d)."""
+        """Reset one environment per seed; return the observations, shape (num_envs, d)."""
         first: list[Array] = []
         for self.current, seed in enumerate(seeds):
-            if seed == KEPT:
+            if seed == CONTINUE_EPISODE:
                 first.append(self._observations[self.current])
             else:
-                given = None if seed == GOES_ON else seed
-                first.append(self._row(self._copies[self.current].reset(seed=given)[0]))
+                given = None if seed == CONTINUE_STREAM else seed
+                first.append(self._real(self._copies[self.current].reset(seed=given)[0]))
         self._observations = np.stack(first)
         return self._observations.copy()
 
     def step(self, actions: NDArray[Any], active: Flags) -> Step:
-        """Make a step in the rows that are active, with actions of shape ``(rows, *shape)``."""
-        rows = len(self._observations)
-        result = Step(self._observations, np.zeros(rows), np.zeros(rows, dtype=bool), np.zeros(rows, dtype=bool))
-        for row in np.flatnonzero(active).tolist():
-            self.current = row
-            # With the dots a single number is an array, too, as its space has it.
-            observation, reward, terminated, truncated, _ = self._copies[row].step(actions[row, ...])
-            self._observations[row] = self._row(observation)
-            result.rewards[row] = np.asarray(reward, dtype=np.float64).item()  # some have it as an array of one
-            result.terminated[row], result.truncated[row] = terminated, truncated
+        """Step the active environments with actions of shape ``(num_envs, *shape)``."""
+        count = len(self._observations)
+        result = Step(self._observations, np.zeros(count), np.zeros(count, dtype=bool), np.zeros(count, dtype=bool))
+        for i in np.flatnonzero(active).tolist():
+            self.current = i
+            # The ellipsis keeps an action of shape () an array, like in its space.
+            observation, reward, terminated, truncated, _ = self._copies[i].step(actions[i, ...])
+            self._observations[i] = self._real(observation)
+            result.rewards[i] = np.asarray(reward, dtype=np.float64).item()  # some environments return an array of one
+            result.terminated[i], result.truncated[i] = terminated, truncated
         return result._replace(observations=self._observations.copy())
 
     def close(self) -> None:
@@ -160,20 +160,21 @@ class SeparateEnvs:
         for copy in self._copies:
             copy.close()
 
-    def _row(self, observation: Any) -> Array:
-        row = _real(observation, self.observation_space.dtype)
-        _check_size(row.shape, self.observation_space)
-        return row.astype(np.float64).ravel()
+    def _real(self, observation: Any) -> Array:
+        array = _real(observation, self.observation_space.dtype)
+        _check_size(array.shape, self.observation_space)
+        return array.astype(np.float64).ravel()
 
 
 class VectorEnvBatch:
-    """The rows of one vector environment.
+    """Environments of a vector environment.
 
-    Owns the vector environments, one for each size of a batch, or one for all.
+    Owns the vector environments: one for each size of a batch, or a given one for all sizes.
 
     Args:
-        make: makes one of so many rows and steps, or is a vector environment for all batches.
-        most: rows at most; 0 for any number.
+        make: function of the number of environments and the horizon that creates a vector environment, or a vector
+            environment for all batches.
+        most: maximum number of environments; 0 for any number.
     """
 
     def __init__(self, make: Callable[[int, int], AnyVectorEnv] | AnyVectorEnv, most: int = 0) -> None:
@@ -187,111 +188,111 @@ class VectorEnvBatch:
 
     @property
     def shown(self) -> AnyVectorEnv:
-        """The environment of the batch that was begun last."""
+        """The vector environment of the last batch."""
         return self._current
 
     def capacity(self, num_envs: int) -> int:
-        """Return how many of the environments can run side by side."""
+        """Return how many of the environments can run in one batch."""
         return min(num_envs, self._most or num_envs)
 
     def reset(self, seeds: list[int], horizon: int) -> Array:
-        """Begin an episode in as many rows as there are seeds; return the observations, shape (rows, d)."""
+        """Reset one environment per seed; return the observations, shape (num_envs, d)."""
         self._current = self._vector(len(seeds), horizon)
-        self._rows = len(seeds)
-        spare = self._current.num_envs - self._rows  # of an environment whose size is its own
+        self._count = len(seeds)
+        spare = self._current.num_envs - self._count  # if the size of the vector environment is fixed
         seeds = seeds + seeds[-1:] * spare
         if min(seeds) >= 0:
             observations, _ = self._current.reset(seed=seeds)  # type: ignore[arg-type]
-        elif set(seeds) == {GOES_ON}:
+        elif set(seeds) == {CONTINUE_STREAM}:
             observations, _ = self._current.reset()
         else:
-            observations, _ = self._current.reset(options={"reset_mask": self._anew(seeds)})
+            observations, _ = self._current.reset(options={"reset_mask": self._reset_mask(seeds)})
         return self._flat(observations)
 
-    def _anew(self, seeds: list[int]) -> Flags:
-        """Return which rows begin anew while others go on.
+    def _reset_mask(self, seeds: list[int]) -> Flags:
+        """Return which environments are reset while the others continue.
 
         Raises:
-            RunError: the environment cannot do that.
+            RunError: the vector environment does not support a partial reset.
         """
-        if self._mode != AutoresetMode.DISABLED or set(seeds) != {GOES_ON, KEPT}:
-            raise RunError("expected all rows to begin anew together, as this environment steps them together")
-        return np.array([seed == GOES_ON for seed in seeds])
+        if self._mode != AutoresetMode.DISABLED or set(seeds) != {CONTINUE_STREAM, CONTINUE_EPISODE}:
+            raise RunError("expected a reset of all environments, since this vector environment has no partial reset")
+        return np.array([seed == CONTINUE_STREAM for seed in seeds])
 
     @property
     def _mode(self) -> Any:
         return self._current.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP)
 
     def step(self, actions: NDArray[Any], active: Flags) -> Step:
-        """Make a step in all rows with actions of shape ``(rows, *shape)``."""
-        spare = self._current.num_envs - self._rows
+        """Step all environments with actions of shape ``(num_envs, *shape)``."""
+        spare = self._current.num_envs - self._count
         if spare:
             actions = np.concatenate([actions, np.repeat(actions[-1:], spare, axis=0)])
         observations, rewards, terminated, truncated, info = self._current.step(actions)
         if self._mode != AutoresetMode.NEXT_STEP:
-            observations = self._as_they_ended(observations, terminated | truncated, info)
-        rows = slice(self._rows)
+            observations = self._with_final(observations, terminated | truncated, info)
+        used = slice(self._count)
         rewards = np.asarray(rewards).reshape(len(actions))
-        return Step(self._flat(observations), rewards[rows], terminated[rows], truncated[rows])
+        return Step(self._flat(observations), rewards[used], terminated[used], truncated[used])
 
-    def _as_they_ended(self, observations: Any, ended: Flags, info: dict[str, Any]) -> Any:
-        """Return the observations, those of episodes that ended being their last, whichever way they begin anew."""
+    def _with_final(self, observations: Any, ended: Flags, info: dict[str, Any]) -> Any:
+        """Return the observations, with the final observation of each ended episode in every autoreset mode."""
         if not ended.any():
             return observations
         if self._mode == AutoresetMode.SAME_STEP:
             observations = np.array(observations)
             observations[ended] = np.stack(list(info["final_obs"][ended]))
             return observations
-        kept = np.array(observations)
+        final = np.array(observations)
         self._current.reset(options={"reset_mask": ended})
-        return kept
+        return final
 
     def _flat(self, observations: Any) -> Array:
         array = _real(observations, np.float64)
         _check_size(array.shape[1:], self.observation_space)
-        return array.reshape(len(array), -1)[: self._rows]
+        return array.reshape(len(array), -1)[: self._count]
 
     def close(self) -> None:
         """Close the vector environments."""
         for vector in self._vectors.values():
             vector.close()
 
-    def _vector(self, rows: int, horizon: int) -> AnyVectorEnv:
-        key = (0, 0) if isinstance(self._make, VectorEnv) else (rows, horizon)
+    def _vector(self, num_envs: int, horizon: int) -> AnyVectorEnv:
+        key = (0, 0) if isinstance(self._make, VectorEnv) else (num_envs, horizon)
         if key not in self._vectors:
             if len(self._vectors) >= MOST_VECTORS:
                 oldest = next(iter(self._vectors))
                 self._vectors.pop(oldest).close()
-            made = self._make if isinstance(self._make, VectorEnv) else self._make(rows, horizon)
+            made = self._make if isinstance(self._make, VectorEnv) else self._make(num_envs, horizon)
             self.observed = made.single_observation_space
             self._vectors[key] = _flat_vector(made)
         return self._vectors[key]
 
 
 def _real(observation: Any, kind: Any) -> NDArray[Any]:
-    """Return an observation as real numbers of that type, infinite where they are too large for it.
+    """Return an observation as real numbers of a type; numbers too large for the type become infinite.
 
     Raises:
-        RunError: they are something else.
+        RunError: the observation does not consist of real numbers.
     """
     array = np.asarray(observation)
     if array.dtype.kind not in REAL_KINDS:
         raise RunError(f"expected an observation of real numbers, got {array.dtype}")
     if array.dtype == kind:
         return array
-    with np.errstate(over="ignore"):  # what is infinite is refused by its row and step
+    with np.errstate(over="ignore"):  # the simulation reports infinite numbers with environment and step
         return array.astype(kind)
 
 
 def _num_envs(env: AnyEnv) -> int:
-    """Return how many copies an environment can have, as its metadata say; 0 for any number."""
+    """Return the maximum number of copies from the metadata of an environment; 0 for any number."""
     most = (env.metadata or {}).get("num_envs", 0)
     require(type(most) is int and most >= 0, "metadata: num_envs", "a whole number, 0 for any number", repr(most))
     return int(most)
 
 
 def _check_size(shape: tuple[int, ...], space: Space[Any]) -> None:
-    """Raise RunError where an observation has another number of numbers than its space."""
+    """Raise RunError if an observation has another size than its space."""
     expected = space.shape or ()
     if shape != expected and prod(shape) != prod(expected):
         raise RunError(f"expected an observation of shape {expected}, got one of {shape}")

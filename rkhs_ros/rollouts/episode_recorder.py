@@ -1,4 +1,4 @@
-"""How the steps of a batch become episodes."""
+"""Recorder that assembles the steps of a batch into episodes."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from rkhs_ros.rollouts.simulation import Frame
 
 
 class EpisodeRecorder:
-    """The episodes of a batch as they grow, step by step; what follows their end stays 0.
+    """Assembles the episodes of a batch step by step; entries after the end of an episode are 0.
 
     Args:
-        batch: the batch that is recorded.
-        spaces: of its task.
+        batch: the batch to record.
+        spaces: spaces of its task.
     """
 
     def __init__(self, batch: Batch, spaces: Spaces) -> None:
@@ -28,7 +28,7 @@ class EpisodeRecorder:
         self._mask = np.zeros(shape, dtype=bool)
 
     def observed(self, step: int, frame: Frame) -> None:
-        """Record what was seen before a step, and the rewards of the step before it."""
+        """Record the observations before a step, and the rewards of the previous step."""
         if step < self._horizon:
             np.copyto(self._observations[:, step], frame.observations, where=frame.active[:, None])
             self._mask[:, step] = frame.active

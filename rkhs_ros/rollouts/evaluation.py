@@ -1,4 +1,4 @@
-"""What evaluation episodes of a policy come to."""
+"""Statistics of the evaluation episodes of a policy."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ CONFIDENCE = 0.95
 
 
 def evaluation_of(episodes: Episodes, environment: str, seed: int, discount: float) -> dict[str, object]:
-    """Return the discounted and the undiscounted return of episodes, as they are printed."""
+    """Return the statistics of the discounted and the undiscounted return of episodes, ready for JSON."""
     return {
         "environment": environment,
         "episodes": len(episodes),
@@ -23,8 +23,8 @@ def evaluation_of(episodes: Episodes, environment: str, seed: int, discount: flo
 
 
 def _measured(returns: Array) -> dict[str, object]:
-    """Return mean, standard deviation, and Student's t interval of the mean; of one episode there is none."""
-    from scipy import stats  # here, since it takes a second to import, and few need it
+    """Return mean, standard deviation, and Student's t interval of the mean, which is None for one episode."""
+    from scipy import stats  # here, since the import takes a second
 
     mean, interval = float(returns.mean()), None
     if len(returns) > 1:

@@ -15,13 +15,13 @@ from rkhs_ros.rollouts.simulation import Simulation
 
 
 class InlineRunner:
-    """Lets policies act in a simulation of this process; as a context manager it closes the simulation at the end.
+    """Runner of policies in a simulation in this process; as a context manager it closes the simulation at the end.
 
     Args:
-        simulation: the task.
+        simulation: simulation of the task.
 
     Attributes:
-        record: is told of each batch as it ends.
+        record: callback for each finished batch.
     """
 
     def __init__(self, simulation: Simulation) -> None:
@@ -38,11 +38,11 @@ class InlineRunner:
         self.simulation.close()
 
     def capacity(self, num_envs: int) -> int:
-        """Return how many of the environments can run side by side."""
+        """Return how many of the environments can run in one batch."""
         return self.simulation.capacity(num_envs)
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
-        """Return the episodes of a batch under the policy, as many at a time as the simulation has room for.
+        """Return the episodes of a batch under the policy, split by the capacity of the simulation.
 
         Raises:
             RunError: the environment failed, or a number is not finite.

@@ -1,4 +1,4 @@
-"""What a task may show of itself beside observations and rewards, for viewers and films."""
+"""Optional interfaces of tasks for viewers and films, besides observations and rewards."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from rkhs_ros.rkhs.kernels import Array
 
 
 class JointStates(Protocol):
-    """A motion of a robot's joints.
+    """Motion of a robot's joints.
 
     Attributes:
-        names: of the joints.
-        positions: one after another, in radians or metres, shape (k, joints).
-        period: seconds from one to the next.
+        names: names of the joints.
+        positions: sequence of positions in radians or metres, shape (k, joints).
+        period: time between two positions, in seconds.
     """
 
     @property
@@ -27,18 +27,18 @@ class JointStates(Protocol):
 
 @runtime_checkable
 class HasRobot(Protocol):
-    """A task with a robot, or one that says that it has none."""
+    """Task that may have a robot."""
 
     def joint_states(self) -> JointStates | None:
-        """Return what the robot of the first row did in the step just made; None for nothing, or no robot."""
+        """Return the motion of the robot in the first environment during the last step; None if there is none."""
 
     def robot_description(self) -> str | None:
-        """Return the robot's URDF; None for a task without a robot."""
+        """Return the URDF of the robot; None for a task without a robot."""
 
 
 @runtime_checkable
 class DrawsItself(Protocol):
-    """A task that draws a moment of its first row."""
+    """Task that draws a state of its first environment."""
 
     states: Any
 
@@ -47,12 +47,12 @@ class DrawsItself(Protocol):
 
 
 class Body(Protocol):
-    """A rigid body that is seen.
+    """A visible rigid body.
 
     Attributes:
         shape: "box", "ball" or "cylinder", whose axis is z.
-        size: along x, y and z, in metres.
-        colour: as "#0072B2", red, green and blue.
+        size: size along x, y and z, in metres.
+        colour: RGB colour such as "#0072B2".
     """
 
     @property
@@ -64,12 +64,12 @@ class Body(Protocol):
 
 
 class BodyTrajectories(Protocol):
-    """How bodies move; z is up.
+    """Trajectories of bodies; z points up.
 
     Attributes:
-        times: of each moment, in seconds, shape (k,).
-        places: of the middles, in metres, shape (k, bodies, 3).
-        turns: unit quaternions w, x, y, z, shape (k, bodies, 4).
+        times: times in seconds, shape (k,).
+        places: positions of the centres in metres, shape (k, bodies, 3).
+        turns: orientations as unit quaternions w, x, y, z, shape (k, bodies, 4).
     """
 
     @property
@@ -82,21 +82,21 @@ class BodyTrajectories(Protocol):
 
 @runtime_checkable
 class ShowsBodies(Protocol):
-    """A task whose episodes can be seen in space."""
+    """Task whose episodes can be shown in 3D."""
 
     def eye(self) -> tuple[float, float, float]:
-        """Return the direction, of any length, in which a viewer stands who looks at it."""
+        """Return the direction from the scene to the camera, of any length."""
 
     def room(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """Return the lower and the upper corner of the box in which all of it stays, in metres."""
+        """Return the lower and the upper corner of the bounding box of the scene, in metres."""
 
     def bodies(self) -> Sequence[Body]:
-        """Return what is seen."""
+        """Return the visible bodies."""
 
     def motion(self, observations: Array, actions: Array) -> BodyTrajectories | None:
-        """Return how it moves in an episode; None where nothing moved.
+        """Return the trajectories of the bodies in an episode; None if nothing moved.
 
         Args:
-            observations: before each action, shape (steps, d).
-            actions: within their bounds, shape (steps, n).
+            observations: observation before each action, shape (steps, d).
+            actions: actions within their bounds, shape (steps, n).
         """

@@ -16,13 +16,13 @@ TIMEOUT_S = 8
 SMALL = ("episodes_per_iteration=2", "evaluation_episodes=2", f"timeout={TIMEOUT_S}")
 FINITE = "expected finite numbers of at most 1e+100 in size, got"
 FAULTS = {
-    "nan reward": f"bad_tasks:Bad-v0: reward of row 0 in step 11: {FINITE} nan",
-    "huge reward": f"bad_tasks:Bad-v0: reward of row 0 in step 11: {FINITE} 1e+300",
-    "nan observation": f"bad_tasks:Bad-v0: observation of row 0 in step 11: {FINITE} nan in column 0",
-    "wrong shape": "bad_tasks:Bad-v0: step 11 of row 0: expected an observation of shape (2,), got one of (3,)",
-    "raise": "bad_tasks:Bad-v0: step 11 of row 0: RuntimeError: the motor is hot",
-    "raise in reset": "bad_tasks:Bad-v0: reset of row 0: RuntimeError: there is no way back",
-    "sys.exit": "bad_tasks:Bad-v0: step 11 of row 0: SystemExit: 3",
+    "nan reward": f"bad_tasks:Bad-v0: reward of environment 0 in step 11: {FINITE} nan",
+    "huge reward": f"bad_tasks:Bad-v0: reward of environment 0 in step 11: {FINITE} 1e+300",
+    "nan observation": f"bad_tasks:Bad-v0: observation of environment 0 in step 11: {FINITE} nan in column 0",
+    "wrong shape": "bad_tasks:Bad-v0: step 11 of environment 0: expected an observation of shape (2,), got one of (3,)",
+    "raise": "bad_tasks:Bad-v0: step 11 of environment 0: RuntimeError: the motor is hot",
+    "raise in reset": "bad_tasks:Bad-v0: reset of environment 0: RuntimeError: there is no way back",
+    "sys.exit": "bad_tasks:Bad-v0: step 11 of environment 0: SystemExit: 3",
     "hang": f"the simulator node did not answer within {TIMEOUT_S} s; bad_tasks:Bad-v0 was in step 11",
     "os._exit": "the simulator node died 5 times at the same place; bad_tasks:Bad-v0 was in step 11",
     "os._exit like a node": "the simulator node, of bad_tasks:Bad-v0, ended with exit code 1 before the learner",

@@ -192,7 +192,7 @@ def test_an_environment_that_fails_is_named_and_begins_anew(simulator: Simulate,
     remote = make(RemoteEnv)
     remote.reset(seed=1)
     play(remote, 65)
-    reason = r"^test\.faults\.bad_tasks:Bad-v0: reward of row 0 in step \d+: expected finite numbers"
+    reason = r"^test\.faults\.bad_tasks:Bad-v0: reward of environment 0 in step \d+: expected finite numbers"
     with pytest.raises(RunError, match=reason):
         play(remote, 20)
     remote.reset(seed=1)

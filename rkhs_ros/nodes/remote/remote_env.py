@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rkhs_ros.base.ros import EXPECTED, missing_ros
 from rkhs_ros.base.validation import require
-from rkhs_ros.rollouts.env_batch import GOES_ON, KEPT, Flags
+from rkhs_ros.rollouts.env_batch import CONTINUE_EPISODE, CONTINUE_STREAM, Flags
 
 try:
     from rkhs_ros.nodes.remote.remote_simulation import RemoteSimulation
@@ -103,7 +103,7 @@ class RemoteVectorEnv(VectorEnv[Any, Any, Any]):
         """
         seeds, mask = _seeds(seed, self.num_envs), _check_options(options, self.num_envs)
         super().reset(seed=seed if isinstance(seed, int) else None)
-        seen = self._world.reset([each if anew else KEPT for each, anew in zip(seeds, mask, strict=True)])
+        seen = self._world.reset([each if anew else CONTINUE_EPISODE for each, anew in zip(seeds, mask, strict=True)])
         self._over = seen.terminated | seen.truncated
         return _shaped(seen, self.observation_space), {}
 
@@ -139,7 +139,7 @@ class RemoteVectorEnv(VectorEnv[Any, Any, Any]):
         return _shaped(begun, self.observation_space), rewards, begun.terminated, begun.truncated, _infos(stepped)
 
     def _begin_anew(self, rows: Flags) -> RemoteStep:
-        seen = self._world.reset([GOES_ON if anew else KEPT for anew in rows])
+        seen = self._world.reset([CONTINUE_STREAM if anew else CONTINUE_EPISODE for anew in rows])
         self._over = seen.terminated | seen.truncated
         return seen
 
@@ -175,7 +175,7 @@ def _seeds(seed: int | list[int | None] | None, rows: int) -> list[int]:
         given = [None] * rows if seed is None else list(seed)
     require(len(given) == rows, "seed", f"{rows}, one for each row", len(given))
     require(all(each is None or 0 <= each < 2**63 for each in given), "seed", "numbers in [0, 2^63)", seed)
-    return [GOES_ON if each is None else int(each) for each in given]
+    return [CONTINUE_STREAM if each is None else int(each) for each in given]
 
 
 def _check_options(options: Info | None, rows: int = 0) -> Flags:

@@ -28,7 +28,7 @@ from rkhs_ros.nodes.lockstep.simulator_link import MAX_DISCARDS, SimulatorLink
 from rkhs_ros.policies.messages import doubles
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rollouts.env_batch import KEPT, Flags
+from rkhs_ros.rollouts.env_batch import CONTINUE_EPISODE, Flags
 
 IDLE_CHECK_S = 0.5  # without an observation before the world is looked after
 RESEND_S = 0.02  # after an action was sent, before it is taken for lost
@@ -157,8 +157,8 @@ class RemoteSimulation:
         """Begin episodes, and return what the rows show.
 
         Args:
-            seeds: of the environment, for each row; `GOES_ON` where its random stream goes on, `KEPT` where its episode
-                does. A robot has no use for them.
+            seeds: seeds for the resets, one per environment; `CONTINUE_STREAM` resets an environment without a seed,
+                `CONTINUE_EPISODE` continues its episode. Robots ignore seeds.
 
         Raises:
             PeerError: the world does not answer in time, has another task than before, or lost the episodes to be kept.
@@ -206,7 +206,7 @@ class RemoteSimulation:
         try:
             self._link.begin(batch, None, self._version, self.task.clock, seeds)
         except ValueError as error:
-            if KEPT in seeds:
+            if CONTINUE_EPISODE in seeds:
                 raise PeerError(f"the {self._link.name} node lost the episodes under way: {error}") from error
             raise
 

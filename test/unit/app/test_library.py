@@ -26,7 +26,7 @@ from rkhs_ros.runs.curve import Curve, columns
 from rkhs_ros.runs.run import run_training
 
 SWAPPED = (
-    r"^environment: expected an id, an environment, or a function that makes one, got the algorithm PoWER\. "
+    r"^environment: expected an id, an environment, or a function that returns one, got the algorithm PoWER\. "
     r"Pass the environment first: train\(environment, PoWER\(\)\)$"
 )
 SHORT: dict[str, Any] = {
@@ -205,8 +205,8 @@ def test_a_kernel_is_given_by_its_form_its_choice_or_itself(kernel: Any) -> None
         ((rkhs_ros.PoWER(), "Pendulum-v1"), {}, SWAPPED),
         ((rkhs_ros.PoWER, "Pendulum-v1"), {}, SWAPPED),
         (("power", "Pendulum-v1"), {}, SWAPPED),
-        ((3,), {}, r"^environment: expected an id, an environment, or a function that makes one, got 3$"),
-        ((lambda: 3,), {}, r"expected a function that makes an environment, got 3$"),
+        ((3,), {}, r"^environment: expected an id, an environment, or a function that returns one, got 3$"),
+        ((lambda: 3,), {}, r"expected a function that returns an environment, got 3$"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(arguments: Any, settings: dict[str, Any], message: str) -> None:

@@ -105,7 +105,7 @@ EXPLORING, EVALUATION = 2, 3  # places of the second update's batches
 
 
 @pytest.mark.parametrize("name", ["observations", "actions", "rewards"])
-@pytest.mark.parametrize(("place", "kind"), [(EXPLORING, "exploring"), (EVALUATION, "evaluation")])
+@pytest.mark.parametrize(("place", "kind"), [(EXPLORING, "exploration"), (EVALUATION, "evaluation")])
 def test_a_changed_bit_in_an_episode_is_found(whole: Path, name: str, place: int, kind: str) -> None:
     copy = changed(whole, "RecordedEpisodes", place, lambda message: flip(getattr(message.episodes, name), 6))
     with pytest.raises(DifferenceError, match=r"^update 2, ") as found:

@@ -28,19 +28,19 @@ ARGUMENTS = (
     *("--set", "episodes_per_iteration=2", "evaluation_episodes=2", "model.updates=2", "model.rollouts=5"),
 )
 FAULTS = {
-    "nan reward": "reward of row 0 in step 11: expected finite numbers of at most 1e+100 in size, got nan",
-    "huge reward": "reward of row 0 in step 11: expected finite numbers of at most 1e+100 in size, got 1e+300",
-    "nan observation": "observation of row 0 in step 11: expected finite numbers of at most 1e+100 in size, got nan in "
-    "column 0",
-    "wrong shape": "step 11 of row 0: expected an observation of shape (2,), got one of (3,)",
-    "complex": "step 11 of row 0: expected an observation of real numbers, got complex128",
-    "too large": "observation of row 0 in step 11: expected finite numbers of at most 1e+100 in size, got inf in "
-    "column 1",
-    "stop iteration": "step 11 of row 0: StopIteration: ",
-    "no exception": "step 11 of row 0: Stranger: who",
-    "raise": "step 11 of row 0: RuntimeError: the motor is hot",
-    "raise in reset": "reset of row 0: RuntimeError: there is no way back",
-    "sys.exit": "step 11 of row 0: SystemExit: 3",
+    "nan reward": "reward of environment 0 in step 11: expected finite numbers of at most 1e+100 in size, got nan",
+    "huge reward": "reward of environment 0 in step 11: expected finite numbers of at most 1e+100 in size, got 1e+300",
+    "nan observation": "observation of environment 0 in step 11: expected finite numbers of at most 1e+100 in size, "
+    "got nan in column 0",
+    "wrong shape": "step 11 of environment 0: expected an observation of shape (2,), got one of (3,)",
+    "complex": "step 11 of environment 0: expected an observation of real numbers, got complex128",
+    "too large": "observation of environment 0 in step 11: expected finite numbers of at most 1e+100 in size, "
+    "got inf in column 1",
+    "stop iteration": "step 11 of environment 0: StopIteration: ",
+    "no exception": "step 11 of environment 0: Stranger: who",
+    "raise": "step 11 of environment 0: RuntimeError: the motor is hot",
+    "raise in reset": "reset of environment 0: RuntimeError: there is no way back",
+    "sys.exit": "step 11 of environment 0: SystemExit: 3",
 }
 
 
@@ -91,7 +91,7 @@ def test_an_environment_that_cannot_be_made_is_refused(rkhs: Callable[..., Resul
     Path("unmade.py").write_text(f"import gymnasium\ndef make():\n    {how}\ngymnasium.register('Unmade-v0', make)\n")
     result = rkhs("train", "--env", "unmade:Unmade-v0", "--runner", "inline")
     assert result.code == 2
-    assert result.err.startswith("error: unmade:Unmade-v0: expected an environment that can be made, got ")
+    assert result.err.startswith("error: unmade:Unmade-v0: expected an environment that can be created, got ")
     assert result.err.count("\n") == 1
 
 

@@ -158,7 +158,7 @@ def test_episodes_of_others_need_to_say_of_what_environment_they_are(rkhs: Rkhs)
             ("train", "--env", "my_slide:Slid-v0"),
             "unknown environment 'my_slide:Slid-v0', did you mean 'my_slide:Slide-v0'?",
         ),
-        (("train", "--env", "Xyzzy-v0"), " is similar; one of a module of your own is named MODULE:Xyzzy-v0"),
+        (("train", "--env", "Xyzzy-v0"), " is similar. For a custom module, use MODULE:Xyzzy-v0"),
         (("train", "Pendulum-v1"), ". For an environment, use --env Pendulum-v1"),
         (("train", "my_slide:Slide-v0"), ". For an environment, use --env my_slide:Slide-v0"),
         (

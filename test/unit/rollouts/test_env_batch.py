@@ -1,4 +1,4 @@
-"""Rows of any kind of environment: by id, as they are, in copies, one at a time, flattened."""
+"""Batches of every kind of environment: from ids, objects, copies, single and flattened environments."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -142,7 +142,7 @@ def test_an_environment_of_which_there_is_one_runs_its_episodes_one_by_one(
         assert np.array_equal(getattr(episodes, name), getattr(expected, name)), name
     said = capsys.readouterr().err
     assert said.count("\n") == (how == "found out")
-    assert ("test/Countdown-v0: no more than 1 at a time" in said) == (how == "found out")
+    assert ("test/Countdown-v0: limited to 1 at a time" in said) == (how == "found out")
 
 
 @pytest.mark.parametrize("vector", [False, True])
@@ -246,7 +246,7 @@ def test_a_function_that_gives_the_same_again_runs_one_row(
     episodes = InlineRunner(Simulation(lambda: only)).collect(policy, BATCH)
     for name in FIELDS:
         assert np.array_equal(getattr(episodes, name), getattr(expected, name)), name
-    assert "got the same again" in capsys.readouterr().err
+    assert "got the same one again" in capsys.readouterr().err
 
 
 def test_an_instance_says_how_it_was_made_and_a_wrapped_one_is_no_id() -> None:
@@ -265,5 +265,5 @@ def test_a_number_of_rows_is_a_whole_number(rows: Any) -> None:
 def test_options_belong_to_an_id() -> None:
     with pytest.raises(ValueError, match="options: expected a mapping"):
         Simulation("test/Countdown-v0", [1])  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="options: expected them with an id"):
+    with pytest.raises(ValueError, match="options: expected none, since only an id takes options"):
         Simulation(Countdown, {"a": 1})

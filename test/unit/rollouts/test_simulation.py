@@ -10,7 +10,7 @@ from gymnasium.vector import SyncVectorEnv
 import rkhs_ros
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.rollouts.env_batch import GOES_ON, KEPT, MOST_VECTORS
+from rkhs_ros.rollouts.env_batch import CONTINUE_EPISODE, CONTINUE_STREAM, MOST_VECTORS
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 
@@ -127,10 +127,10 @@ def test_discrete_observations_are_refused() -> None:
 @pytest.mark.parametrize(
     ("environment", "options", "message"),
     [
-        ("rkhs/Toy-v0", {"angle": "clip"}, r"environment\.options: expected what rkhs/Toy-v0 takes, got \{'angle'"),
+        ("rkhs/Toy-v0", {"angle": "clip"}, r"environment\.options: expected options of rkhs/Toy-v0, got \{'angle'"),
         ("rkhs/Pendulum-v0", {"angle": "warp"}, "angle: expected one of clip, wrap, got 'warp'"),
-        ("Pendulum-v1", {"gravity": 1}, r"environment\.options: expected what Pendulum-v1 takes"),
-        ("FrozenLake-v1", {"map_name": "zzz"}, r"environment\.options: expected what FrozenLake-v1 takes"),
+        ("Pendulum-v1", {"gravity": 1}, r"environment\.options: expected options of Pendulum-v1"),
+        ("FrozenLake-v1", {"map_name": "zzz"}, r"environment\.options: expected options of FrozenLake-v1"),
     ],
 )
 def test_options_that_do_not_fit_are_refused_in_one_line(
@@ -247,7 +247,7 @@ def test_rows_go_on_beside_others_that_begin_anew(walk: Simulation) -> None:
     walk.step(pace)
     walk.step(pace)
     single.reset(seed=4)
-    begun = walk.start(batch(2, 6), [GOES_ON, KEPT])
+    begun = walk.start(batch(2, 6), [CONTINUE_STREAM, CONTINUE_EPISODE])
     assert begun.observations[0].tolist() == single.reset()[0].ravel().tolist()
     assert begun.observations[1, 0] == 1.0
     frames = [walk.step(pace) for _ in range(4)]
@@ -256,22 +256,22 @@ def test_rows_go_on_beside_others_that_begin_anew(walk: Simulation) -> None:
 
 
 def test_seeds_that_do_not_fit_are_refused(walk: Simulation) -> None:
-    with pytest.raises(ValueError, match="environment_seeds: expected episodes under way to go on with, got none"):
-        walk.start(batch(2, 6), [1, KEPT])
+    with pytest.raises(ValueError, match="environment_seeds: expected active episodes to continue, got none"):
+        walk.start(batch(2, 6), [1, CONTINUE_EPISODE])
     walk.start(batch(2, 6), [1, 2])
     for other in (batch(3, 6), Batch(1, 0, 2, 6, explore=True)):
-        with pytest.raises(ValueError, match="environment_seeds: expected episodes under way to go on with, got none"):
-            walk.start(other, [KEPT] * other.num_envs)
-    with pytest.raises(ValueError, match="environment_seeds: expected 2, one for each row, got 3"):
+        with pytest.raises(ValueError, match="environment_seeds: expected active episodes to continue, got none"):
+            walk.start(other, [CONTINUE_EPISODE] * other.num_envs)
+    with pytest.raises(ValueError, match="environment_seeds: expected 2, one per environment, got 3"):
         walk.start(batch(2, 6), [1, 2, 3])
     with pytest.raises(ValueError, match="environment_seeds: expected whole numbers >= -2"):
         walk.start(batch(2, 6), [1, -3])
 
 
-def test_rows_that_are_stepped_together_begin_anew_together() -> None:
+def test_a_vector_environment_without_partial_reset_resets_all_environments() -> None:
     toy = Simulation("rkhs/Toy-v0")
     toy.start(batch(2, 6), [1, 2])
-    with pytest.raises(RunError, match="expected all rows to begin anew together"):
-        toy.start(batch(2, 6), [GOES_ON, KEPT])
-    with pytest.raises(ValueError, match="episodes under way"):
-        toy.start(batch(2, 6), [GOES_ON, KEPT])
+    with pytest.raises(RunError, match="expected a reset of all environments"):
+        toy.start(batch(2, 6), [CONTINUE_STREAM, CONTINUE_EPISODE])
+    with pytest.raises(ValueError, match="active episodes to continue"):
+        toy.start(batch(2, 6), [CONTINUE_STREAM, CONTINUE_EPISODE])

@@ -476,7 +476,7 @@ def test_the_command_goes_on_with_a_run(rkhs: Cli, tmp_path: Path, whole: dict[s
     [
         ((), "train: expected exactly one of CONFIG, --env ID and --resume DIR, got none"),
         ((CONFIG_FILE, "--resume", "run"), "--resume DIR, got CONFIG and --resume"),
-        (("--resume", "run", "--seed", "0"), "--resume: expected the settings and the folder that"),
+        (("--resume", "run", "--seed", "0"), "--resume: expected the settings and the folder of the run"),
         (("--resume", "run", "--set", "horizon=5"), "folder of the run, got --set"),
         (("--resume", "run", "--out", "other", "--seed", "1"), "got --seed, --out"),
         (("--resume", "run", "--iterations", "0"), "iterations: expected a number in"),

@@ -216,7 +216,10 @@ def test_a_configuration_that_was_spoilt_is_mended(rkhs: Run, tmp_path: Path) ->
             ("--over", "algorithm.ridge=1e-3:1e9"),
             "--over: algorithm.ridge: expected a number in [1e-12, 1000000.0], got",
         ),
-        (("--over", "algorithm.ridge=1:2"), "--over: algorithm.ridge: expected one number within the range, where the"),
+        (
+            ("--over", "algorithm.ridge=1:2"),
+            "--over: algorithm.ridge: expected a range that includes the initial value",
+        ),
         (("--over", "algorithm.ridge=1"), "--over: algorithm.ridge: expected a range LOW:HIGH, got '1'"),
         (("--over", "algorithm.centres=1.5:40"), "--over: algorithm.centres: expected whole numbers LOW < HIGH"),
         (("--over", "algorithm.critic=step,walk"), "--over: algorithm.critic: unknown choice 'walk'"),
