@@ -148,7 +148,7 @@ def learn(make: Callable[[int, int], Search], trial: Trial) -> Iterator[Point]:
         for weights in candidates:
             policy = GaussianPolicy(linear(weights, seen, spaces), variance, inputs)
             batch = Batch(training.seed, meter.episodes, 1, training.horizon, explore=True)
-            episode = runner.collect(policy, batch).seen_through(inputs)
+            episode = runner.collect(policy, batch).with_inputs(inputs)
             scores.append(episode.returns(trial.judged_by)[0])
             generation.append(episode.flat(episode.observations))
         search.tell(candidates, np.array(scores))

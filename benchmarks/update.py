@@ -71,7 +71,7 @@ def update_of(
     runner = runner_of(environment)
     *_, last = train(training, runner)
     batch = Batch(1, 0, samples // training.horizon, training.horizon, explore=True)
-    episodes = runner.collect(last.policy, batch).seen_through(last.policy.inputs)
+    episodes = runner.collect(last.policy, batch).with_inputs(last.policy.inputs)
     memory = episodes.take(slice(0))
 
     def collect(policy: GaussianPolicy, rows: int) -> Episodes:
