@@ -37,8 +37,8 @@ def _scenes(config: Config) -> list[Scene]:
     return [
         scene_of(config, title, colour, e, index, e.rewards.mean(axis=0))
         for title, colour, e, index in (
-            ("the first episode: exploring", COLOURS[1], first.exploration, 0),
-            ("after model-based training of it", COLOURS[0], first.evaluation, nearest),
+            ("first episode: random exploration", COLOURS[1], first.exploration, 0),
+            ("after model-based training on it", COLOURS[0], first.evaluation, nearest),
         )
     ]
 

@@ -27,7 +27,7 @@ def main() -> None:
     config = load_config(SIMULATED)
     first = min((run / "checkpoints" / "episodes").glob("training_*.npz"))
     scenes = [
-        _scene(config, "the first episode: exploring", COLOURS[1], load_episodes(first).episodes),
+        _scene(config, "first episode: random exploration", COLOURS[1], load_episodes(first).episodes),
         _scene(config, "after ten episodes", COLOURS[0], load_episodes(run / "evaluation.npz").episodes),
     ]
     write_gif(HERE / "robot_pendulum.gif", list(frames(config, scenes)))

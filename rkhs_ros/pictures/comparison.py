@@ -30,7 +30,7 @@ def format_of(path: Path) -> str:
 
 
 def draw_comparison(path: Path, comparison: Comparison) -> None:
-    """Draw the mean return over the exploring episodes, with its 95 % interval over the runs.
+    """Draw the mean return over the exploration episodes, with its 95 % interval over the runs.
 
     Raises:
         ValueError: the file's name ends like no format that is known.
@@ -47,8 +47,8 @@ def comparison_figure(comparison: Comparison) -> Figure:
     for curve, look in zip(comparison.curves, looks(len(comparison.curves)), strict=True):
         _draw_curve(axes, curve, *look)
     _draw_optimum(axes, comparison.task)
-    kind = "noise-free" if any(curve.is_evaluation for curve in comparison.curves) else "exploring"
-    label(axes, "exploring episodes", f"{kind} discounted return", comparison.task.environment)
+    kind = "evaluation" if any(curve.is_evaluation for curve in comparison.curves) else "exploration"
+    label(axes, "exploration episodes", f"discounted {kind} return", comparison.task.environment)
     whole_ticks(axes)
     axes.set_xlim(left=0)
     axes.grid(color="0.93", linewidth=0.6)
@@ -61,7 +61,7 @@ def comparison_figure(comparison: Comparison) -> Figure:
 
 def _draw_curve(axes: Axes, curve: LearningCurve, style: str, colour: str, marker: str) -> None:
     mean, low, high = mean_over_runs(curve.returns)
-    name = curve.label if curve.is_evaluation else f"{curve.label} (exploring)"
+    name = curve.label if curve.is_evaluation else f"{curve.label} (exploration)"
     axes.fill_between(curve.episodes, low, high, color=colour, alpha=0.18, linewidth=0)
     (line,) = axes.plot(curve.episodes, mean, style, color=colour, linewidth=1.5, label=name)
     line.set(marker=marker, markevery=MARKER_SPACING, markersize=4.5)

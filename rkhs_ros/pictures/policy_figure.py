@@ -106,7 +106,7 @@ def policy_figure(policy: GaussianPolicy, spaces: Spaces, names: Names, episodes
     kind = {1: _line, 2: _plane}.get(len(view.inputs))
     shown, rows = min(len(view.actions), MOST_ACTIONS), 1 if kind else 2
     some = f", {shown} of {len(view.actions)} actions" if shown < len(view.actions) else ""
-    figure = sheet(max(PANEL * shown, LEAST_WIDTH), HEIGHT * (1 if kind else 1.5), f"{title}\nnoise-free policy{some}")
+    figure = sheet(max(PANEL * shown, LEAST_WIDTH), HEIGHT * (1 if kind else 1.5), f"{title}\npolicy mean{some}")
     panels = figure.subplots(rows, shown, squeeze=False, gridspec_kw={"height_ratios": (2, 1)[:rows]})
     for column in range(shown):
         if kind:

@@ -84,9 +84,14 @@ def curve_figure(curve: Mapping[str, NDArray[Any]], task: Task) -> Figure:
     iterations, mean = curve["iteration"], curve["evaluation_return"]
     evaluated = np.isfinite(mean)
     marker = "." if len(iterations) <= FEW else ""
-    axes.plot(iterations, curve["exploration_return"], color=COLOURS[1], marker=marker, label="with exploration")
+    axes.plot(iterations, curve["exploration_return"], color=COLOURS[1], marker=marker, label="exploration")
     if evaluated.any():
-        look: dict[str, Any] = {"color": COLOURS[0], "linewidth": 2, "marker": marker, "label": "noise-free policy"}
+        look: dict[str, Any] = {
+            "color": COLOURS[0],
+            "linewidth": 2,
+            "marker": marker,
+            "label": "evaluation (policy mean)",
+        }
         axes.plot(iterations[evaluated], mean[evaluated], **look)
     draw_references(axes, references(task))
     label(axes, "iteration", "discounted return")
