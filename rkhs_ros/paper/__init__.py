@@ -1,1 +1,1 @@
-"""The paper's figures made again, and its claims judged by them."""
+"""Reproduction of the paper's figures, and a check of its claims against them."""

@@ -1,4 +1,4 @@
-"""The paper's claims, each judged by the returns of a reproduced figure."""
+"""Claims of the paper, each checked against the returns of a reproduced figure."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ OFFSETS, VARIANCES = ("c = 0.01", "c = 0.2", "c = 1"), ("var = 0.01", "var = 0.1
 
 
 class Verdict(NamedTuple):
-    """What came out of a claim."""
+    """Result of checking a claim: whether it holds, and the observed values."""
 
     holds: bool
     seen: str
@@ -31,7 +31,7 @@ class Verdict(NamedTuple):
 
 @dataclass(frozen=True)
 class Claim:
-    """What the paper says of a figure, and how to judge it."""
+    """A claim of the paper about a figure, and the function that checks it."""
 
     figure: str
     paper: str
@@ -39,7 +39,7 @@ class Claim:
 
 
 def _difference(table: Table, panel: str, method: str, settings: tuple[str, ...]) -> float:
-    """Return the largest difference between the mean curves of a method, over the iterations."""
+    """Return the maximum over the iterations of the difference between the mean curves of a method."""
     means = np.array([table[panel, f"{method} {setting}"].evaluation.mean(axis=0) for setting in settings])
     return float(np.ptp(means, axis=0).max())
 
@@ -51,7 +51,7 @@ def _spread(table: Table, panel: str, method: str, settings: tuple[str, ...]) ->
 
 
 def _drop(curve: Array) -> float:
-    """Return by how much a curve falls at most below what it was before."""
+    """Return the largest drop of a curve below its earlier maximum."""
     return float((np.maximum.accumulate(curve) - curve).max())
 
 

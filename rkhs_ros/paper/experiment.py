@@ -1,4 +1,4 @@
-"""Experiments: what is compared with what, over how many runs, from files in config/experiments/."""
+"""Experiments: curves to compare and their numbers of runs, from files in config/experiments/."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ BANDS = ("confidence", "sd")
 
 @dataclass(frozen=True)
 class Curve:
-    """One way to learn.
+    """A curve of a figure: runs with equal settings.
 
     Attributes:
-        label: its name in the figure.
+        label: name of the curve in the figure.
         config: configuration file.
-        changes: settings that replace the file's, as ``algorithm.ridge=0.1``; ``{run}`` stands for the run's number.
+        changes: settings that replace the file's, such as ``algorithm.ridge=0.1``; ``{run}`` is the number of the run.
     """
 
     label: str
@@ -36,7 +36,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Panel:
-    """The curves of one plot."""
+    """A plot with several curves."""
 
     title: str
     curves: tuple[Curve, ...]
@@ -44,14 +44,14 @@ class Panel:
 
 @dataclass(frozen=True)
 class Experiment:
-    """One figure.
+    """An experiment, shown in one figure.
 
     Attributes:
         name: name of its file.
-        title: what it shows.
+        title: title of the figure.
         runs: number of independent runs of each curve.
-        band: around the mean, its 95 % "confidence" interval or the "sd" of the runs.
-        panels: its plots, side by side.
+        band: band around the mean: its 95 % "confidence" interval, or the "sd" of the runs.
+        panels: plots, from left to right.
     """
 
     name: str
@@ -62,16 +62,18 @@ class Experiment:
 
 
 def folder() -> Path:
-    """Return the folder of the experiments' files, in the source tree or where it was installed.
+    """Return the folder of the experiment files, in the source tree or in the installed share folder.
 
     Raises:
-        FileNotFoundError: neither has it.
+        FileNotFoundError: the folder is missing in both.
     """
     for parent in Path(__file__).resolve().parents:
         for place in (parent / "config" / "experiments", parent / "share" / "rkhs_ros" / "config" / "experiments"):
             if place.is_dir():
                 return place
-    raise FileNotFoundError("config/experiments: expected beside the sources or under share/rkhs_ros, found nowhere")
+    raise FileNotFoundError(
+        "config/experiments: expected a folder beside the sources or under share/rkhs_ros, got none"
+    )
 
 
 def known() -> dict[str, Path]:

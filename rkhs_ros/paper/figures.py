@@ -1,4 +1,4 @@
-"""Figures of experiments, in the layout of the paper's: a plot for each panel, over iterations and over episodes."""
+"""Figures of experiments in the layout of the paper: each panel plotted over iterations and over episodes."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from rkhs_ros.rkhs.kernels import Array
 CONFIDENCE = 1.96  # standard errors on both sides of 95 %
 WIDTH_IN, HEIGHT_IN = 6.0, 7.6  # of a panel's two plots
 DPI = 90
-PREFIX = re.compile(r"^(RKHS-|e(?=[A-Z]))")  # of a method's name: where its policies are
+PREFIX = re.compile(r"^(RKHS-|e(?=[A-Z]))")  # of a method's name: its space of policies
 
 
 def draw_experiment(path: Path, experiment: Experiment, table: Table) -> None:
-    """Draw the evaluation returns: their mean over the runs and the experiment's band.
+    """Draw the mean evaluation returns over the runs, with the band of the experiment.
 
     Raises:
         OSError: the file cannot be written.
@@ -48,14 +48,14 @@ def experiment_figure(experiment: Experiment, table: Table) -> Figure:
 
 
 def styles_of(experiment: Experiment) -> dict[str, tuple[str, str, str]]:
-    """Return the look of each curve by its label: a method has the same in all panels, in the RKHS and on a grid."""
+    """Return the style of each curve by label; a method has one style in all panels, in the RKHS and on a grid."""
     methods = dict.fromkeys(_method(curve.label) for panel in experiment.panels for curve in panel.curves)
     by_method = dict(zip(methods, looks(len(methods)), strict=True))
     return {curve.label: by_method[_method(curve.label)] for panel in experiment.panels for curve in panel.curves}
 
 
 def _method(label: str) -> str:
-    """Return what a method is called wherever its policies are: RKHS-NAC and eNAC are both NAC."""
+    """Return the name of a method without its space of policies: RKHS-NAC and eNAC are both NAC."""
     return PREFIX.sub("", label)
 
 
@@ -74,7 +74,7 @@ def _draw(
 
 
 def _band(returns: Returns, band: str) -> tuple[Array, Array]:
-    """Return the ends of the band around the mean, each among what the runs earned."""
+    """Return the limits of the band around the mean, clipped to the range of the runs."""
     earned = returns.evaluation
     if returns.runs == 1:
         return earned[0], earned[0]

@@ -1,4 +1,4 @@
-"""Experiments made: independent runs, of which those that are there are not made again, gathered in one table."""
+"""Reproduction of experiments: independent runs, without repeating finished ones, collected in one table."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ COLUMNS = ("panel", "curve", "run", "iteration", "episodes", "exploration_return
 
 
 def reproduce(experiment: Experiment, out: Path, make: Make, *, runs: int, packages: Sequence[str]) -> Path:
-    """Make all runs of an experiment and return its table, a csv file.
+    """Run an experiment and return its table, a CSV file.
 
     Args:
-        experiment: what to compare.
-        out: folder for the table, and for the runs, each filed by its settings and surroundings.
-        make: makes what is missing of runs in their folders and returns why those failed that did.
+        experiment: the experiment.
+        out: folder for the table and the runs, which are indexed by settings and provenance.
+        make: function that starts or resumes runs in their folders, and returns the errors of failed runs by folder.
         runs: number of runs of each curve.
-        packages: names of those that the tasks are in, so that other code makes other runs.
+        packages: names of the packages that contain the tasks, whose code is part of the provenance.
 
     Raises:
-        RunError: some runs failed.
+        RunError: a run failed.
     """
     places = {
         (panel.title, curve.label, run): curve.run(run)

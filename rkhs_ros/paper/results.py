@@ -76,12 +76,12 @@ def results(folder: Path, page: Path) -> str:
     """Return the page in Markdown.
 
     Args:
-        folder: holds the tables and pictures.
-        page: where the page will be, to which its pictures are relative.
+        folder: folder of the tables and pictures.
+        page: path of the page, to which the paths of the pictures are relative.
 
     Raises:
         OSError: a table cannot be read.
-        ValueError: it is not the table of its experiment.
+        ValueError: a file is not the table of its experiment.
     """
     tables = {name: load_table(folder / f"{name}.csv") for name in dict.fromkeys(c.figure for c in CLAIMS)}
     rows = [_row(claim.figure, claim.paper, *claim.judge(tables[claim.figure])) for claim in CLAIMS]

@@ -1,4 +1,4 @@
-"""An experiment's table, read back: for each curve the returns of its runs."""
+"""Table of an experiment: the returns of the runs of each curve."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from rkhs_ros.rkhs.kernels import Array
 
 @dataclass(frozen=True)
 class Returns:
-    """What the runs of a curve earned.
+    """Returns of the runs of a curve.
 
     Attributes:
-        episodes: exploring episodes used up to each iteration, shape (iterations,).
-        exploration: mean discounted return of the exploring episodes, shape (runs, iterations).
-        evaluation: that of evaluation episodes after the update, shape (runs, iterations).
+        episodes: number of exploration episodes up to each iteration, shape (iterations,).
+        exploration: mean discounted return of the exploration episodes, shape (runs, iterations).
+        evaluation: mean discounted return of the evaluation episodes after the update, shape (runs, iterations).
     """
 
     episodes: Array
@@ -44,14 +44,14 @@ Table = dict[tuple[str, str], Returns]
 
 
 def load_table(path: Path) -> Table:
-    """Read a table: the returns by panel and curve.
+    """Read the returns by panel and curve from a table.
 
     Raises:
-        ValueError: there is no such file, or it is not the table of whole runs.
+        ValueError: the file does not exist, or is not a table of complete runs.
         OSError: the file cannot be read.
     """
     if not path.exists():
-        raise ValueError(f"{path}: expected a table, got none; 'rkhs reproduce {path.stem}' makes it")
+        raise ValueError(f"{path}: expected a table, got none. Run 'rkhs reproduce {path.stem}' to create it")
     content = read_whole(path)
     curves: dict[tuple[str, str], dict[int, list[dict[str, str]]]] = {}
     try:
@@ -59,9 +59,7 @@ def load_table(path: Path) -> Table:
             curves.setdefault((line["panel"], line["curve"]), {}).setdefault(int(line["run"]), []).append(line)
         return {key: _returns(runs) for key, runs in curves.items()}
     except (KeyError, ValueError) as error:
-        raise ValueError(
-            f"{path}: expected the table of an experiment, got one that cannot be read ({error})"
-        ) from error
+        raise ValueError(f"{path}: expected the table of an experiment, got an unreadable file ({error})") from error
 
 
 def _returns(runs: dict[int, list[dict[str, str]]]) -> Returns:

@@ -1,1 +1,1 @@
-"""Recordings: MCAP files of what a run did, written and read without ROS."""
+"""Recordings of runs: MCAP files that are written and read without ROS."""

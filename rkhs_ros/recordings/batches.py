@@ -1,4 +1,4 @@
-"""Recorded batches of episodes, and the one rule that says which of them count."""
+"""Recorded batches of episodes, and the rule that selects the completed episodes."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ ARRAYS = [f.name for f in fields(Episodes)]
 
 
 class RecordedBatch(NamedTuple):
-    """A batch of episodes that ended.
+    """Recorded batch of episodes.
 
     Attributes:
-        batch: their numbers.
-        version: of the policy that acted.
-        episodes: what was observed, done and earned.
-        executions: how they went on a robot; none of a simulation.
-        time: when it was recorded, in nanoseconds since 1970.
+        batch: numbers of the episodes.
+        version: version of the policy that acted.
+        episodes: observations, actions and rewards.
+        executions: executions of the episodes on a robot; empty for a simulation.
+        time: time of the recording in nanoseconds since 1970.
     """
 
     batch: Batch
@@ -32,20 +32,20 @@ class RecordedBatch(NamedTuple):
 
     @property
     def is_discarded(self) -> bool:
-        """Whether it is not to be learnt from."""
+        """Whether the batch was discarded, so that it is not used for training."""
         return any(execution.discard_reason for execution in self.executions)
 
     @property
     def attempt(self) -> tuple[Batch, tuple[bytes, ...]]:
-        """What tells this attempt at the episodes from others: their numbers and a robot's time stamps."""
+        """Key of this attempt at the episodes: their numbers and the time stamps of a robot."""
         return self.batch, tuple(execution.stamps.tobytes() for execution in self.executions)
 
     def single_episodes(self) -> list[RecordedBatch]:
-        """Return each episode as a batch of its own."""
-        rows = [slice(row, row + 1) for row in range(self.batch.num_envs)]
+        """Return each episode as a separate batch."""
+        singles = [slice(i, i + 1) for i in range(self.batch.num_envs)]
         return [
-            self._replace(batch=batch, episodes=self.episodes.take(row), executions=self.executions[row])
-            for batch, row in zip(self.batch.parts(1), rows, strict=True)
+            self._replace(batch=batch, episodes=self.episodes.take(single), executions=self.executions[single])
+            for batch, single in zip(self.batch.parts(1), singles, strict=True)
         ]
 
     def has_same_episodes(self, other: RecordedBatch) -> bool:
@@ -54,10 +54,10 @@ class RecordedBatch(NamedTuple):
 
 
 def finished_episodes(batches: Iterable[RecordedBatch]) -> list[RecordedBatch]:
-    """Return the attempts at single episodes that were finished and not discarded, in the order of their times.
+    """Return all finished attempts at single episodes that were not discarded, sorted by time.
 
-    An attempt that was finished may be discarded later, by a veto. It is recorded twice then, with the same time
-    stamps, and does not count, in whichever order the two are read.
+    A veto may discard an attempt after it finished. The recording then contains the attempt twice with equal time
+    stamps, and the attempt is omitted, whichever of the two is read first.
     """
     episodes = [episode for batch in batches for episode in batch.single_episodes()]
     discarded = {episode.attempt for episode in episodes if episode.is_discarded}
@@ -65,5 +65,5 @@ def finished_episodes(batches: Iterable[RecordedBatch]) -> list[RecordedBatch]:
 
 
 def countable(batches: Iterable[RecordedBatch]) -> dict[Batch, RecordedBatch]:
-    """Return the episodes that count by their numbers; of several finished attempts at one the last counts."""
+    """Return the completed episodes by number: the last finished attempt at each."""
     return {each.batch: each for each in finished_episodes(batches)}

@@ -1,4 +1,4 @@
-"""MCAP files of messages: each message on its own is whole or not there, whatever ends the writing."""
+"""MCAP files of messages, in which each message is written atomically, even if the process is killed."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ from rkhs_ros.base.files import (
 )
 from rkhs_ros.base.validation import require
 
-LIBRARY = "rkhs_ros"  # that wrote a file
-HEADER_BYTES = 9  # of a record: what it is, and its length
-END_BYTES = 4  # of the record that ends the data, a checksum
-ONE_MESSAGE = 1  # bytes after which a chunk ends: each message has its own, with a checksum
+LIBRARY = "rkhs_ros"  # library field of our files
+HEADER_BYTES = 9  # opcode and length of a record
+END_BYTES = 4  # checksum in the record that ends the data
+ONE_MESSAGE = 1  # chunk size in bytes at which each message has its own chunk with a checksum
 
 
 class Stored(NamedTuple):
-    """A message as it is stored.
+    """A stored message.
 
     Attributes:
-        topic: its topic.
-        kind: name of its type, as ``rkhs_interfaces/msg/Policy``.
-        definition: of the type.
-        content: its bytes.
-        time: when it was recorded, in nanoseconds since 1970.
-        published: when it was made, alike.
+        topic: topic of the message.
+        kind: name of its type, such as ``rkhs_interfaces/msg/Policy``.
+        definition: definition of the type.
+        content: serialised message.
+        time: time of the recording in nanoseconds since 1970.
+        published: time of the publication in nanoseconds since 1970.
     """
 
     topic: str
@@ -54,19 +54,19 @@ class Stored(NamedTuple):
 
 
 class MessageFile:
-    """An MCAP file that grows message by message.
+    """MCAP file that grows message by message.
 
-    Owns the file: it is written anew beside an old one, whose place it takes once it holds the same.
+    Owns the file. A new file is written beside an existing one, and replaces it once it holds the initial messages.
 
     Args:
         path: the file.
-        held: messages to begin with.
-        sync: wait until the disk has each message; else a power cut may lose some, which a killed process does not.
-        chunk_bytes: messages that share a checksum, and are lost together where the process is killed.
+        held: initial messages.
+        sync: sync each message to the disk. Otherwise a power cut may lose messages; a killed process never does.
+        chunk_bytes: size of a chunk, whose messages share a checksum and are lost together if the process is killed.
 
     Raises:
-        OSError: it cannot be written.
-        ValueError: there is something else than a file in its place.
+        OSError: the file cannot be written.
+        ValueError: the path is not a regular file.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class MessageFile:
     ) -> None:
         require_replaceable(path)
         self.path = path
-        self._sync = False  # of all that is held at once
+        self._sync = False  # the initial messages are synced together
         self._channels: dict[tuple[str, str], int] = {}
         self._number = 0
         aside = path.with_name(path.name + ".part")
@@ -93,28 +93,28 @@ class MessageFile:
         self._sync = sync
 
     def write(self, message: Stored) -> None:
-        """Write a message, which is there for others, and after a kill, when this returns.
+        """Write a message; when this returns, readers see it and a kill cannot lose it.
 
         Raises:
-            OSError: it cannot be written; the file holds what it did before.
+            OSError: the message cannot be written; the file is unchanged.
         """
         self._number += 1
         self._writer.add_message(self._channel(message), message.time, message.content, message.published, self._number)
         self._send()
 
     def close(self) -> None:
-        """Write the index, for others to find their way; a file without one is as good to us.
+        """Write the index, which other readers use. The index is optional for our reader.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: the index cannot be written.
         """
         with self._file:
-            if not self._outgoing.content:  # else the disk was full
+            if not self._outgoing.content:  # otherwise the disk was full
                 self._writer.finish()  # type: ignore[no-untyped-call]
                 self._send()
 
     def _send(self) -> None:
-        """Hand all that was made to the file, or nothing."""
+        """Write all pending bytes to the file, or none."""
         content = self._outgoing.content
         with named(self.path):
             try:
@@ -140,9 +140,9 @@ class MessageFile:
 
 
 class _Outgoing:
-    """What the writer of MCAP made and the file has not got yet.
+    """Buffer between the MCAP writer and the file.
 
-    Owns these bytes, and how many went before them.
+    Owns the pending bytes and the number of bytes before them.
     """
 
     def __init__(self) -> None:
@@ -150,23 +150,23 @@ class _Outgoing:
         self.sent = 0
 
     def write(self, content: bytes) -> int:
-        """Add some bytes."""
+        """Append bytes."""
         self.content += content
         return len(content)
 
     def tell(self) -> int:
-        """Return where in the file the next bytes go."""
+        """Return the position of the next bytes in the file."""
         return self.sent + len(self.content)
 
 
 @dataclass
 class Found:
-    """What is read of a file that may be damaged.
+    """Content of a file that may be damaged.
 
     Attributes:
-        messages: those that are whole, in order.
-        faults: what was passed over, a line each.
-        lost: bytes of the file that were passed over, or left out at its end.
+        messages: intact messages in order.
+        faults: descriptions of the skipped parts, one line each.
+        lost: number of skipped bytes, including those at the end of the file.
     """
 
     messages: list[Stored] = field(default_factory=list)
@@ -175,11 +175,11 @@ class Found:
 
 
 def read_messages(path: Path) -> Found:
-    """Return the messages of an MCAP file, up to where it was cut; those whose checksum is wrong are left out.
+    """Read the messages of an MCAP file; skip messages with a wrong checksum and an incomplete end.
 
     Raises:
-        ValueError: it is no MCAP file, or too large, as its compressed parts may be.
-        OSError: it cannot be read.
+        ValueError: the file is not an MCAP file, or it or its uncompressed content is too large.
+        OSError: the file cannot be read.
     """
     found, scan, unpacked = Found(), Scan(), 0
     with open_regular(path) as file:
@@ -196,24 +196,20 @@ def read_messages(path: Path) -> Found:
             except Exception as error:  # a damaged record raises almost anything
                 what = " ".join(f"{type(error).__name__}: {error}".split())
                 found.lost += len(content)
-                found.faults.append(f"{len(content)} bytes at {at} passed over: damaged ({what})")
+                found.faults.append(f"{len(content)} bytes at {at} skipped: damaged ({what})")
             ended, at = is_end(code, content), file.tell()
             require_expansion(unpacked, size, f"{path}")
     if scan.missing:
         found.faults.append(f"{scan.missing} messages are missing")
     if not ended:
         found.lost += size - at
-        rest = (
-            f"{size - at} bytes at the end are left out"
-            if size > at
-            else "nothing of it is lost, but it was not closed"
-        )
-        found.faults.append(f"cut after {len(found.messages)} messages: {rest}")
+        rest = f"{size - at} bytes at the end skipped" if size > at else "the file was not closed, but nothing is lost"
+        found.faults.append(f"incomplete after {len(found.messages)} messages: {rest}")
     return found
 
 
 def records(file: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
-    """Yield the opcode and content of each whole record, up to the end of the data or where the file was cut.
+    """Yield the opcode and content of each complete record, up to the end of the data or of the file.
 
     Raises:
         ValueError: a record is too large for the memory.
@@ -232,22 +228,22 @@ def records(file: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
 
 
 def is_end(code: int, content: bytes) -> bool:
-    """Return whether a record ends the data; one of another size is an index whose opcode is damaged."""
+    """Return whether a record ends the data; a record of another size is an index with a damaged opcode."""
     return code == Opcode.DATA_END and len(content) == END_BYTES
 
 
 def _unpacked(chunk: Chunk) -> Chunk:
-    """Return a chunk without compression.
+    """Return an uncompressed chunk.
 
     Raises:
-        ValueError: it would grow beyond all measure, or to another size than it says.
+        ValueError: the uncompressed size is excessive or differs from the declared size.
     """
     if not chunk.compression:
         return chunk
     require_expansion(chunk.uncompressed_size, len(chunk.data), "chunk")
-    most = chunk.uncompressed_size + 1  # one more, to see whether it ends there
+    most = chunk.uncompressed_size + 1  # one more byte, to detect excess data
     if chunk.compression == "zstd":
-        from zstandard import ZstdDecompressor  # here and below, since ours are not compressed
+        from zstandard import ZstdDecompressor  # here and below, since our files are not compressed
 
         data = ZstdDecompressor().stream_reader(chunk.data).read(most)
     else:
@@ -260,9 +256,9 @@ def _unpacked(chunk: Chunk) -> Chunk:
 
 
 class Scan:
-    """The messages of records that come one after the other.
+    """Parser of consecutive records.
 
-    Owns the types and channels seen so far, and counts the messages that must be missing.
+    Owns the schemas and channels so far, and counts missing messages.
     """
 
     def __init__(self) -> None:
@@ -273,7 +269,7 @@ class Scan:
         self._channels: dict[int, Channel] = {}
 
     def messages(self, code: int, content: bytes) -> list[Stored]:
-        """Return the messages in a record, of which there are none in most."""
+        """Return the messages in a record; most records contain none."""
         stream = ReadDataStream(BytesIO(content))
         if code == Opcode.HEADER:
             self._numbered = Header.read(stream).library.startswith(LIBRARY)
@@ -303,7 +299,7 @@ class Scan:
         return []
 
     def _count(self, number: int) -> None:
-        """Note the number of a message, which in our files grows by 1 with each."""
+        """Count missing messages by the number of a message, which increases by 1 in our files."""
         if self._numbered:
             self.missing += max(number - self._number - 1, 0)
             self._number = number

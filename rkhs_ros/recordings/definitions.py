@@ -1,6 +1,6 @@
-"""The messages of rkhs_interfaces without a ROS workspace: their types, their bytes (CDR) and their definitions.
+"""Messages of rkhs_interfaces without a ROS workspace: types, serialisation (CDR) and definitions.
 
-The folder ``msg`` beside this module is that of rkhs_interfaces.
+The folder ``msg`` beside this module is the one of rkhs_interfaces.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def store_of_all() -> Typestore:
 
 
 def _with_ours(name: str) -> Typestore:
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # here, since it takes 0.1 s and few need it
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # here, since the import takes 0.1 s
 
     types = get_typestore(Stores[name])
     for path in sorted(FOLDER.glob("*.msg")):
@@ -42,26 +42,26 @@ def _with_ours(name: str) -> Typestore:
 
 
 class Types:
-    """Our message types by their names, as the attributes of ``rkhs_interfaces.msg``; fields left out are 0."""
+    """Our message types as attributes, like those of ``rkhs_interfaces.msg``; omitted fields are 0."""
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         return partial(_made, PACKAGE + name)
 
 
 def encoded(message: Any) -> bytes:
-    """Return the bytes of a message, as they go over topics."""
+    """Serialise a message as for topics."""
     return bytes(store().serialize_cdr(message, message.__msgtype__))
 
 
 @cache
 def definition(kind: str) -> str:
-    """Return the definition of a message type with those of the types within, as recordings hold it."""
+    """Return the definition of a message type with its nested types, in the format of recordings."""
     return store().generate_msgdef(kind, ros_version=2)[0]
 
 
 @cache
 def _store_of(kind: str, text: str) -> Typestore:
-    """Return the types of a definition that a recording holds."""
+    """Return the types of a definition in a recording."""
     if kind in store().types and text in ("", definition(kind)):
         return store()
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -72,15 +72,15 @@ def _store_of(kind: str, text: str) -> Typestore:
 
 
 def decoded(content: bytes | memoryview, kind: str, text: str) -> Any:
-    """Return the message in some bytes.
+    """Deserialise a message.
 
     Args:
-        content: the bytes.
-        kind: name of the type, as ``rkhs_interfaces/msg/Policy``.
-        text: its definition, as the recording holds it; ours where empty.
+        content: serialised message.
+        kind: name of the type, such as ``rkhs_interfaces/msg/Policy``.
+        text: definition in the recording; if empty, our definition is used.
 
     Raises:
-        rosbags.serde.SerdeError: they are no such message.
+        rosbags.serde.SerdeError: the content is not a message of this type.
     """
     return _store_of(kind, text).deserialize_cdr(content, kind)
 
@@ -89,18 +89,18 @@ def _made(kind: str, **given: Any) -> Any:
     makers = _makers(kind)
     unknown = given.keys() - makers
     if unknown:
-        raise ValueError(f"{kind}: expected its fields, got {', '.join(sorted(unknown))}")
+        raise ValueError(f"{kind}: expected fields of this type, got {', '.join(sorted(unknown))}")
     return store().types[kind](**{name: make(given.get(name)) for name, make in makers.items()})
 
 
 @cache
 def _makers(kind: str) -> dict[str, Callable[[Any], Any]]:
-    """Return what makes the fields of a message from what is given for them, None where nothing is."""
+    """Return the functions that convert a value, or None, to each field of a message."""
     return {name: _maker(about) for name, about in store().fielddefs[kind][1]}
 
 
 def _maker(about: Any) -> Callable[[Any], Any]:
-    """Return what makes a field: an array of its numbers, a list of its messages, or a single one of these."""
+    """Return a function that converts a value to an array of numbers, a list of messages, or a single one of these."""
     from rosbags.interfaces import Nodetype
 
     node, inner = about

@@ -1,4 +1,4 @@
-"""A recording that is read while it grows: where its messages are, and each of them when it is asked for."""
+"""Reader of a growing recording: positions of the messages, and each message on demand."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from rkhs_ros.recordings.definitions import PACKAGE, decoded
 
 
 class Place(NamedTuple):
-    """Where a message is.
+    """Position of a message.
 
     Attributes:
-        offset: of its record in the file, in bytes.
+        offset: offset of its record in the file, in bytes.
         kind: name of its type within our package.
-        time: when it was recorded, in nanoseconds since 1970.
+        time: time of the recording in nanoseconds since 1970.
     """
 
     offset: int
@@ -29,12 +29,12 @@ class Place(NamedTuple):
 
 
 class Following:
-    """A recording that may grow, of which no more than one message is in memory.
+    """Reader of a recording that may grow; holds at most one message in memory.
 
-    Owns how far it was read. What is damaged is passed over.
+    Owns the position in the file. Skips damaged records.
 
     Args:
-        path: an MCAP file, which need not be there yet.
+        path: an MCAP file, which may not exist yet.
     """
 
     def __init__(self, path: Path) -> None:
@@ -42,7 +42,7 @@ class Following:
         self._begin(0)
 
     def news(self) -> tuple[bool, list[tuple[Place, Any]]]:
-        """Return whether this is another file than before, and our messages since the last call."""
+        """Return whether the file was replaced, and our messages since the last call."""
         try:
             about = self.path.stat()
         except OSError:
@@ -56,7 +56,7 @@ class Following:
         """Return the message at a place.
 
         Raises:
-            ValueError: it is not there any more.
+            ValueError: the message no longer exists.
         """
         with open_regular(self.path) as file:
             file.seek(place.offset, SEEK_SET)
@@ -78,12 +78,12 @@ class Following:
             for code, content in records(file, size):
                 for stored, message in self._scanned(code, content):
                     yield Place(self._offset, stored.kind.removeprefix(PACKAGE), stored.time), message
-                if is_end(code, content):  # what comes after it is for others, and nothing guards it
+                if is_end(code, content):  # the index after it has no checksum
                     return
                 self._offset = file.tell()
 
     def _scanned(self, code: int, content: bytes) -> list[tuple[Stored, Any]]:
-        """Return our messages in a record, as they are stored and what they say; none where it is damaged."""
+        """Return our messages in a record, stored and deserialised; none if the record is damaged."""
         try:
             ours = [each for each in self._scan.messages(code, content) if each.kind.startswith(PACKAGE)]
             return [(each, decoded(each.content, each.kind, each.definition)) for each in ours]

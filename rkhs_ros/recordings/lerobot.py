@@ -1,4 +1,4 @@
-"""Recorded episodes as a LeRobotDataset v3.0: parquet files and their description, without pictures."""
+"""Export of recorded episodes to a LeRobotDataset v3.0: parquet files and metadata, without images."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ VERSION = "v3.0"  # of the format
 DATA = "data/chunk-000/file-000.parquet"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 TASKS = "meta/tasks.parquet"
-# What info.json says where files that are full are followed by others.
+# Limits of file sizes in info.json; our files never reach them.
 FILES = {"chunks_size": 1000, "data_files_size_in_mb": 100, "video_files_size_in_mb": 200}
 PLACES = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 NANOSECONDS = 1e9
-RATE_TOLERANCE = 0.005  # of the time stamps' rate, relative, by which a whole number of steps per second may differ
-INDEX = "__index_level_0__"  # name of the column that the tasks are looked up by
+RATE_TOLERANCE = 0.005  # relative difference between the rate of the time stamps and a whole number
+INDEX = "__index_level_0__"  # column that LeRobot uses to look up tasks
 Columns = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
 class Episode:
-    """One episode as columns, a row for each step.
+    """An episode as columns with one entry per step.
 
     Attributes:
-        columns: numbers by name, shape (steps,) or (steps, width).
+        columns: values by name, shape (steps,) or (steps, width).
     """
 
     columns: Columns
@@ -51,27 +51,27 @@ class Episode:
 def export(
     batches: Sequence[RecordedBatch], task: str, folder: Path, fps: int | None, spaces: Spaces | None = None
 ) -> tuple[int, int]:
-    """Write episodes into a new folder as a dataset, and return their number and the steps per second.
+    """Write episodes into a new folder as a dataset; return the number of episodes and the steps per second.
 
-    LeRobot stores the steps per second as an integer, and looks up frames as if they were that far apart.
+    LeRobot stores the steps per second as an integer, and looks up frames at this spacing.
 
     Args:
-        batches: of episodes that count.
-        task: what they are of.
-        folder: a new one.
-        fps: steps per second, by which the time stamps are set; if None, a robot's time stamps are kept.
-        spaces: of the task, which may name its numbers; None where they are not known.
+        batches: completed episodes.
+        task: description of the task.
+        folder: folder to create.
+        fps: steps per second, which replace the time stamps; None for the time stamps of a robot.
+        spaces: spaces of the task, which may name its components; None if unknown.
 
     Raises:
         ValueError: pyarrow is not installed, the folder exists, there are no episodes, or the rate is not whole.
-        OSError: it cannot be written.
+        OSError: a file cannot be written.
     """
     try:
         from pyarrow import parquet
     except ImportError as error:
-        raise ValueError("pyarrow: expected it to be installed, got none; pip install pyarrow") from error
-    require(not folder.exists(), f"{folder}", "a new folder", "one that is there")
-    require(bool(batches), "recording", "episodes that count", "none")
+        raise ValueError("pyarrow: expected an installed package, got none. Run pip install pyarrow") from error
+    require(not folder.exists(), f"{folder}", "a new folder", "an existing path")
+    require(bool(batches), "recording", "completed episodes", "none")
     rate = _rate(batches) if fps is None else fps
     episodes = list(_episodes(batches, fps))
     files = {DATA: _table(_frames(episodes)), EPISODES: _table(_descriptions(episodes, task)), TASKS: _tasks(task)}
@@ -88,31 +88,31 @@ def export(
 
 
 def _rate(batches: Sequence[RecordedBatch]) -> int:
-    """Return the steps per second of a robot's time stamps.
+    """Return the steps per second from the time stamps of a robot.
 
     Raises:
-        ValueError: there are no time stamps, as of a simulation, or their rate is not a whole number.
+        ValueError: there are no time stamps (simulation), or their rate is not a whole number.
     """
     if not all(each.executions for each in batches):
         raise ValueError("--fps: expected the steps per second, which simulations do not record, got none")
     steps = [np.diff(execution.stamps) for each in batches for execution in each.executions]
     interval = float(np.median(np.concatenate(steps)))
-    require(interval > 0, "recording: time stamps", "increasing ones", f"steps of {interval:g} ns")
+    require(interval > 0, "recording: time stamps", "increasing time stamps", f"steps of {interval:g} ns")
     measured = NANOSECONDS / interval
     rate = round(measured)
     if abs(rate - measured) > RATE_TOLERANCE * measured:
         raise ValueError(
-            "recording: expected a whole number of steps per second, which is all that LeRobot can store, "
-            f"got {measured:.4g} by the time stamps. Choose a rate with --fps N, by which all time stamps are then set."
+            "recording: expected a whole number of steps per second, which LeRobot requires, "
+            f"got {measured:.4g} from the time stamps. Use --fps N to replace the time stamps."
         )
     return rate
 
 
 def _episodes(batches: Sequence[RecordedBatch], fps: int | None) -> Iterator[Episode]:
     index = 0
-    rows = ((each, row) for each in batches for row in range(each.batch.num_envs))
-    for number, (each, row) in enumerate(rows):
-        columns = _columns(each, row, fps)
+    indexed = ((each, i) for each in batches for i in range(each.batch.num_envs))
+    for number, (each, i) in enumerate(indexed):
+        columns = _columns(each, i, fps)
         steps = len(columns["timestamp"])
         columns["frame_index"] = np.arange(steps)
         columns["episode_index"] = np.full(steps, number)
@@ -122,24 +122,24 @@ def _episodes(batches: Sequence[RecordedBatch], fps: int | None) -> Iterator[Epi
         yield Episode(columns)
 
 
-def _columns(each: RecordedBatch, row: int, fps: int | None) -> Columns:
-    episodes, going = each.episodes, each.episodes.mask[row]
-    steps = int(going.sum())
+def _columns(each: RecordedBatch, i: int, fps: int | None) -> Columns:
+    episodes, mask = each.episodes, each.episodes.mask[i]
+    steps = int(mask.sum())
     done = np.arange(steps) == steps - 1
     columns = {
-        "observation.state": episodes.observations[row, going],
-        "action": episodes.actions[row, going],
-        "next.reward": episodes.rewards[row, going],
+        "observation.state": episodes.observations[i, mask],
+        "action": episodes.actions[i, mask],
+        "next.reward": episodes.rewards[i, mask],
     }
     if each.executions:
-        columns["action.executed"] = each.executions[row].executed
-    columns["timestamp"] = _measured_times(each.executions[row], steps) if fps is None else np.arange(steps) / fps
+        columns["action.executed"] = each.executions[i].executed
+    columns["timestamp"] = _measured_times(each.executions[i], steps) if fps is None else np.arange(steps) / fps
     singles = {name: values.astype(np.float32) for name, values in columns.items()}
-    return {**singles, "next.done": done, "next.terminated": done & episodes.terminated[row]}
+    return {**singles, "next.done": done, "next.terminated": done & episodes.terminated[i]}
 
 
 def _measured_times(execution: Execution, steps: int) -> Array:
-    """Return the seconds from the first observation to that before each step, shape (steps,)."""
+    """Return the time of the observation before each step, in seconds since the first one, shape (steps,)."""
     return np.asarray((execution.stamps[:steps] - execution.stamps[0]) / NANOSECONDS)
 
 
@@ -148,7 +148,7 @@ def _frames(episodes: Sequence[Episode]) -> dict[str, Any]:
 
 
 def _descriptions(episodes: Sequence[Episode], task: str) -> dict[str, Any]:
-    """Return where each episode is, and its statistics."""
+    """Return the location and the statistics of each episode."""
     lengths = np.array([len(each) for each in episodes])
     ends = np.cumsum(lengths)
     none = np.zeros(len(episodes), dtype=np.int64)
@@ -213,7 +213,7 @@ def _table(columns: Mapping[str, Any]) -> pyarrow.Table:
 
 
 def _arrow(values: Any) -> pyarrow.Array:
-    """Return a column: numbers, or lists of equal length where there are several in a row."""
+    """Return a column of numbers, or of lists of equal length if the array has several columns."""
     import pyarrow
 
     if not isinstance(values, np.ndarray) or values.ndim == 1:
@@ -224,7 +224,7 @@ def _arrow(values: Any) -> pyarrow.Array:
 
 
 def _tasks(task: str) -> pyarrow.Table:
-    """Return the tasks' numbers by their names, which pandas finds by what is said of the columns."""
+    """Return the table of task numbers by name, with the metadata that pandas needs for its index."""
     about = [
         {"name": name, "field_name": field, "pandas_type": kind, "numpy_type": of_numpy, "metadata": None}
         for name, field, kind, of_numpy in (

@@ -1,4 +1,4 @@
-"""The recording of a run as it grows."""
+"""Recorder of a run."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ METRICS = [f.name for f in fields(Metrics)]
 
 
 class Recorder:
-    """Writes what a run does as it happens, each thing once: what the file holds already is not written again.
+    """Writes the policies, batches and updates of a run to a file, each of them once.
 
-    Owns the versions of the policies, by what they say, and how many batches and updates are recorded.
+    Owns the versions of the policies by digest, and the numbers of recorded batches and updates.
 
     Args:
-        file: where it goes.
-        held: what that holds already.
-        clock: tells the nanoseconds since 1970.
+        file: file of the recording.
+        held: content that the file already holds.
+        clock: clock in nanoseconds since 1970.
     """
 
     def __init__(self, file: MessageFile, held: Recording, clock: Callable[[], int] = time.time_ns) -> None:
@@ -50,15 +50,15 @@ class Recorder:
         self._updates = max((update.iteration for update in held.updates), default=0)
 
     def begin(self, head: Head) -> None:
-        """Record what is learnt and how, which comes first."""
+        """Record the header, which must be first."""
         self._write(TYPES.Task(**head_fields(head)))
 
     def serve(self, policy: GaussianPolicy) -> None:
-        """Record a policy that comes into service."""
+        """Record the policy for the next batches."""
         self._served = self._version(policy)
 
     def ended(self, batch: Batch, episodes: Episodes, executions: list[Execution]) -> None:
-        """Record a batch of the policy in service, finished or discarded."""
+        """Record a finished or discarded batch of the current policy."""
         self._batches += 1
         numbers = {"seed": batch.seed, "first_episode": batch.first_episode, "explore": batch.explore}
         message = episodes_message(TYPES, self._batches, self._served, episodes, executions)
@@ -66,18 +66,18 @@ class Recorder:
         self._write(TYPES.RecordedEpisodes(**numbers, episodes=message), max(stamps, default=None))
 
     def updated(self, iteration: Iteration) -> None:
-        """Record what an iteration came to, the policy after it, and the checksum of its episodes."""
+        """Record the result of an iteration, the policy after it, and the checksum of its episodes."""
         if iteration.number > self._updates:
             self._updates = iteration.number
             version = self._version(iteration.policy)
             self._write(TYPES.Update(policy_version=version, **update_fields(iteration)))
 
     def close(self) -> None:
-        """End the recording."""
+        """Close the recording."""
         self._file.close()
 
     def _version(self, policy: GaussianPolicy) -> int:
-        """Return the version of a policy, which is recorded where it is new."""
+        """Return the version of a policy; record the policy if it is new."""
         newest, version = self._newest
         if policy is newest:
             return version
@@ -96,7 +96,7 @@ class Recorder:
 
 
 def update_fields(iteration: Iteration) -> dict[str, Any]:
-    """Return the fields of the message of an iteration, less the version of the policy."""
+    """Return the fields of the message of an iteration, except the version of the policy."""
     return {
         "iteration": iteration.number,
         "episodes": iteration.episodes_used,
@@ -114,7 +114,7 @@ def update_fields(iteration: Iteration) -> dict[str, Any]:
 
 
 def _checksum(iteration: Iteration) -> int:
-    """Return what follows from every bit of the episodes of an iteration."""
+    """Return a checksum of all episodes of an iteration."""
     digest = blake2b(digest_size=8)
     for episodes in (iteration.exploration, *iteration.tried, iteration.evaluation):
         for name in ARRAYS:

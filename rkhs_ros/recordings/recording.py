@@ -1,4 +1,4 @@
-"""What a recording holds, as values: what was learnt, each policy, each batch of episodes and each update."""
+"""Content of a recording as values: header, policies, batches of episodes and updates."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ BAG = "metadata.yaml"  # in the folder of a bag
 
 @dataclass(frozen=True)
 class Head:
-    """What a run learns and how, at the head of its recording.
+    """Header of a recording: task and settings of the run.
 
     Attributes:
-        task: what it learns.
-        spaces: of the task.
-        seed: of all randomness.
+        task: task of the run.
+        spaces: spaces of the task.
+        seed: seed of all randomness.
         configuration: all settings, as a ROS parameter file.
-        versions: of code and libraries, "name version" each.
-        warm_start: whether the first policy was given.
+        versions: versions of code and libraries, "name version" each.
+        warm_start: whether an initial policy was given.
     """
 
     task: Task
@@ -53,15 +53,14 @@ class Head:
 
 @dataclass
 class Recording:
-    """What a recording holds.
+    """Content of a recording.
 
     Attributes:
-        heads: what was learnt and how; another one where the run went on with other versions, none in a bag that others
-            recorded.
-        policies: by version.
-        batches: in the order in which they ended, discarded ones included.
-        updates: the messages of the iterations done.
-        lost: bytes of the file that are ignored because they are damaged or cut.
+        heads: headers; the run adds one if it resumes with other versions, and a bag of another recorder has none.
+        policies: policies by version.
+        batches: batches in the order in which they ended, including discarded ones.
+        updates: messages of the finished iterations.
+        lost: number of bytes that are ignored because they are damaged or incomplete.
     """
 
     heads: list[Head] = field(default_factory=list)
@@ -72,41 +71,41 @@ class Recording:
 
     @property
     def head(self) -> Head | None:
-        """The first head; None where there is none."""
+        """The first header; None if there is none."""
         return self.heads[0] if self.heads else None
 
     @property
     def finished(self) -> list[RecordedBatch]:
-        """The episodes that count, each once, as batches of one row."""
+        """The completed episodes, each once, as batches of one episode."""
         return list(self.by_numbers().values())
 
     @property
     def replaced(self) -> int:
-        """How many finished episodes do not count, as others of their numbers were recorded later."""
+        """Number of finished episodes that are ignored, since later ones have the same numbers."""
         finished = finished_episodes(self.batches)
         last = {each.batch: each for each in finished}
         return sum(not each.has_same_episodes(last[each.batch]) for each in finished)
 
     def episodes(self) -> Episodes:
-        """Return all episodes that count, each once.
+        """Return all completed episodes, each once.
 
         Raises:
-            ValueError: there are none, or of different horizons.
+            ValueError: there are no episodes, or their horizons differ.
         """
         finished = self.finished
         horizons = {each.batch.horizon for each in finished}
-        got = "none, as the file is damaged" if self.lost else "none"
+        got = "none, since the file is damaged" if self.lost else "none"
         require(bool(finished), "recording", "at least one finished episode", got)
-        require(len(horizons) == 1, "recording", "episodes of one horizon", f"horizons {sorted(horizons)}")
+        require(len(horizons) == 1, "recording", "episodes with a common horizon", f"horizons {sorted(horizons)}")
         return Episodes.concatenate(each.episodes for each in finished)
 
     def by_numbers(self) -> dict[Batch, RecordedBatch]:
-        """Return the episodes that count by their numbers, a batch of one row each."""
+        """Return the completed episodes by number, each as a batch of one episode."""
         return countable(self.batches)
 
 
 def head_fields(head: Head) -> dict[str, Any]:
-    """Return the fields of the message at the head of a recording."""
+    """Return the fields of the message with the header of a recording."""
     return {
         "environment": head.task.environment,
         "options": json.dumps(dict(head.task.options)),
@@ -121,10 +120,10 @@ def head_fields(head: Head) -> dict[str, Any]:
 
 
 def head_of(message: Any) -> Head:
-    """Return the head of a recording from its message.
+    """Return the header of a recording from its message.
 
     Raises:
-        ValueError: it is none.
+        ValueError: the message is not a valid header.
     """
     task = Task(message.environment, json.loads(message.options), message.horizon, message.discount)
     versions = tuple(message.versions)
@@ -132,39 +131,41 @@ def head_of(message: Any) -> Head:
 
 
 def recording_file(path: Path) -> Path:
-    """Return the recording of a run's folder; a file, and the folder of a bag, as they are.
+    """Return the recording in the folder of a run; return a file, or the folder of a bag, unchanged.
 
     Raises:
-        FileNotFoundError: there is none.
+        FileNotFoundError: there is no recording.
     """
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such recording")
     if not path.is_dir() or (path / BAG).is_file():
         return path
     if not (path / FILE).is_file():
-        raise FileNotFoundError(f"{path}: no {FILE} in it; runs are recorded by rkhs train --record")
+        raise FileNotFoundError(f"{path}: no {FILE} in this folder. Record runs with rkhs train --record")
     return path / FILE
 
 
 def read_recording(path: Path) -> Recording:
-    """Read a recording; what is damaged is passed over, with a line on standard error.
+    """Read a recording; skip damaged parts with a warning on standard error.
 
     Args:
-        path: an MCAP file, the folder of a run that was recorded, or that of a bag.
+        path: an MCAP file, the folder of a recorded run, or the folder of a bag.
 
     Raises:
-        ValueError: it is none, or holds nothing of ours.
-        OSError: it cannot be read.
+        ValueError: the file is not a recording, or contains none of our messages.
+        OSError: the file cannot be read.
     """
     path = recording_file(path)
     found = None if path.is_dir() else _whole(path)
     with faults_named(path):
         recording = recording_of(_ours(found.messages) if found else _bag_messages(path))
     recording.lost = found.lost if found else 0
-    require(bool(recording.head or recording.batches), f"{path}", "a recording of a run", "none of our messages")
+    require(
+        bool(recording.head or recording.batches), f"{path}", "a recording of a run", "no messages of rkhs_interfaces"
+    )
     if count := recording.replaced:
         print(
-            f"warning: {path}: {count} episodes are ignored; later ones have the same seeds and numbers. "
+            f"warning: {path}: ignored {count} episodes, since later ones have the same seeds and numbers. "
             "Record runs with the same seed in separate bags.",
             file=sys.stderr,
         )
@@ -172,13 +173,13 @@ def read_recording(path: Path) -> Recording:
 
 
 def read_held(path: Path) -> tuple[Recording, list[Stored]]:
-    """Return what a file holds of a run that goes on, and its messages; nothing where there is none, or no head.
+    """Return the recording of a run that resumes, and its messages; both are empty without a file or a header.
 
-    The run writes the file anew with these. So a file that holds more, which may yet be mended, is kept beside it.
+    The run rewrites the file with these messages. A damaged file is copied first, since it may be repairable.
 
     Raises:
-        ValueError: it is no recording.
-        OSError: it cannot be read, or not kept.
+        ValueError: the file is not a recording.
+        OSError: the file cannot be read or copied.
     """
     if not os.path.lexists(path):
         return Recording(), []
@@ -186,16 +187,16 @@ def read_held(path: Path) -> tuple[Recording, list[Stored]]:
     with faults_named(path):
         recording = recording_of(_ours(found.messages))
     if found.lost or (found.messages and not recording.head):
-        _keep_damaged(path)
+        _copy_damaged(path)
     return (recording, found.messages) if recording.head else (Recording(), [])
 
 
 @contextmanager
 def faults_named(path: Path) -> Iterator[None]:
-    """Name the recording whose messages are none of a run, as others may write them.
+    """Report errors from the messages of a recording with its path.
 
     Raises:
-        ValueError: they raised anything.
+        ValueError: the messages are not those of a run.
     """
     try:
         yield
@@ -205,20 +206,18 @@ def faults_named(path: Path) -> Iterator[None]:
         why = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
         if why.startswith(f"{path}"):
             raise
-        raise ValueError(
-            f"{path}: expected the messages of a run, got some that are none ({truncated(why)})"
-        ) from error
+        raise ValueError(f"{path}: expected the messages of a run, got invalid ones ({truncated(why)})") from error
 
 
-def _keep_damaged(path: Path) -> None:
+def _copy_damaged(path: Path) -> None:
     count = len(list(path.parent.glob(f"{path.stem}_damaged_*{path.suffix}")))
-    kept = path.with_name(f"{path.stem}_damaged_{count + 1}{path.suffix}")
-    write_whole(kept, read_whole(path))
-    print(f"warning: {path}: kept as it was in {kept}", file=sys.stderr)
+    copy = path.with_name(f"{path.stem}_damaged_{count + 1}{path.suffix}")
+    write_whole(copy, read_whole(path))
+    print(f"warning: {path}: copied the damaged file to {copy}", file=sys.stderr)
 
 
 def _whole(path: Path) -> Found:
-    """Return the messages of an MCAP file that are whole; what is damaged is named on standard error."""
+    """Return the intact messages of an MCAP file; print warnings about damaged parts."""
     from rkhs_ros.recordings.container import read_messages  # here, since only recordings need mcap
 
     found = read_messages(path)
@@ -228,22 +227,22 @@ def _whole(path: Path) -> Found:
 
 
 def _ours(messages: Iterable[Stored]) -> Iterator[tuple[str, int, Any]]:
-    """Yield type, time and message of those that are ours."""
+    """Yield type, time and content of our messages."""
     for stored in messages:
         if stored.kind.startswith(PACKAGE):
             yield stored.kind, stored.time, decoded(stored.content, stored.kind, stored.definition)
 
 
 def _bag_messages(folder: Path) -> Iterator[tuple[str, int, Any]]:
-    """Yield type, time and message of what a bag holds of ours."""
+    """Yield type, time and content of our messages in a bag."""
     files = sorted(folder.glob("*.mcap"))
-    if files:  # by our own reader, within bounds
+    if files:  # our reader limits the size
         yield from _ours(sorted((each for file in files for each in _whole(file).messages), key=lambda each: each.time))
         return
     for file in folder.iterdir():
         if not file.is_dir():
-            open_regular(file).close()  # else a pipe would be waited for
-    from rosbags.highlevel import AnyReader  # here, since it takes 0.2 s and few need it
+            open_regular(file).close()  # otherwise the reader would wait for a pipe
+    from rosbags.highlevel import AnyReader  # here, since the import takes 0.2 s
 
     with AnyReader([folder], default_typestore=store_of_all()) as reader:
         ours = [connection for connection in reader.connections if connection.msgtype.startswith(PACKAGE)]
@@ -252,10 +251,10 @@ def _bag_messages(folder: Path) -> Iterator[tuple[str, int, Any]]:
 
 
 def recording_of(messages: Iterable[tuple[str, int, Any]]) -> Recording:
-    """Return what messages say, of a recording or of topics: there a batch's numbers come with its observations.
+    """Return the content of messages of a recording or of topics, where observations contain a batch's numbers.
 
     Raises:
-        ValueError: one of them says what cannot be.
+        ValueError: a message is invalid.
     """
     recording, batches, sent = Recording(), dict[int, Batch](), dict[tuple[int, bool], tuple[Any, int]]()
     for kind, time, message in messages:
@@ -273,28 +272,26 @@ def recording_of(messages: Iterable[tuple[str, int, Any]]) -> Recording:
                 batches.setdefault(message.batch, _numbers(message, message))
             case "Episodes":
                 is_discarded = any(execution.discard_reason for execution in message.executions)
-                sent.setdefault(
-                    (message.batch, is_discarded), (message, time)
-                )  # a simulator may be asked for them again
+                sent.setdefault((message.batch, is_discarded), (message, time))  # a simulator may resend them
     first = max((batch.first_episode + batch.num_envs for batch in batches.values()), default=0)
-    for message, time in sent.values():  # now that all observations are seen, whose order with these nobody keeps
+    for message, time in sent.values():  # after all observations, since their order relative to episodes is undefined
         if message.batch not in batches:
             batches[message.batch] = Batch(0, first, message.num_envs, message.horizon, explore=True)
             first += message.num_envs
         whole = _batch(None, batches[message.batch], message, time)
         recording.batches += [
-            whole._replace(batch=kind, episodes=whole.episodes.take(rows), executions=whole.executions[rows])
-            for kind, rows in whole.batch.kinds
+            whole._replace(batch=kind, episodes=whole.episodes.take(part), executions=whole.executions[part])
+            for kind, part in whole.batch.kinds
         ]
     return recording
 
 
 def _numbers(message: Any, sizes: Any) -> Batch:
-    first, rows, horizon = (int(each) for each in (message.first_episode, sizes.num_envs, sizes.horizon))
+    first, count, horizon = (int(each) for each in (message.first_episode, sizes.num_envs, sizes.horizon))
     num_evaluation = {
         name: int(getattr(message, name, 0)) for name in ("num_evaluation", "first_evaluation")
     }  # of topics
-    return Batch(int(message.seed), first, rows, horizon, explore=bool(message.explore), **num_evaluation)
+    return Batch(int(message.seed), first, count, horizon, explore=bool(message.explore), **num_evaluation)
 
 
 def _batch(head: Head | None, batch: Batch, message: Any, time: int) -> RecordedBatch:

@@ -1,1 +1,1 @@
-"""Sketches of what is being learnt, in space: for the nodes that publish them and the pictures that draw them."""
+"""3D sketches of episodes and policies, for nodes that publish them and pictures that draw them."""

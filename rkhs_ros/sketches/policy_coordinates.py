@@ -1,4 +1,4 @@
-"""What a policy is drawn over: the numbers that are observed, or its inputs where one moment does not give those."""
+"""Coordinates for drawing a policy: observations, or its inputs if they depend on a history."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from rkhs_ros.rkhs.kernels import Array
 
 @dataclass(frozen=True)
 class PolicyCoordinates:
-    """The coordinates of a policy: numbers observed, or, of one that looks back on a history, its inputs.
+    """Coordinates of a policy: the components of an observation, or its inputs if they depend on a history.
 
     Attributes:
-        policy: the policy; None where it is not known.
-        names: of the numbers observed and done.
+        policy: the policy; None if unknown.
+        names: names of the components of observations and actions.
     """
 
     policy: GaussianPolicy | None
@@ -28,7 +28,7 @@ class PolicyCoordinates:
 
     @property
     def are_observed(self) -> bool:
-        """Whether they are what is observed in one moment."""
+        """Whether the coordinates are the components of a single observation."""
         return self._inputs.history == 1
 
     @property
@@ -37,22 +37,22 @@ class PolicyCoordinates:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """What the coordinates are called."""
+        """Names of the coordinates."""
         return self.names.observations if self.are_observed else input_names(self._inputs, self.names)
 
     def of(self, episodes: Episodes) -> list[Array]:
         """Return the points visited in each episode, shape (steps, coordinates)."""
         values = episodes.observations if self.are_observed else episodes.with_inputs(self._inputs).observations
-        return [points[going] for points, going in zip(values, episodes.mask, strict=True)]
+        return [points[mask] for points, mask in zip(values, episodes.mask, strict=True)]
 
     def inputs(self, points: Array) -> Array:
-        """Return the policy's inputs at points of shape (k, coordinates)."""
+        """Return the inputs of the policy at points of shape (k, coordinates)."""
         return self._inputs.features(points) if self.are_observed else points
 
-    def telling(self, episode: Episodes) -> tuple[int, int]:
-        """Return the two coordinates that tell most of the first number of the actions in an episode.
+    def most_informative(self, episode: Episodes) -> tuple[int, int]:
+        """Return the two coordinates with the most information about the first action component in an episode.
 
-        Where the policy is not known these are the first two.
+        If the policy is unknown, return the first two coordinates.
         """
         points, policy = self.of(episode)[0], self.policy
         if points.shape[1] < 3 or policy is None:
@@ -61,7 +61,7 @@ class PolicyCoordinates:
         return across, up
 
     def centres(self) -> Array | None:
-        """Return the centres of the mean, shape (centres, coordinates); None where they are at no such points."""
+        """Return the centres of the mean, shape (centres, coordinates); None if they are not points in them."""
         if self.policy is None:
             return None
         centres, inputs = self.policy.mean.centres, self._inputs

@@ -1,4 +1,4 @@
-"""A sketch of what is being learnt, in space: the paths of the last episodes, and the centres of the policy."""
+"""3D sketch of a run: the paths of the last episodes, and the centres of the policy."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.sketches.policy_coordinates import PolicyCoordinates
 
-SIZE = np.array([2.0, 2.0, 1.0])  # of the box in which all of it stays, along x, y and z, in metres
-MOST_EPISODES, MOST_ATTEMPTS = 10, 100  # that are drawn, of many steps and of one
-MOST_POINTS = 100  # of an episode
+SIZE = np.array([2.0, 2.0, 1.0])  # size of the bounding box along x, y and z, in metres
+MOST_EPISODES, MOST_ATTEMPTS = 10, 100  # maximum number of episodes of several steps, and of one step
+MOST_POINTS = 100  # per episode
 MOST_CENTRES = 500
-JUMP = 0.6  # of a side of the box, from one point to the next: of an angle that wraps
+JUMP = 0.6  # share of a side of the box; a larger distance between two points means that an angle wraps
 
 
 class Sketch(NamedTuple):
-    """Points in a box whose middle is the origin, in metres.
+    """Points in a box that is centred at the origin, in metres.
 
     Attributes:
-        axes: what runs along x, y and z, with the range from one side of the box to the other.
-        paths: of each episode, the oldest first, shape (points, 3), in parts where it jumps.
-        centres: of the policy, at the height of its mean action there, shape (m, 3).
+        axes: names of the quantities along x, y and z, with their ranges.
+        paths: path of each episode, oldest first, split where it jumps, shape (points, 3) each.
+        centres: centres of the policy, with its mean action as the height, shape (m, 3).
     """
 
     axes: tuple[str, str, str]
@@ -38,7 +38,7 @@ class Sketch(NamedTuple):
 
 
 class _Points(NamedTuple):
-    """What is sketched, in the units of the task: columns for x, y and z."""
+    """Points in the units of the task, with columns for x, y and z."""
 
     names: tuple[str, str, str]
     paths: Sequence[Array]
@@ -46,14 +46,14 @@ class _Points(NamedTuple):
 
 
 class Sketcher:
-    """Sketches what a run came to.
+    """Creates sketches of a run.
 
-    Owns the last episodes, the ranges that were seen so far, and which two numbers run along x and y: those that tell
-    most of what the policy does, chosen anew each time that the number of iterations has doubled.
+    Owns the last episodes, the ranges so far, and the pair of coordinates along x and y. This is the pair with the
+    most information about the action, and is updated whenever the number of iterations has doubled.
 
     Args:
-        spaces: of the task.
-        discount: of the returns.
+        spaces: spaces of the task.
+        discount: discount factor of the returns.
     """
 
     def __init__(self, spaces: Spaces, discount: float) -> None:
@@ -68,11 +68,11 @@ class Sketcher:
         self._ranges_of: tuple[str, ...] = ()
 
     def add(self, iteration: Iteration) -> None:
-        """Take note of the episodes of an iteration: of the noise-free ones, where there are some."""
+        """Add the evaluation episodes of an iteration, or the exploration episodes if there are none."""
         self._recent.append(iteration.evaluation if len(iteration.evaluation) else iteration.exploration)
 
     def sketch(self, iteration: Iteration) -> Sketch:
-        """Return what is to be seen after an iteration, which was added."""
+        """Return the sketch after an iteration, which must have been added."""
         points = self._attempts() if self._recent[-1].horizon == 1 else self._moving(iteration)
         if points.names != self._ranges_of:
             self._ranges_of, self._low, self._high = points.names, np.full(3, np.inf), np.full(3, -np.inf)
@@ -85,7 +85,7 @@ class Sketcher:
         return Sketch((x, y, z), paths, self._placed(points.centres))
 
     def _attempts(self) -> _Points:
-        """Return the actions of episodes of one step, with the return as the height."""
+        """Return the actions of one-step episodes, with the return as the height."""
         names, actions = self._names.actions, [self._spaces.clip(each.actions[:, 0]) for each in self._recent]
         earned = np.concatenate([each.returns(self._discount) for each in self._recent])
         pair = (0, min(1, len(names) - 1))
@@ -96,7 +96,7 @@ class Sketcher:
         """Return the paths of episodes through two coordinates, with the action as the height."""
         coordinates = PolicyCoordinates(iteration.policy, self._names)
         if iteration.number >= self._choose_at:
-            self._pair = coordinates.telling(self._recent[-1].take(slice(0, 1)))
+            self._pair = coordinates.most_informative(self._recent[-1].take(slice(0, 1)))
             self._choose_at = 2 * iteration.number
         across, up = self._pair
         paths = [self._path(coordinates, each.take(slice(0, 1))) for each in self._recent]
@@ -114,7 +114,7 @@ class Sketcher:
         return _thinned(self._above(centres, self._spaces.clip(mean(mean.centres))), MOST_CENTRES)
 
     def _above(self, points: Array, actions: Array) -> Array:
-        """Return columns for x, y and z; of a task with a single number nothing runs along y."""
+        """Return columns for x, y and z; y is 0 if there is a single coordinate."""
         across, up = self._pair
         depths = points[:, up] if up != across else np.zeros(len(points))
         return np.column_stack([points[:, across], depths, actions[:, 0]])
@@ -125,11 +125,11 @@ class Sketcher:
 
 
 def _thinned(points: Array, most: int) -> Array:
-    """Return at most so many of some points, evenly chosen, the first and the last among them."""
+    """Return a bounded number of evenly spaced points, including the first and the last."""
     return points.take(np.linspace(0, len(points) - 1, min(len(points), most)).round().astype(int), axis=0)
 
 
 def _parts(path: Array) -> list[Array]:
-    """Return a path in parts: it ends where it jumps through most of the box, and begins again."""
+    """Split a path where it jumps across most of the box."""
     jumps = np.flatnonzero((np.abs(np.diff(path, axis=0))[:, :2] > JUMP * SIZE[:2]).any(axis=1))
     return np.split(path, jumps + 1)

@@ -118,7 +118,7 @@ class IterationPanel:
 
     def _offer_choices(self, coordinates: PolicyCoordinates, episode: Episodes) -> None:
         """Add the controls for the plot's axes in a closed folder; the most informative axes are preselected."""
-        labels, (across, up) = coordinates.labels, coordinates.telling(episode)
+        labels, (across, up) = coordinates.labels, coordinates.most_informative(episode)
         lists = (("across", labels, across, 2), ("up", labels, up, 2), ("action", self._names.actions, 0, 1))
         gui, moves = self._server.gui, self._source.task.horizon > 1
         is_choice = moves and any(len(options) > fewest for _, options, _, fewest in lists)

@@ -200,7 +200,7 @@ def test_a_claim_fails_where_its_returns_do() -> None:
         (("reproduce", "fig3"), "unknown experiment 'fig3', did you mean 'fig3-pendulum' or 'fig3-toy'?"),
         (("reproduce", "fig1", "--runs", "0"), "--runs: expected at least 1, got 0"),
         (("reproduce", "fig1", "--jobs", "0"), "--jobs: expected at least 1, or -1 for all cores, got 0"),
-        (("results", "nowhere"), "'rkhs reproduce fig1' makes it"),
+        (("results", "nowhere"), "Run 'rkhs reproduce fig1' to create it"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(

@@ -204,7 +204,7 @@ class TestTwoRunsInOneBag:
         read = read_recording(folder)
         assert len(read.finished) == 3 + 2
         assert capsys.readouterr().err == (
-            f"warning: {folder}: 4 episodes are ignored; later ones have the same seeds and numbers. "
+            f"warning: {folder}: ignored 4 episodes, since later ones have the same seeds and numbers. "
             "Record runs with the same seed in separate bags.\n"
         )
 

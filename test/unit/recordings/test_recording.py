@@ -56,7 +56,7 @@ def test_the_definitions_are_those_of_the_interfaces_and_all_are_known() -> None
 
 
 def test_a_field_that_a_message_has_not_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"NodeInstance: expected its fields, got year"):
+    with pytest.raises(ValueError, match=r"NodeInstance: expected fields of this type, got year"):
         Types().NodeInstance(year=3)
 
 
@@ -123,7 +123,7 @@ def test_what_was_cut_anywhere_is_read_up_to_the_last_whole_record(
     recording = read_recording(cut)
     assert sum(map(len, (recording.batches, recording.policies, recording.updates))) == 5
     line = capsys.readouterr().err
-    assert line.startswith(f"warning: {cut}: cut after 6 messages: ")
+    assert line.startswith(f"warning: {cut}: incomplete after 6 messages: ")
     assert line.count("\n") == 1
 
 
@@ -247,7 +247,7 @@ def test_a_run_goes_on_with_the_whole_part_of_its_recording(
     file.write_bytes(content_before[: int(kept * len(content_before))])
     recorded_run(tmp_path / "run", CONFIG, resume=True)
     warning = capsys.readouterr().err
-    assert warning.startswith(f"warning: {file}: cut after ")
+    assert warning.startswith(f"warning: {file}: incomplete after ")
     there = read_recording(file)
     assert all(any(same_batch(batch, other) for other in read_recording(whole).batches) for batch in there.batches)
     assert there.updates[-1].iteration == 4
@@ -359,7 +359,7 @@ def test_a_recording_with_a_damaged_head_or_episode_is_refused_as_damaged(
     for command, damaged, message in (
         ("replay", 0, "expected the recording of a run, got one with a damaged header"),
         ("offline", 0, "expected a configuration as well, since a recording with a damaged header"),
-        ("offline", 2, "expected at least one finished episode, got none, as the file is damaged"),
+        ("offline", 2, "expected at least one finished episode, got none, since the file is damaged"),
     ):
         content = bytearray(whole)
         content[chunks(whole)[damaged] + 100] ^= 1

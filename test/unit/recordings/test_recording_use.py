@@ -209,7 +209,7 @@ class TestLeRobot:
         recording = recorded_run(tmp_path / "run", longer(1), Robot(period=round(1e9 / rate)))
         refused = rkhs("export", recording, "--lerobot", "out")
         assert_refused(refused, "recording: expected a whole number of steps per second")
-        assert f"got {rate} by the time stamps. Choose a rate with --fps N" in refused.err
+        assert f"got {rate} from the time stamps. Use --fps N" in refused.err
         assert not Path("out").exists()
         told = rkhs("export", recording, "--lerobot", "out", "--fps", 4).out
         assert told == "Exported 5 episodes at 4 steps per second: out\n"

@@ -247,7 +247,7 @@ def test_all_dimensions_are_drawn(d: int, n: int, horizon: int, random_policy: A
     policy = random_policy(d=d, n=n)
     episodes = random_episodes(policy, n=3, horizon=horizon)
     coordinates = PolicyCoordinates(policy, names_of(SimpleNamespace(environment="?"), d, n))
-    across, up = coordinates.telling(episodes)
+    across, up = coordinates.most_informative(episodes)
     rows = [episodes.take(slice(i, i + 1)) for i in range(3)]
     board = draw(Subject("title", coordinates, rows, None, 0.9), Choice(across, up, n - 1))
     assert board.points.shape == (horizon, 2)
