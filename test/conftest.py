@@ -1,8 +1,8 @@
-"""The project's own tasks are registered for every test."""
+"""Register the project's tasks for all tests."""
 
 import signal
 
 import sim_nodes.envs  # noqa: F401
 
-# A shell ignores SIGINT in what it starts in the background, and so would the processes that tests interrupt.
+# Background jobs of a shell ignore SIGINT, and child processes inherit this. Tests interrupt child processes.
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -1,1 +1,1 @@
-"""Stills and films of runs and policies."""
+"""Figures and films of runs and policies."""

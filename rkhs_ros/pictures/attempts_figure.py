@@ -1,4 +1,4 @@
-"""The picture of a task of one step: what was tried, and what it earned."""
+"""Draw the attempts of a one-step task: the sampled actions and their rewards."""
 
 from __future__ import annotations
 
@@ -21,42 +21,46 @@ Flags = NDArray[np.bool_]
 def attempts_figure(
     attempts: Episodes, learnt: Episodes, spaces: Spaces, names: Names, title: str, success: float | None
 ) -> Figure:
-    """Return a figure of the actions tried, coloured by reward, and of those of the policy at the end.
+    """Return a figure of the sampled actions and of the final policy's actions.
 
-    One number of the action is drawn against the reward; of more the first two against each other.
+    A single action component is drawn against the reward. Of several components, the first two are drawn against each
+    other, coloured by reward.
 
     Args:
-        attempts: all that was tried.
-        learnt: of the policy at the end.
-        spaces: of the task; actions are drawn as it takes them, within their bounds.
-        names: of the actions.
-        title: what is learnt.
-        success: reward that only a success exceeds; None where the task does not say.
+        attempts: all episodes of the run.
+        learnt: evaluation episodes of the final policy.
+        spaces: spaces of the task; actions are clipped to their bounds.
+        names: names of the action components.
+        title: name of the task.
+        success: reward that only successes exceed; None if the task does not define it.
     """
     rewards = attempts.rewards[:, 0]
-    won = rewards > (np.inf if success is None else success)
-    told = f", at least {won.sum()} of them successful" if success is not None else ""
+    succeeded = rewards > (np.inf if success is None else success)
+    count = f", at least {succeeded.sum()} of them successful" if success is not None else ""
     more = f"; 2 of {len(names.actions)} actions" if len(names.actions) > 2 else ""
-    figure = sheet(6.6, 5.0, f"{title}\n{len(rewards)} attempts{told}{more}")
+    figure = sheet(6.6, 5.0, f"{title}\n{len(rewards)} attempts{count}{more}")
     axes = figure.subplots()
     tried, chosen = (spaces.clip(each.actions[:, 0]) for each in (attempts, learnt))
     if len(names.actions) == 1:
-        _against_reward(axes, tried[:, 0], rewards, won)
+        _against_reward(axes, tried[:, 0], rewards, succeeded)
         label(axes, names.actions[0], "reward")
         x, y = chosen[:, 0], learnt.rewards[:, 0]
     else:
-        _plane(axes, tried[:, :2], rewards, won)
+        _plane(axes, tried[:, :2], rewards, succeeded)
         label(axes, names.actions[0], names.actions[1])
         x, y = chosen[:, 0], chosen[:, 1]
-    axes.plot(x, y, "*", color=COLOURS[1], markeredgecolor="black", markersize=15, label="the policy learnt", zorder=4)
+    axes.plot(x, y, "*", color=COLOURS[1], markeredgecolor="black", markersize=15, label="final policy", zorder=4)
     legend_above(axes)
     return figure
 
 
-def _plane(axes: Axes, tried: Array, rewards: Array, won: Flags) -> None:
-    """Draw attempts where they are in the plane of two actions; the better ones cover the others."""
+def _plane(axes: Axes, tried: Array, rewards: Array, succeeded: Flags) -> None:
+    """Draw the attempts in the plane of two action components; better ones cover the others."""
     norm = Normalize(min(float(rewards.min()), 0.0), float(rewards.max()) or 1.0)
-    for marker, edge, name, which in (("X", "none", "attempt", ~won), ("o", "black", "success, beyond doubt", won)):
+    for marker, edge, name, which in (
+        ("X", "none", "attempt", ~succeeded),
+        ("o", "black", "certain success", succeeded),
+    ):
         order = np.flatnonzero(which)[np.argsort(rewards[which], kind="stable")]
         x, y = tried[order].T
         if len(order):
@@ -65,10 +69,10 @@ def _plane(axes: Axes, tried: Array, rewards: Array, won: Flags) -> None:
     colour_bar(axes, ScalarMappable(norm, UNSIGNED), "reward")
 
 
-def _against_reward(axes: Axes, tried: Array, rewards: Array, won: Flags) -> None:
+def _against_reward(axes: Axes, tried: Array, rewards: Array, succeeded: Flags) -> None:
     for marker, colour, name, which in (
-        ("X", COLOURS[4], "attempt", ~won),
-        ("o", COLOURS[2], "success, beyond doubt", won),
+        ("X", COLOURS[4], "attempt", ~succeeded),
+        ("o", COLOURS[2], "certain success", succeeded),
     ):
         if which.any():
             axes.plot(tried[which], rewards[which], marker, color=colour, label=name)

@@ -1,4 +1,4 @@
-"""The picture of a comparison: learning curves with their bands, to be put into a paper."""
+"""Draw a comparison for a paper: learning curves with confidence bands."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ from rkhs_ros.studies.aggregates import mean_over_runs
 from rkhs_ros.studies.comparison import Comparison, LearningCurve
 
 FORMATS = (".png", ".pdf", ".svg")
-MARKER_SPACING = 0.15  # of the plot's diagonal
-SIZE_IN, DPI = (4.8, 3.2), 200  # of the plot; the legend beside it adds to the width
+MARKER_SPACING = 0.15  # relative to the plot's diagonal
+SIZE_IN, DPI = (4.8, 3.2), 200  # of the plot, without the legend beside it
 
 
 def format_of(path: Path) -> str:
-    """Return the format that a picture's name asks for.
+    """Return the image format of a file name.
 
     Raises:
-        ValueError: none that is known.
+        ValueError: the format is unknown.
     """
-    require(path.suffix in FORMATS, f"{path}", f"a picture's name with {' or '.join(FORMATS)}", repr(path.suffix))
+    require(path.suffix in FORMATS, f"{path}", f"a file name that ends in {' or '.join(FORMATS)}", repr(path.suffix))
     return path.suffix[1:]
 
 
 def draw_comparison(path: Path, comparison: Comparison) -> None:
-    """Draw the mean return over the exploration episodes, with its 95 % interval over the runs.
+    """Draw the mean returns of a comparison against exploration episodes, with 95 % intervals over the runs.
 
     Raises:
-        ValueError: the file's name ends like no format that is known.
-        OSError: it cannot be written.
+        ValueError: the format of the file is unknown.
+        OSError: the file cannot be written.
     """
     figure = comparison_figure(comparison)
     write(path, figure, format=format_of(path), dpi=DPI, bbox_inches="tight", pad_inches=0.05)
 
 
 def comparison_figure(comparison: Comparison) -> Figure:
-    """Return a figure of the mean returns with their intervals; its legend stands beside it, outside of its size."""
+    """Return a figure of the mean returns with their intervals; the legend is beside it, outside its size."""
     figure = Figure(figsize=SIZE_IN, facecolor="white")
     axes = figure.subplots()
     for curve, look in zip(comparison.curves, looks(len(comparison.curves)), strict=True):
@@ -68,7 +68,7 @@ def _draw_curve(axes: Axes, curve: LearningCurve, style: str, colour: str, marke
 
 
 def _draw_optimum(axes: Axes, task: Task) -> None:
-    """Draw the first optimum that is known, without where it is from, which its name says in brackets."""
+    """Draw the first known optimum; its label omits the source, which follows in brackets."""
     known = [(name, value) for name, value in references(task).items() if name.startswith("optimum")]
     for name, value in known[:1]:
         axes.axhline(value, color="0.35", linestyle="--", linewidth=1, label=name.partition(" (")[0], zorder=1)

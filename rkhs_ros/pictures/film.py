@@ -1,4 +1,4 @@
-"""A film of an episode: what is seen while a policy acts."""
+"""Render an episode of a policy as a film."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.rollouts.visualization import DrawsItself
 
 Pictures = NDArray[np.uint8]  # RGB, shape (height, width, 3), or several of them
-FEWEST, MOST, USUAL = 2, 200, 60  # pictures of a film
-SIZE, DPI = (4.8, 3.6), 100  # inches, of a drawn picture
+FEWEST, MOST, USUAL = 2, 200, 60  # frames of a film
+SIZE, DPI = (4.8, 3.6), 100  # inches, of a drawn frame
 
 
 @dataclass(frozen=True)
 class Film:
-    """What was seen.
+    """The frames of an episode.
 
     Attributes:
-        pictures: by the camera's name, "" for the only one, shape (frames, height, width, 3).
-        captions: when it was, one for each frame.
+        pictures: frames by the name of the camera ("" for a single one), RGB, shape (frames, height, width, 3).
+        captions: the time or step of each frame.
     """
 
     pictures: dict[str, Pictures]
@@ -43,17 +43,17 @@ class Film:
 
 
 def shoot(policy: GaussianPolicy, task: Task, runner: InlineRunner, *, seed: int = 0, frames: int = USUAL) -> Film:
-    """Let a policy act without noise for an episode and return what is seen.
+    """Run an episode of a policy without exploration noise and render it.
 
     Args:
-        policy: it acts.
-        task: what it was learnt on.
-        runner: of that task.
-        seed: of all randomness.
-        frames: pictures, spread evenly over the episode; fewer where it is shorter.
+        policy: policy to run.
+        task: task to run it on.
+        runner: runner of that task.
+        seed: seed of all randomness.
+        frames: number of frames, spread evenly over the episode; at most one per step.
 
     Raises:
-        ValueError: a number is out of range, or the environment does not draw itself.
+        ValueError: a number is out of range, or the environment cannot be rendered.
     """
     require(FEWEST <= frames <= MOST, "frames", f"{FEWEST} to {MOST}", frames)
     batch, simulation = Batch(seed, 0, 1, task.horizon, explore=False), runner.simulation
@@ -69,19 +69,19 @@ def shoot(policy: GaussianPolicy, task: Task, runner: InlineRunner, *, seed: int
 
 
 def spread(length: int, count: int) -> list[int]:
-    """Return as many numbers below the length, evenly from the first to the last; all where they are fewer."""
+    """Return up to `count` indices below `length`, evenly spaced from the first to the last."""
     return [int(k) for k in np.linspace(0, length - 1, min(count, length)).round()]
 
 
 def _watched(policy: GaussianPolicy, batch: Batch, simulation: Simulation, frames: int) -> Film:
-    """Return what the cameras of a task see, of which one action makes a whole motion."""
+    """Render a one-step task, whose action makes a whole motion, with the cameras of the task."""
     task: Any = simulation.shown
     actions = Acting(policy, batch, explore=False)(0, simulation.start(batch).observations)
     simulation.step(actions)
     motion = simulation.joint_states()
     every, period = (1, 0.0) if motion is None else (-(-len(motion.positions) // frames), motion.period)
     change = task.change(actions[0])
-    pictures = task.render_frames(task.states[0], change, every=every)  # refuses what makes no motion
+    pictures = task.render_frames(task.states[0], change, every=every)  # raises if the action makes no motion
     count = len(next(iter(pictures.values())))
     return Film(pictures, [f"{frame * every * period:.1f} s" for frame in range(count)])
 
@@ -93,7 +93,7 @@ def _moments(
     steps: list[int],
     look: Callable[[Simulation, Array], Pictures],
 ) -> Iterator[Pictures]:
-    """Yield what is seen before some steps of the episode."""
+    """Yield a frame before each of the given steps of the episode."""
     acting = Acting(policy, batch, explore=False)
     frame = simulation.start(batch)
     for step in range(steps[-1] + 1):
@@ -113,34 +113,34 @@ def _drawn(simulation: Simulation, action: Array) -> Pictures:
 
 
 def _with_pictures(task: Task, simulation: Simulation) -> closing[Simulation]:
-    """Return the simulation of an environment that is told to draw itself, as a context that closes it."""
+    """Return a simulation of the environment with a render mode, as a context manager that closes it."""
     modes = simulation.shown.metadata.get("render_modes") or []
-    what = "an environment that draws itself (render mode rgb_array)"
+    what = "an environment with render mode rgb_array"
     require("rgb_array" in modes, task.environment, what, f"one with {', '.join(modes) or 'no render mode'}")
     choose_renderer()
-    with _told_what_to_install(task.environment):
+    with _rendering_errors(task.environment):
         return closing(Simulation(task.environment, {**task.options, "render_mode": "rgb_array"}))
 
 
 def _rendered(simulation: Simulation, action: Array) -> Pictures:
-    with _told_what_to_install(simulation.environment), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of what was tried before it failed, which is told in one line
-        seen: Any = simulation.shown.render()
-    return np.asarray(seen[0] if isinstance(seen, tuple | list) else seen, dtype=np.uint8)
+    with _rendering_errors(simulation.environment), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # about failed backends; the final error is reported in one line
+        frame: Any = simulation.shown.render()
+    return np.asarray(frame[0] if isinstance(frame, tuple | list) else frame, dtype=np.uint8)
 
 
 @contextmanager
-def _told_what_to_install(environment: str) -> Iterator[None]:
-    """Raise ValueError in place of all that can go wrong in somebody's code, on somebody's display.
+def _rendering_errors(environment: str) -> Iterator[None]:
+    """Convert any error of an environment's rendering into a ValueError with a hint.
 
     Raises:
-        ValueError: it cannot be drawn; what is to be done is said where it is known.
+        ValueError: rendering failed; the message includes a remedy if one is known.
     """
     try:
         yield
     except (gymnasium.error.DependencyNotInstalled, ImportError) as error:
         got = f"{truncated(error)}{remedy()}"
-        raise ValueError(f"{environment}: expected what draws it to be installed, got: {got}") from error
+        raise ValueError(f"{environment}: expected its renderer to be installed, got: {got}") from error
     except Exception as error:
         got = f"{type(error).__name__}: {truncated(error)}{remedy()}"
-        raise ValueError(f"{environment}: expected a picture, got {got}") from error
+        raise ValueError(f"{environment}: expected a rendered frame, got {got}") from error

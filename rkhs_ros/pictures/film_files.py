@@ -1,4 +1,4 @@
-"""The files of a film: some of its moments side by side, and all of it as an animation."""
+"""Write a film to files: a strip of selected frames, and an animation of all frames."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from PIL import Image, ImageDraw, ImageFont
 from rkhs_ros.pictures.film import Film, Pictures, spread
 from rkhs_ros.pictures.style import write
 
-MOMENTS = 6  # of the strip
-SECONDS, LAST_MS = 6.0, 1500  # that the animation lasts, and its last picture
+MOMENTS = 6  # frames of the strip
+SECONDS, LAST_MS = 6.0, 1500  # durations of the animation and of its last frame
 LIMIT = 3_000_000  # bytes of the animation
-SMALLER = 0.8  # times the width where it would be larger
+SMALLER = 0.8  # factor of the width while the animation exceeds the limit
 COLOURS = 128
-STILL = 1e-3  # part of the pixels that may differ in pictures of nothing that moves
-CAPTION_PART = 18  # of a picture's height that its caption takes
+STILL = 1e-3  # fraction of pixels that may differ between frames without motion
+CAPTION_PART = 18  # height of a frame, relative to that of its caption
 
 
 def draw_strip(path: Path, film: Film) -> None:
-    """Draw some moments side by side, from the first motion on, a row for each camera."""
+    """Draw selected frames side by side, from the first motion on, with a row for each camera."""
     write(path, strip_figure(film))
 
 
 def strip_figure(film: Film) -> Figure:
-    """Return the figure of some moments of a film."""
+    """Return a figure of selected frames of a film."""
     first = first_motion(film)
     moments = [first + moment for moment in spread(len(film.captions) - first, MOMENTS)]
     height, width = next(iter(film.pictures.values())).shape[1:3]
@@ -46,9 +46,9 @@ def strip_figure(film: Film) -> Figure:
 
 
 def animate(path: Path, film: Film) -> None:
-    """Write the pictures from the first motion on as a GIF, the cameras beside one another.
+    """Write the frames from the first motion on as a GIF, with the cameras side by side.
 
-    They are made smaller where it would be a large file.
+    The frames are scaled down if the file would be too large.
     """
     first = first_motion(film)
     wide = np.concatenate(list(film.pictures.values()), axis=2)[first:]
@@ -60,7 +60,7 @@ def animate(path: Path, film: Film) -> None:
 
 
 def first_motion(film: Film) -> int:
-    """Return the number of the last picture before anything moves; 0 where nothing ever does."""
+    """Return the index of the last frame before the first motion; 0 if nothing moves."""
     moved = np.zeros(len(film.captions), dtype=bool)
     for pictures in film.pictures.values():
         moved |= (pictures != pictures[0]).any(axis=3).mean(axis=(1, 2)) > STILL
@@ -76,7 +76,7 @@ def _captioned(picture: Pictures, caption: str) -> Image.Image:
 
 
 def _gif(images: list[Image.Image]) -> bytes:
-    """Return the images in common colours, which compress far better than colours of their own."""
+    """Encode the images as a GIF with a common palette, which compresses far better than separate ones."""
     some = np.concatenate([np.asarray(images[moment]) for moment in spread(len(images), MOMENTS)])
     palette = Image.fromarray(some).quantize(COLOURS)
     first, *others = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]

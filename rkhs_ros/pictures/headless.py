@@ -1,4 +1,4 @@
-"""How MuJoCo draws where there is no display."""
+"""Choose an off-screen renderer for MuJoCo on machines without a display."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ctypes.util import find_library
 
 RENDERER = "MUJOCO_GL"  # environment variable that MuJoCo and Gymnasium read
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
-OFFSCREEN = {"egl": "EGL", "osmesa": "OSMesa"}  # renderer and its library, the quicker one first
+OFFSCREEN = {"egl": "EGL", "osmesa": "OSMesa"}  # renderer and its library, the faster one first
 REMEDY = (
     "MuJoCo without a display needs EGL or OSMesa: on Debian and Ubuntu, apt install libegl1 libgl1-mesa-dri, "
     "or libosmesa6 and MUJOCO_GL=osmesa"
@@ -17,7 +17,7 @@ REMEDY = (
 
 
 def choose_renderer(environment: MutableMapping[str, str] = os.environ) -> None:
-    """Have MuJoCo draw off screen where there is no display and nobody has chosen how."""
+    """Set MuJoCo's renderer to an off-screen one if there is no display and the user has not chosen one."""
     has_display = sys.platform != "linux" or any(environment.get(name) for name in DISPLAYS)
     if has_display or RENDERER in environment:
         return
@@ -27,6 +27,6 @@ def choose_renderer(environment: MutableMapping[str, str] = os.environ) -> None:
 
 
 def remedy(environment: MutableMapping[str, str] = os.environ) -> str:
-    """Return in brackets what to install for pictures of MuJoCo; nothing where MuJoCo is not used."""
-    said = f"{RENDERER} is {environment[RENDERER]}; " if RENDERER in environment else ""
-    return f" ({said}{REMEDY})" if "mujoco" in sys.modules else ""
+    """Return in brackets what to install for rendering with MuJoCo; an empty string if MuJoCo is not in use."""
+    chosen = f"{RENDERER} is {environment[RENDERER]}; " if RENDERER in environment else ""
+    return f" ({chosen}{REMEDY})" if "mujoco" in sys.modules else ""

@@ -1,4 +1,4 @@
-"""What a task says of itself, for pictures: its known returns, and the names of what is seen and done."""
+"""Look up what a task defines for pictures: reference returns, and names of observations and actions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ REFERENCE_DISCOUNT = 0.99
 
 
 def references(task: Task) -> dict[str, float]:
-    """Return the returns known for a task at its registered horizon and discount, by name."""
+    """Return the reference returns of a task, by name; none for another horizon or discount than the registered one."""
     spec = gymnasium.registry.get(task.environment.rpartition(":")[2])
     if spec is None or (task.horizon, task.discount) != (spec.max_episode_steps, REFERENCE_DISCOUNT):
         return {}
@@ -25,30 +25,31 @@ def references(task: Task) -> dict[str, float]:
 
 
 def names_of(task: Task, observation_dim: int, action_dim: int, spaces: Spaces | None = None) -> Names:
-    """Return what a task calls its numbers in ``observation_names`` and ``action_names``, else "observation 0" etc.
+    """Return the names of a task's observations and actions; "observation 0" and so on if it defines none.
 
-    The attributes are those of its spaces, as of a robot, of the environment's class, or of the function that makes it.
+    The names are the attributes ``observation_names`` and ``action_names`` of its spaces (as for robots), of the
+    environment's class, or of the function that creates it.
     """
     sizes = {"observation": observation_dim, "action": action_dim}
     return Names(*(getattr(spaces, f"{kind}_names", ()) or _names(task, kind, size) for kind, size in sizes.items()))
 
 
 def success_reward(task: Task) -> float | None:
-    """Return the reward that only a success exceeds, if the task says so in ``success_reward``."""
-    said = _said(task, "success_reward")
-    return float(said) if isinstance(said, int | float) else None
+    """Return the reward that only successes exceed, the attribute ``success_reward`` of a task; None without one."""
+    reward = _attribute(task, "success_reward")
+    return float(reward) if isinstance(reward, int | float) else None
 
 
 def _names(task: Task, kind: str, count: int) -> tuple[str, ...]:
-    return reported_names(_said(task, f"{kind}_names"), count) or plain_names(kind, count)
+    return reported_names(_attribute(task, f"{kind}_names"), count) or plain_names(kind, count)
 
 
-def _said(task: Task, attribute: str) -> Any:
-    """Return an attribute of what makes the task; None where there is none, or the task is not installed."""
-    with suppress(Exception):  # somebody's code, which a picture can do without
+def _attribute(task: Task, name: str) -> Any:
+    """Return an attribute of the task's entry point; None if it has none, or the task is not installed."""
+    with suppress(Exception):  # user code that a picture can do without
         spec = spec_of(task.environment)
         for entry in (spec.vector_entry_point, spec.entry_point):
             maker = load_env_creator(entry) if isinstance(entry, str) else entry
-            if hasattr(maker, attribute):
-                return getattr(maker, attribute)
+            if hasattr(maker, name):
+                return getattr(maker, name)
     return None

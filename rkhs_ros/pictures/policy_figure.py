@@ -1,4 +1,4 @@
-"""Pictures of a policy: what it does over what it sees, drawn over all of it or over the two inputs that tell most."""
+"""Draw the mean action of a policy over its inputs: over all of them, or over the two most informative ones."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ from rkhs_ros.rkhs.informative_inputs import most_informative_inputs, on_slice
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.sketches.policy_coordinates import PolicyCoordinates
 
-MOST_ACTIONS = 3  # that have a plot
+MOST_ACTIONS = 3  # with a plot
 PANEL, LEAST_WIDTH, HEIGHT = 4.6, 6.6, 4.6  # inches
-LINE_POINTS, PLANE_POINTS = 300, 150  # along an axis
-MOST_DOTS = 300  # visited points that are drawn
-JUMP = 0.5  # part of the range seen: two steps farther apart than that are not joined, as where an angle comes round
+LINE_POINTS, PLANE_POINTS = 300, 150  # along each axis
+MOST_DOTS = 300  # visited points drawn
+JUMP = 0.5  # of the range: steps farther apart are not joined, for example at a wrapped angle
 HALO = [withStroke(linewidth=3.5, foreground="white")]
 
 
 @dataclass(frozen=True)
 class View:
-    """A policy as a function of what the axes show.
+    """A policy as a function of the plotted coordinates.
 
     Attributes:
-        policy: the policy.
-        spaces: bounds of the actions.
-        coordinates: what it is drawn over.
+        policy: policy to draw.
+        spaces: spaces of the task, with the bounds of the actions.
+        coordinates: coordinates to draw the policy over.
         episode: visited points of the first episode, shape (steps, d).
-        visited: those of all episodes, shape (k, d).
+        visited: visited points of all episodes, shape (k, d).
     """
 
     policy: GaussianPolicy
@@ -49,14 +49,14 @@ class View:
 
     @classmethod
     def of(cls, policy: GaussianPolicy, spaces: Spaces, names: Names, episodes: Episodes) -> View:
-        """Return the view of a policy and of the episodes as they were observed."""
+        """Return the view of a policy and of observed episodes."""
         coordinates = PolicyCoordinates(policy, names)
         points = coordinates.of(episodes)
         return cls(policy, spaces, coordinates, points[0], np.concatenate(points))
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of what it is drawn over."""
+        """Names of the coordinates."""
         return self.coordinates.labels
 
     @property
@@ -65,42 +65,42 @@ class View:
         return self.coordinates.names.actions
 
     def act(self, points: Array) -> Array:
-        """Return the mean actions at points, as the task takes them: within the bounds."""
+        """Return the mean actions at points, clipped to the bounds."""
         return self.spaces.clip(self.policy.mean(self.coordinates.inputs(points)))
 
     def band(self, points: Array) -> tuple[Array, Array]:
-        """Return the mean less and plus a standard deviation of the exploration, within the bounds."""
+        """Return the mean minus and plus one standard deviation of the exploration, clipped to the bounds."""
         features = self.coordinates.inputs(points)
         mean, sd = self.policy.mean(features), np.sqrt(self.policy.variance(features))
         return self.spaces.clip(mean - sd), self.spaces.clip(mean + sd)
 
     def action(self, column: int) -> Callable[[Array], Array]:
-        """Return one number of the actions as a function of points."""
+        """Return one action component as a function of points."""
         return lambda points: self.act(points)[:, column]
 
     def bounds(self, column: int) -> tuple[float, float]:
-        """Return the bounds of one number of the actions."""
+        """Return the bounds of one action component."""
         return float(self.spaces.action_low.ravel()[column]), float(self.spaces.action_high.ravel()[column])
 
     @property
     def centres(self) -> Array:
-        """The centres of the mean, shape (m, d), where they are points of the axes; none otherwise."""
+        """The centres of the mean, shape (m, d); empty if they are not points of the plotted coordinates."""
         centres = self.coordinates.centres()
         return self.visited[:0] if centres is None else centres
 
 
 def policy_figure(policy: GaussianPolicy, spaces: Spaces, names: Names, episodes: Episodes, title: str) -> Figure:
-    """Return a figure of the mean action over what the policy sees, with an episode, a plot for each action.
+    """Return a figure of the mean action over the policy's inputs and of an episode, with a plot for each action.
 
-    One and two inputs are drawn whole. Of more, the slice through the medians of what was visited over the two inputs
-    that explain most of the action there, above the action over time.
+    One or two inputs are drawn completely. With more inputs, the upper plot is a slice through the medians of the
+    visited points, along the two inputs that explain most of the action there; the lower plot is the action over time.
 
     Args:
-        policy: the policy.
-        spaces: of the task.
-        names: of what is seen and done.
-        episodes: as they were observed, of at least one step.
-        title: what is learnt.
+        policy: policy to draw.
+        spaces: spaces of the task.
+        names: names of the observations and actions.
+        episodes: episodes as observed, of at least one step.
+        title: name of the task.
     """
     view = View.of(policy, spaces, names, episodes)
     kind = {1: _line, 2: _plane}.get(len(view.inputs))
@@ -176,7 +176,7 @@ def _coloured(axes: Axes, spans: tuple[Array, ...], values: Array, norm: Normali
 
 
 def _norm(view: View, column: int, values: Array) -> Normalize:
-    """Return the range of the colours: what the policy does, within the bounds; around 0 where both signs can be."""
+    """Return the range of the colours: that of the actions; symmetric about 0 if the bounds have both signs."""
     low, high = view.bounds(column)
     size = float(np.abs(values).max()) or 1.0
     return Normalize(-size, size) if low < 0.0 < high else Normalize(float(values.min()), float(values.max()))
@@ -191,13 +191,13 @@ def _grid(spans: tuple[Array, ...]) -> Array:
 
 
 def _spans(points: Array, steps: int) -> tuple[Array, ...]:
-    """Return numbers along each axis, over the points and a little beyond."""
+    """Return evenly spaced numbers along each axis, over the range of the points with a margin."""
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.05 * (high - low) + 1e-9 + 1e-6 * np.abs(high)
     return tuple(np.linspace(a, b, steps) for a, b in zip(low - margin, high + margin, strict=True))
 
 
 def _unwrapped(path: Array) -> Array:
-    """Return a path with a gap wherever a number jumps across what is seen."""
+    """Return a path with gaps where a coordinate jumps through much of its range."""
     jumps = (np.abs(np.diff(path, axis=0)) > JUMP * np.ptp(path, axis=0)).any(axis=1) if len(path) > 3 else np.zeros(0)
     return np.insert(path, np.flatnonzero(jumps) + 1, np.nan, axis=0)

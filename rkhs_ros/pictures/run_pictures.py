@@ -1,4 +1,4 @@
-"""Pictures of a run, made from its folder: the learning curve, and what the policy does."""
+"""Draw the pictures of a run from its folder: the learning curve and the policy."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from rkhs_ros.runs.attempts import ATTEMPTS
 from rkhs_ros.runs.curve import Curve, columns
 from rkhs_ros.runs.episode_files import load_episodes
 
-FEW = 30  # iterations whose points are marked
+FEW = 30  # iterations up to which the points are marked
 
 
 def draw_run(folder: Path) -> list[Path]:
-    """Draw curve.png and policy.png of a run from what it left in its folder; return them.
+    """Draw curve.png and policy.png from the files in a run's folder; return their paths.
 
     Raises:
         ValueError: a file of the run is damaged.
-        OSError: one is missing, or a picture cannot be written.
+        OSError: a file is missing, or a picture cannot be written.
     """
     policy, task, spaces = read_policy(folder / "policy.npz")
     episodes = _episodes(folder / "episodes.npz", policy)
@@ -47,7 +47,7 @@ def draw_run(folder: Path) -> list[Path]:
 def _policy_figure(
     folder: Path, policy: GaussianPolicy, task: Task, spaces: Spaces | None, episodes: Episodes
 ) -> Figure:
-    """Return the figure of what a policy does; of tasks of one step, that of what was tried."""
+    """Return the figure of a policy; for one-step tasks, the figure of the attempts."""
     widths = episodes.observations.shape[2], episodes.actions.shape[2]
     names, spaces = names_of(task, *widths, spaces), spaces or Spaces.unbounded(*widths)
     if task.horizon == 1 and (folder / ATTEMPTS).is_file():
@@ -57,14 +57,14 @@ def _policy_figure(
 
 
 def _episodes(path: Path, policy: GaussianPolicy) -> Episodes:
-    """Return the episodes in a file, as they were observed.
+    """Return the episodes in a file, as observed.
 
     Raises:
-        ValueError: there is no step to draw, or they are of other dimensions than the policy.
+        ValueError: there is no step to draw, or the dimensions differ from those of the policy.
         OSError: the file cannot be read.
     """
     episodes = load_episodes(path).episodes
-    require(bool(episodes.mask[:1].any()), f"{path}", "an episode of at least one step", "none")
+    require(bool(episodes.mask[:1].any()), f"{path}", "an episode with at least one step", "none")
     widths = (episodes.observations.shape[2], episodes.actions.shape[2])
     expected = (policy.mean.input_dim, policy.mean.output_dim)
     got = (policy.inputs.dimension(*widths), widths[1])
@@ -73,11 +73,11 @@ def _episodes(path: Path, policy: GaussianPolicy) -> Episodes:
 
 
 def curve_figure(curve: Mapping[str, NDArray[Any]], task: Task) -> Figure:
-    """Return a figure of the returns per iteration, with the returns known for the task.
+    """Return a figure of the returns per iteration, with the reference returns of the task.
 
     Args:
-        curve: columns of curve.csv by name.
-        task: what was learnt.
+        curve: columns of curve.csv, by name.
+        task: task of the run.
     """
     figure = sheet(6.6, 4.6, task.environment)
     axes = figure.subplots()

@@ -1,4 +1,4 @@
-"""How pictures look: colours that the colour-blind tell apart, text that fits, legends beside what they explain."""
+"""Define the style of all pictures: colours for colour-blind readers, text that fits, legends outside the data."""
 
 from __future__ import annotations
 
@@ -22,36 +22,36 @@ from numpy.typing import NDArray
 
 from rkhs_ros.base.files import write_whole
 
-# Okabe and Ito's colours, which the colour-blind tell apart; yellow last, which is faint on white.
+# The colours of Okabe and Ito, which colour-blind readers can distinguish; yellow is last because it is faint on white.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#F0E442")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")  # tell them apart in black and white
-STYLES = ("-", "-.", ":")  # another one for every eight curves; that of a known return is "--"
-SIGNED, UNSIGNED = "coolwarm", "viridis"  # maps in which equal steps look equal, to the colour-blind, too
-REFERENCE_GREYS = ("0.2", "0.45", "0.65")  # of known returns
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")  # distinguish curves in black and white
+STYLES = ("-", "-.", ":")  # one for every eight curves; reference returns use "--"
+SIGNED, UNSIGNED = "coolwarm", "viridis"  # perceptually uniform, also for colour-blind readers
+REFERENCE_GREYS = ("0.2", "0.45", "0.65")  # of reference returns
 DPI = 120
-POINTS = 72  # in an inch
-SPARE = 0.92  # part of a line that is filled, since some of a text's lines have more wide letters
+POINTS = 72  # per inch
+SPARE = 0.92  # fraction of a line to fill, since wide letters are unevenly distributed
 TITLE_SIZE, LABEL_SIZE, SMALL_SIZE = 11, 10, 9  # points
-MARGIN_IN = 0.8  # beside a plot at most, but for the one of colours
-BAR_IN = 0.9  # of the one of colours, with its numbers and name
+MARGIN_IN = 0.8  # greatest margin beside a plot, without a colour bar
+BAR_IN = 0.9  # width of a colour bar with its numbers and name
 LINE_IN = 0.55  # inches of the line before a legend's entry
-TICKS_PER_INCH, FEWEST_TICKS, MOST_TICKS = (1.3, 1.8), 2, 8  # of the x and the y axis
+TICKS_PER_INCH, FEWEST_TICKS, MOST_TICKS = (1.3, 1.8), 2, 8  # along the x and the y axis
 TICK_STEPS = (1, 2, 2.5, 5, 10)
 FEWEST_DIGITS, MOST_DIGITS = 6, 15
 
 
 class Plain(Formatter):
-    """Writes each tick whole, with as many digits as tell it from the others, so that no factor stands apart."""
+    """A tick formatter without offsets or factors, with just enough digits to distinguish the ticks."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
         """Return the text of a tick."""
         digits = range(FEWEST_DIGITS, MOST_DIGITS)
-        told = (d for d in digits if len({f"{place:.{d}g}" for place in self.locs}) == len(set(self.locs)))
-        return f"{x:.{next(told, MOST_DIGITS)}g}".replace("-", "\N{MINUS SIGN}")
+        distinct = (d for d in digits if len({f"{place:.{d}g}" for place in self.locs}) == len(set(self.locs)))
+        return f"{x:.{next(distinct, MOST_DIGITS)}g}".replace("-", "\N{MINUS SIGN}")
 
 
 def sheet(width: float, height: float, title: str = "") -> Figure:
-    """Return a white figure of a size in inches, under a title that is broken to fit."""
+    """Return a white figure of a size in inches, with a title that is wrapped to fit."""
     layout = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.06)
     figure = Figure(figsize=(width, height), layout=layout, facecolor="white")
     if title:
@@ -68,7 +68,7 @@ def pixels(figure: Figure) -> NDArray[np.uint8]:
 
 
 def label(axes: Axes, x: str, y: str, title: str = "") -> None:
-    """Name the axes of a plot, and the plot, in as many lines as they need."""
+    """Label the axes of a plot and set its title, wrapped to fit."""
     width, height = _size(axes)
     axes.set_xlabel(folded(x, width), fontsize=LABEL_SIZE)
     axes.set_ylabel(folded(y, height), fontsize=LABEL_SIZE)
@@ -83,19 +83,19 @@ def label(axes: Axes, x: str, y: str, title: str = "") -> None:
 
 
 def whole_ticks(axes: Axes) -> None:
-    """Let the axis across count in whole numbers."""
+    """Place the ticks of the x axis at whole numbers."""
     locator: Any = axes.xaxis.get_major_locator()
     locator.set_params(integer=True, min_n_ticks=1)
 
 
 def colour_bar(axes: Axes, image: ScalarMappable, name: str) -> None:
-    """Explain the colours of a plot beside it."""
+    """Add a colour bar beside a plot."""
     bar = axes.figure.colorbar(image, ax=axes, format=Plain())
     bar.set_label(folded(name, _size(axes)[1]), fontsize=LABEL_SIZE)
 
 
 def _size(axes: Axes) -> tuple[float, float]:
-    """Return width and height, in inches, that a plot has about, before texts are laid out."""
+    """Return the approximate width and height of a plot in inches, before its texts are laid out."""
     figure: Any = axes.figure
     place = axes.get_subplotspec()
     width, height = figure.get_size_inches()
@@ -104,27 +104,27 @@ def _size(axes: Axes) -> tuple[float, float]:
 
 
 def folded(text: str, inches: float, size: float = LABEL_SIZE) -> str:
-    """Return a text in lines that fit into some inches in a font of some points."""
+    """Wrap a text to lines of a width in inches, for a font size in points."""
     count = SPARE * inches / max(width_of(text, size), 1e-9) * len(text)
     return text if count >= len(text) else "\n".join(wrap(text, max(int(count), 8)))
 
 
 def width_of(text: str, size: float) -> float:
-    """Return the inches that the longest line of a text takes in a font of some points."""
+    """Return the width in inches of the longest line of a text, for a font size in points."""
     font = FontProperties(size=size)
     measured = (text_to_path.get_text_width_height_descent(line, font, ismath=False) for line in text.splitlines())
     return max((float(width) for width, _, _ in measured), default=0.0) / POINTS
 
 
 def legend_above(axes: Axes, title: str = "") -> None:
-    """Explain a plot's lines above it, where they cover nothing, under a title of the plot."""
+    """Add a legend above a plot, where it covers no data, with an optional title."""
     handles, names = axes.get_legend_handles_labels()
     figure, grid = axes.figure, axes.get_gridspec()
     is_coloured = any(each.colorbar is not None for each in (*axes.collections, *axes.images))
-    room = figure.bbox.width / figure.dpi / (grid.ncols if grid else 1) - MARGIN_IN - BAR_IN * is_coloured
-    names = [folded(name, room - LINE_IN, SMALL_SIZE) for name in names]
+    available = figure.bbox.width / figure.dpi / (grid.ncols if grid else 1) - MARGIN_IN - BAR_IN * is_coloured
+    names = [folded(name, available - LINE_IN, SMALL_SIZE) for name in names]
     widths = [width_of(name, SMALL_SIZE) + LINE_IN for name in names]
-    columns = next(n for n in range(len(names), 0, -1) if n == 1 or _width(widths, n) <= room)
+    columns = next(n for n in range(len(names), 0, -1) if n == 1 or _width(widths, n) <= available)
     axes.legend(
         handles,
         names,
@@ -135,35 +135,35 @@ def legend_above(axes: Axes, title: str = "") -> None:
         columnspacing=1.2,
         frameon=False,
         fontsize=SMALL_SIZE,
-        title=folded(title, room) or None,
+        title=folded(title, available) or None,
         title_fontsize=LABEL_SIZE,
         alignment="left",
     )
 
 
 def _width(entries: list[float], columns: int) -> float:
-    """Return the inches that a legend takes whose entries are filled in column by column."""
+    """Return the width in inches of a legend with entries of some widths, filled column by column."""
     return float(sum(column.max() for column in np.array_split(entries, columns)))
 
 
 def looks(count: int) -> Iterable[tuple[str, str, str]]:
-    """Return so many looks of lines: style, colour and marker."""
+    """Return distinct line looks: style, colour and marker."""
     distinct = cycle((style, *look) for style, look in product(STYLES, zip(COLOURS, MARKERS, strict=True)))
     return [next(distinct) for _ in range(count)]
 
 
 def draw_references(axes: Axes, known: dict[str, float]) -> None:
-    """Draw returns that are known, which the legend names."""
+    """Draw reference returns as dashed lines with legend entries."""
     for (name, value), grey in zip(known.items(), cycle(REFERENCE_GREYS)):
         axes.axhline(value, color=grey, linestyle="--", linewidth=1, label=f"{name}: {value:g}", zorder=1)
 
 
 def write(path: Path, figure: Figure, **options: Any) -> None:
-    """Write a figure, opaque; an existing file is replaced whole or not at all.
+    """Write a figure with an opaque background; replace an existing file atomically.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     content = BytesIO()
     figure.savefig(content, **{"dpi": DPI, "facecolor": "white", "transparent": False, **options})
-    write_whole(path, content.getvalue(), sync=False)  # what it is drawn from is on the disk
+    write_whole(path, content.getvalue(), sync=False)  # can be drawn again from the run's files

@@ -23,7 +23,7 @@ UNDISCOUNTED = 1.0  # a bag does not contain the discount
 class Bag:
     """A run in a bag.
 
-    An iteration consists of the exploring episodes of one policy and the evaluation episodes after them.
+    An iteration consists of the exploration episodes of one policy and the evaluation episodes after them.
     The whole bag is read once; a bag does not grow.
 
     Args:

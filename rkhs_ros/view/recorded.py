@@ -86,11 +86,11 @@ class Recorded:
         return IterationView(policy, *both_kinds(batches), roll_out_model)
 
     def _explored(self, iteration: int) -> Episodes:
-        """Return the exploring episodes of all iterations up to the given one."""
+        """Return the exploration episodes of all iterations up to the given one."""
         places = [place for number, stored in self._stored.items() if number <= iteration for place in stored.episodes]
         episodes, _ = both_kinds(map(self._batch, places))
         if episodes is None:
-            raise ValueError("recording: expected exploring episodes, got none")
+            raise ValueError("recording: expected exploration episodes, got none")
         return episodes
 
     def _reset(self) -> None:

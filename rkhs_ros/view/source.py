@@ -25,7 +25,7 @@ class IterationView(NamedTuple):
 
     Attributes:
         policy: policy after the update; None if it is not stored.
-        exploration: exploring episodes of the iteration, as observed; None if they are not stored.
+        exploration: exploration episodes of the iteration, as observed; None if they are not stored.
         evaluation: evaluation episodes of the updated policy, as observed; None if there are none.
         roll_out_model: rolls the policy out, without exploration noise, in a model of all episodes so far; None for
             a run without a model.

@@ -1,4 +1,4 @@
-"""Every algorithm on every registered task, with every choice it offers, and with every kernel."""
+"""All algorithms on all registered tasks, with all choices of their settings and all kernels."""
 
 from collections.abc import Iterator
 from dataclasses import fields
@@ -19,9 +19,9 @@ from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from sim_nodes.envs import TASKS
 
-SIZES = {"rkhs/PendulumPOMDP-v0": 2}  # of the grid, along each of many dimensions
+SIZES = {"rkhs/PendulumPOMDP-v0": 2}  # of the grid, per dimension
 WINDOWS = {"rkhs/PendulumPOMDP-v0": 3}
-WIDE = {"grid_low": [-4.0], "grid_high": [4.0]}  # around all that is seen
+WIDE = {"grid_low": [-4.0], "grid_high": [4.0]}  # contains all observations
 BUDGET = 15
 TRIES, EPISODES_OF_A_TRY = 5, 2
 FORMS = [*KERNELS, *(f"{a} {sign} {b}" for a in KERNELS for b in KERNELS for sign in "+*")]
@@ -31,7 +31,7 @@ over_forms = pytest.mark.parametrize("form", FORMS)
 
 
 def choices() -> Iterator[Any]:
-    """Yield all combinations of the words that an algorithm's settings may be and of its step rules."""
+    """Yield all combinations of an algorithm's choice settings and step rules."""
     for name, cls in ALGORITHMS.items():
         offered: dict[str, list[Any]] = {}
         for f in fields(cls):
@@ -47,7 +47,7 @@ def choices() -> Iterator[Any]:
 def settings(task: str, algorithm: str, form: str = "rbf", seed: int = 0, **changes: Any) -> Training:
     on_grid = issubclass(ALGORITHMS[algorithm], GridSettings)
     size = {"grid_counts": SIZES.get(task, 3), **WIDE} if on_grid else {"centres": BUDGET}
-    # A window holds the policy's own actions, not clipped: a polynomial of them may grow without bound.
+    # A window contains the policy's unclipped actions, of which a polynomial can grow without bound.
     history = WINDOWS.get(task, 1) if "polynomial" not in form and form != "linear * linear" else 1
     if changes.get("step") == {"rule": "line_search"}:
         changes["step"] = {"rule": "line_search", "choices": TRIES, "episodes": EPISODES_OF_A_TRY}
@@ -91,9 +91,7 @@ def assert_sound(iteration: Iteration, task: str, training: Training) -> None:
 
 @over_tasks
 @pytest.mark.parametrize(("algorithm", "chosen"), choices())
-def test_an_algorithm_makes_sound_policies_with_every_choice_it_offers(
-    task: str, algorithm: str, chosen: dict[str, Any]
-) -> None:
+def test_every_choice_of_an_algorithm_gives_sound_policies(task: str, algorithm: str, chosen: dict[str, Any]) -> None:
     training = settings(task, algorithm, **chosen)
     tried = TRIES * EPISODES_OF_A_TRY if chosen.get("step") == {"rule": "line_search"} else 0
     for iteration in run(task, training):
@@ -105,9 +103,9 @@ def test_an_algorithm_makes_sound_policies_with_every_choice_it_offers(
 @over_tasks
 @over_algorithms
 @over_forms
-def test_an_algorithm_works_with_any_kernel(task: str, algorithm: str, form: str) -> None:
+def test_algorithms_work_with_all_kernels(task: str, algorithm: str, form: str) -> None:
     learns_variance = "variance" in {f.name for f in fields(ALGORITHMS[algorithm])}
-    # A kernel with negative values cannot weigh a mean.
+    # Kernels with negative values cannot be weights of a mean.
     constant = {"variance": "constant"} if learns_variance and "linear" in form else {}
     training = settings(task, algorithm, form, **constant)
     for iteration in run(task, training):
@@ -116,7 +114,7 @@ def test_an_algorithm_works_with_any_kernel(task: str, algorithm: str, form: str
 
 @over_tasks
 @over_algorithms
-def test_the_seed_determines_every_bit(task: str, algorithm: str) -> None:
+def test_equal_seeds_give_bit_identical_results(task: str, algorithm: str) -> None:
     (*_, one), (*_, again), (*_, other) = (run(task, settings(task, algorithm, seed=seed)) for seed in (5, 5, 6))
     evaluation = one.evaluation.with_inputs(one.policy.inputs)
     x = evaluation.flat(evaluation.observations)

@@ -1,4 +1,4 @@
-"""What may import what, read from the source."""
+"""The imports that each package may have, read from the source."""
 
 import ast
 from collections.abc import Iterator
@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-# Each floor imports from itself and from those before it only. sim_nodes stands beside the floors, see below.
-FLOORS = (
+# The layers of rkhs_ros: each imports only from itself and from earlier ones. sim_nodes is separate, see below.
+LAYERS = (
     "base",
     "rkhs",
     "policies",
@@ -54,7 +54,7 @@ over_everything = pytest.mark.parametrize("path", EVERYTHING, ids=lambda path: s
 
 
 def imports(path: Path) -> set[str]:
-    """Return the dotted names of all that a module imports, inside functions too."""
+    """Return the dotted names of all imports of a module, including those inside functions."""
     found: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
@@ -69,16 +69,16 @@ def within(name: str, package: str) -> bool:
     return name == package or name.startswith(package + ".")
 
 
-def floor(path: Path) -> int:
-    """Return the place of a module of rkhs_ros in the order of floors; above all for the package itself."""
+def layer(path: Path) -> int:
+    """Return the index of a module's layer; one beyond the last for modules of the package itself."""
     parts = path.relative_to(ROOT / "rkhs_ros").parts
-    return FLOORS.index(parts[0]) if len(parts) > 1 else len(FLOORS)
+    return LAYERS.index(parts[0]) if len(parts) > 1 else len(LAYERS)
 
 
 def upward(names: set[str], place: int) -> list[str]:
-    """Return the imports of a module on a floor that it may not have."""
-    above = [f"rkhs_ros.{name}" for name in FLOORS[place + 1 :]]
-    tasks = ["sim_nodes"] if place < FLOORS.index("app") else []
+    """Return the forbidden imports of a module in a layer."""
+    above = [f"rkhs_ros.{name}" for name in LAYERS[place + 1 :]]
+    tasks = ["sim_nodes"] if place < LAYERS.index("app") else []
     return [name for name in names for package in [*above, *tasks] if within(name, package)]
 
 
@@ -86,29 +86,29 @@ def is_node(path: Path) -> bool:
     return path.is_relative_to(ROOT / "rkhs_ros" / "nodes") or path in SIM_NODES
 
 
-def test_the_floors_are_all_there() -> None:
+def test_all_packages_have_a_layer() -> None:
     packages = {path.parent.name for path in (ROOT / "rkhs_ros").glob("*/__init__.py")}
-    assert packages == set(FLOORS)
+    assert packages == set(LAYERS)
     assert len(SOURCES) > 30
 
 
 @pytest.mark.parametrize(
     "path", [p for p in SOURCES if p.is_relative_to(ROOT / "rkhs_ros")], ids=lambda path: str(path.relative_to(ROOT))
 )
-def test_floors_import_downwards_only(path: Path) -> None:
-    assert not upward(imports(path), floor(path))
+def test_layers_import_only_from_earlier_layers(path: Path) -> None:
+    assert not upward(imports(path), layer(path))
 
 
-def test_an_import_upwards_is_seen(tmp_path: Path) -> None:
-    for place, name in enumerate(FLOORS[:-1]):
+def test_an_import_from_a_later_layer_is_detected(tmp_path: Path) -> None:
+    for place, name in enumerate(LAYERS[:-1]):
         module = tmp_path / f"{name}.py"
-        module.write_text(f"def later() -> None:\n    from rkhs_ros.{FLOORS[place + 1]} import something\n")
+        module.write_text(f"def later() -> None:\n    from rkhs_ros.{LAYERS[place + 1]} import something\n")
         assert upward(imports(module), place)
         module.write_text("import sim_nodes.envs\n")
         assert upward(imports(module), place)
 
 
-def test_only_command_line_and_its_nodes_know_the_tasks() -> None:
+def test_only_app_and_its_nodes_import_the_tasks() -> None:
     allowed = {
         "rkhs_ros.base",
         "rkhs_ros.policies",
@@ -125,15 +125,15 @@ def test_only_command_line_and_its_nodes_know_the_tasks() -> None:
 
 @pytest.mark.parametrize(
     "path",
-    [p for p in SOURCES if p.is_relative_to(ROOT / "rkhs_ros") and floor(p) < FLOORS.index("rollouts")],
+    [p for p in SOURCES if p.is_relative_to(ROOT / "rkhs_ros") and layer(p) < LAYERS.index("rollouts")],
     ids=lambda path: str(path.relative_to(ROOT)),
 )
-def test_what_is_below_runs_knows_no_gymnasium(path: Path) -> None:
+def test_layers_below_rollouts_do_not_import_gymnasium(path: Path) -> None:
     assert not [name for name in imports(path) if within(name, "gymnasium")]
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_matplotlib_is_imported_by_pictures_only(path: Path) -> None:
+def test_only_pictures_import_matplotlib(path: Path) -> None:
     drawing = ("rkhs_ros/pictures", "rkhs_ros/view", "rkhs_ros/paper")
     if not path.relative_to(ROOT).as_posix().startswith(drawing):
         tree = ast.parse(path.read_text())
@@ -145,7 +145,7 @@ def test_matplotlib_is_imported_by_pictures_only(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", [p for p in SOURCES if not is_node(p)], ids=lambda path: str(path.relative_to(ROOT)))
-def test_ros_is_imported_by_the_nodes_only(path: Path) -> None:
+def test_only_nodes_import_ros(path: Path) -> None:
     assert not [name for name in imports(path) for package in ROS if within(name, package)]
 
 
@@ -154,12 +154,12 @@ def test_ros_is_imported_by_the_nodes_only(path: Path) -> None:
     sorted(p for folder in ("envs", "pr2") for p in (ROOT / "sim_nodes" / folder).rglob("*.py")),
     ids=lambda path: path.name,
 )
-def test_the_tasks_know_nothing_of_learning(path: Path) -> None:
+def test_tasks_do_not_import_rkhs_ros(path: Path) -> None:
     assert not [name for name in imports(path) if within(name, "rkhs_ros")]
 
 
 @over_everything
-def test_random_draws_come_from_explicit_streams(path: Path) -> None:
+def test_random_numbers_come_from_explicit_streams(path: Path) -> None:
     assert not [name for name in imports(path) if within(name, "random")]
     from_numpy = {name.removeprefix("numpy.random.") for name in imports(path) if name.startswith("numpy.random.")}
     assert from_numpy <= EXPLICIT_STREAMS
@@ -176,5 +176,5 @@ def asserts(path: Path) -> Iterator[int]:
 
 
 @over_sources
-def test_no_check_disappears_with_optimisation(path: Path) -> None:
+def test_package_code_has_no_assert(path: Path) -> None:
     assert not list(asserts(path))

@@ -1,4 +1,4 @@
-"""What benchmarks/configurations.py measures, and that the documentation says what it measured."""
+"""The measurements of benchmarks/configurations.py, and the pages that quote them."""
 
 import math
 import re
@@ -12,10 +12,10 @@ from tasks_table import median_until
 
 ROOT = Path(__file__).parents[3]
 FILE = ROOT / "docs" / "results" / "configurations.csv"
-CHOSEN_ON = range(100)  # settings may have been chosen on these seeds
+CHOSEN_ON = range(100)  # seeds that may have been used to choose settings
 
 
-def said(page: str) -> str:
+def text_of(page: str) -> str:
     """Return the text of a page in one line."""
     return " ".join((ROOT / page).read_text().split())
 
@@ -26,7 +26,7 @@ def median(name: str) -> str:
 
 
 def with_intervals(name: str) -> str:
-    """Return the same with the intervals."""
+    """Return the median episodes until each threshold, with their intervals."""
     return " / ".join(map(str, summaries(read_results(FILE))[name].until))
 
 
@@ -40,14 +40,14 @@ def test_a_search_by_cma_es_counts_every_candidate() -> None:
     assert result.episodes == 12  # one generation of the package's population for 20 weights, beyond 2 times 5
 
 
-def test_results_are_read_as_they_were_written(tmp_path: Path) -> None:
+def test_results_survive_a_round_trip(tmp_path: Path) -> None:
     results = [Result("b", 101, 25, 49.125, 15.0, math.inf), Result("a", 100, 25, 49.125, 15.0, 17.5)]
     file = tmp_path / "results.csv"
     file.write_text(as_csv(results))
     assert read_results(file) == sorted(results)
 
 
-def test_the_worst_seeds_that_never_reach_a_threshold_are_counted() -> None:
+def test_seeds_that_never_reach_a_threshold_are_counted() -> None:
     until = (3.0, 4.0, math.inf, math.inf, 2.0)
     results = [Result("pendulum_nac", seed, 10, 50.0, each, 3.0) for seed, each in enumerate(until, 100)]
     assert "| 100 to 104 | 4 [2, inf] | 2 never | 3 [3, 3] | 3 |" in as_markdown(results)
@@ -68,21 +68,21 @@ def test_the_page_of_configurations_has_the_tables_of_the_results() -> None:
 
 
 @pytest.mark.parametrize("task", ["pendulum", "pendulum_wrap"])
-def test_the_readme_tells_the_results_with_their_intervals(task: str) -> None:
+def test_the_readme_gives_the_results_with_their_intervals(task: str) -> None:
     model_update, without = (with_intervals(f"{task}_{kind}_nac") for kind in ("model", "few"))
-    assert f"| {model_update} | {without} |" in said("README.md")
+    assert f"| {model_update} | {without} |" in text_of("README.md")
     assert {summaries(read_results(FILE))[f"{task}_{kind}_nac"].seeds for kind in ("model", "few")} == {"100 to 119"}
-    assert "seeds 100 to 119" in said("README.md")
+    assert "seeds 100 to 119" in text_of("README.md")
 
 
 def test_the_output_of_the_demo_shows_the_results_without_a_model() -> None:
     ((of_45, of_50),) = re.findall(
-        r"([\d.]+) real episodes to reach 45, and ([\d.]+) to reach 50", said("docs/start.md")
+        r"([\d.]+) real episodes to reach 45, and ([\d.]+) to reach 50", text_of("docs/start.md")
     )
     assert median("pendulum_wrap_few_nac") == f"{of_45} / {of_50}"
 
 
-def test_the_page_of_many_runs_tells_what_the_shipped_configurations_reach() -> None:
+def test_the_page_of_many_runs_gives_the_results_of_the_configurations() -> None:
     page = (ROOT / "docs" / "many_runs.md").read_text()
     for name, digits in (("toy_nac", 2), ("pendulum_nac", 1)):
         summary = summaries(read_results(FILE))[name]
@@ -92,11 +92,11 @@ def test_the_page_of_many_runs_tells_what_the_shipped_configurations_reach() -> 
         assert all(line.endswith(f"| {summary.end.value:.{digits}f} |") for line in lines)
 
 
-def test_the_table_of_tasks_tells_the_medians_of_its_own_numbers() -> None:
+def test_the_table_of_tasks_gives_the_medians_of_its_numbers() -> None:
     page = (ROOT / "docs" / "tasks.md").read_text()
     rows = re.findall(r"\| (\d+) to (\d+) \| ([^|]*, [^|]*) \| ([^|]*) \|\n", page)
     assert len(rows) == 9
-    for first, last, episodes, told in rows:
+    for first, last, episodes, given in rows:
         until = [math.inf if "never" in each else float(each) for each in episodes.split(",")]
         assert len(until) == int(last) - int(first) + 1
-        assert str(median_until(np.array(until))) == told.strip()
+        assert str(median_until(np.array(until))) == given.strip()

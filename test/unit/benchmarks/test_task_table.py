@@ -1,4 +1,4 @@
-"""The table of tasks in benchmarks/: its searches, what they count, and what is kept and told of their curves."""
+"""The table of tasks in benchmarks/: its searches, their costs, and the stored and printed curves."""
 
 import csv
 from collections.abc import Iterator
@@ -25,13 +25,13 @@ from task_learners import LEARNERS, Learner, missing
 from tasks_table import Cell, as_csv, as_markdown
 from trial import Meter, MeteredRunner, Point, Trial, read_curve, write_curve
 
-STEPS = 3  # of an episode
+STEPS = 3  # per episode
 RIVALS = ("linear-cma-es", "linear-ars")
 over_searches = pytest.mark.parametrize("make", [linear_search.CMAES, linear_search.ARS])
 
 
 class Quadratic(gymnasium.Env[Any, Any]):
-    """The best action is linear in the observation; another one costs its squared distance from that."""
+    """A task whose cost is the squared distance to an action that is linear in the observation."""
 
     observation_space = Box(-np.inf, np.inf, (2,), np.float64)
     action_space = Box(-2.0, 2.0, (1,), np.float64)
@@ -64,7 +64,7 @@ def curve_of(learner: str, environment: str, episodes: int, *changes: str) -> li
 
 
 @over_searches
-def test_a_search_climbs_a_quadratic(make: Any) -> None:
+def test_a_search_maximises_a_quadratic(make: Any) -> None:
     best = np.array([0.5, -0.3, 0.2])
     search = make(3, 0)
     for _ in range(40):
@@ -74,7 +74,7 @@ def test_a_search_climbs_a_quadratic(make: Any) -> None:
 
 
 @over_searches
-def test_a_search_that_is_told_nothing_stays_finite(make: Any) -> None:
+def test_a_search_with_constant_returns_stays_finite(make: Any) -> None:
     search = make(2, 0)
     for _ in range(3):
         candidates = search.ask()
@@ -85,13 +85,13 @@ def test_a_search_that_is_told_nothing_stays_finite(make: Any) -> None:
 @pytest.mark.parametrize("learner", RIVALS)
 def test_a_linear_policy_learns_a_linear_task(learner: str, quadratic: str) -> None:
     curve = curve_of(learner, quadratic, 200, f"horizon={STEPS}")
-    assert curve[-1].undiscounted_return > 0.3 * curve[0].undiscounted_return  # of costs
+    assert curve[-1].undiscounted_return > 0.3 * curve[0].undiscounted_return  # returns are negative
 
 
 def test_weights_are_constant_and_slopes_of_standardised_inputs() -> None:
     stream = np.random.default_rng(0)
     seen, x, weights = (stream.normal(size=shape) * 5 + 3 for shape in ((50, 3), (7, 3), (2, 4)))
-    seen[:, 2] = 1.0  # says nothing: it is shifted, not scaled
+    seen[:, 2] = 1.0  # constant: it is shifted, not scaled
     spaces = Spaces((3,), np.array([-100.0, -np.inf]), np.array([100.0, np.inf]))
     z = (x - seen.mean(axis=0)) / [seen[:, 0].std(), seen[:, 1].std(), 1.0]
     expected = (weights[:, 0] + z @ weights[:, 1:].T) * [100.0, 1.0]
@@ -123,7 +123,7 @@ def test_a_point_has_the_return_with_and_without_discount() -> None:
     assert (point.undiscounted_return, point.discounted_return) == (4.0, 2.0)
 
 
-def test_others_are_shown_what_our_policies_see() -> None:
+def test_other_learners_get_the_same_observations() -> None:
     inputs = Inputs(history=3, angles=(0,))
     env = SeenThrough(Quadratic(), inputs, STEPS)
     actions = np.arange(1.0, STEPS + 1)[None, :, None]
@@ -144,7 +144,7 @@ def test_deep_learners_count_alike(learner: str, quadratic: str) -> None:
 
 
 class Counted:
-    """A learner of hand-made curves that is interrupted once."""
+    """A learner with given curves that is interrupted once."""
 
     def __init__(self, interrupted_at: int) -> None:
         self.seeds: list[int] = []
@@ -170,7 +170,7 @@ def table(out: Path, *arguments: str) -> int:
     return tasks.main(["--tasks", "toy", "--seeds", "0-3", "--jobs", "1", "--quiet", "--out", str(out), *arguments])
 
 
-def test_an_interrupted_table_goes_on(tmp_path: Path, counted: Counted, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_interrupted_table_continues(tmp_path: Path, counted: Counted, capsys: pytest.CaptureFixture[str]) -> None:
     assert table(tmp_path, "--learners", "counted") == 130
     assert "interrupted" in capsys.readouterr().err
     assert counted.seeds == [0, 1]
@@ -181,7 +181,7 @@ def test_an_interrupted_table_goes_on(tmp_path: Path, counted: Counted, capsys: 
     assert counted.seeds == [0, 1, 2, 3]
 
 
-def test_what_has_changed_is_learnt_again(tmp_path: Path, counted: Counted, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_changed_trials_run_again(tmp_path: Path, counted: Counted, monkeypatch: pytest.MonkeyPatch) -> None:
     table(tmp_path, "--learners", "counted")
     table(tmp_path, "--learners", "counted")
     for change in ("--episodes=7", "code", "changes"):
@@ -194,7 +194,7 @@ def test_what_has_changed_is_learnt_again(tmp_path: Path, counted: Counted, monk
         assert counted.seeds[before:] == [0, 1, 2, 3], change
 
 
-def test_a_rival_does_not_follow_our_settings() -> None:
+def test_other_learners_do_not_depend_on_our_settings() -> None:
     def key(learner: str, change: str) -> str:
         return LEARNERS[learner].key(Trial(config_for("rkhs/Toy-v0", 20, [change]), 10, discounted=True), ())
 
@@ -203,7 +203,7 @@ def test_a_rival_does_not_follow_our_settings() -> None:
     assert key("linear-ars", "horizon=10") != key("linear-ars", "horizon=20")
 
 
-def test_a_learner_that_fails_ends_no_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_failing_learner_does_not_stop_the_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     def fails(trial: Trial) -> list[Point]:
         if trial.config.training.seed == 1:
             raise ValueError("out of luck")
@@ -216,7 +216,7 @@ def test_a_learner_that_fails_ends_no_other(tmp_path: Path, capsys: pytest.Captu
     assert len(list((tmp_path / "curves").iterdir())) == 3
 
 
-def test_what_is_not_installed_is_skipped_by_name(
+def test_missing_packages_are_skipped_by_name(
     tmp_path: Path, counted: Counted, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(LEARNERS, "absent", Learner(counted, packages=("no-such-package",)))
@@ -226,7 +226,7 @@ def test_what_is_not_installed_is_skipped_by_name(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["--tasks", "Pendulm-v1"], "unknown task 'Pendulm-v1', did you mean 'Pendulum-v1'?"),
         (["--learners", "linear-arz"], "unknown learner 'linear-arz', did you mean 'linear-ars'?"),
@@ -234,12 +234,12 @@ def test_what_is_not_installed_is_skipped_by_name(
         (["--episodes", "0"], "--episodes: expected at least 1, got 0"),
     ],
 )
-def test_a_bad_argument_is_refused_in_one_line(
-    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+def test_bad_arguments_are_rejected_with_one_line(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert tasks.main(arguments) == 2
     error = capsys.readouterr().err
-    assert said in error
+    assert message in error
     assert error.count("\n") == 1
 
 
@@ -261,32 +261,32 @@ def summary(curves: list[list[Point]], *thresholds: float) -> dict[tuple[str, st
     return {(line["quantity"], line["at"]): (line["value"], line["low"], line["high"]) for line in lines}
 
 
-def test_summary_of_hand_made_curves() -> None:
+def test_summary_of_given_curves() -> None:
     curves = [
         [point(10, 1.0), point(20, 5.0), point(100, 2.0)],
         [point(10, 5.0), point(30, 6.0), point(100, 8.0)],
         [point(5, 0.0), point(50, 5.0), point(105, 6.0)],
     ]
-    told = summary(curves, 5.0, 8.0)
-    assert told["episodes to", "5.0"] == ("20.0", "10.0", "50.0")  # the second drop does not count
-    assert told["steps to", "5.0"] == ("400.0", "200.0", "1000.0")
-    assert told["episodes to", "8.0"] == ("inf", "100.0", "inf")
-    assert float(told["return after", "10"][0]) == pytest.approx(2.0)
-    assert float(told["return after", "30"][0]) == pytest.approx((5.0 + 6.0 + 0.0) / 3)
-    assert float(told["return after", "100"][0]) == pytest.approx((2.0 + 8.0 + 5.0) / 3)
-    assert float(told["CPU seconds", ""][0]) == pytest.approx(1.0)
+    shown = summary(curves, 5.0, 8.0)
+    assert shown["episodes to", "5.0"] == ("20.0", "10.0", "50.0")  # the second drop does not count
+    assert shown["steps to", "5.0"] == ("400.0", "200.0", "1000.0")
+    assert shown["episodes to", "8.0"] == ("inf", "100.0", "inf")
+    assert float(shown["return after", "10"][0]) == pytest.approx(2.0)
+    assert float(shown["return after", "30"][0]) == pytest.approx((5.0 + 6.0 + 0.0) / 3)
+    assert float(shown["return after", "100"][0]) == pytest.approx((2.0 + 8.0 + 5.0) / 3)
+    assert float(shown["CPU seconds", ""][0]) == pytest.approx(1.0)
 
 
-def test_summary_says_what_is_not_known() -> None:
+def test_the_summary_leaves_unknown_values_empty() -> None:
     curves = [[point(16, 3.0), point(32, 4.0)]]
-    told = summary(curves, 4.0)
-    assert told["return after", "10"] == told["return after", "100"] == ("", "", "")
-    assert told["return after", "30"] == ("3.0", "", "")  # of a single run there is no interval
+    shown = summary(curves, 4.0)
+    assert shown["return after", "10"] == shown["return after", "100"] == ("", "", "")
+    assert shown["return after", "30"] == ("3.0", "", "")  # a single run has no interval
     text = as_markdown([Cell("toy", "hand", (4.0, 9.0), True, curves)])
     assert "| hand | 1 | 32 | 640 | not reached | not reached | - | 3 | - | 0.32 |" in text
 
 
-def test_a_curve_is_read_as_it_was_written(tmp_path: Path) -> None:
+def test_curves_survive_a_round_trip(tmp_path: Path) -> None:
     curve = [Point(10, 200, 0.1, 1 / 3, -2e-300), Point(20, 400, 0.2, -np.inf, 5.0)]
     write_curve(tmp_path / "curve.csv", curve)
     assert read_curve(tmp_path / "curve.csv") == curve

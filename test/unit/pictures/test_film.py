@@ -33,7 +33,7 @@ Run = Callable[..., Result]
 
 
 class Grey(gymnasium.Env[Any, Any]):
-    """Three steps an episode, each drawn as a grey of its own."""
+    """An environment with three steps per episode, each rendered as a different grey."""
 
     metadata = {"render_modes": ["rgb_array"]}
     observation_space = Box(-9.0, 9.0, (1,), np.float64)
@@ -72,13 +72,13 @@ def foreign() -> Iterator[None]:
 
 @pytest.fixture
 def rkhs(capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Run the command line; what libraries print past Python is captured too."""
+    """Run the command line; the output of C libraries is captured, too."""
     monkeypatch.chdir(tmp_path)
     return command_line(capfd)
 
 
 def constant(*action: float, d: int = 1) -> GaussianPolicy:
-    """Return a policy that does nearly the same everywhere."""
+    """Return a policy with a nearly constant mean."""
     mean = Function(RBF((1e4,)), np.zeros((1, d)), np.array([action]))
     return GaussianPolicy(mean, ConstantVariance(np.full(len(action), 0.25)))
 
@@ -92,24 +92,24 @@ def striped(frames: int, cameras: tuple[str, ...] = ("",)) -> Film:
     return Film(dict.fromkeys(cameras, noise), [f"step {k}" for k in range(frames)])
 
 
-# What is seen
+# Frames
 
 
 @pytest.mark.parametrize(
     ("environment", "d", "horizon"),
     [("rkhs/Toy-v0", 1, 20), ("rkhs/Pendulum-v0", 2, 30), ("rkhs/PendulumPOMDP-v0", 1, 30)],
 )
-def test_our_tasks_draw_themselves_and_move(environment: str, d: int, horizon: int) -> None:
-    seen = film(constant(0.15, d=d), Task(environment, {}, horizon, 0.99), frames=6)
-    (pictures,) = seen.pictures.values()
+def test_package_tasks_are_rendered(environment: str, d: int, horizon: int) -> None:
+    shot = film(constant(0.15, d=d), Task(environment, {}, horizon, 0.99), frames=6)
+    (pictures,) = shot.pictures.values()
     assert pictures.shape == (6, 360, 480, 3)
     assert pictures.dtype == np.uint8
     assert len({picture.tobytes() for picture in pictures}) == 6
-    assert seen.captions[0] == "step 0"
-    assert seen.captions[-1] == f"step {horizon - 1}"
+    assert shot.captions[0] == "step 0"
+    assert shot.captions[-1] == f"step {horizon - 1}"
 
 
-@pytest.mark.parametrize("scale", [1.0, 20.0])  # with the greater one most actions are beyond their bounds
+@pytest.mark.parametrize("scale", [1.0, 20.0])  # the larger one clips most actions
 def test_the_film_shows_the_states_and_actions_of_the_evaluation_episode(
     random_policy: Make, monkeypatch: pytest.MonkeyPatch, scale: float
 ) -> None:
@@ -125,35 +125,33 @@ def test_the_film_shows_the_states_and_actions_of_the_evaluation_episode(
 
 
 @pytest.mark.parametrize("frames", [2, 7, 20, 200])
-def test_moments_are_spread_over_the_episode(frames: int) -> None:
-    seen = film(constant(0.1), frames=frames)
-    steps = [int(caption.split()[1]) for caption in seen.captions]
-    assert len(steps) == len(seen.pictures[""]) == min(frames, 20)
+def test_frames_are_spread_over_the_episode(frames: int) -> None:
+    shot = film(constant(0.1), frames=frames)
+    steps = [int(caption.split()[1]) for caption in shot.captions]
+    assert len(steps) == len(shot.pictures[""]) == min(frames, 20)
     assert (steps[0], steps[-1]) == (0, 19)
     assert np.ptp(np.diff(steps)) <= 1
 
 
 @pytest.mark.parametrize(("theta", "tip"), [(0.0, (0.0, 1.0)), (np.pi / 2, (1.0, 0.0)), (-np.pi, (0.0, -1.0))])
-def test_the_rod_stands_at_angle_zero(theta: float, tip: tuple[float, float]) -> None:
+def test_the_rod_is_upright_at_angle_zero(theta: float, tip: tuple[float, float]) -> None:
     axes = Figure().subplots()
     Pendulum().draw(axes, np.array([theta, 0.0]), np.array([1.0]))
     ends = [line.get_xydata()[-1] for line in axes.lines]
     assert any(np.allclose(end, tip, atol=1e-9) for end in ends)
 
 
-def test_another_environment_is_seen_as_it_draws_itself_until_its_end(foreign: None) -> None:
-    seen = film(constant(0.1), Task("test/Grey-v0", {}, 10, 0.9))
-    assert [int(picture[0, 0, 0]) for picture in seen.pictures[""]] == [0, 80, 160]
-    assert seen.captions == ["step 0", "step 1", "step 2"]
+def test_other_environments_are_rendered_until_the_episode_ends(foreign: None) -> None:
+    shot = film(constant(0.1), Task("test/Grey-v0", {}, 10, 0.9))
+    assert [int(picture[0, 0, 0]) for picture in shot.pictures[""]] == [0, 80, 160]
+    assert shot.captions == ["step 0", "step 1", "step 2"]
 
 
-# What is written
+# Files
 
 
 @pytest.mark.parametrize(("frames", "cameras"), [(1, ("",)), (5, ("",)), (30, ("room", "hand"))])
-def test_a_strip_and_an_animation_are_images_of_their_sizes(
-    tmp_path: Path, frames: int, cameras: tuple[str, ...]
-) -> None:
+def test_a_strip_and_an_animation_have_the_right_sizes(tmp_path: Path, frames: int, cameras: tuple[str, ...]) -> None:
     draw_strip(tmp_path / "film.png", striped(frames, cameras))
     animate(tmp_path / "film.gif", striped(frames, cameras))
     with Image.open(tmp_path / "film.png") as strip:
@@ -166,7 +164,7 @@ def test_a_strip_and_an_animation_are_images_of_their_sizes(
         assert animation.size == (60 * len(cameras), 40)
 
 
-def test_a_large_animation_is_made_smaller_not_shorter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_large_animation_is_scaled_down_but_not_shortened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(film_files, "LIMIT", 20_000)
     animate(tmp_path / "film.gif", striped(30))
     assert (tmp_path / "film.gif").stat().st_size <= 20_000
@@ -175,12 +173,12 @@ def test_a_large_animation_is_made_smaller_not_shorter(tmp_path: Path, monkeypat
         assert animation.width < 60
 
 
-def test_films_begin_at_the_first_motion(tmp_path: Path) -> None:
+def test_films_start_at_the_first_motion(tmp_path: Path) -> None:
     moving = striped(9).pictures[""]
     still = np.repeat(moving[:1], 4, axis=0)
-    seen = Film({"room": np.concatenate([still, moving])}, [f"{k} s" for k in range(13)])
-    assert film_files.first_motion(seen) == 4  # the last of five that are alike
-    animate(tmp_path / "film.gif", seen)
+    shot = Film({"room": np.concatenate([still, moving])}, [f"{k} s" for k in range(13)])
+    assert film_files.first_motion(shot) == 4  # the last of five equal frames
+    animate(tmp_path / "film.gif", shot)
     with Image.open(tmp_path / "film.gif") as animation:
         assert animation.n_frames == 9
     assert film_files.first_motion(Film({"": still}, ["0", "1", "2", "3"])) == 0
@@ -200,7 +198,7 @@ def test_films_begin_at_the_first_motion(tmp_path: Path) -> None:
         ({"MUJOCO_GL": "glfw"}, {"EGL"}, "glfw"),
     ],
 )
-def test_mujoco_draws_off_screen_where_there_is_no_display_and_nobody_chose(
+def test_mujoco_renders_off_screen_without_a_display_and_a_choice(
     monkeypatch: pytest.MonkeyPatch, given: dict[str, str], libraries: set[str], chosen: str | None
 ) -> None:
     monkeypatch.setattr(headless, "find_library", lambda name: name if name in libraries else None)
@@ -209,7 +207,7 @@ def test_mujoco_draws_off_screen_where_there_is_no_display_and_nobody_chose(
     assert given.get("MUJOCO_GL") == chosen
 
 
-def test_what_to_install_is_told_to_those_who_use_mujoco(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_errors_with_mujoco_include_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "mujoco", raising=False)
     assert headless.remedy({"MUJOCO_GL": "glfw"}) == ""
     monkeypatch.setitem(sys.modules, "mujoco", headless)
@@ -217,17 +215,17 @@ def test_what_to_install_is_told_to_those_who_use_mujoco(monkeypatch: pytest.Mon
     assert "libosmesa6" in headless.remedy({})
 
 
-# The command
+# Command line
 
 
-def test_render_writes_beside_the_policy_or_where_it_is_told(rkhs: Run, tmp_path: Path) -> None:
+def test_render_writes_beside_the_policy_or_into_a_given_folder(rkhs: Run, tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     save_policy(tmp_path / "run" / "policy.npz", constant(0.4), TOY)
     assert rkhs("render", "run/policy.npz", "--frames", 9) == (0, "run/film.png\nrun/film.gif\n", "")
     with Image.open("run/film.gif") as animation:
         assert animation.n_frames == 9
-    told = rkhs("render", "run/policy.npz", "--frames", 9, "--seed", 1, "--out", "a/b")
-    assert told == (0, "a/b/film.png\na/b/film.gif\n", "")
+    output = rkhs("render", "run/policy.npz", "--frames", 9, "--seed", 1, "--out", "a/b")
+    assert output == (0, "a/b/film.png\na/b/film.gif\n", "")
     assert Path("a/b/film.gif").read_bytes() != Path("run/film.gif").read_bytes()
     rkhs("render", "run/policy.npz", "--frames", 9, "--out", "again")
     for name in ("film.png", "film.gif"):
@@ -243,13 +241,15 @@ def test_render_writes_beside_the_policy_or_where_it_is_told(rkhs: Run, tmp_path
         (("--out", "toy.npz"), "toy.npz"),
     ],
 )
-def test_options_out_of_range_end_with_one_line(rkhs: Run, arguments: tuple[object, ...], message: str) -> None:
+def test_options_out_of_range_are_rejected_with_one_line(
+    rkhs: Run, arguments: tuple[object, ...], message: str
+) -> None:
     save_policy(Path("toy.npz"), constant(0.4), TOY)
     assert_refused(rkhs("render", "toy.npz", *arguments), message)
     assert [path.name for path in Path().iterdir()] == ["toy.npz"]
 
 
-def test_a_missing_a_damaged_and_a_misfit_policy_end_with_one_line(rkhs: Run, random_policy: Make) -> None:
+def test_missing_damaged_and_unsuitable_policies_are_rejected_with_one_line(rkhs: Run, random_policy: Make) -> None:
     assert_refused(rkhs("render", "none.npz"), "none.npz")
     Path("bad.npz").write_bytes(b"PK\x03\x04 no archive")
     assert_refused(rkhs("render", "bad.npz"), "bad.npz: expected a complete policy file")
@@ -261,12 +261,12 @@ def test_a_missing_a_damaged_and_a_misfit_policy_end_with_one_line(rkhs: Run, ra
 @pytest.mark.parametrize(
     ("task", "message"),
     [
-        (Task("test/Dark-v0", {}, 5, 0.9), "test/Dark-v0: expected an environment that draws itself (render mode"),
-        (Task("test/Grey-v0", {"installed": False}, 5, 0.9), "what draws it to be installed, got: pip install paint"),
+        (Task("test/Dark-v0", {}, 5, 0.9), "test/Dark-v0: expected an environment with render mode rgb_array, got"),
+        (Task("test/Grey-v0", {"installed": False}, 5, 0.9), "its renderer to be installed, got: pip install paint"),
         (Task("rkhs/None-v0", {}, 5, 0.9), "unknown environment 'rkhs/None-v0'"),
     ],
 )
-def test_an_environment_that_cannot_be_seen_ends_with_one_line(
+def test_environments_that_cannot_be_rendered_are_rejected_with_one_line(
     rkhs: Run, foreign: None, task: Task, message: str
 ) -> None:
     save_policy(Path("p.npz"), constant(0.4), task)

@@ -1,4 +1,4 @@
-"""Every picture at its worst: no text is cut off or lies on another, and no legend covers a line."""
+"""All pictures in difficult cases: no text is cut off or overlaps another, and no legend covers a line."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -52,7 +52,7 @@ SIZES = pytest.mark.parametrize("size", [1e-3, 1.0, 1e6])
 TOUCHING = 0.5  # pixels by which boxes may overlap
 LEAST_PLOT = 80  # pixels
 CONFIG = Path(__file__).parents[3] / "config" / "pendulum_nac.yaml"
-# Machado, Oliveira and Fernandes (2009): linear RGB as seen without one kind of cone.
+# Machado, Oliveira and Fernandes (2009): linear RGB as perceived without one type of cone.
 EYES = {
     "all cones": np.eye(3),
     "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
@@ -62,13 +62,13 @@ EYES = {
 
 
 def texts(figure: Figure) -> dict[str, Bbox]:
-    """Return the boxes of all texts that are seen, in pixels."""
+    """Return the boxes of all visible texts, in pixels."""
     seen = list(figure.texts)
     for axes in figure.axes:
         seen += [axes.title, *axes.texts]
         for axis in (axes.xaxis, axes.yaxis):
             seen += [axis.label, axis.get_offset_text()]
-            seen += [tick.label1 for tick in axis._update_ticks()]  # those that Matplotlib itself draws
+            seen += [tick.label1 for tick in axis._update_ticks()]  # the ticks that Matplotlib draws
         if legend := axes.get_legend():
             seen += [legend.get_title(), *legend.get_texts()]
     drawn = [text for text in seen if text.get_visible() and text.get_text().strip()]
@@ -81,7 +81,7 @@ def overlap(a: Bbox, b: Bbox) -> bool:
 
 
 def assert_clear(figure: Figure, *, within: bool = True, least: float = LEAST_PLOT) -> None:
-    """Fail where a text is cut off, lies on another, or a legend lies on what is drawn."""
+    """Fail if a text is cut off or overlaps another, or a legend covers data."""
     FigureCanvasAgg(figure)
     figure.draw_without_rendering()
     boxes = texts(figure)
@@ -141,7 +141,7 @@ def curve(iterations: int, size: float) -> dict[str, Array]:
     }
 
 
-# Nothing is cut off, nothing lies on something else
+# Layout
 
 
 @SIZES
@@ -159,7 +159,7 @@ def test_the_policy_is_clear(d: int, n: int, steps: int, size: float) -> None:
     assert_clear(policy_figure(policy(d, n, size=size), bounded(d, n, size), long_names(d, n), made, LONG))
 
 
-def test_a_policy_of_windows_without_bounds_that_does_nothing_is_clear() -> None:
+def test_a_zero_policy_of_windows_without_bounds_is_clear() -> None:
     inputs = Inputs(history=4, angles=(0.0,), degree=2)
     mean = Function.zero(RBF((1.0,)), inputs.dimension(1, 1), 1)
     still, names = GaussianPolicy(mean, ConstantVariance(np.ones(1)), inputs), Names(("angle (rad)",), ("torque",))
@@ -182,7 +182,9 @@ def test_a_comparison_is_clear(count: int, runs: int, size: float) -> None:
     curves = (
         LearningCurve(f"{LONG} {k}", 1e4 * np.arange(1.0, 6), r, is_evaluation=True) for k, r in enumerate(returns)
     )
-    assert_clear(comparison_figure(Comparison(PENDULUM, tuple(curves), ())), within=False)  # it grows to its legend
+    assert_clear(
+        comparison_figure(Comparison(PENDULUM, tuple(curves), ())), within=False
+    )  # the legend adds to its size
 
 
 @SIZES
@@ -233,13 +235,13 @@ def test_the_policy_on_the_page_is_clear(d: int, n: int, rows: int, steps: int, 
 
 @SIZES
 @pytest.mark.parametrize(("d", "n", "steps"), [(1, 1, 1), (2, 3, 1000), (17, 6, 1), (17, 6, 1000)])
-def test_numbers_over_time_are_clear(d: int, n: int, steps: int, size: float) -> None:
+def test_the_timeline_is_clear(d: int, n: int, steps: int, size: float) -> None:
     made = episodes(1, steps, d, n)
     figure = Timeline(long_names(d, n)).figure(size * made.observations[0], made.actions[0])
     assert_clear(figure, least=20)
 
 
-def test_texts_that_lie_on_each_other_or_are_cut_off_are_seen() -> None:
+def test_overlapping_and_cut_off_texts_are_detected() -> None:
     figure = Figure(figsize=(3, 2))
     axes = figure.add_axes((0.3, 0.3, 0.6, 0.6))
     axes.plot([0, 1], label="a line")
@@ -257,17 +259,17 @@ def test_texts_that_lie_on_each_other_or_are_cut_off_are_seen() -> None:
         assert_clear(figure)
 
 
-# What is drawn is what is
+# Content
 
 
-def test_colours_and_lines_show_what_the_robot_can_do() -> None:
+def test_colours_and_lines_show_clipped_actions() -> None:
     spaces = Spaces((2,), np.array([-0.5]), np.array([0.25]))
     figure = policy_figure(policy(2, 1, size=9.0), spaces, Names(("x", "y"), ("a",)), episodes(1, 50, 2, 1), "t")
     (mesh,) = figure.axes[0].collections
     values = np.asarray(mesh.get_array())
     assert values.min() == -0.5
     assert values.max() <= 0.25
-    assert mesh.get_clim() == (-0.5, 0.5)  # white is no action
+    assert mesh.get_clim() == (-0.5, 0.5)  # white is a zero action
     figure = policy_figure(policy(1, 1, size=9.0), spaces, Names(("x",), ("a",)), episodes(1, 50, 1, 1), "t")
     axes = figure.axes[0]
     drawn = [line.get_ydata() for line in axes.lines] + [
@@ -276,7 +278,7 @@ def test_colours_and_lines_show_what_the_robot_can_do() -> None:
     assert all((np.asarray(y, dtype=float) >= -0.5).all() and (np.asarray(y, dtype=float) <= 0.25).all() for y in drawn)
 
 
-def test_bands_stay_among_the_runs() -> None:
+def test_bands_stay_within_the_runs() -> None:
     experiment, table = experiment_of(1, 1, 3, 40, 1.0)
     (returns,) = table.values()
     figure = experiment_figure(experiment, table)
@@ -286,21 +288,21 @@ def test_bands_stay_among_the_runs() -> None:
         assert drawn.min() >= returns.evaluation.min()
         assert drawn.max() <= returns.evaluation.max()
     deviation = returns.evaluation.std(axis=0, ddof=1)
-    assert (returns.evaluation.mean(axis=0) - deviation).min() < 0.0  # what the band would be otherwise
+    assert (returns.evaluation.mean(axis=0) - deviation).min() < 0.0  # the band without clipping
 
 
-def test_the_slice_is_over_the_inputs_that_matter() -> None:
+def test_the_slice_is_over_the_most_informative_inputs() -> None:
     points = np.random.default_rng(0).normal(size=(500, 17))
     columns, explained = most_informative_inputs(lambda x: np.sin(x[:, 3]) + 2.0 * x[:, 11] + 0.01 * x[:, 5], points)
     assert columns == (3, 11)
     assert explained == pytest.approx(1.0, abs=0.01)
-    wide = points * np.where(np.arange(17) == 5, 1e3, 1.0)  # the policy looks at it hardly, but it is seen to vary
+    wide = points * np.where(np.arange(17) == 5, 1e3, 1.0)  # the policy hardly depends on it, although it varies most
     assert most_informative_inputs(lambda x: x[:, 3] * x[:, 11] + x[:, 3] + 1e-5 * x[:, 5], wide).columns == (3, 11)
     columns, explained = most_informative_inputs(lambda x: np.ones(len(x)), points)
     assert np.isnan(explained)
 
 
-def test_pictures_are_opaque_whatever_the_style() -> None:
+def test_pictures_are_opaque_with_any_style() -> None:
     with mpl.rc_context({"savefig.transparent": True, "figure.facecolor": "black", "axes.facecolor": "black"}):
         figure = curve_figure(curve(9, 1.0), PENDULUM)
         canvas = FigureCanvasAgg(figure)
@@ -327,20 +329,20 @@ def named() -> Iterator[Task]:
     gymnasium.registry.pop("test/Named-v0")
 
 
-def test_a_task_names_its_numbers(named: Task) -> None:
+def test_a_task_names_its_observations_and_actions(named: Task) -> None:
     assert names_of(named, 2, 1) == Names(("height (m)", "speed (m/s)"), ("thrust (N)",))
     assert success_reward(named) == 2.0
-    spaces = Simulation(named.environment).spaces  # which go into files and messages
+    spaces = Simulation(named.environment).spaces  # these go into files and messages
     assert Names(spaces.observation_names, spaces.action_names) == names_of(named, 2, 1)
     assert names_of(PENDULUM, 2, 1) == Names(Pendulum.observation_names, Pendulum.action_names)
 
 
-def test_names_that_the_spaces_tell_as_of_a_robot_come_first(named: Task) -> None:
+def test_names_of_the_spaces_take_precedence(named: Task) -> None:
     spaces = replace(Spaces.unbounded(2, 1), observation_names=("a (m)", "b (m)"))
     assert names_of(named, 2, 1, spaces) == Names(("a (m)", "b (m)"), ("thrust (N)",))
 
 
-def test_others_have_numbers_for_names(named: Task) -> None:
+def test_other_tasks_have_numbered_names(named: Task) -> None:
     assert names_of(named, 3, 1).observations == ("observation 0", "observation 1", "observation 2")
     for environment in ("", "gone:Task-v0", "CartPole-v1"):
         task = Task(environment, {}, 1, 0.9)
@@ -348,18 +350,18 @@ def test_others_have_numbers_for_names(named: Task) -> None:
         assert success_reward(task) is None
 
 
-def test_names_of_inputs_stand_for_their_columns() -> None:
-    """Each column follows the numbers that its name names, and no other."""
+def test_names_of_inputs_match_their_columns() -> None:
+    """Each column depends only on the values that its name describes."""
     names = Names(("angle (rad)", "speed"), ("push",))
     inputs = Inputs(history=3, angles=(0.0,))
-    told = input_names(inputs, names)
-    assert told[:4] == (
+    labels = input_names(inputs, names)
+    assert labels[:4] == (
         "sine of angle, 2 steps ago",
         "cosine of angle, 2 steps ago",
         "speed, 2 steps ago",
         "push, 3 steps ago",
     )
-    assert told[-4:] == ("sine of angle", "cosine of angle", "speed", "push, 1 step ago")
+    assert labels[-4:] == ("sine of angle", "cosine of angle", "speed", "push, 1 step ago")
     made = episodes(1, 9, 2, 1)
     (point,) = inputs.at(np.array([8]), made.observations, made.actions)[0]
     o, a = made.observations[0], made.actions[0]
@@ -369,7 +371,7 @@ def test_names_of_inputs_stand_for_their_columns() -> None:
         "push, 2 steps ago": a[6, 0],
     }
     for name, value in by_name.items():
-        assert point[told.index(name)] == pytest.approx(value)
+        assert point[labels.index(name)] == pytest.approx(value)
 
 
 def test_monomials_are_named_by_their_factors() -> None:
@@ -385,7 +387,7 @@ def test_monomials_are_named_by_their_factors() -> None:
 
 
 def lab(rgb: Any, eye: Any) -> Array:
-    """Return colours, shape (k, 3), as somebody sees them, in CIELAB."""
+    """Return colours, shape (k, 3), in CIELAB, as a kind of vision perceives them."""
     rgb = np.asarray(rgb, dtype=float)
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
     seen = np.clip(linear @ np.asarray(eye).T, 0.0, 1.0)
@@ -398,17 +400,17 @@ def lab(rgb: Any, eye: Any) -> Array:
 
 
 @pytest.mark.parametrize("eye", EYES)
-def test_steps_of_signed_colours_look_alike_and_signs_differ(eye: str) -> None:
+def test_signed_colours_have_uniform_steps_and_distinct_signs(eye: str) -> None:
     seen = lab(mpl.colormaps[SIGNED](np.linspace(0.0, 1.0, 33))[:, :3], EYES[eye])
     steps = np.linalg.norm(np.diff(seen, axis=0), axis=1)
     assert steps.max() < 2.5 * steps.min()
     halves = np.linalg.norm(seen[:16] - seen[:16:-1], axis=1)
-    assert (np.diff(halves) < 2.0).all()  # but for the darkest shades
-    assert halves[8] > 50.0  # half of the least action from half of the greatest
+    assert (np.diff(halves) < 2.0).all()  # except at the darkest shades
+    assert halves[8] > 50.0  # between half of the smallest and half of the largest action
 
 
 @pytest.mark.parametrize("eye", EYES)
-def test_rewards_are_told_by_lightness_and_lines_by_colour(eye: str) -> None:
+def test_rewards_differ_in_lightness_and_lines_in_colour(eye: str) -> None:
     lightness = lab(mpl.colormaps[UNSIGNED](np.linspace(0.0, 1.0, 33))[:, :3], EYES[eye])[:, 0]
     assert (np.diff(lightness) > 0.0).all()
     colours = [[int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)] for colour in COLOURS]

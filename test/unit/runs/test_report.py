@@ -102,7 +102,7 @@ def test_without_episodes_nothing_is_drawn_and_that_is_said(tmp_path: Path, runn
     over = replace(episodes, mask=np.zeros_like(episodes.mask))
     for none in (episodes.take(slice(0)), over):
         save_episodes(folder / "episodes.npz", none, CONFIG.task)
-        with pytest.raises(ValueError, match=r"episodes\.npz: expected an episode of at least one step, got none"):
+        with pytest.raises(ValueError, match=r"episodes\.npz: expected an episode with at least one step, got none"):
             draw_run(folder)
     wide = replace(episodes, observations=np.zeros((2, 8, 3)), final_observations=np.zeros((2, 3)))
     save_episodes(folder / "episodes.npz", wide, CONFIG.task)

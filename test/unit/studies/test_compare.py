@@ -284,7 +284,7 @@ def test_other_formats_are_written_too(rkhs: Run, tmp_path: Path, name: str) -> 
     [
         (("nowhere",), "nowhere: expected a run's folder (with config.yaml and curve.csv), or a folder of runs"),
         ((".",), ".: expected a run's folder"),
-        (("a", "--out", "c.txt"), "c.txt: expected a picture's name with .png or .pdf or .svg, got '.txt'"),
+        (("a", "--out", "c.txt"), "c.txt: expected a file name that ends in .png or .pdf or .svg, got '.txt'"),
         ((), "the following arguments are required: DIR"),
     ],
 )
