@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 from rkhs_ros import __version__
 from rkhs_ros.base.endings import INTERRUPTED, RunError, print_error
-from rkhs_ros.base.streams import messages_may_be_lost, readers_may_leave
+from rkhs_ros.base.streams import tolerate_closed_stdout, tolerate_lost_stderr
 
 # Each module defines add_arguments(parser) and run(options), which returns the exit code.
 COMMANDS = {
@@ -66,13 +66,13 @@ def _path(word: str) -> Path:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line: print one line and exit with code 2 for bad input, 1 for a failure."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # like Ctrl-C: the run saves its policy
-    with messages_may_be_lost():
+    with tolerate_lost_stderr():
         sys.exit(_exit_code(sys.argv[1:] if arguments is None else arguments))
 
 
 def _exit_code(arguments: Sequence[str]) -> int:
     try:
-        with readers_may_leave():
+        with tolerate_closed_stdout():
             _check_encoding(arguments)
             options = _parser(_called(arguments)).parse_args(arguments)
             _check_settings(getattr(options, "set", None) or [])

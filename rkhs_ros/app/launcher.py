@@ -15,7 +15,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
 
-from rkhs_ros.base.endings import BAD_INPUT, ENDING, FAILED, INTERRUPTED, signals_held
+from rkhs_ros.base.endings import BAD_INPUT, ENDING, FAILED, INTERRUPTED, deferred_signals
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS, POLICY, ROBOT, SIMULATED_ROBOT, SIMULATOR
 from rkhs_ros.base.processes import terminate_with_parent
@@ -121,7 +121,7 @@ class NodeProcess:
             word for name in loggers for word in ("--log-level", f"{name}:=warn")
         ]  # the launcher prints the progress
         ros = ["--ros-args", *quiet, "-r", f"__ns:=/{namespace}", *self._arguments, *assigned(more)]
-        with signals_held():  # Python loses an exception that a handler raises during the fork
+        with deferred_signals():  # Python loses an exception that a handler raises during the fork
             return subprocess.Popen(
                 [sys.executable, "-P", "-m", MODULES[kind], *ros],
                 stdin=subprocess.DEVNULL,

@@ -186,7 +186,8 @@ def _training(simulation: Simulation, algorithm: Algorithm | str | None, setting
     require(not isinstance(algorithm, type), "algorithm", "an instance such as RKHSNAC()", algorithm)
     if not isinstance(algorithm, str | None):
         given["algorithm"] = algorithm
-    over = {name: value.over(getattr(untuned, name)) for name, value in given.items() if isinstance(value, Settings)}
+    nested = {name: value for name, value in given.items() if isinstance(value, Settings)}
+    over = {name: value.with_defaults(getattr(untuned, name)) for name, value in nested.items()}
     return replace(untuned, **given | over)
 
 

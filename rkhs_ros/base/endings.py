@@ -40,7 +40,7 @@ class Stop:
 
 
 @contextmanager
-def signals_held() -> Iterator[None]:
+def deferred_signals() -> Iterator[None]:
     """Defer SIGINT and SIGTERM until the block exits; a no-op outside the main thread, which handles all signals."""
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -38,7 +38,7 @@ class Settings(NamedFields):
         """Return the dotted names of settings that have no effect with the current choices."""
         return set()
 
-    def over(self, defaults: object) -> Self:
+    def with_defaults(self, defaults: object) -> Self:
         """Return these settings with the fields that were not given replaced by those of ``defaults``.
 
         Args:
@@ -48,7 +48,7 @@ class Settings(NamedFields):
             return self
         values = {f.name: getattr(defaults, f.name) for f in fields(self)}  # type: ignore[arg-type]  # as above
         own = {name: getattr(self, name) for name in self.given_fields}
-        nested = {name: each.over(values[name]) for name, each in own.items() if isinstance(each, Settings)}
+        nested = {name: each.with_defaults(values[name]) for name, each in own.items() if isinstance(each, Settings)}
         return type(self)(**values | own | nested)
 
 

@@ -54,7 +54,7 @@ class Lossy:
 
 
 @contextmanager
-def messages_may_be_lost() -> Iterator[None]:
+def tolerate_lost_stderr() -> Iterator[None]:
     """Ignore errors of standard error, whether it is closed now or lost later."""
     for descriptor in range(3):  # a file opened later would get the number of a closed stream and receive its messages
         try:
@@ -71,7 +71,7 @@ def messages_may_be_lost() -> Iterator[None]:
 
 
 @contextmanager
-def readers_may_leave() -> Iterator[None]:
+def tolerate_closed_stdout() -> Iterator[None]:
     """Ignore a closed pipe on standard output, such as the pipe of ``head`` after its last line.
 
     Raises:

@@ -8,7 +8,7 @@ from typing import Any
 import gymnasium
 from gymnasium.envs.registration import load_env_creator
 
-from rkhs_ros.policies.input_names import Names, plain_names, reported_names
+from rkhs_ros.policies.input_names import Names, default_names, reported_names
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.rollouts.environments import spec_of
@@ -41,7 +41,7 @@ def success_reward(task: Task) -> float | None:
 
 
 def _names(task: Task, kind: str, count: int) -> tuple[str, ...]:
-    return reported_names(_attribute(task, f"{kind}_names"), count) or plain_names(kind, count)
+    return reported_names(_attribute(task, f"{kind}_names"), count) or default_names(kind, count)
 
 
 def _attribute(task: Task, name: str) -> Any:

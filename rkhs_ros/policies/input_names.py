@@ -25,7 +25,7 @@ class Names:
     actions: tuple[str, ...]
 
 
-def plain_names(kind: str, count: int) -> tuple[str, ...]:
+def default_names(kind: str, count: int) -> tuple[str, ...]:
     """Return default names such as "observation 0"."""
     return tuple(f"{kind} {i}" if count > 1 else kind for i in range(count))
 

@@ -60,9 +60,7 @@ class Batch:
         require(1 <= self.num_envs <= 10_000, "num_envs", "1 to 10000 episodes", self.num_envs)
         require(1 <= self.horizon <= 1_000_000, "horizon", "1 to 1000000 steps", self.horizon)
         samples = self.num_envs * self.horizon
-        require(
-            samples <= MAX_BATCH_SAMPLES, "num_envs and horizon", f"at most {MAX_BATCH_SAMPLES} samples in all", samples
-        )
+        require(samples <= MAX_BATCH_SAMPLES, "num_envs and horizon", f"at most {MAX_BATCH_SAMPLES} samples", samples)
         most = self.num_envs - 1 if self.explore else 0
         require(0 <= self.num_evaluation <= most, "num_evaluation", f"at most {most} episodes", self.num_evaluation)
         last = 2**63 - 1 if self.num_evaluation else 0
@@ -72,8 +70,8 @@ class Batch:
     def keys(self) -> list[tuple[bool, int]]:
         """Whether the episode of each environment explores, and its number among the episodes of its kind."""
         numbers = range(self.first_episode, self.first_episode + self.num_envs - self.num_evaluation)
-        beside = range(self.first_evaluation, self.first_evaluation + self.num_evaluation)
-        return [(self.explore, number) for number in numbers] + [(False, number) for number in beside]
+        evaluation = range(self.first_evaluation, self.first_evaluation + self.num_evaluation)
+        return [(self.explore, number) for number in numbers] + [(False, number) for number in evaluation]
 
     @property
     def episodes(self) -> list[int]:
@@ -101,13 +99,13 @@ class Batch:
         if begin >= first_kind:
             first = self.first_evaluation + begin - first_kind
             return Batch(self.seed, first, end - begin, self.horizon, explore=False)
-        beside = max(end - first_kind, 0)
+        num_evaluation = max(end - first_kind, 0)
         return replace(
             self,
             first_episode=self.first_episode + begin,
             num_envs=end - begin,
-            num_evaluation=beside,
-            first_evaluation=self.first_evaluation if beside else 0,
+            num_evaluation=num_evaluation,
+            first_evaluation=self.first_evaluation if num_evaluation else 0,
         )
 
     def split(self, parts: int) -> list[Batch]:

@@ -309,7 +309,7 @@ def kernel_from_terms(terms: Iterable[tuple[str, Sequence[float]]]) -> Kernel:
     return stack[0]
 
 
-def evenly(rows: Array, most: int) -> Array:
+def subsample(rows: Array, most: int) -> Array:
     """Return at most ``most`` evenly spaced rows of a non-empty array."""
     return rows[:: -(-len(rows) // most)]
 
@@ -326,7 +326,7 @@ def median_bandwidth(points: ArrayLike, most: int = 1000) -> tuple[float, ...]:
         most: maximum number of evenly spaced points that are paired.
     """
     array = np.asarray(points, dtype=float)
-    array = evenly(array, most)
+    array = subsample(array, most)
     if len(array) == 1:
         return tuple(1.0 for _ in array.T)
     spreads = ((float(np.median(pdist(column[:, None], "cityblock"))), float(column.std())) for column in array.T)

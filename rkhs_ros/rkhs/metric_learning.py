@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from rkhs_ros.rkhs.evidence import LINEAR_SD, Fit, best_fit
-from rkhs_ros.rkhs.kernels import Array, evenly
+from rkhs_ros.rkhs.kernels import Array, subsample
 from rkhs_ros.rkhs.standardizer import Coordinates
 
 MOST_FITTED, MOST_SLOPES = 1000, 300  # maximum number of points for the selection, and for the gradients
@@ -33,7 +33,7 @@ def fit_metric(
         roots: square roots of the points' weights, shape (n, 1).
         centres: maximum number of centres of the fit.
     """
-    some, their_targets, their_roots = (evenly(each, MOST_FITTED) for each in (points, targets, roots))
+    some, their_targets, their_roots = (subsample(each, MOST_FITTED) for each in (points, targets, roots))
     best, fit = _refine_metric(plain, some, their_targets, their_roots, centres)
     if len(points) > MOST_FITTED:
         fit = best_fit(best.of(points), targets, roots, centres)
@@ -58,7 +58,7 @@ def _refine_metric(
 
 def _axes(coordinates: Coordinates, fit: Fit, points: Array, roots: Array) -> Array | None:
     """Return L of the fit's gradients, shape (d, d); None if the functions are constant."""
-    gradients = slopes(fit, coordinates.of(evenly(points, MOST_SLOPES))) * evenly(roots, MOST_SLOPES)[:, :, None]
+    gradients = slopes(fit, coordinates.of(subsample(points, MOST_SLOPES))) * subsample(roots, MOST_SLOPES)[:, :, None]
     if coordinates.axes is not None:
         gradients = np.einsum("de,nek->ndk", coordinates.axes, gradients)
     squares, axes = np.linalg.eigh(np.einsum("ndk,nek->de", gradients, gradients))

@@ -10,7 +10,7 @@ import numpy as np
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.training import Iteration
-from rkhs_ros.policies.input_names import Names, plain_names
+from rkhs_ros.policies.input_names import Names, default_names
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array
@@ -60,8 +60,8 @@ class Sketcher:
         self._spaces = spaces
         self._discount = discount
         self._names = Names(
-            spaces.observation_names or plain_names("observation", spaces.observation_dim),
-            spaces.action_names or plain_names("action", spaces.action_dim),
+            spaces.observation_names or default_names("observation", spaces.observation_dim),
+            spaces.action_names or default_names("action", spaces.action_dim),
         )
         self._recent: deque[Episodes] = deque(maxlen=MOST_EPISODES)
         self._pair, self._choose_at = (0, 0), 0

@@ -59,7 +59,7 @@ class Sparse:
         """Return the samples in a Newton basis.
 
         For a linear kernel, the basis is the unit vectors, which are orthonormal and span the whole space. A basis of
-        samples would lose small features beside large ones.
+        samples would lose features that are much smaller than others.
         """
         if policy.mean.kernel == LINEAR and policy.mean.input_dim <= self.centres:
             return Samples.on_centres(policy, episodes, np.eye(policy.mean.input_dim))

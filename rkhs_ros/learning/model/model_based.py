@@ -26,7 +26,7 @@ from rkhs_ros.policies.noise import NOISES
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch, stream_seed
 from rkhs_ros.policies.variance import ConstantVariance
-from rkhs_ros.rkhs.kernels import Array, evenly
+from rkhs_ros.rkhs.kernels import Array, subsample
 
 MOST_COMPARED = 300  # maximum number of points at which two kernels are compared
 SAME_KERNEL = 0.95  # alignment above which the policy keeps its kernel
@@ -222,7 +222,7 @@ def _refit_policy_kernel(policy: GaussianPolicy, algorithm: Algorithm, experienc
     """
     episodes = experience.episodes.with_inputs(policy.inputs)
     points = episodes.flat(episodes.observations)
-    few = evenly(points, MOST_COMPARED)
+    few = subsample(points, MOST_COMPARED)
     own, kernel = policy.mean.kernel, experience.kernel.fit(points, policy.inputs.ages)
     if len(policy.mean.centres) == 0:
         return policy.with_mean(replace(policy.mean, kernel=kernel))

@@ -11,7 +11,7 @@ from rclpy.client import Client
 from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions, get_current_signal_handlers_options
 
-from rkhs_ros.base.endings import Stop, signals_held
+from rkhs_ros.base.endings import Stop, deferred_signals
 from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S, PeerError, ReportingNode, StoppedError
 
 REFUSAL_STANDS_S = 2.0  # for which a node must repeat a refusal
@@ -25,7 +25,7 @@ def _interrupts_held() -> AbstractContextManager[None]:
     If rclpy handles the signals of this process, leave them to rclpy.
     """
     is_free = get_current_signal_handlers_options() == SignalHandlerOptions.NO
-    return signals_held() if is_free else nullcontext()
+    return deferred_signals() if is_free else nullcontext()
 
 
 class SilentError(PeerError):

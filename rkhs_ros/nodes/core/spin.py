@@ -25,7 +25,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from rkhs_ros.base.endings import INTERRUPTED, RunError, Stop, print_error
 from rkhs_ros.base.settings import Entry
-from rkhs_ros.base.streams import messages_may_be_lost
+from rkhs_ros.base.streams import tolerate_lost_stderr
 from rkhs_ros.base.validation import truncated
 from rkhs_ros.nodes.core.arguments import check_arguments
 from rkhs_ros.nodes.core.names import in_one_line
@@ -163,7 +163,7 @@ def run(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, St
         name: of the node.
         work: runs with the node until the event is set.
     """
-    with messages_may_be_lost():
+    with tolerate_lost_stderr():
         sys.exit(_code_of(make_node, name, work))
 
 

@@ -10,7 +10,7 @@ from typing import Any, cast
 import pytest
 
 from rkhs_ros.app.launcher import NodeProcess, _signals_passed_to, for_all
-from rkhs_ros.base.endings import signals_held
+from rkhs_ros.base.endings import deferred_signals
 from rkhs_ros.base.yaml_text import loaded
 
 PARAMETERS = "/**/simulator: {ros__parameters: {environment: {id: x}}}\n/**/learner: {ros__parameters: {seed: 1}}\n"
@@ -46,7 +46,7 @@ def test_an_interrupt_while_a_process_is_forked_is_not_lost() -> None:
     done = []
 
     def interrupted() -> None:
-        with signals_held():
+        with deferred_signals():
             os.kill(os.getpid(), signal.SIGINT)
             done.append("all the rest")
 
@@ -85,8 +85,8 @@ def test_a_signal_at_any_instruction_ends_as_an_interrupt_and_leaves_the_handler
     interrupts = []
     process = SimpleNamespace(poll=lambda: None)
     learner = cast(NodeProcess, SimpleNamespace(process=process, interrupt=lambda: interrupts.append(1)))
-    enter = signals_held if manager == "held" else lambda: _signals_passed_to(learner)
-    wrapped: Any = signals_held if manager == "held" else _signals_passed_to
+    enter = deferred_signals if manager == "held" else lambda: _signals_passed_to(learner)
+    wrapped: Any = deferred_signals if manager == "held" else _signals_passed_to
     handlers = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     raised = 0

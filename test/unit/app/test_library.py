@@ -149,10 +149,10 @@ def test_an_object_overrides_only_the_settings_that_it_is_given() -> None:
     given = rkhs_ros.RKHSNAC(centres=7, step=rkhs_ros.KLStep(divergence=0.5))
     defaults = rkhs_ros.RKHSNAC(centres=80, trace=0.5, step=rkhs_ros.KLStep(divergence=0.05, annealing=0.25))
     expected = rkhs_ros.RKHSNAC(centres=7, trace=0.5, step=rkhs_ros.KLStep(divergence=0.5, annealing=0.25))
-    assert given.over(defaults) == expected
-    assert given.over(rkhs_ros.PoWER()) is given
-    assert pickle.loads(pickle.dumps(given)).over(defaults) == expected
-    assert build(rkhs_ros.RKHSNAC, {"centres": 7}).over(defaults) == rkhs_ros.RKHSNAC(centres=7)
+    assert given.with_defaults(defaults) == expected
+    assert given.with_defaults(rkhs_ros.PoWER()) is given
+    assert pickle.loads(pickle.dumps(given)).with_defaults(defaults) == expected
+    assert build(rkhs_ros.RKHSNAC, {"centres": 7}).with_defaults(defaults) == rkhs_ros.RKHSNAC(centres=7)
 
 
 def test_a_policy_is_a_start_whose_kernel_stays(tmp_path: Path) -> None:

@@ -90,9 +90,7 @@ def test_each_number_of_a_batch_has_limits(name: str, least: int, most: int) -> 
 
 def test_a_batch_has_at_most_ten_million_samples() -> None:
     assert Batch(0, 0, 10_000, 1000, explore=True).horizon == 1000
-    with pytest.raises(
-        ValueError, match="num_envs and horizon: expected at most 10000000 samples in all, got 10010000"
-    ):
+    with pytest.raises(ValueError, match="num_envs and horizon: expected at most 10000000 samples, got 10010000"):
         Batch(0, 0, 10_000, 1001, explore=True)
 
 
