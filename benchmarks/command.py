@@ -1,4 +1,4 @@
-"""The command line that all benchmarks share: ``--quick``, and what happens if an extra is not installed."""
+"""Share the command line of the benchmarks: ``--quick``, and skipping if an extra is not installed."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from typing import Any, NoReturn
 
 
 def parser(description: str | None) -> ArgumentParser:
-    """Return a parser with the option that every benchmark has."""
+    """Return a parser with the option ``--quick``."""
     command = ArgumentParser(description=description)
-    command.add_argument("--quick", action="store_true", help="run in seconds, to test the script; measures nothing")
+    command.add_argument("--quick", action="store_true", help="test the script in seconds; the figures mean nothing")
     return command
 
 
 def parsed(command: ArgumentParser, arguments: Sequence[str] | None = None, **quick: Any) -> Namespace:
-    """Return the options of a command line.
+    """Parse a command line and return its options.
 
     Args:
         command: made by `parser`.
-        arguments: of the process, if None.
-        quick: defaults that ``--quick`` puts in place of the parser's.
+        arguments: the arguments; those of the process if None.
+        quick: defaults that ``--quick`` uses instead of the parser's.
     """
     if command.parse_args(arguments).quick:
         command.set_defaults(**quick)
@@ -33,7 +33,7 @@ def parsed(command: ArgumentParser, arguments: Sequence[str] | None = None, **qu
 
 @contextmanager
 def needing(extra: str, hint: str) -> Iterator[None]:
-    """Skip the benchmark if the imports in the block need a module that is not installed.
+    """Skip the benchmark if the imports in the block need a missing module.
 
     Args:
         extra: name of the module.
@@ -45,6 +45,6 @@ def needing(extra: str, hint: str) -> Iterator[None]:
 
 
 def skip(extra: str, hint: str) -> NoReturn:
-    """End the process with exit code 0 and one line on stderr that names the extra that is not installed."""
+    """Exit with code 0 and one line on stderr that names the missing extra."""
     print(f"skipped: {Path(sys.argv[0]).name}: expected {extra} to be installed. {hint}", file=sys.stderr)
     sys.exit(0)

@@ -1,7 +1,7 @@
-"""What the configurations in ``config/`` reach and how many episodes that takes, beside CMA-ES, on held-out seeds.
+"""Measure the returns of the configurations in ``config/`` on held-out seeds, and the episodes to thresholds.
 
-No setting was chosen on the seeds 100 and above, so the figures in the documentation are from these. Episodes are
-counted until the evaluation return, the mean of 10 evaluation episodes after an update, first passes a threshold.
+CMA-ES is measured beside them. No setting was chosen on the seeds from 100 on, which the documentation uses. Episodes
+count until the evaluation return, the mean of 10 evaluation episodes after an update, first passes a threshold.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def seeds_of(name: str) -> str:
 
 
 def learnt(options: Namespace) -> list[Result]:
-    """Learn, and return the results as a list in the order of the names."""
+    """Train, and return the results in the order of the names."""
     changes = QUICK_CHANGES if options.quick else ()
     work = [
         (name, seed, changes)
@@ -42,7 +42,7 @@ def learnt(options: Namespace) -> list[Result]:
 
 
 def main(options: Namespace) -> None:
-    """Learn unless there is nothing to learn, keep the results, and print the tables."""
+    """Train what is requested, store the results, and print the tables."""
     kept = read_results(options.out) if options.out and options.out.exists() else []
     results = {(each.name, each.seed): each for each in [*kept, *([] if options.tables else learnt(options))]}
     if options.out and not options.tables:
@@ -53,8 +53,8 @@ def main(options: Namespace) -> None:
 if __name__ == "__main__":
     command = parser(__doc__)
     command.add_argument("names", nargs="*", metavar="NAME", help="configurations (all)")
-    command.add_argument("--seeds", help="as 100-119 or 100,105 (those of the documentation)")
-    command.add_argument("--out", type=Path, metavar="FILE.csv", help="keep the results beside those in this file")
-    command.add_argument("--tables", action="store_true", help="learn nothing, print the tables of the file")
+    command.add_argument("--seeds", help="such as 100-119 or 100,105 (those of the documentation)")
+    command.add_argument("--out", type=Path, metavar="FILE.csv", help="add the results to this file")
+    command.add_argument("--tables", action="store_true", help="only print the tables of the file")
     add_worker_arguments(command)
     main(parsed(command, names=QUICK, seeds="100-101"))

@@ -1,6 +1,6 @@
-"""SAC of Stable-Baselines3 and CrossQ of sb3-contrib with their default settings, on the inputs that our policies have.
+"""Train SAC of Stable-Baselines3 and CrossQ of sb3-contrib with default settings, on the inputs of our policies.
 
-Both are imported when they learn, for they take their time and need not be installed.
+Both are imported on first use, since the import is slow and they may not be installed.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ EVALUATED_EVERY = 5  # episodes
 
 
 class SeenThrough(gymnasium.Wrapper[Array, Array, Any, Any]):
-    """An environment that shows the inputs of a policy. Owns what was seen and done in the episode.
+    """An environment whose observations are the inputs of a policy. Owns the observations and actions of the episode.
 
     Args:
-        env: of observations and actions that are rows of numbers.
-        inputs: made of these.
+        env: an environment with flat observations and actions.
+        inputs: the inputs to compute from them.
         horizon: steps of an episode.
     """
 
@@ -38,7 +38,7 @@ class SeenThrough(gymnasium.Wrapper[Array, Array, Any, Any]):
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float64)
 
     def reset(self, **options: Any) -> tuple[Array, dict[str, Any]]:
-        """Begin an episode."""
+        """Start an episode."""
         observation, info = self.env.reset(**options)
         self._step = 0
         self._seen = np.zeros((1, self._horizon + 1, len(observation)))
@@ -46,7 +46,7 @@ class SeenThrough(gymnasium.Wrapper[Array, Array, Any, Any]):
         return self._shown(observation), info
 
     def step(self, action: Array) -> tuple[Array, Any, bool, bool, dict[str, Any]]:
-        """Make a step."""
+        """Run a step."""
         self._done[0, self._step] = action
         observation, *rest = self.env.step(action)
         self._step += 1
@@ -58,14 +58,14 @@ class SeenThrough(gymnasium.Wrapper[Array, Array, Any, Any]):
 
 
 def world(config: Config) -> SeenThrough:
-    """Return the environment of a configuration, which ends at the horizon."""
+    """Return the environment of a configuration, truncated at the horizon."""
     environment, training = config.environment, config.training
     env = gymnasium.make(environment.id, max_episode_steps=training.horizon, **environment.options)
     return SeenThrough(env, training.inputs, training.horizon)
 
 
 def learn(name: str, trial: Trial) -> list[Point]:
-    """Return the learning curve of a learner, by the name of its class."""
+    """Return the learning curve of a learner, given by the name of its class."""
     import_module("torch").set_num_threads(1)
     training, budget = trial.config.training, trial.episodes
     meter, evaluated, points = Meter(training.discount), world(trial.config), []
@@ -88,7 +88,7 @@ def learn(name: str, trial: Trial) -> list[Point]:
 
 
 def _rewards(model: Any, env: SeenThrough, seed: int, batch: Batch) -> Array:
-    """Return the rewards of a evaluation episode, shape (horizon,), 0 after its end."""
+    """Return the rewards of an evaluation episode, shape (horizon,), 0 after its end."""
     rewards, step, over = np.zeros(batch.horizon), 0, False
     observation, _ = env.reset(seed=seed)
     while not over:

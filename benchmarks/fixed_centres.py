@@ -1,7 +1,7 @@
-"""CMA-ES on the weights of a policy with fixed centres, on the tasks of two configurations.
+"""Run CMA-ES on the weights of a policy with fixed centres, on the tasks of two configurations.
 
-It scores each candidate by one evaluation episode, which counts. After each generation the mean of its distribution is
-evaluated like a policy of RKHS-NAC, which does not count. Three first standard deviations of the weights are tried.
+One evaluation episode scores each candidate, and counts. After each generation the mean of the distribution is
+evaluated like a policy of RKHS-NAC, which does not count. Three initial standard deviations of the weights are tried.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Array
 from rkhs_ros.runs.config import Config
 
-NEGLIGIBLE_VARIANCE = ConstantVariance(np.array([1e-18]))  # all but
+NEGLIGIBLE_VARIANCE = ConstantVariance(np.array([1e-18]))  # almost none
 
 
 class Features(NamedTuple):
-    """What the policy is made of, and the first standard deviations of its weights that are tried."""
+    """The features of the policy, and the initial standard deviations of its weights to try."""
 
     centres: Array
     kernel: RBF
@@ -44,9 +44,9 @@ def search(config: Config, features: Features, sd: float) -> Iterator[tuple[int,
     """Yield the episodes used and the evaluation return after each generation.
 
     Args:
-        config: of the task, the episodes that may be used, and the evaluation.
-        features: of the policy.
-        sd: first standard deviation of the weights, whose first mean is 0.
+        config: configuration with the task, the budget of episodes, and the evaluation.
+        features: features of the policy.
+        sd: initial standard deviation of the weights; their initial mean is 0.
     """
     training = config.training
     score, rows = scorer(config, features), training.evaluation_episodes
@@ -54,13 +54,13 @@ def search(config: Config, features: Features, sd: float) -> Iterator[tuple[int,
     budget = training.iterations * training.episodes_per_iteration
     for generation, used in enumerate(range(0, budget, cma.population_size)):
         candidates = [cma.ask() for _ in range(cma.population_size)]
-        # Of a batch that explores, so that the evaluation's episodes are others.
+        # From a batch that explores, so that they differ from the evaluation episodes.
         cma.tell([(x, -score(x, used + i, 1, explore=True)) for i, x in enumerate(candidates)])
         yield used + len(candidates), score(cma.mean, generation * rows, rows, explore=False)
 
 
 def scorer(config: Config, features: Features) -> Callable[..., float]:
-    """Return what gives weights their mean return in a number of episodes from a first one on."""
+    """Return a function from weights to their mean return over consecutive episodes."""
     training, runner = config.training, runner_of(config.environment)
 
     def score(weights: Array, first: int, rows: int, *, explore: bool) -> float:

@@ -1,7 +1,7 @@
-"""Search for linear policies by whole episodes: CMA-ES, and augmented random search (ARS).
+"""Search for linear policies by whole episodes: CMA-ES and augmented random search (ARS).
 
-A candidate is the weights of a policy linear in its inputs, which are standardised by what was seen in the generations
-before; its actions are in units of half their range, and kept within it. One real episode judges it.
+A candidate is the weights of a linear policy. Its inputs are standardised by the observations of earlier generations.
+Its actions are in units of half their range, and clipped to it. One real episode scores it.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array, Linear
 from trial import Meter, MeteredRunner, Point, Trial
 
-FIRST_SD = 0.5  # of the weights, by CMA-ES
-DIRECTIONS, BEST = 8, 4  # tried, and gone along, by ARS
-PROBE, STEP_SIZE = 0.1, 0.1  # how far ARS looks, and how far it goes
+FIRST_SD = 0.5  # initial standard deviation of the weights in CMA-ES
+DIRECTIONS, BEST = 8, 4  # directions that ARS samples, and those that it uses
+PROBE, STEP_SIZE = 0.1, 0.1  # size of the perturbation and of the step in ARS
 NEGLIGIBLE_VARIANCE = 1e-18  # of a deterministic policy
-CONSTANT = 1e-8  # standard deviation below which an input says nothing
+CONSTANT = 1e-8  # standard deviation below which an input is ignored
 
 
 class Search(Protocol):
@@ -33,21 +33,21 @@ class Search(Protocol):
 
     @property
     def mean(self) -> Array:
-        """The point found so far, shape (d,)."""
+        """The best estimate so far, shape (d,)."""
 
     def ask(self) -> Array:
         """Return the candidates of a generation, shape (candidates, d)."""
 
     def tell(self, candidates: Array, scores: Array) -> None:
-        """Learn from the scores of the candidates, shape (candidates,)."""
+        """Update the search with the scores of the candidates, shape (candidates,)."""
 
 
 class CMAES:
-    """CMA-ES of the package ``cmaes``, with its own population. Owns its state.
+    """CMA-ES of the package ``cmaes``, with its default population. Owns its state.
 
     Args:
         size: number of weights, at least 2.
-        seed: of all that is drawn.
+        seed: seed of all samples.
     """
 
     def __init__(self, size: int, seed: int) -> None:
@@ -59,23 +59,23 @@ class CMAES:
         return np.asarray(self._search.mean)
 
     def ask(self) -> Array:
-        """Return as many draws as the population has."""
+        """Sample a population."""
         return np.array([self._search.ask() for _ in range(self._search.population_size)])
 
     def tell(self, candidates: Array, scores: Array) -> None:
-        """Move the distribution."""
+        """Update the distribution."""
         self._search.tell([(x, -score) for x, score in zip(candidates, scores, strict=True)])
 
 
 class ARS:
     """Augmented random search, version V2-t (Mania, Guy and Recht, 2018). Owns its point and its random stream.
 
-    Finite differences along random directions, of which those with the best scores count, each by its difference; the
-    step is measured by the standard deviation of their scores. The inputs are standardised by `learn`.
+    The step is a sum of the best random directions, weighted by their finite differences and divided by the standard
+    deviation of their scores. `learn` standardises the inputs.
 
     Args:
         size: number of weights.
-        seed: of all that is drawn.
+        seed: seed of all samples.
     """
 
     def __init__(self, size: int, seed: int) -> None:
@@ -83,7 +83,7 @@ class ARS:
         self._stream = stream(seed, "random search", 0)
 
     def ask(self) -> Array:
-        """Return two candidates for each direction, first all on one side and then all on the other."""
+        """Return two candidates per direction: first all on one side, then all on the other."""
         directions = self._stream.standard_normal((DIRECTIONS, len(self.mean)))
         return self.mean + PROBE * np.concatenate([directions, -directions])
 
@@ -99,7 +99,7 @@ class ARS:
 
 @dataclass(frozen=True)
 class Bounded(Function):
-    """A function whose values are kept within bounds, each of shape (n,): those that are fed back stay finite."""
+    """A function with values clipped to bounds of shape (n,), so that values fed back stay finite."""
 
     low: Array
     high: Array
@@ -114,25 +114,25 @@ def linear(weights: Array, seen: Array, spaces: Spaces) -> Function:
 
     Args:
         weights: the constant and the slopes of each action in turn, shape (n (d + 1),).
-        seen: inputs by which to standardise, shape (samples, d); no samples: as they are.
-        spaces: of the task.
+        seen: inputs by which to standardise, shape (samples, d); without samples they are not standardised.
+        spaces: spaces of the task.
     """
     d = seen.shape[1]
     centre, scale = (seen.mean(axis=0), seen.std(axis=0)) if len(seen) else (np.zeros(d), np.ones(d))
     scale = np.where(scale > CONSTANT, scale, 1.0)
     low, high = (bound.ravel().astype(np.float64) for bound in (spaces.action_low, spaces.action_high))
     constant, *slopes = weights.reshape(-1, d + 1).T * spaces.half_ranges
-    # The kernel is 1 at the first centre, and 1 more than the input j at the centre j.
+    # The kernel is 1 at the first centre, and 1 plus the input j at the centre j.
     centres = centre + np.concatenate([np.zeros((1, d)), np.diag(scale)])
     coefficients = np.array([constant - np.sum(slopes, axis=0), *slopes])
     return Bounded(Linear(tuple(centre), tuple(scale)), centres, coefficients, low, high)
 
 
 def learn(make: Callable[[int, int], Search], trial: Trial) -> Iterator[Point]:
-    """Search, and evaluate what was found after each generation.
+    """Run a search, and evaluate its estimate after each generation.
 
     Args:
-        make: makes the search from the number of weights and a seed.
+        make: creates the search from the number of weights and a seed.
         trial: the task.
     """
     training, inputs = trial.config.training, trial.config.training.inputs

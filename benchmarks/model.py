@@ -1,4 +1,4 @@
-"""A model of a task: how long fits take at growing numbers of steps, and how many steps are imagined in a second.
+"""Measure a dynamics model: the time of fits at growing numbers of steps, and the steps per second of rollouts.
 
 Time is the median over repeats on one core.
 """
@@ -26,14 +26,14 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF
 from timing import growth, seconds_of
 
-HORIZON, ROWS = 100, (50, 200)
+HORIZON, NUM_ENVS = 100, (50, 200)
 STEPS = (1_250, 2_500, 5_000, 10_000)
 MODEL_CENTRES, POLICY_CENTRES = 200, 80
-TASKS = {"pendulum": (2, 1), "hopper": (11, 3), "cheetah": (17, 6)}  # numbers in an observation and an action
+TASKS = {"pendulum": (2, 1), "hopper": (11, 3), "cheetah": (17, 6)}  # sizes of an observation and an action
 
 
 def spaces_of(d: int, n: int) -> Spaces:
-    """Return a task's spaces, with actions between -1 and 1."""
+    """Return the spaces of a task, with actions between -1 and 1."""
     return Spaces((d,), np.full(n, -1.0), np.full(n, 1.0))
 
 
@@ -55,7 +55,7 @@ def episodes_of(d: int, n: int, steps: int) -> Episodes:
 
 
 def policy_of(d: int, n: int) -> GaussianPolicy:
-    """Return a policy with as many centres as it may have."""
+    """Return a policy with the greatest number of centres."""
     rng = np.random.default_rng(1)
     mean = Function(
         RBF((np.sqrt(d),)), rng.normal(size=(POLICY_CENTRES, d)), 0.1 * rng.normal(size=(POLICY_CENTRES, n))
@@ -77,28 +77,30 @@ def fits(name: str, sizes: Sequence[int], repeats: int) -> None:
     print(f"fit, {name:<9} growth {growth(seconds, sizes[0], sizes[-1]):.2f}   (aim at most 1)", flush=True)
 
 
-def imagined(name: str, steps: int, repeats: int) -> None:
-    """Print how many steps are imagined in a second, by a model of a number of steps."""
+def rollouts(name: str, steps: int, repeats: int) -> None:
+    """Print the steps per second of model rollouts, with a model fitted to a number of steps."""
     d, n = TASKS[name]
     model = DynamicsModel.fit(episodes_of(d, n, steps), Inputs(), spaces_of(d, n), MODEL_CENTRES)
     runner, policy = ModelRunner(model), policy_of(d, n)
-    for rows in ROWS:
-        batch = Batch(2, 0, rows, HORIZON, explore=True)
-        rate = rows * HORIZON / seconds_of(partial(runner.collect, policy, batch), repeats)
+    for num_envs in NUM_ENVS:
+        batch = Batch(2, 0, num_envs, HORIZON, explore=True)
+        rate = num_envs * HORIZON / seconds_of(partial(runner.collect, policy, batch), repeats)
         aim = "   (aim 200000)" if name == "pendulum" else ""
-        print(f"imagined, {name:<9} {d:>2} + {n} numbers, {rows:>4} rows   {rate:9.0f} steps/s{aim}", flush=True)
+        print(
+            f"rollouts, {name:<9} {d:>2} + {n} numbers, {num_envs:>4} rollouts   {rate:9.0f} steps/s{aim}", flush=True
+        )
 
 
 def main() -> None:
     """Print the tables."""
     for name in TASKS:
-        imagined(name, steps=2_000, repeats=9)
+        rollouts(name, steps=2_000, repeats=9)
     fits("cheetah", STEPS, repeats=3)
 
 
 def main_quickly() -> None:
     """Print small tables."""
-    imagined("pendulum", steps=100, repeats=1)
+    rollouts("pendulum", steps=100, repeats=1)
     fits("pendulum", (100, 200), repeats=1)
 
 

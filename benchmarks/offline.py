@@ -1,4 +1,4 @@
-"""A pendulum learnt from recordings of episodes that only explored: the evaluation return, seed by seed."""
+"""Train a pendulum offline, from recordings of exploration episodes, and print the evaluation return per seed."""
 
 from __future__ import annotations
 
@@ -20,17 +20,15 @@ from rkhs_ros.runs.offline import all_episodes, learn_offline
 from rkhs_ros.runs.run import run_training
 
 ROOT = Path(__file__).parents[1]
-GOAL, BEST = 45.0, 51.8  # evaluation returns: what is asked for, and what is possible
+GOAL, BEST = 45.0, 51.8  # evaluation returns: the aim, and the best possible
 TEST_EPISODES, TEST_SEED = 100, 10**6
 
 
 def main() -> None:
-    """Record exploring episodes, learn from the recording, and print what was reached."""
+    """Record exploration episodes, train from the recording, and print the returns."""
     command = parser(__doc__)
     command.add_argument("--episodes", type=int, nargs="+", default=[10, 20])
-    command.add_argument(
-        "--seeds", default="100-109", help="as 100-109 or 100,105; no setting was chosen on the default"
-    )
+    command.add_argument("--seeds", default="100-109", help="such as 100-109 or 100,105; the default is held out")
     command.add_argument("--config", default="pendulum_model_nac")
     command.add_argument("--rounds", type=int, default=3)
     options = parsed(command, config="toy_model_nac", episodes=[2], seeds="100", rounds=1)
@@ -50,7 +48,7 @@ def main() -> None:
 
 
 def _return(name: str, episodes: int, seed: int, rounds: int) -> float:
-    """Return what a policy earns that was learnt from recorded episodes of the first policy, which never learns."""
+    """Return the return of a policy trained on recorded episodes of the initial policy."""
     config = load_config(ROOT / "config" / f"{name}.yaml", [f"seed={seed}"])
     runner = runner_of(config.environment)
     with tempfile.TemporaryDirectory() as folder:
@@ -65,7 +63,7 @@ def _return(name: str, episodes: int, seed: int, rounds: int) -> float:
 
 
 def _exploring(config: Config, episodes: int) -> Config:
-    """Return a run of one iteration, all of whose episodes run before the policy learns."""
+    """Return the settings of a run with one iteration, whose episodes all precede the update."""
     settings = replace(config.training.model, updates=1, rollouts=1, exploration_noise="pink")
     training = replace(config.training, iterations=1, episodes_per_iteration=episodes, evaluate_every=0, model=settings)
     return replace(config, training=training)

@@ -1,7 +1,7 @@
-"""The best attainable returns of the tasks, by dynamic programming over a grid of their states.
+"""Compute the best attainable returns of the tasks, by dynamic programming over a grid of their states.
 
-Each task's own formulas give next states and rewards; values between grid points are interpolated linearly.
-Where two grids agree, the answer no longer depends on them.
+The formulas of each task give next states and rewards. Values between grid points are interpolated linearly. If two
+grids agree, the result does not depend on the grid.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from sim_nodes.envs.vector_task import Array, VectorTask, clip
 
 DISCOUNT = 0.99
 
-# From rest at distance pi, full torque halfway there and full torque against it peaks at sqrt(3 pi) = 3.07; the noise
-# adds little to it, so no good policy is ever beyond 5. Values there are taken from the edge of the grid.
+# From rest at distance pi, accelerating halfway with full torque and then braking reaches sqrt(3 pi) = 3.07. The noise
+# adds little, so no good policy exceeds 5. Values beyond are those at the edge of the grid.
 FASTEST = 5.0
 
 NOTES = {"rkhs/Toy-v0": "aim 14.5", "rkhs/Pendulum-v0": "aim 51.8"}
@@ -51,7 +51,7 @@ def interpolation(axes: list[Array], points: Array) -> tuple[Array, Array]:
 
 
 def expectation(task: VectorTask, axes: list[Array], states: Array, action: Array, order: int) -> csr_array:
-    """Return the matrix that takes values on the grid to their expectation after the action."""
+    """Return the matrix from values on the grid to their expectation after an action."""
     actions, shape = np.tile(action, (len(states), 1)), (len(states), len(states))
     total = csr_array(shape)
     nodes, chances = quadrature(task.noise_dim, order)
@@ -68,7 +68,7 @@ def optimum(task: VectorTask, horizon: int, axes: list[Array], actions: int, ord
     """Return the best expected return from the initial state.
 
     Args:
-        task: any task of one action dimension.
+        task: a task with one action dimension.
         horizon: steps of an episode.
         axes: the grid, evenly spaced along each dimension of the state.
         actions: number of actions, evenly spaced over the action space.
@@ -87,7 +87,7 @@ def optimum(task: VectorTask, horizon: int, axes: list[Array], actions: int, ord
 
 
 def report(name: str, options: dict[str, str], sizes: tuple[int, ...], actions: int, order: int) -> None:
-    """Print the optimum of a task on a grid of those sizes."""
+    """Print the optimum of a task on a grid of these sizes."""
     kind, horizon = TASKS[name]
     task = kind(**options)
     space = task.single_observation_space

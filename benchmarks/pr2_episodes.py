@@ -1,4 +1,4 @@
-"""Episodes of the PR2 per second over topics, with one simulator node and with two, side by side in one run."""
+"""Measure the PR2 episodes per second over topics, with one and with two simulator nodes."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def episodes_per_second(simulators: int, episodes: int, rounds: int) -> float:
 
 
 def seconds_per_batch(runner, policy, episodes: int, rounds: int) -> float:
-    """Return the median over rounds, after one that is not counted, of how long a batch takes."""
+    """Return the median time of a batch over rounds, after a warm-up round."""
     numbers = count()
     return seconds_of(
         lambda: runner.collect(policy, Batch(0, next(numbers) * episodes, episodes, 1, explore=True)), rounds
@@ -59,13 +59,13 @@ def seconds_per_batch(runner, policy, episodes: int, rounds: int) -> float:
 
 def main(episodes: int, rounds: int) -> None:
     """Print the table."""
-    os.environ.update(by_udp(os.environ))  # this process is the learner, and talks as the other nodes do
+    os.environ.update(by_udp(os.environ))  # this process is the learner, and uses the transport of the other nodes
     config = load_config(CONFIG)
     inline = runner_of(config.environment)
     policy = first_policy(config.training, inline.spaces)
     single = seconds_per_batch(inline, policy, episodes, rounds) / episodes
     print(f"an episode in process           {1e3 * single:6.1f} ms   (at most 150 ms)")
-    with get_context("spawn").Pool(1, maxtasksperchild=1) as pool:  # a learner that finds another one there ends
+    with get_context("spawn").Pool(1, maxtasksperchild=1) as pool:  # a learner exits if there is another one
         one, two = pool.starmap(episodes_per_second, [(n, episodes, rounds) for n in (1, 2)], chunksize=1)
     print(f"episodes/s, one simulator node  {one:6.2f}")
     print(f"episodes/s, two simulator nodes {two:6.2f}      {two / one:.2f} times (aim 1.6)")

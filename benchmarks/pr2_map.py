@@ -1,7 +1,7 @@
-"""What the PR2 earns, and where it opens the door, over a grid of changes for three poses, as a picture.
+"""Draw the reward and the success of the PR2 over a grid of actions, for three poses.
 
-``python benchmarks/pr2_map.py [--out FILE.png]``; takes about a minute. Prints the share of the changes that open the
-door and the median time of an episode; the picture is kept only where it is told to.
+``python benchmarks/pr2_map.py [--out FILE.png]`` takes about a minute. It prints the share of the actions that open the
+door and the median time of an episode, and writes the picture only with ``--out``.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ def survey(
 
 
 def axes(task: PR2Door, columns: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the changes of the columns and of the rows."""
+    """Return the shifts of the columns and the openings of the rows."""
     space = task.single_action_space
     return np.linspace(space.low[0], space.high[0], columns), np.linspace(space.low[1], space.high[1], rows)
 
 
 def main(path: Path | None, *, quick: bool) -> None:
-    """Draw the maps, keep them if there is a path, and print the figures."""
+    """Draw the maps, write them if there is a path, and print the figures."""
     task = PR2Door()
     shifts, openings = axes(task, *((2, 2) if quick else (COLUMNS, ROWS)))
     figure, panels = plt.subplots(1, len(POSES), figsize=(14, 4), sharey=True, layout="constrained")
@@ -77,6 +77,6 @@ def main(path: Path | None, *, quick: bool) -> None:
 
 if __name__ == "__main__":
     command = parser(__doc__)
-    command.add_argument("--out", type=Path, metavar="FILE.png", help="where the picture goes (nowhere)")
+    command.add_argument("--out", type=Path, metavar="FILE.png", help="file for the picture (none)")
     options = command.parse_args()
     main(options.out, quick=options.quick)

@@ -1,6 +1,6 @@
-"""At how many of 100 unseen poses the PR2 opens the door after `pr2_door_contextual`'s 150 episodes, by seed.
+"""Count the 100 unseen poses at which the PR2 opens the door after the 150 episodes of `pr2_door_contextual`.
 
-Of the seeds 50 to 69, on which no setting was chosen, unless others are given; about 20 s a seed.
+The default seeds 50 to 69 are held out. A seed takes about 20 s.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ with needing("pybullet", "make pr2"):
 CONFIG = Path(__file__).parents[1] / "config" / "pr2_door_contextual.yaml"
 SEEDS = range(50, 70)
 QUICK = ("iterations=1", "model.updates=1", "model.rollouts=5")
-UNSEEN, QUICK_UNSEEN = (Batch(777, 0, poses, 1, explore=False) for poses in (100, 2))  # their seed is that of no run
+UNSEEN, QUICK_UNSEEN = (Batch(777, 0, poses, 1, explore=False) for poses in (100, 2))  # no run uses their seed
 
 
 def opened(seed: int, unseen: Batch, changes: Sequence[str]) -> int:
-    """Learn from a seed and return how many doors the policy opens."""
+    """Train with a seed and return how many doors the policy opens."""
     config = load_config(CONFIG, [f"seed={seed}", "evaluate_every=0", *changes])
     runner = runner_of(config.environment)
     *_, last = train(config.training, runner)

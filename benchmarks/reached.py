@@ -1,4 +1,4 @@
-"""What a configuration reaches from a seed, the file that keeps it, and the tables of it."""
+"""Measure the return of a configuration with a seed, store the results in a file, and tabulate them."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ from tasks_table import median_until
 
 CONFIGS = Path(__file__).parents[1] / "config"
 EVALUATION_EPISODES = 10
-THRESHOLDS = {  # of the discounted evaluation return, near the best possible one and nearer
+THRESHOLDS = {  # two per task, of the discounted evaluation return, close to the best possible one
     "rkhs/Pendulum-v0": (45.0, 50.0),
     "rkhs/PendulumPOMDP-v0": (45.0, 50.0),
     "rkhs/Toy-v0": (14.0, 14.2),
 }
-CMA_ES = {  # by name: configuration whose task and episodes it is given, and first standard deviation
+CMA_ES = {  # by name: configuration with the task and the budget, and initial standard deviation
     f"{name} by CMA-ES, sd {sd:g}": (name, sd) for name, given in fixed_centres.FEATURES.items() for sd in given.sds
 }
 Curve = Iterable[tuple[int, float]]  # episodes used, and evaluation return, after each update
 
 
 class Result(NamedTuple):
-    """What one run came to.
+    """The result of one run.
 
     Attributes:
-        name: of the configuration, or of a search by CMA-ES.
-        seed: of the run.
-        episodes: exploration episodes used in all.
-        evaluation_return: at the end, discounted.
+        name: name of the configuration, or of a search by CMA-ES.
+        seed: seed of the run.
+        episodes: total number of exploration episodes.
+        evaluation_return: discounted evaluation return at the end.
         until_first: exploration episodes until the evaluation return first passed the task's first threshold; infinite
             if it never did.
-        until_second: the same of the second threshold.
+        until_second: the same for the second threshold.
     """
 
     name: str
@@ -59,7 +59,7 @@ def names() -> list[str]:
 
 
 def measure(name: str, seed: int, changes: Sequence[str] = ()) -> Result:
-    """Learn from a seed."""
+    """Train with a seed."""
     use_one_thread()
     own, sd = CMA_ES.get(name, (name, None))
     evaluation = f"evaluation_episodes={EVALUATION_EPISODES}"
@@ -75,14 +75,14 @@ def learnt(config: Config) -> Iterator[tuple[int, float]]:
 
 
 def result_of(name: str, seed: int, thresholds: Sequence[float], curve: Curve) -> Result:
-    """Return what a learning curve comes to."""
+    """Return the result of a learning curve."""
     episodes, returns = np.array(list(curve), dtype=float).T
     first, second = (float(min(episodes[returns > each], default=np.inf)) for each in thresholds)
     return Result(name, seed, int(episodes[-1]), float(returns[-1]), first, second)
 
 
 def as_csv(results: Iterable[Result]) -> str:
-    """Return a line for each run, in the order of their names and seeds."""
+    """Return the results as CSV, one line per run, sorted by name and seed."""
     text = StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(Result._fields)
@@ -99,13 +99,13 @@ def read_results(path: Path) -> list[Result]:
 
 
 class Summary(NamedTuple):
-    """What the runs of a configuration come to: medians with 95 % intervals by bootstrap over the seeds, and the worst.
+    """The results of a configuration: medians with 95 % bootstrap intervals over the seeds, and the worst run.
 
     Attributes:
-        seeds: of the runs, such as "100 to 119".
-        episodes: exploration episodes used in all.
+        seeds: seeds of the runs, such as "100 to 119".
+        episodes: total number of exploration episodes.
         until: episodes until the first and the second threshold; infinite if not reached.
-        worst_until: the most of these, or how many seeds never reach the threshold.
+        worst_until: greatest of these, or the number of seeds that never reach the threshold.
         end: evaluation return at the end.
         least: the least of these.
     """
@@ -119,7 +119,7 @@ class Summary(NamedTuple):
 
 
 def summaries(results: Iterable[Result]) -> dict[str, Summary]:
-    """Return what the runs of each name come to."""
+    """Return the summary of the runs of each name."""
     runs: dict[str, list[Result]] = {}
     for result in results:
         runs.setdefault(result.name, []).append(result)
@@ -150,7 +150,7 @@ HEADS = ("Configuration", "Seeds", "Until {:g}", "Worst", "Until {:g}", "Worst",
 
 
 def as_markdown(results: Iterable[Result]) -> str:
-    """Return a table for each pair of thresholds."""
+    """Return one table per pair of thresholds."""
     found = summaries(results)
     return "\n".join(
         _table(thresholds, {name: each for name, each in found.items() if is_of(name, thresholds)})
@@ -159,7 +159,7 @@ def as_markdown(results: Iterable[Result]) -> str:
 
 
 def is_of(name: str, thresholds: tuple[float, ...]) -> bool:
-    """Return whether the thresholds are those of a configuration's task."""
+    """Return whether the thresholds belong to the task of a configuration."""
     own, _ = CMA_ES.get(name, (name, None))
     return THRESHOLDS[load_config(CONFIGS / f"{own}.yaml").environment.id] == thresholds
 
@@ -175,5 +175,5 @@ def _table(thresholds: tuple[float, ...], found: dict[str, Summary]) -> str:
 
 
 def end_of(summary: Summary) -> str:
-    """Return the median return at the end and its interval, to two digits after the point."""
+    """Return the median final return and its interval, with two decimals."""
     return str(Estimate(*np.round(summary.end, 2)))

@@ -1,4 +1,4 @@
-"""What recording costs: the part of the time of simulated runs that goes into it, and what it takes on the disk."""
+"""Measure the cost of recording: its share of the time of simulated runs, and the size of the file."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Stopwatch:
         self.seconds = 0.0
 
     def timed(self, call: Callable[..., None]) -> Callable[..., None]:
-        """Return what calls and counts the time."""
+        """Return a wrapper of a function that measures its time."""
 
         def counted(*arguments: object) -> None:
             begin = time.process_time()
@@ -43,7 +43,7 @@ class Stopwatch:
 
 
 def main(runs: Sequence[str], iterations: int, repeats: int) -> None:
-    """Print the parts of the time that went into recording."""
+    """Print the share of the time spent on recording."""
     use_one_thread()
     watch = Stopwatch()
     begin = time.process_time()

@@ -1,7 +1,7 @@
-"""The loop of a robot at 50 Hz: how even its period is, how many actions come late, and how old what they follow from.
+"""Measure the control loop of a robot at 50 Hz: jitter of the period, late actions, and latency.
 
-Simulated robot, gate, robot node, policy node and learner in processes of their own, as in `rkhs train`. Machines are
-noisy, and a busy one is no place for a robot: look at the load that is printed first.
+Simulated robot, gate, robot node, policy node and learner run in separate processes, as in `rkhs train`. A busy machine
+is not suitable for a robot: check the load that is printed first.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ AT_50_HZ = (f"robot.period={PERIOD}", "robot.misses_allowed=1000", "gate.command
 
 
 class Loop:
-    """What is heard of the loop: stamps in nanoseconds, by the numbers of the commands."""
+    """The messages of the loop: stamps in nanoseconds, by the numbers of the commands."""
 
     def __init__(self, learner: LearnerNode) -> None:
         self.observed: dict[int, int] = {}
@@ -56,7 +56,7 @@ class Loop:
         learner.runner.record = self._record
 
     def wait_until_heard(self, policy: GaussianPolicy) -> None:
-        """Run short episodes until the messages of both topics arrive, and forget what was heard."""
+        """Run short episodes until messages of both topics arrive, then discard the messages."""
         numbers = count()
         while not len(self.latencies):
             self._learner.runner.collect(policy, Batch(0, next(numbers), 1, WARM_UP, explore=True))
@@ -74,12 +74,12 @@ class Loop:
 
     @property
     def periods(self) -> np.ndarray:
-        """Milliseconds of all steps, less the first of each episode, which waits for the policy."""
+        """Milliseconds of all steps except the first of each episode, which waits for the policy."""
         return 1e-6 * np.concatenate([np.diff(execution.stamps)[1:] for execution in self.executions])
 
     @property
     def latencies(self) -> np.ndarray:
-        """Milliseconds from an observation until the gate took the command that follows from it."""
+        """Milliseconds from each observation until the gate received its command."""
         return 1e-6 * np.array(
             [self.sent[number] - stamp for number, stamp in self.observed.items() if number in self.sent]
         )
@@ -95,7 +95,7 @@ def nanoseconds(message: Command | GateReport) -> int:
 
 
 def policy_of(config: Config) -> GaussianPolicy:
-    """Return a policy of usual size, which hardly moves the robot."""
+    """Return a policy of typical size that hardly moves the robot."""
     first = first_policy(config.training, check_robot(config))
     centres = np.linspace([-3.0, -3.0], [3.0, 3.0], CENTRES)
     return first.with_mean(Function(RBF((1.0, 1.0)), centres, np.full((CENTRES, 1), 1e-3)))

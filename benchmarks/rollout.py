@@ -1,4 +1,4 @@
-"""How far rows are stepped: the environment's steps in a few iterations against the steps of the episodes."""
+"""Compare the steps of the environments of a batch with the steps of the episodes, over a few iterations."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ QUICK = 1, 5
 
 
 class Counting(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Counts the steps of all environments that are wrapped."""
+    """Counts the steps of all wrapped environments."""
 
     steps = 0
 
     def step(self, action: Any) -> Any:
-        """Count a step and make it."""
+        """Count a step and run it."""
         Counting.steps += 1
         return self.env.step(action)
 
 
 def main(iterations: int, horizon: int | None) -> None:
-    """Print the steps of the rows, and those needed, of episodes of the environment's own horizon or another."""
+    """Print the steps of the environments and those needed, with the environment's own horizon or another."""
     horizon = horizon or gymnasium.spec(ENVIRONMENT).max_episode_steps or 0
     needed, episodes, begin = 0, 0, time.perf_counter()
     for result in rkhs_ros.learn(
@@ -39,10 +39,12 @@ def main(iterations: int, horizon: int | None) -> None:
         needed += sum(int(batch.mask.sum()) for batch in batches)
         episodes += sum(map(len, batches))
         returns = result.iteration.exploration_return, result.iteration.evaluation_return
-        print(f"iteration {result.iteration.number}: return {returns[0]!r}, noise-free {returns[1]!r}")
+        print(
+            f"iteration {result.iteration.number}: exploration return {returns[0]!r}, evaluation return {returns[1]!r}"
+        )
     seconds = time.perf_counter() - begin
-    print(f"{episodes} episodes of {needed} steps in all: rows stepped {Counting.steps} times in {seconds:.2f} s,")
-    print(f"to the horizon it would be {episodes * horizon} times")
+    print(f"{episodes} episodes of {needed} steps in total: {Counting.steps} environment steps in {seconds:.2f} s;")
+    print(f"with every episode run to the horizon: {episodes * horizon}")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,6 @@
-"""Lockstep over topics beside the raw round trip of the same message, and a run over topics beside one in process.
+"""Compare the lockstep over topics with a raw round trip of the same message, and a run with one in process.
 
-With simulator and policy node in processes of their own, and in one.
-
-All in one run on one machine, since machines are noisy: read the ratios.
+Simulator and policy node run in separate processes, and in one. Compare the ratios, since machines are noisy.
 """
 
 from __future__ import annotations
@@ -46,7 +44,7 @@ QUICK = ("iterations=2", "horizon=5")
 
 
 def echo() -> None:
-    """Send every message back, in a process of its own."""
+    """Send every message back, in a separate process."""
     rclpy.init()
     node = rclpy.create_node("echo")
     back = node.create_publisher(Observation, "pong", LOCKSTEP_QOS)
@@ -96,12 +94,12 @@ def seconds_per_call(call, times: int) -> float:
 
 
 def over_topics(config: Config, policy: GaussianPolicy, names: tuple[str, ...]) -> tuple[float, float]:
-    """Return the seconds of a step and of a run, this process being the learner, which it is once only.
+    """Return the seconds of a step and of a run, with this process as the learner; call it once per process.
 
     Args:
-        config: of the run.
-        policy: that acts in the steps.
-        names: of the other processes.
+        config: configuration of the run.
+        policy: policy of the steps.
+        names: names of the other processes.
     """
     batch = batch_of(config)
     with tempfile.TemporaryDirectory() as folder:
@@ -131,7 +129,7 @@ def batch_of(config: Config) -> Batch:
 
 def main(trips: int, changes: Sequence[str]) -> None:
     """Print the table."""
-    os.environ.update(by_udp(os.environ))  # the learners talk as the other nodes do
+    os.environ.update(by_udp(os.environ))  # the learners use the transport of the other nodes
     config = load_config(CONFIG, changes)
     simulation = Simulation(config.environment.id, config.environment.options)
     batch = batch_of(config)
@@ -145,10 +143,10 @@ def main(trips: int, changes: Sequence[str]) -> None:
     raw = ping_pong(observation_message(1, 1, batch, 1, simulation.step(np.zeros((batch.num_envs, 1)))), trips)
     rclpy.shutdown()
     print(f"raw ping-pong of the same message, two processes  {1e6 * raw:8.0f} us")
-    print(f"in process: a step of {batch.num_envs} rows                    {1e6 * inline_step:8.0f} us")
+    print(f"in process: a step of {batch.num_envs} environments            {1e6 * inline_step:8.0f} us")
     print(f"            a pendulum run                        {inline_run:8.2f} s")
     kinds = (("simulator", "policy"), (COMPOSED,))
-    with get_context("spawn").Pool(1, maxtasksperchild=1) as pool:  # a learner that finds another one there ends
+    with get_context("spawn").Pool(1, maxtasksperchild=1) as pool:  # a learner exits if there is another one
         measured = pool.starmap(over_topics, [(config, last.policy, names) for names in kinds], chunksize=1)
     for names, (step, run) in zip(kinds, measured, strict=True):
         print(f"over topics, {len(names) + 1} processes:")
@@ -159,7 +157,7 @@ def main(trips: int, changes: Sequence[str]) -> None:
 
 if __name__ == "__main__":
     command = parser(__doc__)
-    command.add_argument("--echo", action="store_true", help="send messages back, for another process that measures")
+    command.add_argument("--echo", action="store_true", help="send messages back to the measuring process")
     options = command.parse_args()
     if options.echo:
         echo()

@@ -1,6 +1,6 @@
-"""How much sooner a study ends in two processes than in one, and on a Dask cluster of two workers.
+"""Measure the speedup of a study with two processes, and on a Dask cluster of two workers.
 
-Each makes the same sweep in a folder of its own; what the first runs of a process load is part of it.
+Each variant runs the same sweep in a separate folder. The time includes the imports of the processes.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ QUICK = ("--set", "iterations=1", "horizon=5")
 
 
 def seconds_of(runs: int, folder: Path, *how: str) -> float:
-    """Return how long a sweep of so many runs takes."""
+    """Return the seconds of a sweep with a number of runs."""
     begin = time.perf_counter()
     try:
         main([*SWEEP, "--seeds", f"0-{runs // 2 - 1}", "--out", str(folder), *how])
@@ -34,7 +34,7 @@ def seconds_of(runs: int, folder: Path, *how: str) -> float:
 if __name__ == "__main__":
     command = parser(__doc__)
     command.add_argument("--runs", type=int, default=20, help="an even number; default: 20")
-    command.add_argument("--scheduler", help="of a Dask cluster, measured as well")
+    command.add_argument("--scheduler", help="address of a Dask cluster to measure as well")
     options = parsed(command, runs=2)
     changes = QUICK if options.quick else ()
     places = [("--jobs", "1"), ("--jobs", "2"), *([("--scheduler", options.scheduler)] if options.scheduler else [])]

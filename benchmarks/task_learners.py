@@ -1,4 +1,4 @@
-"""The learners of the table of tasks, and the file that keeps what each of them learnt."""
+"""Define the learners of the table of tasks, and the files of their learning curves."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SEEN_BY_ALL = ("environment.", "inputs.", "seed", "horizon", "discount", "evalua
 
 
 def policy_search(trial: Trial) -> Iterator[Point]:
-    """Learn by the configuration."""
+    """Train by the configuration."""
     training = trial.config.training
     meter = Meter(training.discount)
     for iteration in train(training, MeteredRunner(trial.config, meter)):
@@ -33,15 +33,15 @@ def policy_search(trial: Trial) -> Iterator[Point]:
 
 @dataclass(frozen=True)
 class Learner:
-    """A way to learn, and what its curves follow from beside the task.
+    """A learner, and what its curves depend on besides the task.
 
     Attributes:
-        learn: from a trial to the points of its curve.
-        changes: of the default settings.
-        settings: beginnings of the names of the settings that it follows.
-        code: packages of the project that it computes with.
-        scripts: files beside this one that it computes with.
-        packages: that must be installed.
+        learn: function from a trial to the points of its curve.
+        changes: changes of the default settings.
+        settings: prefixes of the settings that it uses.
+        code: packages of the project that it uses.
+        scripts: files of this folder that it uses.
+        packages: packages that must be installed.
     """
 
     learn: Callable[[Trial], Iterable[Point]]
@@ -52,11 +52,11 @@ class Learner:
     packages: tuple[str, ...] = ()
 
     def key(self, trial: Trial, packages: Iterable[str]) -> str:
-        """Return a hash of all that the curve follows from.
+        """Return a hash of everything that the curve depends on.
 
         Args:
             trial: the task.
-            packages: that the task needs beside the learner's own.
+            packages: packages that the task needs besides those of the learner.
         """
         settings = {name: value for name, value in trial.config.settings.items() if name.startswith(self.settings)}
         versions = LIBRARIES | {name: version(name) for name in (*self.packages, *packages)}
@@ -93,7 +93,7 @@ LEARNERS = {
 
 
 def missing(packages: Iterable[str]) -> list[str]:
-    """Return those packages that are not installed."""
+    """Return the packages that are not installed."""
     return [name for name in packages if not _is_installed(name)]
 
 
@@ -106,10 +106,10 @@ def _is_installed(name: str) -> bool:
 
 
 def learn_into(path: Path, learner: str, trial: Trial) -> tuple[Path, str | None]:
-    """Learn and write the curve; return why that failed, None where it did not."""
+    """Train and write the curve; return the error if it fails, else None."""
     use_one_thread()
     try:
         write_curve(path, list(LEARNERS[learner].learn(trial)))
-    except Exception as error:  # of one trial, which shall not end the others
+    except Exception as error:  # a failed trial must not end the others
         return path, " ".join(f"{type(error).__name__}: {error}".split())
     return path, None

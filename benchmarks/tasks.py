@@ -1,7 +1,7 @@
-"""How many episodes learners need on a table of tasks.
+"""Measure how many episodes learners need on a table of tasks.
 
-Each curve goes to a file of its own as soon as it is learnt, named by a hash of all that it follows from: the same
-command goes on where it was interrupted, and learns anew what another setting or other code has changed.
+Each curve is written to a file named by a hash of everything that it depends on. So the same command continues after
+an interruption, and repeats only the curves affected by changed settings or code.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ from trial import Trial, read_curve
 
 @dataclass(frozen=True)
 class Task:
-    """What is to be learnt.
+    """A task of the table.
 
     Attributes:
         environment: Gymnasium id.
-        thresholds: of the evaluation return.
+        thresholds: thresholds of the evaluation return.
         episodes: budget of each learner.
-        changes: settings that the task needs beside its own horizon.
-        discounted: whether the thresholds are of the discounted return.
-        packages: that must be installed.
+        changes: settings that the task needs besides its horizon.
+        discounted: whether the thresholds are for the discounted return.
+        packages: packages that must be installed.
     """
 
     environment: str
@@ -52,7 +52,7 @@ class Task:
     packages: tuple[str, ...] = ()
 
     def trial(self, learner: str, seed: int, episodes: int | None) -> Trial:
-        """Return what a learner is given, by its name."""
+        """Return the trial of a learner."""
         budget = episodes or self.episodes
         changes = (*self.changes, *LEARNERS[learner].changes, f"seed={seed}", f"iterations={budget}")  # at most
         config = config_for(self.environment, own_horizon(self.environment), changes)
@@ -80,7 +80,7 @@ QUICK = {"tasks": ["toy"], "learners": ["ours", "linear-ars"], "seeds": "100", "
 
 
 class Place(NamedTuple):
-    """Where a curve is in the table, and in which file."""
+    """The place of a curve in the table, and its file."""
 
     task: str
     learner: str
@@ -90,7 +90,7 @@ class Place(NamedTuple):
 
 
 def places(options: Namespace) -> Iterator[Place]:
-    """Yield the curves that are asked for and can be learnt, and say which cannot."""
+    """Yield the requested curves whose packages are installed, and report the others."""
     for name in options.tasks:
         for learner in options.learners:
             task, chosen = TASKS[name], LEARNERS[learner]
@@ -104,7 +104,7 @@ def places(options: Namespace) -> Iterator[Place]:
 
 
 def write_table(out: Path, asked: Sequence[Place]) -> None:
-    """Write summary.csv and table.md of the curves that are there, and print the second."""
+    """Write summary.csv and table.md from the existing curves, and print the table."""
     curves: dict[tuple[str, str], list[Place]] = {}
     for place in asked:
         if place.path.exists():
@@ -119,7 +119,7 @@ def write_table(out: Path, asked: Sequence[Place]) -> None:
 
 
 def run(options: Namespace) -> int:
-    """Learn what is missing and write the table; return the exit code."""
+    """Train the missing curves and write the table; return the exit code."""
     asked = list(places(options))
     (options.out / "curves").mkdir(parents=True, exist_ok=True)
     work = [(place.path, place.learner, place.trial) for place in asked if not place.path.exists()]
@@ -135,7 +135,7 @@ def run(options: Namespace) -> int:
 
 
 def options_of(arguments: Sequence[str] | None) -> Namespace:
-    """Return the options.
+    """Parse the options.
 
     Raises:
         ValueError: a name is unknown, or a number does not fit.
@@ -143,7 +143,7 @@ def options_of(arguments: Sequence[str] | None) -> Namespace:
     command = parser("How many episodes learners need on a table of tasks.")
     command.add_argument("--tasks", nargs="+", default=list(TASKS), help="default: all, " + ", ".join(TASKS))
     command.add_argument("--learners", nargs="+", default=list(LEARNERS), help="default: all, " + ", ".join(LEARNERS))
-    command.add_argument("--seeds", default="0-9", help="as 0-9 or 0,2,5; default: 0-9")
+    command.add_argument("--seeds", default="0-9", help="such as 0-9 or 0,2,5; default: 0-9")
     command.add_argument("--episodes", type=int, help="budget of each learner; default: the task's")
     add_worker_arguments(command)
     command.add_argument("--out", type=Path, default=Path("results/tasks"), help="folder; default: results/tasks")
@@ -157,7 +157,7 @@ def options_of(arguments: Sequence[str] | None) -> Namespace:
     require(options.episodes is None or options.episodes >= 1, "--episodes", "at least 1", options.episodes)
     options.workers = workers_of(options)
     options.seeds = parse_seeds(options.seeds)
-    options.out = options.out.resolve()  # who learns may be in another folder
+    options.out = options.out.resolve()  # learners may run in another folder
     return options
 
 
@@ -168,10 +168,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (ValueError, OSError, RunError) as error:
         return print_error(error)
     except KeyboardInterrupt:
-        print("interrupted; the same command goes on", file=sys.stderr)
+        print("interrupted; run the same command to continue", file=sys.stderr)
         return INTERRUPTED
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # same as Ctrl-C
     sys.exit(main())

@@ -1,4 +1,4 @@
-"""What the learning curves of a table of tasks come to, as CSV with all numbers and as Markdown to be read."""
+"""Summarise the learning curves of a table of tasks, as CSV and as Markdown."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rkhs_ros.studies.aggregates import Estimate, mean_over_runs, median_over_ru
 from trial import Point
 
 AFTER = (10, 30, 100)  # episodes
-NEVER = 1e15  # episodes or steps, in place of infinity: between two infinities there is no number
+NEVER = 1e15  # episodes or steps, instead of infinity, so that means and differences are defined
 CAPTION = (
     "Real episodes and steps until the evaluation return, the mean of 10 episodes after an update, first reaches a\n"
     "threshold: median over the seeds, infinite where it is not reached. Mean return after so many episodes. Median\n"
@@ -28,11 +28,11 @@ class Cell:
     """The curves of one learner on one task.
 
     Attributes:
-        task: its name.
-        learner: its name.
-        thresholds: of the return.
-        discounted: whether that is the discounted one.
-        curves: one for each seed.
+        task: name of the task.
+        learner: name of the learner.
+        thresholds: thresholds of the return.
+        discounted: whether they are for the discounted return.
+        curves: one curve per seed.
     """
 
     task: str
@@ -42,7 +42,7 @@ class Cell:
     curves: Sequence[Sequence[Point]]
 
     def quantities(self) -> Iterator[Quantity]:
-        """Yield what the curves come to."""
+        """Yield the numbers that summarise the curves."""
         for threshold in self.thresholds:
             reached = np.array([self._reached(curve, threshold) for curve in self.curves])
             for name, values in zip(("episodes", "steps"), reached.T, strict=True):
@@ -55,12 +55,12 @@ class Cell:
         return point.discounted_return if self.discounted else point.undiscounted_return
 
     def _reached(self, curve: Sequence[Point], threshold: float) -> tuple[float, float]:
-        """Return episodes and steps at the first point of at least this return."""
+        """Return episodes and steps at the first point with at least this return."""
         points = ((point.episodes, point.steps) for point in curve if self._return(point) >= threshold)
         return next(points, (np.inf, np.inf))
 
     def _mean_return_after(self, episodes: int) -> Estimate:
-        """Return the mean over the runs at their last point within so many episodes; nan where one has none."""
+        """Return the mean over the runs at their last point within a number of episodes; nan if a run has none."""
         within = [[p for p in curve if p.episodes <= episodes] for curve in self.curves]
         if not all(within) or any(curve[-1].episodes < episodes for curve in self.curves):
             return Estimate(np.nan, np.nan, np.nan)
@@ -68,7 +68,7 @@ class Cell:
 
 
 class Quantity(NamedTuple):
-    """One number of a cell: its name, at which threshold or after how many episodes, and its estimate."""
+    """One number of a cell: its name, its threshold or number of episodes, and its estimate."""
 
     name: str
     at: float | None
@@ -76,7 +76,7 @@ class Quantity(NamedTuple):
 
     @property
     def title(self) -> str:
-        """Its name in the head of a table."""
+        """Name in the header of a table."""
         return self.name if self.at is None else f"{self.name} {self.at:g}"
 
 
@@ -87,7 +87,7 @@ def median_until(values: Array) -> Estimate:
 
 
 def as_csv(cells: Sequence[Cell]) -> str:
-    """Return a line for each number; what is not known is empty."""
+    """Return CSV with one line per number; unknown values are empty."""
     text = StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("task", "learner", "runs", "quantity", "at", "value", "low", "high"))
@@ -99,7 +99,7 @@ def as_csv(cells: Sequence[Cell]) -> str:
 
 
 def as_markdown(cells: Sequence[Cell]) -> str:
-    """Return a table for each task, and below them what the numbers are."""
+    """Return one table per task, with a legend below."""
     tables = [
         _table(task, [cell for cell in cells if cell.task == task]) for task in dict.fromkeys(c.task for c in cells)
     ]

@@ -1,4 +1,4 @@
-"""How long calls take, and how that grows."""
+"""Measure the time of calls, and how it grows."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from statistics import median
 
 
 def seconds_of(call: Callable[[], object], repeats: int) -> float:
-    """Return the median time of a call, after one that is not counted."""
+    """Return the median time of a call, after a warm-up call."""
     call()
     times = []
     for _ in range(repeats):
@@ -20,5 +20,5 @@ def seconds_of(call: Callable[[], object], repeats: int) -> float:
 
 
 def growth(amounts: dict[int, float], first: int, last: int) -> float:
-    """Return the exponent with which the amounts grow from the first to the last number of samples."""
+    """Return the exponent of growth from the first to the last number of samples."""
     return math.log(amounts[last] / amounts[first]) / math.log(last / first)

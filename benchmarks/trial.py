@@ -1,4 +1,4 @@
-"""One learner on one task from one seed, and its learning curve against what the task was used for."""
+"""Run one learner on one task with one seed, and store its learning curve against the episodes used."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from rkhs_ros.runs.config import Config
 
 @dataclass(frozen=True)
 class Trial:
-    """What a learner is given.
+    """The input of a learner.
 
     Attributes:
-        config: task, seed, and the settings of those learners that have them.
-        episodes: the learner ends with the first update after so many.
-        discounted: whether the task's thresholds are of the discounted return.
+        config: task, seed, and the settings of learners that use them.
+        episodes: budget; the learner stops after the first update that reaches it.
+        discounted: whether the thresholds of the task are for the discounted return.
     """
 
     config: Config
@@ -38,7 +38,7 @@ class Trial:
 
     @property
     def judged_by(self) -> float:
-        """The discount of the return that the thresholds are of."""
+        """Discount of the return that the thresholds are for."""
         return self.config.training.discount if self.discounted else 1.0
 
 
@@ -46,9 +46,9 @@ class Point(NamedTuple):
     """One point of a learning curve, after an update.
 
     Attributes:
-        episodes: real episodes that the learner explored in so far.
-        steps: of these.
-        cpu_seconds: spent so far on learning and exploring, all threads together, evaluations left out.
+        episodes: real exploration episodes so far.
+        steps: steps of these episodes.
+        cpu_seconds: CPU time of training and exploration so far, over all threads, without evaluations.
         undiscounted_return: mean over the evaluation episodes.
         discounted_return: the same with the task's discount.
     """
@@ -61,10 +61,10 @@ class Point(NamedTuple):
 
 
 class Meter:
-    """Counts what a learner spends. Owns the counts.
+    """Counts episodes, steps and CPU time of a learner. Owns the counts.
 
     Args:
-        discount: of the returns.
+        discount: discount of the returns.
     """
 
     def __init__(self, discount: float) -> None:
@@ -75,13 +75,13 @@ class Meter:
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """Let what is done meanwhile cost no CPU seconds."""
+        """Exclude the CPU time of the block."""
         at = time.process_time()
         yield
         self._begin += time.process_time() - at
 
     def point(self, rewards: Array) -> Point:
-        """Return the point of a policy that earned these rewards, shape (episodes, horizon), without noise."""
+        """Return the point of the curve for evaluation rewards of shape (episodes, horizon)."""
         seconds = time.process_time() - self._begin
         undiscounted, discounted = (
             float((rewards @ discount ** np.arange(rewards.shape[1])).mean()) for discount in (1.0, self._discount)
@@ -90,11 +90,11 @@ class Meter:
 
 
 class MeteredRunner:
-    """Lets policies act in the task of a configuration, by a meter: exploring episodes count, noise-free ones do not.
+    """Rolls out policies in the task of a configuration, and counts exploration episodes but not evaluation episodes.
 
     Args:
-        config: of the task.
-        meter: counts.
+        config: configuration of the task.
+        meter: counts the episodes.
     """
 
     def __init__(self, config: Config, meter: Meter) -> None:
@@ -103,7 +103,7 @@ class MeteredRunner:
         self.spaces = self._runner.spaces
 
     def capacity(self, num_envs: int) -> int:
-        """Return 1: none run ahead, so that exploring and evaluation episodes are metered apart."""
+        """Return 1: no episodes run in advance, so that exploration and evaluation are counted separately."""
         return 1
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
@@ -118,7 +118,7 @@ class MeteredRunner:
 
 
 def write_curve(path: Path, points: Iterable[Point]) -> None:
-    """Write a learning curve, whole or not at all."""
+    """Write a learning curve atomically."""
     text = StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerows([Point._fields, *points])

@@ -1,6 +1,6 @@
-"""Updates of the policy at growing numbers of samples, and matching pursuit beside scikit-learn's.
+"""Measure updates of the policy at growing numbers of samples, and matching pursuit beside that of scikit-learn.
 
-Time is the median over repeats on one core; memory is the peak that one more, traced pass allocates.
+Time is the median over repeats on one core. Memory is the peak of one more pass, which is traced.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from timing import growth, seconds_of
 
 CONFIGS = Path(__file__).parents[1] / "config"
 POINTS, ATOMS = 1000, 40
-RANK = 2 * ATOMS  # of the basis that stands for the dictionary: the residual has the same six digits as at full rank
+RANK = 2 * ATOMS  # of the basis; the residual agrees with full rank to six digits
 
 
 class Sizes(NamedTuple):
-    """How much is measured.
+    """The size of the benchmark.
 
     Attributes:
-        repeats: of an update, by its number of samples.
+        repeats: repeats of an update, by its number of samples.
         many: samples of one more update.
-        iterations: of learning before the update.
+        iterations: iterations of training before the update.
         pursuits: repeats of a matching pursuit.
     """
 
@@ -54,7 +54,7 @@ QUICK = Sizes({100: 1, 200: 1}, many=200, iterations=1, pursuits=1)
 
 
 def peak_of(call: Callable[[], object]) -> int:
-    """Return the most bytes a call holds at once."""
+    """Return the peak memory of a call, in bytes."""
     tracemalloc.start()
     call()
     _, peak = tracemalloc.get_traced_memory()
@@ -65,7 +65,7 @@ def peak_of(call: Callable[[], object]) -> int:
 def update_of(
     config: Path, samples: int, iterations: int, changes: Sequence[str] = ()
 ) -> tuple[Callable[[], object], int]:
-    """Return an update after some iterations, of episodes with that many steps, and the policy's centres."""
+    """Return an update after some iterations, on episodes with a number of steps, and the centres of the policy."""
     settings = load_config(config, [*changes, f"iterations={iterations}"])
     training, environment = settings.training, settings.environment
     runner = runner_of(environment)
@@ -82,7 +82,7 @@ def update_of(
 
 
 def updates(config: Path, sizes: Sizes, changes: Sequence[str] = (), aim: float = 30.0) -> None:
-    """Print time and memory of an algorithm's update of a policy that has all its centres."""
+    """Print time and memory of the update of a policy with the greatest number of centres."""
     name = " ".join([config.stem, *(change.rpartition(".")[2] for change in changes)])
     seconds: dict[int, float] = {}
     memory: dict[int, float] = {}
@@ -103,7 +103,7 @@ def updates(config: Path, sizes: Sizes, changes: Sequence[str] = (), aim: float 
 
 
 def pursuits(repeats: int) -> None:
-    """Print residual and time of orthogonal matching pursuit, here and in scikit-learn, on one dictionary."""
+    """Print residual and time of our orthogonal matching pursuit and that of scikit-learn, on one dictionary."""
     rng = np.random.default_rng(0)
     points, candidates = rng.uniform(-3.0, 3.0, (2, POINTS, 2))
     targets = np.sin(2 * points[:, :1]) * np.cos(points[:, 1:]) + 0.1 * rng.standard_normal((POINTS, 1))
@@ -141,7 +141,7 @@ def pursuits(repeats: int) -> None:
 
 
 def at_many(config: Path, sizes: Sizes) -> None:
-    """Print time and memory of an update at very many samples."""
+    """Print time and memory of an update with very many samples."""
     update, centres = update_of(config, sizes.many, sizes.iterations)
     seconds, peak = seconds_of(update, 1), peak_of(update) / 2**20
     size = f"{sizes.many} samples, {centres:>4} centres"
@@ -149,7 +149,7 @@ def at_many(config: Path, sizes: Sizes) -> None:
 
 
 def once(config: Path, sizes: Sizes, aim: str, changes: Sequence[str] = ()) -> None:
-    """Print the time of an update at the fewest samples only."""
+    """Print the time of an update with the fewest samples only."""
     samples = min(sizes.repeats)
     update, centres = update_of(config, samples, sizes.iterations, changes)
     name = " ".join([config.stem, *(change.rpartition(".")[2] for change in changes)])

@@ -1,8 +1,8 @@
-"""What the page costs a run over topics, and what telling of the learning costs where nobody listens.
+"""Measure what the page costs a run over topics, and what the monitoring topics cost without subscribers.
 
-The pace is that of one run, in turn with the page stopped, with nobody there, in a browser of another machine, which
-only takes what the page sends, and in one of this machine, which draws on the same cores as the run, without a graphics
-card. Again and again, since machines are noisy: read the ratios.
+The speed of one run is measured in turn with the page stopped, without a browser, with a remote browser (which only
+receives), and with a browser on this machine (which draws without a graphics card, on the cores of the run). The rounds
+repeat, since machines are noisy: compare the ratios.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ from rkhs_ros.runs.curve import BEGINNING, Curve, Row  # noqa: E402
 
 CONFIG = ROOT / "config" / "pendulum_nac.yaml"
 ROUNDS, WINDOW_S = 6, 5.0
-SETTLE_S = 6.0  # after a change: the browser loads the page; nodes are heard for a while after the last one left
-WARM_UP = 30  # iterations before the clock starts, until the policy has its centres
-PACE_S = 0.05  # of telling alone, faster than that of the run
-MOST_ROWS = 256  # that are told
+SETTLE_S = 6.0  # after a change: the browser loads the page, and reports of stopped nodes expire
+WARM_UP = 30  # iterations before the measurement, until the policy has all centres
+PACE_S = 0.05  # between updates when only the topics are measured; faster than the run
+MOST_ROWS = 256  # that are published
 TIMEOUT_S = 120.0
 STOPPED, NOBODY, AWAY, HERE = "page stopped", "nobody there", "in a browser elsewhere", "in a browser here"
 KINDS = (STOPPED, NOBODY, AWAY, HERE)
-# What a browser says first; until then it is not there.
+# First messages of a browser; the page ignores it until they arrive.
 CAMERA = {"type": "ViewerCameraMessage", "wxyz": [1, 0, 0, 0], "position": [0, 0, 1], "fov": 1.0, "image_height": 800,
           "image_width": 890, "near": 0.1, "far": 10.0, "look_at": [0, 0, 0], "up_direction": [0, 1, 0]}  # fmt: skip
 
@@ -68,10 +68,10 @@ def process(*arguments: object) -> Iterator[subprocess.Popen[str]]:
 
 
 def rows_once(folder: Path, iterations: int) -> list[Row]:
-    """Return the lines of the learning curve once there are so many.
+    """Wait until the learning curve has a number of lines, and return them.
 
     Raises:
-        TimeoutError: they are not in time.
+        TimeoutError: the lines do not appear in time.
     """
     deadline = time.monotonic() + TIMEOUT_S
     while time.monotonic() < deadline:
@@ -82,7 +82,7 @@ def rows_once(folder: Path, iterations: int) -> list[Row]:
 
 
 def seconds_per_iteration(folder: Path, window_s: float) -> float:
-    """Return how long an iteration takes, by those of some seconds."""
+    """Return the seconds per iteration, measured over some seconds."""
     first = rows_once(folder, 1)[-1]
     time.sleep(window_s)
     last = rows_once(folder, first.iteration + 1)[-1]
@@ -90,14 +90,14 @@ def seconds_per_iteration(folder: Path, window_s: float) -> float:
 
 
 def cpu_seconds(pid: int) -> float:
-    """Return the time that a process has computed for."""
+    """Return the CPU time of a process."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
 
 
 @contextmanager
 def taken(address: str) -> Iterator[None]:
-    """Take what the page sends to a browser."""
+    """Receive what the page sends to a browser."""
     url, version = address.replace("http", "ws"), f"viser-v{viser.__version__}"
     with connect(url, subprotocols=[version], max_size=None, compression=None) as socket:
         socket.send(msgspec.msgpack.encode(CAMERA))
@@ -109,7 +109,7 @@ def taken(address: str) -> Iterator[None]:
 
 @contextmanager
 def drawn(chromium: browser.Browser, address: str) -> Iterator[None]:
-    """Show the page in a browser."""
+    """Open the page in a browser."""
     tab = chromium.open(address, 1280, 800)
     yield
     tab.ask("Page.navigate", url="about:blank")
@@ -117,7 +117,7 @@ def drawn(chromium: browser.Browser, address: str) -> Iterator[None]:
 
 
 def paces(rounds: int, window_s: float, settle_s: float) -> dict[str, list[tuple[float, float]]]:
-    """Return, of each kind, seconds of an iteration and the part of a core that the page took, once for each round."""
+    """Return for each kind and round the seconds per iteration and the share of a core that the page used."""
     found: dict[str, list[tuple[float, float]]] = {kind: [] for kind in KINDS}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "run"
@@ -137,7 +137,7 @@ def paces(rounds: int, window_s: float, settle_s: float) -> dict[str, list[tuple
 
 
 def told(window_s: float) -> tuple[float, float]:
-    """Return the part of a core that a node takes which tells of its learning to nobody, and one that does not tell."""
+    """Return the share of a core used by a node with monitoring topics without subscribers, and by one without them."""
     config = load_config(CONFIG, ["iterations=5"])
     runner = runner_of(config.environment)
     iterations = list(train(config.training, runner))
@@ -153,7 +153,7 @@ def told(window_s: float) -> tuple[float, float]:
 
 
 def part_of_a_core(topics: LearningTopics | None, iterations: Sequence, window_s: float) -> float:
-    """Return the part of a core that telling of some iterations takes, one after the other at a pace."""
+    """Return the share of a core used to publish some iterations at a fixed rate."""
     rows = [BEGINNING._replace(iteration=number, seconds=float(number)) for number in range(1, MOST_ROWS + 1)]
     end, began = time.monotonic() + window_s, time.process_time()
     for iteration in cycle(iterations):
@@ -167,16 +167,16 @@ def part_of_a_core(topics: LearningTopics | None, iterations: Sequence, window_s
 
 
 def main(rounds: int, window_s: float, settle_s: float) -> None:
-    """Print the medians, beside those with the page stopped."""
+    """Print the medians, and their ratios to those with the page stopped."""
     telling, silent = told(window_s)
-    print(f"telling of the learning, nobody listens: {telling:.2%} of a core; the same node without: {silent:.2%}")
+    print(f"monitoring topics without subscribers: {telling:.2%} of a core; the same node without them: {silent:.2%}")
     found = paces(rounds, window_s, settle_s)
     base = [pace for pace, _ in found[STOPPED]]
     for kind, measured in found.items():
         times, parts = zip(*measured, strict=True)
         ratio = median(one / other for one, other in zip(times, base, strict=True))
         spread = f"{1e3 * median(times):.1f} ms an iteration ({1e3 * min(times):.0f} to {1e3 * max(times):.0f})"
-        print(f"{kind:22s} {spread}, {ratio:.2f} times that of a page stopped; it takes {median(parts):.0%} of a core")
+        print(f"{kind:22s} {spread}, {ratio:.2f} times that without the page; it uses {median(parts):.0%} of a core")
 
 
 if __name__ == "__main__":
@@ -184,7 +184,7 @@ if __name__ == "__main__":
         skip("chromium", "make view-tools")
     command = parser(__doc__)
     command.add_argument("--rounds", type=int, default=ROUNDS)
-    command.add_argument("--window", type=float, default=WINDOW_S, help="seconds in which a pace is measured")
-    command.add_argument("--settle", type=float, default=SETTLE_S, help="seconds between two paces")
+    command.add_argument("--window", type=float, default=WINDOW_S, help="seconds of a measurement")
+    command.add_argument("--settle", type=float, default=SETTLE_S, help="seconds between two measurements")
     options = parsed(command, rounds=1, window=0.5, settle=0.5)
     main(options.rounds, options.window, options.settle)
