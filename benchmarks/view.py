@@ -160,7 +160,7 @@ def part_of_a_core(topics: LearningTopics | None, iterations: Sequence, window_s
         if time.monotonic() > end:
             break
         if topics is not None:
-            topics.tell(iteration, rows)
+            topics.publish(iteration, rows)
             topics.heartbeat()
         time.sleep(PACE_S)
     return (time.process_time() - began) / window_s

@@ -24,9 +24,9 @@ FAULTS = {
     "raise in reset": "bad_tasks:Bad-v0: reset of environment 0: RuntimeError: there is no way back",
     "sys.exit": "bad_tasks:Bad-v0: step 11 of environment 0: SystemExit: 3",
     "hang": f"the simulator node did not answer within {TIMEOUT_S} s; bad_tasks:Bad-v0 was in step 11",
-    "os._exit": "the simulator node died 5 times at the same place; bad_tasks:Bad-v0 was in step 11",
+    "os._exit": "the simulator node died 5 times at the same step; bad_tasks:Bad-v0 was in step 11",
     "os._exit like a node": "the simulator node, of bad_tasks:Bad-v0, ended with exit code 1 before the learner",
-    "segmentation fault": "the simulator node died 5 times at the same place; bad_tasks:Bad-v0 was in step 11",
+    "segmentation fault": "the simulator node died 5 times at the same step; bad_tasks:Bad-v0 was in step 11",
 }
 
 

@@ -114,7 +114,7 @@ def test_a_policy_by_the_version_of_the_learners_is_got_over(
     os.kill(learner.popen.pid, signal.SIGCONT)
     code, err = finish(learner, probe)
     assert code == 0, err
-    assert f"somebody else had the policy node serve another policy as version {version}" in err
+    assert f"the policy node serves a policy of another client as version {version}" in err
     assert_same_bits(tmp_path / "out", in_process)
 
 
@@ -132,7 +132,7 @@ def test_who_is_sometimes_faster_than_the_policy_changes_no_bit_or_is_named(
 
     probe.create_subscription(Observation, "observation", forge, LOCKSTEP_QOS)
     code, err = finish(nodes.learn(), probe)
-    print(f"exit code {code} with {err.count('begins anew')} batches taken again")
+    print(f"exit code {code} with {err.count('restarts')} batches taken again")
     if code == 0:
         assert_same_bits(tmp_path / "out", in_process)
     else:

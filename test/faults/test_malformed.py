@@ -112,7 +112,7 @@ def assert_well(process: Process) -> None:
     code, out, err = process.finish()
     assert (code, out) == (0, "")
     for line in err.splitlines():
-        told = r"(refused|expected one publisher, got|the batch of the simulator node begins anew;) "
+        told = r"(refused|expected one publisher, got|the batch of the simulator node restarts;) "
         assert re.match(r"\[WARN\] \[[\d.]+\] \[\w+\]: " + told, line), err
 
 

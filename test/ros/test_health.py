@@ -131,7 +131,7 @@ def test_status_shows_the_nodes_and_says_where_there_are_none(
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain + 101))
     code, out, err = start("rkhs", "status").finish()
     assert (code, out) == (1, "")
-    assert err == "error: expected nodes at work, got none within 3 s; name their run's folder, or set ROS_DOMAIN_ID\n"
+    assert err == "error: expected running nodes, got none within 3 s; pass the run's folder, or set ROS_DOMAIN_ID\n"
 
 
 def test_status_shows_a_refusal_to_the_letter() -> None:

@@ -129,12 +129,12 @@ def test_events_tell_of_a_node_that_was_started_again(lasting: Process, probe: P
         deaths += 1
         assert deaths < 8
         kill(nodes_of(lasting, "policy")[0])
-        told = f"started again, {deaths} time{'s' * (deaths > 1)} so far"
+        told = f"restarted, {deaths} time{'s' * (deaths > 1)} so far"
         probe.until(lambda told=told: ("/policy", told) in {(event.node, event.text) for event in events})
         probe.settle(1.0)
     assert {event.kind for event in events} == {LearningEvent.RESTART}
     texts = {event.node: event.text for event in events}
-    assert texts["/learner"].endswith("begins anew, as the policy node died")
+    assert texts["/learner"].endswith("restarts, because the policy node died")
     ask(folder, "stop")
     probe.until(lambda: (events[-1].node, events[-1].kind) == ("/learner", LearningEvent.STOP))
     assert lasting.popen.wait(PATIENCE) == 130

@@ -15,7 +15,7 @@ from rkhs_interfaces.msg import GateState
 from rkhs_ros.app.commands.view import monitor_process
 from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS, TOPIC
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
-from rkhs_ros.nodes.watch.monitor_node import WORDS
+from rkhs_ros.nodes.watch.monitor_node import COMMANDS
 from rkhs_ros.nodes.watch.operator_calls import SERVICES
 from rkhs_ros.view.monitor import Monitor, NodeReport
 from rkhs_ros.view.nodes_panel import EPISODES, STOP
@@ -109,7 +109,7 @@ def test_words_said_before_the_nodes_are_found_reach_them_in_order(monitor: Moni
     probe.until(lambda: bool(monitor.listen() and monitor._process))
     for word in ("stop", "pause", "start"):
         monitor.send(word)
-    probe.until(lambda: monitor.listen().answer == "start: asked")
+    probe.until(lambda: monitor.listen().answer == "start: requested")
     peers = Peers(probe)
     probe.until(lambda: monitor.listen().answer == "start: done")
     assert peers.asked.index("robot/pause") < peers.asked.index("robot/start")
@@ -129,7 +129,7 @@ def test_a_node_that_falls_silent_is_told(monitor: Monitor, probe: Probe) -> Non
 
 
 def test_the_buttons_are_all_words_but_that_which_arms() -> None:
-    assert {STOP, *EPISODES.values()} == set(WORDS) == set(SERVICES) - {"arm"}
+    assert {STOP, *EPISODES.values()} == set(COMMANDS) == set(SERVICES) - {"arm"}
 
 
 def test_it_ends_with_the_page(monitor: Monitor, probe: Probe) -> None:

@@ -63,4 +63,4 @@ def test_what_lets_a_robot_move_is_not_asked_of_a_node_that_has_not_answered(sta
     probe.until(lambda: process.popen.poll() is not None)
     code, _, err = process.finish()
     assert (code, len(err.splitlines()), server.asked) == (1, 1, 0)
-    assert "gate/arm: the node is not there" in err
+    assert "gate/arm: the node is not running" in err

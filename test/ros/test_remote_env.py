@@ -136,7 +136,7 @@ def test_gymnasium_finds_nothing_wrong(simulator: Simulate, make: Make) -> None:
 def test_what_does_not_fit_is_refused_and_the_episode_goes_on(simulator: Simulate, make: Make) -> None:
     simulator("rkhs/Toy-v0")
     remote = make(RemoteEnv, horizon=2)
-    with pytest.raises(RunError, match="step: expected a reset before it"):
+    with pytest.raises(RunError, match="step: expected a reset first"):
         remote.step([0.0])
     with pytest.raises(ValueError, match=r"seed: expected numbers in \[0, 2\^63\), got -1"):
         remote.reset(seed=-1)
@@ -148,9 +148,9 @@ def test_what_does_not_fit_is_refused_and_the_episode_goes_on(simulator: Simulat
         remote.reset(options={"low": 1.0})
     assert not any(remote.step([0.1])[2:4])
     assert remote.step([0.1])[2:4] == (False, True)
-    with pytest.raises(RunError, match="step: expected a reset before it"):
+    with pytest.raises(RunError, match="step: expected a reset first"):
         remote.step([0.0])
-    with pytest.raises(ValueError, match="seed: expected 2, one for each row, got 3"):
+    with pytest.raises(ValueError, match="seed: expected 2, one for each environment, got 3"):
         make(RemoteVectorEnv, 2).reset(seed=[1, 2, 3])
     for options, reason in (
         ({"domain": 400}, "domain"),
@@ -173,7 +173,7 @@ def test_a_killed_simulator_is_named_in_time_and_its_successor_used(simulator: S
         PeerError, match=r"the simulator node did not answer within 3 s; rkhs/Pendulum-v0 was in step 2"
     ):
         remote.step([1.0])
-    with pytest.raises(RunError, match="expected a reset before it"):
+    with pytest.raises(RunError, match="expected a reset first"):
         remote.step([1.0])
     simulator("rkhs/Pendulum-v0")
     np.testing.assert_array_equal(before, remote.reset(seed=4)[0])
@@ -209,7 +209,7 @@ def test_one_who_takes_the_simulator_away_is_told_of(simulator: Simulate, make: 
     first, second = make(RemoteEnv), make(RemoteEnv)
     first.reset()
     second.reset()
-    with pytest.raises(PeerError, match="lost the episodes in step 1: it was started again, or somebody else"):
+    with pytest.raises(PeerError, match="lost the episodes in step 1: it was restarted, or another client"):
         first.step([0.0])
     second.step([0.0])
 

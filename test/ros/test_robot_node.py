@@ -334,7 +334,7 @@ def test_a_persons_word_is_passed_on_and_a_refusal_is_told(
 def test_a_word_that_no_node_hears_is_told_soon(start: Start) -> None:
     code, _, err = start("rkhs", "robot", "stop").finish()
     assert (code, len(err.splitlines())) == (1, 1)
-    assert "gate/stop: the node is not there; name the run's folder, or set ROS_DOMAIN_ID" in err
+    assert "gate/stop: the node is not running; pass the run's folder, or set ROS_DOMAIN_ID" in err
 
 
 def test_sensors_that_cannot_be_used_are_told_before_a_person_arms(

@@ -113,5 +113,7 @@ def test_a_simulated_robot_that_stops_by_itself_teaches_nothing(start: Start, tm
     assert (
         err.count(f"is discarded: {reason}") == 10
     )  # each time the stop was ended, and the robot went to where it begins
-    assert err.splitlines()[-1].startswith("error: episode 0 was discarded 10 times in a row, the last time: " + reason)
+    assert err.splitlines()[-1].startswith(
+        "error: episode 0 was discarded 10 times in a row; the last reason: " + reason
+    )
     assert not (tmp_path / "run" / "policy.npz").exists()

@@ -70,7 +70,7 @@ def test_what_is_the_matter_stands_below_the_table_of_a_robots_nodes() -> None:
     rows = printed(table(statuses))
     assert [line.split()[:3] for line in rows if line.startswith("/")] == [
         ["/gate", "stuck", "stopped"],
-        ["/robot", "waits", "getting"],
+        ["/robot", "waiting", "getting"],
         ["/simulated_robot", "ok", "0"],
     ]
     assert [str(line) for line in reasons(statuses)] == [
@@ -88,7 +88,7 @@ def test_the_heading_says_how_far_the_run_is() -> None:
     progress.model_return = float("nan")
     first, second, *rest = printed(heading(progress))
     assert first == "mine: iteration 3 of 40, 0 episodes, 0 centres, about 12 s left"
-    assert second == "return 1.5, noise-free 2.5"
+    assert second == "return 1.5, evaluation 2.5"
     assert "".join(rest) == f"in {progress.folder}"
 
 

@@ -142,8 +142,8 @@ def test_a_simulator_of_another_task_is_refused_by_name(
     code, _, err = learner.finish()
     assert (code, err) == (
         1,
-        'error: the simulator node: expected one of rkhs/Pendulum-v0 with options {"angle": "clip"}, '
-        f'got one of {environment} with options {{"angle": "{angle}"}}\n',
+        'error: the simulator node: expected the environment rkhs/Pendulum-v0 with options {"angle": "clip"}, '
+        f'got {environment} with options {{"angle": "{angle}"}}\n',
     )
     assert not (tmp_path / "out").exists()
 
@@ -184,5 +184,5 @@ def test_a_learner_without_environment_learns_in_the_simulators_and_says_so(
     learner = start("learner", "--ros-args", "--params-file", alone, *more)
     code, _, err = learner.finish()
     assert (code, err) == (0, "")
-    assert "no environment is given: that of the first simulator is learnt in" in "".join(learner.told)
+    assert "no environment is set: using that of the first simulator" in "".join(learner.told)
     assert "id: rkhs/Toy-v0" in (folder / "config.yaml").read_text()

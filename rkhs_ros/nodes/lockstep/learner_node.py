@@ -1,4 +1,4 @@
-"""The learner node: learns from episodes collected over topics, and pushes each policy to the policy node."""
+"""The learner node: learns from episodes received over topics, and sends each policy to the policy node."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ from rkhs_ros.runs.report import interruption_summary, is_begun, new_folder, nex
 from rkhs_ros.runs.run import run_training
 
 Draw = Callable[[Path], object]
-EVALUATION = "evaluation.npz"  # in the output folder: the episodes that measured a policy
+EVALUATION = "evaluation.npz"  # in the output folder: evaluation episodes of a policy
 
 
 class LearnerNode(ReportingNode):
     """Runs the training loop over topics.
 
-    Owns the settings of the run. The episodes are its runner's, the results those of the run.
+    Owns the settings of the run. Its runner collects the episodes; the run folder holds the results.
     """
 
     def __init__(self) -> None:
@@ -46,19 +46,17 @@ class LearnerNode(ReportingNode):
         """Declare the parameters and open topics and services.
 
         Raises:
-            ValueError: an unknown parameter or a value that does not fit.
+            ValueError: an unknown parameter, or an invalid value.
         """
         require_section(self.get_fully_qualified_name(), sys.argv)
         tree = given(self)
         self.output = declared(self, tree, "output", "", "folder for the results; empty for results/NAME/TIME")
         self.quiet = declared(self, tree, "quiet", False, "no progress bar")
-        self.resume = declared(
-            self, tree, "resume", False, "go on with the run in the output folder, if one began there"
-        )
-        about = "go on with a run of other code, libraries or threads, too"
+        self.resume = declared(self, tree, "resume", False, "resume the run in the output folder, if there is one")
+        about = "resume a run of different code, libraries or threads too"
         self.provenance_may_change = declared(self, tree, "provenance_may_change", False, about)
         self.record = declared(self, tree, "record", False, "record the run in recording.mcap, in its folder")
-        about = "policy.npz to measure in evaluation episodes, in place of learning; empty to learn"
+        about = "policy.npz to evaluate instead of learning; empty to learn"
         self.evaluate = declared(self, tree, "evaluate", "", about)
         again, own_process = restarts(self, tree), process(self, tree)
         self.environment = self._environment_from(tree)
@@ -73,34 +71,34 @@ class LearnerNode(ReportingNode):
         self.topics = LearningTopics(self, self.training)
 
     def _environment_from(self, tree: dict[str, Any]) -> Environment | None:
-        """Take out of the node's tree the environment to learn in; None where the simulator is to tell."""
+        """Remove the environment from the node's tree, and return it; None to use the simulator's."""
         if "environment" not in tree:
             return None
         environment = environment_from(tree.pop("environment"))
-        about = "Gymnasium id of the environment; simulators of another are refused"
+        about = "Gymnasium id of the environment; simulators of other environments are refused"
         declare(self, [Entry("environment.id", environment.id, {"description": about})])
         return environment
 
     def heartbeat(self) -> float:
-        """Report, and give signs of life; return the seconds until the next time."""
+        """Report, and send due heartbeats; return the seconds until the next one."""
         self._uniqueness.check()
         return min(self.diagnostics.heartbeat(), self.runner.heartbeat(), self.topics.heartbeat())
 
 
 def draw_nothing(folder: Path) -> None:
-    """Draw no pictures: `rkhs train`, which starts the node, does so itself."""
+    """Draw no figures: `rkhs train`, which starts the node, draws them itself."""
 
 
 def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
-    """Run the whole training of a learner node, or until told to end."""
+    """Run the training of a learner node, until it is complete or `stop` is set."""
     node.peers.stop = stop
     with node.diagnostics.errors_reported():
         config = Config(node.runner.connect(node.environment), node.training)
         folder = Path(node.output).expanduser() if node.output else None
         resume = node.resume and folder is not None and is_begun(folder)
         folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
-        node.get_logger().info(f"learns {config.environment.id}; the results are in {folder.resolve()}")
-        costs = node.runner.is_of_robots
+        node.get_logger().info(f"learning {config.environment.id}; the results are in {folder.resolve()}")
+        is_robot = node.runner.is_robot
         node.topics.begin(folder, node.runner.spaces)
         try:
             run_training(
@@ -109,11 +107,11 @@ def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
                 folder,
                 quiet=node.quiet,
                 resume=resume,
-                record=node.record or costs,
-                sync=costs,
+                record=node.record or is_robot,
+                sync=is_robot,
                 provenance_may_change=node.provenance_may_change,
                 rest=node.peers.rest,
-                on_iteration=node.topics.tell,
+                on_iteration=node.topics.publish,
             )
         except (StoppedError, KeyboardInterrupt):
             node.diagnostics.publish_event(STOP, "the run was asked to stop")
@@ -128,7 +126,7 @@ def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
 
 
 def measure(node: LearnerNode, stop: Stop) -> None:
-    """Print what evaluation episodes of a policy come to, and leave them in the output folder."""
+    """Run evaluation episodes of a policy, print their returns, and save them in the output folder."""
     node.peers.stop = stop
     with node.diagnostics.errors_reported():
         policy, task = load_policy(Path(node.evaluate))
@@ -140,10 +138,10 @@ def measure(node: LearnerNode, stop: Stop) -> None:
 
 
 def main(draw: Draw = draw_nothing) -> None:
-    """Run the learner node: learn, or measure what was learnt.
+    """Run the learner node: learn, or evaluate a policy.
 
     Args:
-        draw: draws the pictures of the run in a folder, when it is over.
+        draw: draws the figures of the run in its folder, after the run.
     """
 
     def work(node: LearnerNode, stop: Stop) -> None:

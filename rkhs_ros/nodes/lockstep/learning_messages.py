@@ -1,4 +1,4 @@
-"""What is told of learning as messages: progress, and markers of what was learnt."""
+"""Monitoring messages of a learner: progress, and markers of episodes and policy."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.curve import BEGINNING, Row, seconds_left
 from rkhs_ros.sketches.sketch import SIZE, Sketch
 
-FRAME = "map"  # fixed in the world, by REP 105
+FRAME = "map"  # world-fixed frame of REP 105
 LINE_M, DOT_M, CENTRE_M, TEXT_M = 0.008, 0.03, 0.04, 0.06  # sizes
 OLD, NEW = (0.55, 0.55, 0.60, 0.25), (0.00, 0.62, 0.45, 1.0)  # colours of episodes, with their opacity
-LEAST, MOST = (0.00, 0.45, 0.70, 1.0), (0.84, 0.37, 0.00, 1.0)  # of the least and of the greatest action
+LEAST, MOST = (0.00, 0.45, 0.70, 1.0), (0.84, 0.37, 0.00, 1.0)  # colours of the least and of the greatest action
 TEXT = (0.50, 0.50, 0.50, 1.0)
-CORNERS = ((0.0, -0.6, -0.5), (-0.6, 0.0, -0.5), (-0.5, -0.5, 0.6))  # where the axes' words are, in sides of the box
+CORNERS = ((0.0, -0.6, -0.5), (-0.6, 0.0, -0.5), (-0.5, -0.5, 0.6))  # positions of the axis labels, in sides of the box
 
 
 def progress_message(stamp: Stamp, run: str, folder: Path, iterations: int, rows: Sequence[Row]) -> LearningProgress:
-    """Return how far a run is by the last lines of its learning curve."""
+    """Return the progress of a run from the last lines of its learning curve."""
     return LearningProgress(
         stamp=stamp,
         run=run,
@@ -41,7 +41,7 @@ def progress_message(stamp: Stamp, run: str, folder: Path, iterations: int, rows
 
 
 def marker_array(stamp: Stamp, sketch: Sketch) -> MarkerArray:
-    """Return a sketch as markers, which take the place of all before."""
+    """Return a sketch as markers that replace all earlier ones."""
     header = Header(stamp=stamp, frame_id=FRAME)
     markers = [Marker(header=header, action=Marker.DELETEALL)]
     for number, marker in enumerate(_markers(sketch)):
@@ -62,8 +62,8 @@ def _markers(sketch: Sketch) -> Iterator[Marker]:
     colours = [_between(LEAST, MOST, float(height)) for height in heights]
     if colours:
         yield _marker("centres", Marker.SPHERE_LIST, CENTRE_M, points=_points(sketch.centres), colors=colours)
-    for words, place in zip(sketch.axes, CORNERS, strict=True):
-        text = _marker("axes", Marker.TEXT_VIEW_FACING, TEXT_M, ColorRGBA(**_rgba(TEXT)), text=words)
+    for label, place in zip(sketch.axes, CORNERS, strict=True):
+        text = _marker("axes", Marker.TEXT_VIEW_FACING, TEXT_M, ColorRGBA(**_rgba(TEXT)), text=label)
         (text.pose.position,) = _points((SIZE * place)[None])
         yield text
 
@@ -85,5 +85,5 @@ def _rgba(colour: Sequence[float]) -> dict[str, float]:
 
 
 def _between(first: Sequence[float], last: Sequence[float], part: float) -> ColorRGBA:
-    """Return the colour that is that part of the way from one to another."""
+    """Interpolate linearly between two colours."""
     return ColorRGBA(**_rgba([a + part * (b - a) for a, b in zip(first, last, strict=True)]))

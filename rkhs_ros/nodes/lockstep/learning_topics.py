@@ -1,4 +1,4 @@
-"""The topics on which a learner tells how far it is and what it has learnt, for those who look on."""
+"""The monitoring topics of a learner: its progress, and markers of what it has learnt."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.sketches.sketch import Sketcher
 
-MARKERS_PERIOD_S = 0.5  # between pictures, which take some milliseconds to make
+MARKERS_PERIOD_S = 0.5  # between marker messages, which take some milliseconds to make
 
 
 class LearningTopics:
-    """Tells of a run.
+    """Publishes the progress and markers of a run.
 
-    Owns the topics, and what is sketched of the run.
+    Owns the topics, and the sketch of the run.
 
     Args:
         node: the learner node.
-        training: the run.
+        training: settings of the run.
     """
 
     def __init__(self, node: Node, training: Training) -> None:
@@ -41,24 +41,24 @@ class LearningTopics:
         self._markers = NewestTopic(node, MarkerArray, "learning_markers", MARKERS_PERIOD_S)
 
     def begin(self, folder: Path, spaces: Spaces) -> None:
-        """Tell where the results go; take note of the spaces of the task."""
+        """Set the folder of the results and the spaces of the task, and publish the initial progress."""
         self._folder = folder.resolve()
         self._sketcher = Sketcher(spaces, self._training.discount)
         self._progress.offer(partial(self._progressed, Curve(folder / "curve.csv").rows()))
 
-    def tell(self, iteration: Iteration, rows: Sequence[Row]) -> None:
-        """Tell of an iteration, with the last lines of the learning curve, when that is due."""
+    def publish(self, iteration: Iteration, rows: Sequence[Row]) -> None:
+        """Publish an iteration, with the last lines of the learning curve, at the topics' limited rates."""
         self._progress.offer(partial(self._progressed, rows))
         if self._sketcher is not None:
             self._sketcher.add(iteration)
             self._markers.offer(partial(self._marked, self._sketcher, iteration))
 
     def heartbeat(self) -> float:
-        """Publish what is due; return the seconds until more may be."""
+        """Publish due messages; return the seconds until the next ones may be due."""
         return min(self._progress.heartbeat(), self._markers.heartbeat())
 
     def close(self) -> None:
-        """Publish what was not yet."""
+        """Publish pending messages."""
         self._progress.close()
         self._markers.close()
 

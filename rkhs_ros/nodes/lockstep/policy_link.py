@@ -1,4 +1,4 @@
-"""The policy node as the learner sees it."""
+"""The learner's client of the policy node."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ NAME = "policy"
 
 
 class PolicyLink:
-    """The policy node as the learner sees it.
+    """The learner's client of the policy node.
 
-    Owns the policy it is to serve, its version, which process of the node answered last, and how far that one was.
+    Owns the policy to serve, its version, the process that answered last, and that process's progress.
 
     Args:
         node: the learner node.
-        peers: how it calls others.
-        several: whether there are several simulators, of which some may be lost once all have been met.
+        peers: the learner's calls to other nodes.
+        several: whether there are several simulators, some of which may disappear after all have been connected.
     """
 
     def __init__(self, node: Node, peers: Peers, *, several: bool) -> None:
@@ -39,21 +39,20 @@ class PolicyLink:
         self._set_policy = node.create_client(SetPolicy, "set_policy")
 
     def wait(self) -> None:
-        """Wait until the policy node is there."""
+        """Wait for the policy node."""
         self._peers.wait_for_service(self._set_policy, NAME)
 
     def serve(self, policy: GaussianPolicy) -> None:
-        """Have the policy node serve a policy, if it does not serve it already."""
+        """Send a policy to the policy node, unless the node serves it already."""
         if policy is not self.policy:
             self.policy, self.version = policy, fresh_number()
             self.push(policy)
 
     def push(self, policy: GaussianPolicy) -> bool:
-        """Send the policy in service, perhaps again.
+        """Send the policy, possibly again.
 
         Returns:
-            Whether the policy node knows nothing of batches under way: another process answers than before, or the
-            policy got another version.
+            Whether the policy node has lost the running batches: another process answers, or the version has changed.
         """
         ask = partial(self._peers.call_until_accepted, partial(self._set, policy), NAME)
         before = (self._instance, self.version)
@@ -63,12 +62,12 @@ class PolicyLink:
         return (self._instance, self.version) != before
 
     def _set(self, policy: GaussianPolicy) -> SetPolicy.Response:
-        """Send the policy; if the node serves another one by its version, somebody else's, choose another version."""
+        """Send the policy; if the node serves another learner's policy under this version, choose a new version."""
         response = self._peers.call(self._set_policy, set_policy_request(policy, self.version), NAME)
         if not response.accepted and response.version == self.version:
             self.version = fresh_number()
             self._node.get_logger().warning(
-                f"somebody else had the {NAME} node serve another policy as version {response.version}; "
+                f"the {NAME} node serves a policy of another client as version {response.version}; "
                 f"this one is now version {self.version}"
             )
         return response

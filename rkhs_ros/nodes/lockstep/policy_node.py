@@ -1,4 +1,4 @@
-"""The policy node: answers observations with actions, and takes new policies between batches."""
+"""The policy node: answers observations with actions, and accepts new policies between batches."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ MOST_SIMULATORS = 64
 
 
 class SimulatorTopics:
-    """The topics of one simulator: what it shows goes to its session, the answers go back.
+    """The topics of one simulator: passes its observations to a session, and publishes the actions.
 
-    Owns the session, and in which batch the policy failed. The batch of the last observation and the message of the
-    last action are kept: to make others at each step takes longer.
+    Owns the session, and the batch in which the policy failed. Reuses the batch of the last observation and the message
+    of the last action, because making new ones at each step takes longer.
 
     Args:
         node: the policy node.
-        namespace: the simulator's.
+        namespace: of the simulator.
     """
 
     def __init__(self, node: PolicyNode, namespace: str) -> None:
@@ -56,9 +56,9 @@ class SimulatorTopics:
                 self._node.diagnostics.stuck = ""
                 self._node.diagnostics.steps += answer is not before
             case Ignored(reason):
-                self._node.diagnostics.skip(f"an observation: {reason}")
+                self._node.diagnostics.skip(f"observation: {reason}")
             case Refused(reason):
-                self._node.diagnostics.refuse(f"an observation: {reason}")
+                self._node.diagnostics.refuse(f"observation: {reason}")
             case Failed(reason):
                 self._failed = BatchProgress(batch=message.batch, step=message.step, failure=reason)
                 self._node.diagnostics.stuck = reason
@@ -70,7 +70,7 @@ class SimulatorTopics:
         self.actions.publish(message)
 
     def progress(self) -> BatchProgress:
-        """Return how far the policy came with the simulator's batch."""
+        """Return the progress of the policy in the simulator's batch."""
         last = self.session.last
         return self._failed or (BatchProgress(batch=last.identity, step=last.step) if last else BatchProgress())
 
@@ -82,14 +82,14 @@ class SimulatorTopics:
         return self.session.answer(observation, self._node.served)
 
     def _observation_of(self, message: ObservationMessage) -> Observation:
-        """Return the observation that a message carries.
+        """Return the observation in a message.
 
         Raises:
-            ValueError: it is misshapen, not finite, or a number is out of range.
+            ValueError: the shape is wrong, a value is not finite, or a number is out of range.
         """
-        shown = batch_fields(message)
-        if self._batch is None or shown != self._batch_fields:
-            self._batch, self._batch_fields = batch_of(message), shown
+        received = batch_fields(message)
+        if self._batch is None or received != self._batch_fields:
+            self._batch, self._batch_fields = batch_of(message), received
         batch = self._batch
         return Observation(
             identity=message.batch,
@@ -104,8 +104,8 @@ class SimulatorTopics:
 class PolicyNode(ReportingNode):
     """Serves a policy.
 
-    Owns the policy in service, of a learner or of a file; one of a file stays. Does not own any random state: the
-    exploration of an episode follows from the batch's seed.
+    Owns the policy in service, from a learner or from a file; a policy from a file is never replaced. Owns no random
+    state: the exploration of an episode follows from the batch's seed.
     """
 
     def __init__(self) -> None:
@@ -115,11 +115,11 @@ class PolicyNode(ReportingNode):
         """Declare the parameters and open topics and service.
 
         Raises:
-            ValueError: an unknown parameter, or a policy file that cannot be used.
+            ValueError: an unknown parameter, or an invalid policy file.
         """
-        self._message = PolicyMessage()  # that the policy in service came by
+        self._message = PolicyMessage()  # of the policy in service
         tree = given(self)
-        simulators = declared(self, tree, "simulators", 1, "simulator nodes to serve")
+        simulators = declared(self, tree, "simulators", 1, "number of simulator nodes to serve")
         if not 1 <= simulators <= MOST_SIMULATORS:
             raise ValueError(f"simulators: expected 1 to {MOST_SIMULATORS}, got {simulators}")
         again, own_process = restarts(self, tree), process(self, tree)
@@ -132,11 +132,11 @@ class PolicyNode(ReportingNode):
         if self.served:
             self._in_service.offer(partial(policy_message, msg, self.served.policy, self.served.version))
         self.create_service(SetPolicy, "set_policy", self._set_policy)
-        whose = "with the policy of a file, noise-free" if self.served else "for a learner's policy"
-        self.get_logger().info(f"ready {whose}; serves {simulators} simulator{'s' * (simulators > 1)}")
+        source = "with the policy of a file, without exploration noise" if self.served else "for a learner's policy"
+        self.get_logger().info(f"ready {source}; serves {simulators} simulator{'s' * (simulators > 1)}")
 
     def heartbeat(self) -> float:
-        """Report, and tell of the policy in service; return the seconds until more is due."""
+        """Report, and publish the policy in service; return the seconds until more is due."""
         self._uniqueness.check()
         return min(self.diagnostics.heartbeat(), self._in_service.heartbeat())
 
@@ -151,7 +151,7 @@ class PolicyNode(ReportingNode):
         return {"serving version": self._version, "batch": batches, "step": steps}
 
     def _from_file(self, tree: dict[str, object]) -> ServedPolicy | None:
-        about = "policy.npz to serve alone, noise-free; empty to wait for a learner's policy"
+        about = "policy.npz to serve, without exploration noise; empty to wait for a learner's policy"
         file = declared(self, tree, "policy_file", "", about)
         require_known(tree, "policy_file")
         if not file:
@@ -159,11 +159,11 @@ class PolicyNode(ReportingNode):
         try:
             policy, _ = load_policy(Path(file))
         except FileNotFoundError as error:
-            raise ValueError(f"policy_file: expected a policy.npz, got '{file}', which does not exist") from error
+            raise ValueError(f"policy_file: expected a policy.npz, but '{file}' does not exist") from error
         return ServedPolicy(policy, version=0, explores=False)
 
     def _set_policy(self, request: SetPolicy.Request, response: SetPolicy.Response) -> SetPolicy.Response:
-        with self.diagnostics.accepting(response, "a policy"):
+        with self.diagnostics.accepting(response, "set_policy"):
             self.served, self._message = self._accept(request.policy), request.policy
             self._in_service.offer(lambda: self._message)
         response.version = self._version
@@ -175,10 +175,10 @@ class PolicyNode(ReportingNode):
     def _accept(self, message: PolicyMessage) -> ServedPolicy:
         served = self.served
         if served is not None and not served.explores:
-            raise ValueError("policy: expected none from a learner, this node serves the policy of a file")
+            raise ValueError("policy: expected none from a learner, because this node serves the policy of a file")
         policy = policy_of(message)
         if served is not None and message.version == served.version:
-            require(message == self._message, "version", "another one for another policy", message.version)
+            require(message == self._message, "version", "a new version for a new policy", message.version)
         return ServedPolicy(policy, message.version)
 
 

@@ -1,4 +1,4 @@
-"""A simulator, or a robot, as the learner sees it."""
+"""The learner's client of a simulator or a robot."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ from rkhs_ros.rollouts.batch_sharing import EpisodeTiming
 from rkhs_ros.runs.config import MOST_ENVS, Environment
 
 SIMULATOR, ROBOT = "simulator", "robot"
-PROBE_S = 0.2  # for a simulator that fell silent to answer, each time that others begin
-MAX_DISCARDS = 10  # of a robot's episodes, one after another, after which it is given up
-SIGNS_OF_LIFE = 4  # within the time after which a robot takes the learner for dead
+PROBE_S = 0.2  # for a silent simulator to answer, whenever the others start a batch
+MAX_DISCARDS = 10  # of one episode of a robot in a row, after which the run ends
+HEARTBEATS = 4  # per learner timeout of a robot
 
 
 class FinishedBatch(NamedTuple):
-    """A batch that ended, and how on a robot."""
+    """A batch that has ended; `executions` is empty for simulators."""
 
     batch: Batch
     episodes: Episodes
@@ -46,20 +46,19 @@ class FinishedBatch(NamedTuple):
 
 
 class SimulatorLink:
-    """One simulator, or robot, as the learner sees it.
+    """The learner's client of one simulator or robot.
 
-    Owns the task it simulates, the batch that it was asked for and the policy that acts in it, the furthest step of the
-    batch that was seen, how often it was begun without coming further, how quick it was, and the episodes that it sent.
-    Only those in which the policy acted are taken. Episodes of a robot may be discarded, even after they finished; and
-    while they are waited for it is given signs of life.
+    Owns the task, the requested batch and its policy, the furthest observed step of the batch, the number of starts
+    without progress, the timing, and the received episodes. Accepts only episodes in which the policy acted. A robot's
+    episodes may be discarded, even after completion; while the learner waits for them, it sends heartbeats.
 
     Args:
         node: the learner node.
-        peers: how it calls others.
-        namespace: the simulator's.
-        rows: of the batches to come.
-        refuse: is told why episodes are refused.
-        kind: name of the node, without its namespace, until it tells itself what it is.
+        peers: the learner's calls to other nodes.
+        namespace: of the simulator.
+        num_envs: environments in the coming batches.
+        refuse: callback for the reason of refused episodes.
+        kind: name of the node without its namespace, until the node describes itself.
     """
 
     def __init__(
@@ -67,7 +66,7 @@ class SimulatorLink:
         node: Node,
         peers: Peers,
         namespace: str,
-        rows: int,
+        num_envs: int,
         refuse: Callable[[str], None],
         kind: str = SIMULATOR,
     ) -> None:
@@ -79,43 +78,43 @@ class SimulatorLink:
         self.episodes: Episodes | None = None
         self.request = StartEpisodes.Request()
         self.step = 0
-        self.is_gone = False  # it fell silent, and others make its episodes
+        self.is_gone = False  # silent; other simulators run its episodes
         self.attempts = 0
         self.timing = EpisodeTiming()
         self._begun_at = 0.0  # monotonic time, seconds
         self.executions: list[Execution] = []
-        self.refusal = ""  # why episodes of the batch were refused; empty while none were
-        self.discarded: FinishedBatch | None = None  # what was discarded and is to begin again
-        self.discards = 0  # of the batch, one after another
-        self.vetoed: list[FinishedBatch] = []  # finished, and discarded since
+        self.refusal = ""  # why episodes of the batch were refused; empty if none were
+        self.discarded: FinishedBatch | None = None  # discarded, and not restarted yet
+        self.discards = 0  # of the batch, in a row
+        self.vetoed: list[FinishedBatch] = []  # completed, and discarded since
         self._policy: GaussianPolicy | None = None
-        self._finished: dict[int, Batch] = {}  # under the policy in service, by the numbers that they were asked by
-        self._told = ""  # what a person was last told that the robot waits for
-        self._life_at = 0.0  # monotonic time of the next sign of life, seconds
+        self._finished: dict[int, Batch] = {}  # batches under the policy in service, by the numbers of their requests
+        self._logged = ""  # what the robot last waited for
+        self._alive_at = 0.0  # monotonic time of the next heartbeat, seconds
         self._node = node
         self._peers = peers
-        self._rows = rows
+        self._num_envs = num_envs
         self._refuse = refuse
         self._start = node.create_client(StartEpisodes, f"{namespace}start_episodes")
         self._describe = node.create_client(DescribeTask, f"{namespace}describe_task")
-        self._life = node.create_publisher(Empty, f"{namespace}learner_alive", LOCKSTEP_QOS)
+        self._alive = node.create_publisher(Empty, f"{namespace}learner_alive", LOCKSTEP_QOS)
         node.create_subscription(EpisodesMessage, f"{namespace}episodes", self._hear, LOCKSTEP_QOS)
 
     def wait(self) -> None:
-        """Wait until the simulator is there."""
+        """Wait for the simulator."""
         self._peers.wait_for_service(self._describe, self.name)
 
     def connect(self, expected: Environment | None) -> Environment:
-        """Learn the simulator's task, once it is connected to the policy node and to this one.
+        """Get the simulator's task, once the simulator is connected to the policy node and to the learner.
 
-        What is wrong must stand: a second simulator of this name may answer that is about to end.
+        An error counts only if it persists: a second simulator of this name may answer before it exits.
 
         Args:
-            expected: the environment that it must have; any where None.
+            expected: the required environment; None for any.
 
         Raises:
-            PeerError: it has another environment.
-            ValueError: what it describes is no task.
+            PeerError: the simulator has another environment.
+            ValueError: the description is not a valid task.
         """
         deadline = time.monotonic() + REFUSAL_STANDS_S
         while True:
@@ -131,27 +130,27 @@ class SimulatorLink:
         environment = _environment_of(self.task)
         if expected is not None and _named(environment) != _named(expected):
             got = truncated(_named(environment))
-            raise PeerError(f"the {self.name} node: expected one of {_named(expected)}, got one of {got}")
+            raise PeerError(f"the {self.name} node: expected the environment {_named(expected)}, got {got}")
         self.spaces = spaces_of(self.task)
         self.name = f"{self.namespace}{ROBOT if self.is_robot else SIMULATOR}"
-        require(self.task.capacity >= 1, f"{self.name}: capacity", "at least 1 row", self.task.capacity)
+        require(self.task.capacity >= 1, f"{self.name}: capacity", "at least 1 environment", self.task.capacity)
         return expected or environment
 
     def describe(self) -> DescribeTask.Response:
-        """Ask the simulator what it simulates and how far it is."""
-        with self._place_named():
-            return self._peers.call(self._describe, DescribeTask.Request(num_envs=self._rows), self.name)
+        """Request the simulator's task and progress."""
+        with self._naming_place():
+            return self._peers.call(self._describe, DescribeTask.Request(num_envs=self._num_envs), self.name)
 
     @property
     def is_robot(self) -> bool:
-        """Whether it is a robot, whose steps the wall clock ends."""
+        """Whether it is a robot, whose steps are timed by the wall clock."""
         return bool(self.task.period > 0)
 
     def answers(self) -> bool:
-        """Return whether the simulator, of the same task as before, answers at once."""
+        """Return whether the simulator answers at once, with the same task as before."""
         if not self._describe.service_is_ready():
             return False
-        future = self._describe.call_async(DescribeTask.Request(num_envs=self._rows))
+        future = self._describe.call_async(DescribeTask.Request(num_envs=self._num_envs))
         if not self._peers.spin(future.done, PROBE_S):
             self._describe.remove_pending_request(future)
             return False
@@ -163,60 +162,60 @@ class SimulatorLink:
         self.batch, self.episodes, self.discarded = None, None, None
         self.step = self.attempts = self.discards = 0
 
-    def forget_finished(self) -> None:
-        """Forget the episodes that were finished: what is learnt from cannot be discarded."""
+    def clear_finished(self) -> None:
+        """Clear the completed episodes: once the learner has used them, they cannot be discarded."""
         self._finished.clear()
         self.vetoed.clear()
 
     def heartbeat(self) -> float:
-        """Give a robot that episodes are expected of a sign of life when it is due; return the seconds until it is."""
+        """Send a due heartbeat to a robot that runs episodes; return the seconds until the next one."""
         if not (self.is_robot and self.busy):
             return SIGNAL_CHECK_S
-        now, period = time.monotonic(), self.task.learner_timeout / SIGNS_OF_LIFE
-        if now >= self._life_at:
-            self._life.publish(Empty())
-            self._life_at = now + period
-        return min(self._life_at - now, SIGNAL_CHECK_S)
+        now, period = time.monotonic(), self.task.learner_timeout / HEARTBEATS
+        if now >= self._alive_at:
+            self._alive.publish(Empty())
+            self._alive_at = now + period
+        return min(self._alive_at - now, SIGNAL_CHECK_S)
 
     def report_waiting(self, text: str) -> None:
-        """Tell the person what a robot waits for them to do, once."""
-        if text and text != self._told:
+        """Log what the operator of a robot has to do, once."""
+        if text and text != self._logged:
             self._node.get_logger().warning(f"the {self.name} node is waiting: {text}")
-        self._told = text
+        self._logged = text
 
     def begin(
         self, batch: Batch, policy: GaussianPolicy | None, version: int, clock: int, seeds: Sequence[int] = ()
     ) -> None:
-        """Have the simulator begin a batch, in which the policy of that version acts.
+        """Start a batch in the simulator with the policy of that version.
 
-        A robot gives episodes that it finished before again, unless they were refused here.
+        A robot returns episodes that it has completed before, unless the learner refused them.
 
         Args:
             batch: the episodes.
-            policy: that acts, by which the episodes are checked; None where they are not.
+            policy: the acting policy, for checking the episodes; None for no check.
             version: of the policy.
             clock: steps counted so far.
-            seeds: of the environment, in place of those of the batch.
+            seeds: of the environments, instead of those of the batch.
 
         Raises:
-            ValueError: it refuses.
+            ValueError: the simulator refuses the batch.
         """
         anew = bool(self.refusal)
         self.batch, self.episodes, self.refusal, self.discarded = batch, None, "", None
         self._begun_at = time.monotonic()
         self.attempts += 1
         if self.is_robot:
-            self.step = 0  # what it did was done by the wall clock: there is no coming further in the same again
+            self.step = 0  # steps of a robot cannot be repeated, so its progress starts again
         self._policy = policy
         self.request = start_request(fresh_number(), version, batch, self.task, clock, anew=anew)
         self.request.environment_seeds = seeds
-        with self._place_named():
+        with self._naming_place():
             self._peers.call_until_accepted(self._ask, self.name)
-        self._begun_at = time.monotonic()  # it may have been started again first
+        self._begun_at = time.monotonic()  # not counting the restart of a dead simulator
 
     def ask_again(self) -> bool:
-        """Have what the simulator published last repeated; return whether it knows the batch as it was asked for."""
-        with self._place_named():
+        """Request that the simulator repeats its last message; return whether it still has the batch."""
+        with self._naming_place():
             return bool(self._ask().accepted)
 
     def _ask(self) -> StartEpisodes.Response:
@@ -224,22 +223,22 @@ class SimulatorLink:
 
     @property
     def busy(self) -> bool:
-        """Whether episodes are still to come."""
+        """Whether the learner expects episodes."""
         return self.batch is not None and self.episodes is None and not self.is_gone
 
     def lost(self, task: DescribeTask.Response) -> bool:
-        """Return whether the batch is lost: the simulator died since, or somebody else had it begin another."""
+        """Return whether the batch is lost: the simulator was restarted, or another client started another batch."""
         return bool(task.batch != self.request.batch)
 
     def advanced(self, batch: int, step: int) -> bool:
-        """Return whether the batch of that number came further than ever, to that step, counted from 1."""
+        """Record progress; return whether the batch of that number has reached a new step, counted from 1."""
         further = batch == self.request.batch and step > self.step
         if further:
             self.step, self.attempts = step, 1
         return further
 
     def check(self, task: DescribeTask.Response, answered: BatchProgress) -> None:
-        """Raise RunError where the environment failed in the batch, or the policy, as simulator and policy node say."""
+        """Raise RunError if the simulator or the policy node reports a failure in the batch."""
         if task.failure and not self.lost(task):
             raise RunError(task.failure)
         if answered.failure and answered.batch == self.request.batch:
@@ -247,12 +246,12 @@ class SimulatorLink:
 
     @property
     def place(self) -> str:
-        """Where the environment was seen last."""
+        """The last observed step of the environment, as text."""
         return f"{self.task.environment} was in {f'step {self.step}' if self.step else 'its reset'}"
 
     @contextmanager
-    def _place_named(self) -> Iterator[None]:
-        """Say where the environment was when the simulator fell silent, as it may be what hangs."""
+    def _naming_place(self) -> Iterator[None]:
+        """Add the last step of the environment to a PeerError, because the environment may be what hangs."""
         try:
             yield
         except PeerError as error:
@@ -273,7 +272,7 @@ class SimulatorLink:
         return self.request.batch, self.request.policy_version
 
     def _take(self, message: EpisodesMessage) -> None:
-        """Take the episodes of the batch under way, finished or discarded."""
+        """Store the episodes of the current batch, completed or discarded."""
         if self.batch is None or self.discarded:
             return
         episodes = episodes_of(message, self.batch, self.spaces)
@@ -288,17 +287,15 @@ class SimulatorLink:
         self._finished[message.batch] = self.batch
 
     def _hear_veto(self, message: EpisodesMessage, batch: Batch) -> None:
-        """Take note that finished episodes are discarded after all; what is finished may be told twice."""
+        """Record that completed episodes are discarded; ignore repeated messages of completed ones."""
         executions = self._executions(message, batch)
         if any(execution.discard_reason for execution in executions):
             self.vetoed.append(FinishedBatch(batch, episodes_of(message, batch, self.spaces), executions))
             del self._finished[message.batch]
 
     def _executions(self, message: EpisodesMessage, batch: Batch) -> list[Execution]:
-        expected = batch.num_envs if self.is_robot else 0  # nothing befalls a simulation
-        require(
-            len(message.executions) == expected, "episodes' executions", f"{expected} of them", len(message.executions)
-        )
+        expected = batch.num_envs if self.is_robot else 0
+        require(len(message.executions) == expected, "executions", f"{expected} of them", len(message.executions))
         return executions_of(message)
 
 
@@ -306,7 +303,7 @@ def _environment_of(task: DescribeTask.Response) -> Environment:
     """Return the environment that a simulator describes.
 
     Raises:
-        ValueError: the options are no JSON object.
+        ValueError: the options are not a JSON object.
     """
     try:
         options = json.loads(task.options)

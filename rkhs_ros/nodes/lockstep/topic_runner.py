@@ -1,4 +1,4 @@
-"""Episodes collected over topics, with batches that are begun anew where a node died or stalled."""
+"""Collection of episodes over topics; restarts batches if a node dies or stalls."""
 
 from __future__ import annotations
 
@@ -25,58 +25,61 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.batch_sharing import share
 from rkhs_ros.runs.config import Environment
 
-WORTH_TELLING_S = 1.0  # that an episode of a slow simulator takes longer than the quickest's
-IDLE_CHECK_S = 0.5  # without episodes before the peers are looked after
-UNKNOWN = repeat(BatchProgress())  # of a policy node that says nothing
-MOST_ATTEMPTS = 5  # at a batch that comes no further, as a node dies at the same step each time
+SLOW_S = 1.0  # by which an episode of a slow simulator must exceed that of the fastest to be logged
+IDLE_CHECK_S = 0.5  # without episodes before the peers are checked
+UNKNOWN = repeat(BatchProgress())  # of a policy node that reports no progress
+MOST_ATTEMPTS = 5  # at a batch without progress, for example if a node dies at the same step each time
 
 
 class TopicRunner:
-    """Lets policies act in simulator nodes; a `Runner` to the training loop.
+    """Runs policies in simulator nodes; a `Runner` for the training loop.
 
-    Owns the steps that the simulators' clocks have counted, and when there was progress. Does not own the environment,
-    the policy in service or the steps of a batch: it hears whole episodes, so that a step costs one message each way
-    between simulator and policy node. Brings peers back that died: what one of them no longer knows begins anew, and
-    comes out the same to the last bit. So it does where another policy acted. What was asked of one of several
-    simulators that falls silent, the others make. A discarded episode of a robot is requested again, under the same
-    number.
+    Owns the steps counted by the simulators' clocks, and the time of the last progress. It receives whole episodes, so
+    that a step costs one message each way between simulator and policy node.
+
+    If a node dies or another policy acted, the runner restarts the batch, with bit-identical results. If one of several
+    simulators falls silent, the others run its episodes. If a robot discards an episode, the runner requests it again
+    under the same number.
 
     Args:
         node: the learner node.
-        peers: how it calls others.
+        peers: the learner's calls to other nodes.
         simulators: number of simulator nodes.
-        rows: of the batches to come, for which the simulators are to make room.
-        kind: what their nodes are called, simulator or robot, until they tell themselves.
+        num_envs: environments in the coming batches, for the simulators' capacity.
+        kind: name of their nodes, simulator or robot, until they describe themselves.
 
     Attributes:
-        record: is told of each simulator's batch when all have ended.
+        record: callback for each simulator's batch, after all have ended.
     """
 
-    def __init__(self, node: ReportingNode, peers: Peers, simulators: int, rows: int, kind: str = SIMULATOR) -> None:
+    def __init__(
+        self, node: ReportingNode, peers: Peers, simulators: int, num_envs: int, kind: str = SIMULATOR
+    ) -> None:
         self._node = node
         self._peers = peers
         self.record: Record = discard
         self._clock_steps = 0
-        self._discarded: list[Batch] = []  # finished ones, which are to run again
+        self._discarded: list[Batch] = []  # completed batches that were vetoed and must run again
         self._progress_at = 0.0  # monotonic time, seconds
         refuse = node.diagnostics.refuse
-        self._simulators = [SimulatorLink(node, peers, place, rows, refuse, kind) for place in namespaces(simulators)]
+        places = namespaces(simulators)
+        self._simulators = [SimulatorLink(node, peers, place, num_envs, refuse, kind) for place in places]
         self._policy = PolicyLink(node, peers, several=simulators > 1)
 
     def connect(self, environment: Environment | None = None) -> Environment:
         """Wait for simulators and policy node, and return the environment.
 
         Args:
-            environment: that the simulators must have; that of the first one where None.
+            environment: the required environment of the simulators; None for that of the first one.
 
         Raises:
-            PeerError: one of them does not appear in time, or a simulator has another environment.
+            PeerError: a node does not appear in time, or a simulator has another environment.
         """
         for simulator in self._simulators:
             simulator.wait()
         self._policy.wait()
         if environment is None:
-            self._node.get_logger().info("no environment is given: that of the first simulator is learnt in")
+            self._node.get_logger().info("no environment is set: using that of the first simulator")
         first, *others = self._simulators
         environment = first.connect(environment)
         for simulator in others:
@@ -86,35 +89,35 @@ class TopicRunner:
         return environment
 
     def capacity(self, num_envs: int) -> int:
-        """Return how many of the environments, at most those of the batches to come, can run side by side."""
+        """Return how many of the environments, up to the size of the coming batches, can run in parallel."""
         return min(num_envs, sum(simulator.task.capacity for simulator in self._simulators))
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
-        """Return the episodes of a batch under the policy, as many at a time as the simulators have room for.
+        """Return the episodes of a batch under the policy, run in parallel up to the simulators' capacity.
 
         Raises:
-            PeerError: a node did not answer in time, there was one of the learner's name before, or episodes in which
-                another policy acted came again and again.
-            RunError: the environment failed, the policy's actions are not finite, or a node dies again and again.
+            PeerError: a node did not answer in time, an older node has the learner's name, or episodes in which another
+                policy acted arrive repeatedly.
+            RunError: the environment failed, the policy's actions are not finite, or a node dies repeatedly.
             ValueError: a node refused the policy or the batch.
         """
         self._policy.serve(policy)
         try:
             done = self._in_parts(policy, batch)
         finally:
-            self._record_vetoes()  # also if the run is stopped: it may be resumed
+            self._record_vetoes()  # even if the run is stopped, because it may be resumed
         for simulator in self._simulators:
-            simulator.forget_finished()
+            simulator.clear_finished()
         return Episodes.concatenate(
             done[part] for part in sorted(done, key=lambda part: (not part.explore, part.first_episode))
         )
 
     def _in_parts(self, policy: GaussianPolicy, batch: Batch) -> dict[Batch, Episodes]:
-        """Return the episodes of a batch by the batches of the simulators, part after part."""
+        """Return the episodes of a batch, run part by part, keyed by the simulators' batches."""
         parts = deque([batch])
         done: dict[Batch, Episodes] = {}
         while parts:
-            self._look_around()
+            self._prepare_simulators()
             whole = parts.popleft()
             part, *rest = whole.parts(sum(self._shares(whole.num_envs)))
             parts.extendleft(reversed(rest))
@@ -123,20 +126,20 @@ class TopicRunner:
         return done
 
     @property
-    def is_of_robots(self) -> bool:
-        """Whether the wall clock ends the steps: what is recorded then cannot be had again."""
+    def is_robot(self) -> bool:
+        """Whether episodes run on a robot, so that they cannot be reproduced."""
         return any(simulator.is_robot for simulator in self._simulators)
 
     def heartbeat(self) -> float:
-        """Give robots the signs of life that are due; return the seconds until the next one."""
+        """Send due heartbeats to robots; return the seconds until the next one."""
         return min(simulator.heartbeat() for simulator in self._simulators)
 
     def _left_over(self) -> list[Batch]:
-        """Return what simulators that fell silent had been asked for."""
+        """Return the batches of simulators that have fallen silent."""
         return [each.batch for each in self._simulators if each.is_gone and each.batch is not None]
 
     def _record_vetoes(self) -> None:
-        """Record which finished episodes a person discarded since; they are to run again."""
+        """Record completed episodes that the operator has vetoed since; they will run again."""
         for simulator in self._simulators:
             for ended in simulator.vetoed:
                 self._report_discarded(ended)
@@ -144,7 +147,7 @@ class TopicRunner:
             simulator.vetoed.clear()
 
     def _take_discarded(self, done: dict[Batch, Episodes]) -> list[Batch]:
-        """Remove the discarded episodes from those that are done, and return their batches."""
+        """Remove vetoed episodes from those that are done, and return their batches."""
         self._record_vetoes()
         discarded, self._discarded = self._discarded, []
         for batch in discarded:
@@ -152,41 +155,41 @@ class TopicRunner:
         return discarded
 
     def report(self) -> dict[str, object]:
-        """Return what is to be reported of policy and batches."""
+        """Return the diagnostics values of policy and batches."""
         batches = " ".join(str(simulator.request.batch) for simulator in self._simulators)
         steps = " ".join(str(simulator.step) for simulator in self._simulators)
         return {"serving version": self._policy.version, "batch": batches, "step": steps}
 
-    def _look_around(self) -> None:
-        """Make all simulators ready for a batch, and look whether one that fell silent is back."""
+    def _prepare_simulators(self) -> None:
+        """Prepare all simulators for a batch, and check whether silent ones are back."""
         for simulator in self._simulators:
             simulator.mark_idle()
             if simulator.is_gone and simulator.answers():
                 simulator.is_gone = False
                 self._node.get_logger().warning(f"the {simulator.name} node is back")
 
-    def _shares(self, rows: int) -> list[int]:
-        """Return how many rows each simulator that is there is to make side by side, by how quick they were."""
-        there = self._there
-        return share(rows, [each.task.capacity for each in there], [each.timing.seconds for each in there])
+    def _shares(self, num_envs: int) -> list[int]:
+        """Return how many environments each available simulator runs in parallel, based on their timing."""
+        available = self._available
+        return share(num_envs, [each.task.capacity for each in available], [each.timing.seconds for each in available])
 
     @property
-    def _there(self) -> list[SimulatorLink]:
+    def _available(self) -> list[SimulatorLink]:
         return [simulator for simulator in self._simulators if not simulator.is_gone]
 
     def _together(self, policy: GaussianPolicy, batch: Batch) -> dict[Batch, Episodes]:
-        """Return the episodes of a batch that there is room for, by the batches of the simulators."""
+        """Return the episodes of a batch within the capacity, keyed by the simulators' batches."""
         counts = self._shares(batch.num_envs)
-        asked = list(compress(self._there, counts))
-        for simulator in self._there:
-            if simulator not in asked:
-                self._leave_out(simulator, min(each.timing.seconds for each in asked))
-        self._begin(list(zip(asked, batch.shared(list(filter(None, counts))), strict=True)))
+        chosen = list(compress(self._available, counts))
+        for simulator in self._available:
+            if simulator not in chosen:
+                self._exclude(simulator, min(each.timing.seconds for each in chosen))
+        self._begin(list(zip(chosen, batch.shared(list(filter(None, counts))), strict=True)))
         self._progress_at = time.monotonic()
         while not self._complete():
             if self._peers.spin(self._has_news, IDLE_CHECK_S):
                 self._record_vetoes()
-                self._rerun_discarded()
+                self._repeat_discarded()
             else:
                 self._recover(policy)
         self._node.diagnostics.stuck = ""
@@ -198,19 +201,19 @@ class TopicRunner:
                 done[each.batch] = each.episodes
         return done
 
-    def _leave_out(self, simulator: SimulatorLink, quickest: float) -> None:
-        """Have the others make a simulator's episodes for a while, of which is told once if it is a slow one."""
+    def _exclude(self, simulator: SimulatorLink, quickest: float) -> None:
+        """Leave a simulator's episodes to the others for a while; log this once if the simulator is slow."""
         timing = simulator.timing
-        if timing.is_new and timing.seconds > quickest + WORTH_TELLING_S:
-            times = f"{timing.seconds / quickest:.1f} times as long for an episode as the quickest"
-            self._node.get_logger().warning(f"the {simulator.name} node takes {times}: the others make its episodes")
+        if timing.is_new and timing.seconds > quickest + SLOW_S:
+            times = f"{timing.seconds / quickest:.1f} times as long for an episode as the fastest"
+            self._node.get_logger().warning(f"the {simulator.name} node takes {times}: the others run its episodes")
         timing.left_out()
 
     def _has_news(self) -> bool:
         return self._complete() or any(simulator.discarded or simulator.vetoed for simulator in self._simulators)
 
-    def _rerun_discarded(self) -> None:
-        """Ask robots again for the episodes that were discarded.
+    def _repeat_discarded(self) -> None:
+        """Request discarded episodes again from robots.
 
         Raises:
             RunError: an episode was discarded too often.
@@ -223,14 +226,13 @@ class TopicRunner:
             simulator.discards += 1
             if simulator.discards >= MAX_DISCARDS:
                 number = ended.batch.first_episode
-                raise RunError(
-                    f"episode {number} was discarded {simulator.discards} times in a row, the last time: {reason}"
-                )
+                times = f"{simulator.discards} times in a row"
+                raise RunError(f"episode {number} was discarded {times}; the last reason: {reason}")
             self._begin([(simulator, ended.batch)])
             self._progressed(simulator)
 
     def _report_discarded(self, ended: FinishedBatch) -> str:
-        """Record an episode that does not count, tell of it, and return why."""
+        """Record a discarded episode, publish an event, and return the reason."""
         self.record(*ended)
         reason = next(execution.discard_reason for execution in ended.executions if execution.discard_reason)
         self._node.diagnostics.publish_event(DISCARDED_EPISODE, f"episode {ended.batch.first_episode}: {reason}")
@@ -240,29 +242,29 @@ class TopicRunner:
         return not any(simulator.busy for simulator in self._simulators)
 
     def _begin(self, parts: list[tuple[SimulatorLink, Batch]]) -> None:
-        """Have simulators begin batches side by side."""
+        """Start batches in simulators, in parallel."""
         for simulator, batch in parts:
-            with self._others_at_hand(simulator):
+            with self._tolerating_silence(simulator):
                 simulator.begin(batch, self._policy.policy, self._policy.version, self._clock_steps)
         self._clock_steps += max(batch.horizon for _, batch in parts)
 
     def _recover(self, policy: GaussianPolicy) -> None:
-        """Ask again for what may have been lost, and begin anew what a node that died no longer knows."""
+        """Request possibly lost messages again, and restart batches that a restarted node has lost."""
         policy_is_new = self._policy.push(policy)
         for simulator, answered in zip(self._simulators, chain(self._policy.progress, UNKNOWN), strict=False):
             if simulator.busy and simulator.batch is not None:
-                with self._others_at_hand(simulator):
+                with self._tolerating_silence(simulator):
                     self._recover_batch(simulator, simulator.batch, answered, policy_is_new)
         stuck = f"no {ROBOT if self._simulators[0].is_robot else SIMULATOR} makes a step"
         if not (self._complete() or self._peers.check_progress(self._progress_at, stuck)):
             raise self._peers.silent("policy", "acted in no step")
 
     @contextmanager
-    def _others_at_hand(self, simulator: SimulatorLink) -> Iterator[None]:
-        """Have others make a simulator's episodes where it falls silent meanwhile; a robot may still move.
+    def _tolerating_silence(self, simulator: SimulatorLink) -> Iterator[None]:
+        """Let other simulators run a simulator's episodes if it falls silent in this context.
 
         Raises:
-            PeerError: there are no others.
+            PeerError: there are no others, or it is a robot, which may still move.
         """
         try:
             yield
@@ -270,7 +272,7 @@ class TopicRunner:
             simulator.is_gone = True
             if simulator.is_robot or all(each.is_gone for each in self._simulators):
                 raise
-            self._node.get_logger().warning(f"{error}: the others make its episodes")
+            self._node.get_logger().warning(f"{error}: the others run its episodes")
             self._progressed(simulator)
 
     def _recover_batch(
@@ -282,38 +284,38 @@ class TopicRunner:
         simulator.report_waiting(task.waiting)
         further |= simulator.advanced(task.batch, task.step) or task.resetting
         if policy_is_new or simulator.lost(task):
-            self._begin_anew(simulator, batch, POLICY if policy_is_new else simulator.name)
+            self._restart(simulator, batch, POLICY if policy_is_new else simulator.name)
             self._progressed(simulator)
         elif further:
             self._progressed(simulator)
         elif simulator.busy and simulator.refusal:
-            self._take_again(simulator, batch)
+            self._repeat_refused(simulator, batch)
             self._progressed(simulator)
         elif self._peers.stalled(self._progress_at) or not simulator.ask_again():
-            self._begin([(simulator, batch)])  # for reasons not known, or since somebody began another of its number
+            self._begin([(simulator, batch)])  # for unknown reasons, or because another client used its number
 
     def _progressed(self, simulator: SimulatorLink) -> None:
-        """Note that there was progress now, and that the next is to be expected after a period of a robot."""
+        """Record progress; expect the next one after a robot's period."""
         self._progress_at = time.monotonic() + simulator.task.period
 
-    def _begin_anew(self, simulator: SimulatorLink, batch: Batch, died: str) -> None:
+    def _restart(self, simulator: SimulatorLink, batch: Batch, died: str) -> None:
         if simulator.attempts >= MOST_ATTEMPTS:
-            raise RunError(f"the {died} node died {simulator.attempts} times at the same place; {simulator.place}")
-        text = f"the batch of the {simulator.name} node begins anew"
+            raise RunError(f"the {died} node died {simulator.attempts} times at the same step; {simulator.place}")
+        text = f"the batch of the {simulator.name} node restarts"
         self._node.get_logger().info(text)
-        self._node.diagnostics.publish_event(RESTART, f"{text}, as the {died} node died")
+        self._node.diagnostics.publish_event(RESTART, f"{text}, because the {died} node died")
         self._begin([(simulator, batch)])
 
-    def _take_again(self, simulator: SimulatorLink, batch: Batch) -> None:
-        """Have a batch begin anew whose episodes were refused, and say who may have sent them.
+    def _repeat_refused(self, simulator: SimulatorLink, batch: Batch) -> None:
+        """Restart a batch whose episodes were refused, and log the nodes that may have sent them.
 
         Raises:
-            PeerError: they were refused too often.
+            PeerError: the episodes were refused too often.
         """
         topics = (f"{simulator.namespace}{topic}" for topic in ("observation", "action", "episodes"))
         publishers = f"publishers of {'; '.join(listed(self._node, topic) for topic in topics)}"
         if simulator.attempts >= MOST_ATTEMPTS:
             times = f"{simulator.attempts} times"
             raise PeerError(f"the {simulator.name} node sent wrong episodes {times}: {simulator.refusal}; {publishers}")
-        self._node.get_logger().warning(f"the batch of the {simulator.name} node begins anew; {publishers}")
+        self._node.get_logger().warning(f"the batch of the {simulator.name} node restarts; {publishers}")
         self._begin([(simulator, batch)])

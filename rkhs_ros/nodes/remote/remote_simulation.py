@@ -1,4 +1,4 @@
-"""A simulator or a robot that is stepped from a process which is no node of a run."""
+"""Client for stepping a simulator or robot node from a process outside a run."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rollouts.env_batch import CONTINUE_EPISODE, Flags
 
-IDLE_CHECK_S = 0.5  # without an observation before the world is looked after
-RESEND_S = 0.02  # after an action was sent, before it is taken for lost
+IDLE_CHECK_S = 0.5  # without an observation before the progress is checked
+RESEND_S = 0.02  # after which an action counts as lost
 
 
 class RemoteStep(NamedTuple):
-    """What the rows of a world show after a reset or a step.
+    """Result of a reset or a step of all environments.
 
     Attributes:
-        observations: shape (rows, d); the last one of rows whose episode is over.
-        rewards: of the step just made, shape (rows,); 0 after a reset.
-        terminated: True in rows whose episode the task ended, shape (rows,).
-        truncated: True in rows whose episode was cut off, shape (rows,).
-        discard_reason: why the episode of a robot counts for nothing; empty where it counts.
+        observations: shape (num_envs, d); for ended episodes the last one.
+        rewards: of the last step, shape (num_envs,); 0 after a reset.
+        terminated: whether the task ended the episode, shape (num_envs,).
+        truncated: whether the episode was cut off, shape (num_envs,).
+        discard_reason: why the episode of a robot is discarded; empty if it is valid.
     """
 
     observations: Array
@@ -53,18 +53,18 @@ class RemoteStep(NamedTuple):
 
 
 class RemoteNode(ReportingNode):
-    """The node by which a world is stepped; it has a context of its own, beside what else the process may be.
+    """The client's node, with a ROS context of its own, so that the process may have other nodes.
 
-    Owns the link to the world.
+    Owns the link to the simulator or robot node.
 
     Args:
-        namespace: the world's.
-        domain: ROS domain; that of the environment where None.
-        timeout: seconds after which a silent world is given up.
-        rows: of its batches.
+        namespace: of the simulator or robot node.
+        domain: ROS domain; None for ROS_DOMAIN_ID.
+        timeout: seconds after which a silent node is an error.
+        num_envs: environments per batch.
     """
 
-    def __init__(self, namespace: str, domain: int | None, timeout: float, rows: int) -> None:
+    def __init__(self, namespace: str, domain: int | None, timeout: float, num_envs: int) -> None:
         context, place = Context(), namespace.strip("/")
         with _by_udp():
             rclpy.init(args=[], context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
@@ -72,17 +72,17 @@ class RemoteNode(ReportingNode):
                 super().__init__("remote", context=context, namespace=f"/{place}")
             except NameValidationException as error:
                 context.try_shutdown()
-                raise ValueError(f"namespace: expected one of ROS, got {truncated(repr(namespace))}") from error
+                raise ValueError(f"namespace: expected a ROS namespace, got {truncated(repr(namespace))}") from error
         self.diagnostics = Diagnostics(self, 0, self._report, ["observation"])
         self.peers = Peers(self, timeout)
-        self.link = SimulatorLink(self, self.peers, f"/{place}/" if place else "", rows, self.diagnostics.refuse)
+        self.link = SimulatorLink(self, self.peers, f"/{place}/" if place else "", num_envs, self.diagnostics.refuse)
 
     def heartbeat(self) -> float:
-        """Report, and give a robot signs of life; return the seconds until more is due."""
+        """Report, and send due heartbeats to a robot; return the seconds until more is due."""
         return min(self.diagnostics.heartbeat(), self.link.heartbeat())
 
     def close(self) -> None:
-        """Leave nothing behind."""
+        """Destroy the node and its context."""
         if self.context.ok():
             self.peers.close()
             self.destroy_node()
@@ -93,30 +93,30 @@ class RemoteNode(ReportingNode):
 
 
 class RemoteSimulation:
-    """The rows of a simulator or a robot, reset and stepped from here in the place of learner and policy node.
+    """A client that resets and steps the environments of a simulator or robot node.
 
-    Owns the node, the step that the rows are at and the action that was sent last. A message that was lost is sent
-    again; a world that died takes the episodes under way with it, and is used again from the next reset on.
+    It replaces the learner and policy nodes of a run. Owns the node, the current step and the last action. Repeats lost
+    messages. If the remote node dies, its episodes are lost; the next reset can use a restarted node.
 
     Args:
-        rows: side by side.
+        num_envs: parallel environments.
         namespace: of the simulator or robot node.
-        domain: ROS domain; that of the environment where None.
-        timeout: seconds after which a silent world is given up.
-        horizon: steps of an episode; what the world says where None.
+        domain: ROS domain; None for ROS_DOMAIN_ID.
+        timeout: seconds after which a silent node is an error.
+        horizon: steps per episode; None for that of the environment.
 
     Attributes:
-        task: as the world describes it.
+        task: the node's description of its task.
         spaces: of the task.
 
     Raises:
-        PeerError: nobody answers in time.
-        ValueError: an argument is out of range, or the world does not fit.
+        PeerError: no node answers in time.
+        ValueError: an argument is out of range, or the node's task does not match.
     """
 
     def __init__(
         self,
-        rows: int = 1,
+        num_envs: int = 1,
         *,
         namespace: str = "",
         domain: int | None = None,
@@ -126,15 +126,15 @@ class RemoteSimulation:
         good = domain is None or (type(domain) is int and 0 <= domain <= LAST_DOMAIN)
         require(good, "domain", f"a whole number from 0 to {LAST_DOMAIN}", repr(domain))
         require(isinstance(timeout, int | float) and timeout > 0, "timeout", "seconds > 0", repr(timeout))
-        self._rows = rows
+        self._num_envs = num_envs
         self._session, self._version, self._episodes = fresh_number(), fresh_number(), 0
-        self._heard: dict[int, RemoteStep] = {}  # by the step, until it is asked for
-        self._sent: Action | None = None  # last
+        self._heard: dict[int, RemoteStep] = {}  # results by step, until they are returned
+        self._sent: Action | None = None  # the last one
         self._sent_at = 0.0  # monotonic time, seconds
-        self._last: RemoteStep | None = None  # that was returned
-        self._shown = -1  # its step
+        self._last: RemoteStep | None = None  # the last returned result
+        self._step = -1  # its step
         self._over = True
-        self._node = RemoteNode(namespace, domain, timeout, rows)
+        self._node = RemoteNode(namespace, domain, timeout, num_envs)
         self._link, self._peers = self._node.link, self._node.peers
         try:
             self._actions = self._node.create_publisher(Action, "action", LOCKSTEP_QOS)
@@ -142,52 +142,54 @@ class RemoteSimulation:
             self._link.wait()
             self._environment = self._link.connect(None)
             self.task, self.spaces = self._link.task, self._link.spaces
-            require(rows <= self.task.capacity, f"{self._link.name}: rows", f"at most {self.task.capacity}", rows)
+            most = self.task.capacity
+            require(num_envs <= most, f"{self._link.name}: num_envs", f"at most {most}", num_envs)
             self._horizon = self.task.horizon if horizon is None else horizon
-            require(self._horizon > 0, "horizon", f"the steps of an episode, as {self.task.environment} has none", 0)
+            expected = f"a number of steps (required because {self.task.environment} has no horizon of its own)"
+            require(self._horizon > 0, "horizon", expected, self._horizon)
         except BaseException:
             self.close()
             raise
 
     def close(self) -> None:
-        """End the node; nothing is left of it."""
+        """Destroy the node and its context."""
         self._node.close()
 
     def reset(self, seeds: Sequence[int]) -> RemoteStep:
-        """Begin episodes, and return what the rows show.
+        """Start episodes, and return the first observations.
 
         Args:
-            seeds: seeds for the resets, one per environment; `CONTINUE_STREAM` resets an environment without a seed,
-                `CONTINUE_EPISODE` continues its episode. Robots ignore seeds.
+            seeds: of each environment; `CONTINUE_STREAM` resets it without a seed, `CONTINUE_EPISODE` continues its
+                episode. A robot ignores them.
 
         Raises:
-            PeerError: the world does not answer in time, has another task than before, or lost the episodes to be kept.
+            PeerError: the node does not answer in time, has another task than before, or lost the episodes to continue.
             RunError: the environment failed.
-            ValueError: the world refuses.
+            ValueError: the node refuses the request.
         """
         self._link.connect(self._environment)
         for _ in range(MAX_DISCARDS):
             self._begin(seeds)
-            seen = self._awaited(0)
-            if not seen.discard_reason:
-                return seen
+            result = self._awaited(0)
+            if not result.discard_reason:
+                return result
         raise RunError(
-            f"the {self._link.name} node could not begin an episode {MAX_DISCARDS} times: {seen.discard_reason}"
+            f"the {self._link.name} node could not start an episode {MAX_DISCARDS} times: {result.discard_reason}"
         )
 
     def step(self, actions: ArrayLike) -> RemoteStep:
-        """Make a step in the rows whose episode goes on, with actions of shape (rows, n), and return what they show.
+        """Make a step with actions of shape (num_envs, n) in the environments whose episode has not ended.
 
-        Where a robot's episode is discarded, it is cut off, with its last observation once more and a reward of 0.
+        If a robot's episode is discarded, it is truncated with its last observation and a reward of 0.
 
         Raises:
-            PeerError: the world does not answer in time, or lost the episodes.
-            RunError: the environment failed, or no reset went before.
-            ValueError: the actions are misshapen or not finite.
+            PeerError: the node does not answer in time, or lost the episodes.
+            RunError: the environment failed, or there was no reset.
+            ValueError: the actions have the wrong shape or are not finite.
         """
         if self._over:
-            raise RunError("step: expected a reset before it, got none since the episodes were over or lost")
-        good = finite_array(actions, (self._rows, self.spaces.action_dim), "action")
+            raise RunError("step: expected a reset first, because the episodes have ended or were lost")
+        good = finite_array(actions, (self._num_envs, self.spaces.action_dim), "action")
         step, request = self._link.step, self._link.request
         self._sent = Action(
             batch=request.batch, policy_version=request.policy_version, step=step, actions=doubles(good)
@@ -197,17 +199,17 @@ class RemoteSimulation:
         return self._awaited(step + 1)
 
     def _begin(self, seeds: Sequence[int]) -> None:
-        self._over, self._sent, self._last, self._shown = True, None, None, -1
+        self._over, self._sent, self._last, self._step = True, None, None, -1
         self._heard.clear()
         self._link.mark_idle()
-        self._link.forget_finished()
-        batch = Batch(self._session, self._episodes, self._rows, self._horizon, explore=False)
-        self._episodes += self._rows
+        self._link.clear_finished()
+        batch = Batch(self._session, self._episodes, self._num_envs, self._horizon, explore=False)
+        self._episodes += self._num_envs
         try:
             self._link.begin(batch, None, self._version, self.task.clock, seeds)
         except ValueError as error:
             if CONTINUE_EPISODE in seeds:
-                raise PeerError(f"the {self._link.name} node lost the episodes under way: {error}") from error
+                raise PeerError(f"the {self._link.name} node lost the running episodes: {error}") from error
             raise
 
     def _send(self) -> None:
@@ -220,49 +222,51 @@ class RemoteSimulation:
         expected = (link.request.batch, link.request.policy_version)
         if link.batch is None or (message.batch, message.policy_version) != expected or message.step in self._heard:
             return
-        if message.step <= self._shown:
-            self._send_again(message.step)
+        if message.step <= self._step:
+            self._resend(message.step)
             return
         try:
-            self._heard[message.step] = _seen(message, link.batch)
+            self._heard[message.step] = _step_of(message, link.batch)
         except ValueError as error:
-            self._node.diagnostics.refuse(f"an observation: {error}")
+            self._node.diagnostics.refuse(f"observation: {error}")
 
-    def _send_again(self, step: int) -> None:
-        """Send the action of a step again that the world still waits for, as it may have been lost."""
+    def _resend(self, step: int) -> None:
+        """Send the action of a step again, because it may have been lost."""
         given = self._sent is not None and self._sent.step == step
         if given and time.monotonic() > self._sent_at + RESEND_S:
             self._send()
 
     def _awaited(self, step: int) -> RemoteStep:
-        """Return what the rows show at a step, once it is there."""
+        """Wait for the result of a step, and return it."""
         heard, link = self._heard, self._link
         try:
             progress_at = time.monotonic() + self.task.period
             while not self._peers.spin(lambda: step in heard or link.discarded is not None, IDLE_CHECK_S):
-                progress_at = self._look_after(step, progress_at)
+                progress_at = self._check_progress(step, progress_at)
         except RunError:
             self._over = True
             raise
-        seen = heard.pop(step) if step in heard else self._discarded_step()
-        self._last, self._shown = seen, step
-        self._over = bool((seen.terminated | seen.truncated).all())
-        return seen
+        result = heard.pop(step) if step in heard else self._discarded_step()
+        self._last, self._step = result, step
+        self._over = bool((result.terminated | result.truncated).all())
+        return result
 
     def _discarded_step(self) -> RemoteStep:
-        """Return what stands for the step, or the reset, in which a robot's episode was discarded."""
+        """Return the result of the step or reset in which a robot's episode was discarded."""
         executions = self._link.discarded.executions if self._link.discarded else []
         reason = next(execution.discard_reason for execution in executions if execution.discard_reason)
-        seen = self._last
-        observations = np.zeros((self._rows, self.spaces.observation_dim)) if seen is None else seen.observations
-        no, yes = np.zeros(self._rows, dtype=bool), np.ones(self._rows, dtype=bool)
-        return RemoteStep(observations, np.zeros(self._rows), no, yes, reason)
+        result = self._last
+        observations = (
+            np.zeros((self._num_envs, self.spaces.observation_dim)) if result is None else result.observations
+        )
+        no, yes = np.zeros(self._num_envs, dtype=bool), np.ones(self._num_envs, dtype=bool)
+        return RemoteStep(observations, np.zeros(self._num_envs), no, yes, reason)
 
-    def _look_after(self, step: int, progress_at: float) -> float:
-        """Ask for what may have been lost; return the monotonic time of the last progress.
+    def _check_progress(self, step: int, progress_at: float) -> float:
+        """Request possibly lost messages again; return the monotonic time of the last progress.
 
         Raises:
-            PeerError: the world is silent, or lost the episodes.
+            PeerError: the node is silent, or lost the episodes.
             RunError: the environment failed.
         """
         link = self._link
@@ -271,8 +275,8 @@ class RemoteSimulation:
         link.report_waiting(task.waiting)
         if link.lost(task):
             raise PeerError(
-                f"the {link.name} node lost the episodes in step {step}: it was started again, "
-                "or somebody else had it begin others"
+                f"the {link.name} node lost the episodes in step {step}: it was restarted, "
+                "or another client started other episodes"
             )
         if task.resetting:
             return time.monotonic()
@@ -283,18 +287,17 @@ class RemoteSimulation:
         return progress_at
 
 
-def _seen(message: Observation, batch: Batch) -> RemoteStep:
-    """Return what an observation shows.
+def _step_of(message: Observation, batch: Batch) -> RemoteStep:
+    """Return the result in an observation message.
 
     Raises:
-        ValueError: it is misshapen or not finite.
+        ValueError: the shape is wrong, an index is out of range, or a value is not finite.
     """
     flags = np.zeros((2, batch.num_envs), dtype=bool)
-    for row, rows in zip(flags, (message.terminated, message.truncated), strict=True):
-        require(
-            all(each < batch.num_envs for each in rows), "rows that are over", f"below {batch.num_envs}", list(rows)
-        )
-        row[list(rows)] = True
+    for mask, indices in zip(flags, (message.terminated, message.truncated), strict=True):
+        good = all(index < batch.num_envs for index in indices)
+        require(good, "ended environments", f"indices below {batch.num_envs}", list(indices))
+        mask[list(indices)] = True
     observations = observations_of(message, batch)
     rewards = np.array(message.rewards) if message.step else np.zeros(batch.num_envs)
     return RemoteStep(observations, rewards, *flags)
@@ -302,7 +305,7 @@ def _seen(message: Observation, batch: Batch) -> RemoteStep:
 
 @contextmanager
 def _by_udp() -> Iterator[None]:
-    """Have what is opened meanwhile reach others as the nodes do, and leave the environment as it was."""
+    """Use the nodes' transport settings inside the context, and restore the environment afterwards."""
     before = dict(os.environ)
     os.environ.update(by_udp(before))
     try:

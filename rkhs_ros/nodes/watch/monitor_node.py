@@ -1,4 +1,4 @@
-"""The monitor node of ``rkhs view``: tells in lines what nodes and gate report, and passes on what a person decides."""
+"""The monitor node of ``rkhs view``: prints the reports of nodes and gate, and forwards the operator's commands."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.nodes.core.spin import run
 from rkhs_ros.nodes.watch.operator_calls import OperatorCalls
 
-WORDS = ("start", "pause", "stop", "veto")  # that make no robot move that a person has not armed: never "arm"
-SILENT_S = 3 * REPORT_PERIOD_S  # without a report, after which a node is told to be silent
-TELL_PERIOD_S = 0.3  # between lines at least
-POLL_S = 0.05  # between looks at what a person decided
-WORD_BYTES = 4096
+COMMANDS = ("start", "pause", "stop", "veto")  # never "arm": these cannot move a robot that the operator has not armed
+SILENT_S = 3 * REPORT_PERIOD_S  # without a report, after which a node counts as silent
+PRINT_PERIOD_S = 0.3  # least time between lines
+POLL_S = 0.05  # between checks for commands
+COMMAND_BYTES = 4096
 LEVELS = {DiagnosticStatus.OK: "ok", DiagnosticStatus.WARN: "warning", DiagnosticStatus.ERROR: "error"}
 SILENT = "silent"
 
 
 class MonitorNode(Node):
-    """Hears what the nodes and the gate of a run report, and calls the services of a few words.
+    """Subscribes to the reports of nodes and gate, and calls the services of the operator's commands.
 
-    Owns the newest reports, and the calls. Has no client of the service that arms the gate.
+    Owns the newest reports, and the calls. It has no client of the service that arms the gate.
     """
 
     def __init__(self) -> None:
@@ -40,12 +40,12 @@ class MonitorNode(Node):
         super().__init__("monitor")
         self._heard: dict[str, tuple[DiagnosticStatus, float]] = {}
         self._gate: GateState | None = None
-        self.calls = OperatorCalls(self, WORDS)
+        self.calls = OperatorCalls(self, COMMANDS)
         self.create_subscription(DiagnosticArray, TOPIC, self._hear, DIAGNOSTICS_QOS)
         self.create_subscription(GateState, "gate/state", self._hear_gate, LATCHED_QOS)
 
     def report(self) -> dict[str, Any]:
-        """Return what was reported, as it goes into a line."""
+        """Return the reports as one line's content."""
         now = time.monotonic()
         nodes = [
             [name, SILENT, ""] if now - at > SILENT_S else [name, LEVELS.get(each.level, "error"), each.message]
@@ -53,7 +53,7 @@ class MonitorNode(Node):
         ]
         fields = () if self._gate is None else self._gate.get_fields_and_field_types()
         gate = {name: getattr(self._gate, name) for name in fields} or None
-        call = self.calls.newest  # a late answer to an older one is not shown
+        call = self.calls.newest  # late answers to older calls are ignored
         return {"nodes": nodes, "gate": gate, "answer": call.text if call else ""}
 
     def _hear(self, message: DiagnosticArray) -> None:
@@ -63,29 +63,29 @@ class MonitorNode(Node):
         self._gate = message
 
 
-def tell(node: MonitorNode, stop: Stop) -> None:
-    """Write a line of JSON for each news, and take a word from each line that is read, until there are no more."""
+def monitor(node: MonitorNode, stop: Stop) -> None:
+    """Print a line of JSON for each change, and read commands from standard input, until it is closed."""
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    told, due = None, 0.0
+    printed, due = None, 0.0
     while not stop.is_set():
         executor.spin_once(timeout_sec=POLL_S)
         if select.select([sys.stdin], [], [], 0.0)[0]:
-            words = os.read(sys.stdin.fileno(), WORD_BYTES)
-            if not words:
+            received = os.read(sys.stdin.fileno(), COMMAND_BYTES)
+            if not received:
                 return
-            for word in words.decode(errors="replace").split():
-                if word in WORDS:
-                    node.calls.call(word)
+            for command in received.decode(errors="replace").split():
+                if command in COMMANDS:
+                    node.calls.call(command)
         node.calls.proceed()
-        if time.monotonic() >= due and (news := node.report()) != told:
-            told, due = news, time.monotonic() + TELL_PERIOD_S
-            print(json.dumps(news), flush=True)
+        if time.monotonic() >= due and (report := node.report()) != printed:
+            printed, due = report, time.monotonic() + PRINT_PERIOD_S
+            print(json.dumps(report), flush=True)
 
 
 def main() -> None:
     """Run the monitor node."""
-    run(MonitorNode, "monitor", tell)
+    run(MonitorNode, "monitor", monitor)
 
 
 if __name__ == "__main__":

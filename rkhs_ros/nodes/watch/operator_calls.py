@@ -1,4 +1,4 @@
-"""Service calls that an operator decides on: none is lost because nodes have just met, none acts twice."""
+"""Service calls for an operator's commands: none is lost during discovery, and none acts twice."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
 FOUND_TIMEOUT_S, ANSWER_TIMEOUT_S = 5.0, 10.0  # until the node is found, and from then until it answers
-RETRY_S = 0.5  # without an answer, before a request that may be repeated is sent again
-SERVICES: dict[str, tuple[str, Any, Any]] = {  # of each word: the service, its type, and the request
+RETRY_S = 0.5  # without an answer, before a repeatable request is sent again
+SERVICES: dict[str, tuple[str, Any, Any]] = {  # by command: the service, its type, and the request
     "arm": ("gate/arm", Trigger, Trigger.Request()),
     "stop": ("gate/stop", Trigger, Trigger.Request()),
     "start": ("robot/start", Trigger, Trigger.Request()),
     "pause": ("robot/pause", SetBool, SetBool.Request(data=True)),
     "veto": ("robot/veto", Trigger, Trigger.Request()),
 }
-REPEATED = ("stop", "pause")  # twice is as good as once, and both make the robot safer
+REPEATED = ("stop", "pause")  # idempotent, and both make the robot safer
 
 
 class Request:
-    """A request to one service, sent when the service is there, and again while no answer comes.
+    """A request to one service, sent when the service is available, and repeated until it is answered.
 
     Owns the futures of the answers.
 
@@ -57,59 +57,59 @@ class Request:
         return next((future.result() for future in self._futures if future.done()), None)
 
     def close(self) -> None:
-        """Expect no further answers."""
+        """Ignore further answers."""
         for future in self._futures:
             self._client.remove_pending_request(future)
 
 
 class Call:
-    """A word of an operator on its way to the node that acts on it.
+    """The service call of one operator command.
 
     A stop and a pause are repeated until they are answered. The others are sent once: a repeated `arm` could arm a gate
-    that has stopped in the meantime, a repeated `start` or `veto` could count for the next episode. So that the answer
-    is not lost, a harmless request to the same node goes first: a node learns of clients in the order in which they
-    were made, so a node whose answer reaches a later client also reaches the earlier one.
+    that has stopped in the meantime, and a repeated `start` or `veto` could affect the next episode. To make sure that
+    the answer arrives, a harmless request to the same node is sent first: a node discovers clients in the order of
+    their creation, so a node that can answer the later client can also answer the earlier one.
 
     Args:
-        word: a key of `SERVICES`.
+        command: a key of `SERVICES`.
         client: of its service.
-        greeter: client of the same node's ``list_parameters``, made after the other.
+        greeter: client of the same node's ``list_parameters``, created after the other.
 
     Attributes:
-        word: as above.
-        answer: the response of the service; None until it is there.
+        command: as above.
+        answer: the response of the service; None until it arrives.
         failure: why there will be no answer; empty while there may be one.
-        is_found: whether the node was there.
+        is_found: whether the node has been found.
     """
 
-    def __init__(self, word: str, client: Client, greeter: Client) -> None:
-        self.word = word
+    def __init__(self, command: str, client: Client, greeter: Client) -> None:
+        self.command = command
         self.answer: Any = None
         self.failure = ""
         self.is_found = False
-        self._asked = Request(client, SERVICES[word][2], RETRY_S if word in REPEATED else inf)
+        self._main = Request(client, SERVICES[command][2], RETRY_S if command in REPEATED else inf)
         greeting = Request(greeter, ListParameters.Request(), RETRY_S)
-        self._requests = deque([self._asked] if word in REPEATED else [greeting, self._asked])
+        self._requests = deque([self._main] if command in REPEATED else [greeting, self._main])
         self._deadline = inf
 
     @property
     def is_over(self) -> bool:
-        """Whether the answer is there, or none is to come."""
+        """Whether the call has been answered or has failed."""
         return self.answer is not None or bool(self.failure)
 
     @property
     def text(self) -> str:
-        """What became of the word, in a line."""
+        """The state of the call in one line."""
         if self.answer is None:
-            return f"{self.word}: {self.failure or 'asked'}"
+            return f"{self.command}: {self.failure or 'requested'}"
         outcome = "done" if self.answer.success else "refused"
-        return f"{self.word}: {outcome}" + f" ({self.answer.message})" * bool(self.answer.message)
+        return f"{self.command}: {outcome}" + f" ({self.answer.message})" * bool(self.answer.message)
 
     def proceed(self, now: float) -> None:
-        """Send what is due, and take what was answered.
+        """Send the due request, and store its answer.
 
         Args:
-            now: the monotonic time, seconds.
+            now: monotonic time, seconds.
         """
         if self._deadline == inf:
             self._deadline = now + FOUND_TIMEOUT_S
@@ -127,42 +127,41 @@ class Call:
 
     def _silence(self) -> str:
         if not self.is_found:
-            return "the node is not there"
-        return "the node does not answer" + "; it may have acted, see rkhs status" * self._asked.is_sent
+            return "the node is not running"
+        return "the node does not answer" + "; it may have acted, see rkhs status" * self._main.is_sent
 
 
 class OperatorCalls:
-    """The calls of a node that passes on what an operator decides.
+    """The calls of a node that forwards an operator's commands.
 
-    Owns the clients, the calls under way in the order in which they were asked for, for each node that acts on them,
-    and the newest call.
+    Owns the clients, a queue of calls for each called node, and the newest call.
 
     Args:
-        node: makes the calls; its executor must be spun by the caller.
-        words: keys of `SERVICES`; there are clients of no others.
+        node: makes the calls; the caller must spin its executor.
+        commands: keys of `SERVICES`; clients exist only for these.
 
     Attributes:
-        newest: the call that was asked for last; None before the first.
+        newest: the newest call; None before the first.
     """
 
-    def __init__(self, node: Node, words: Iterable[str]) -> None:
+    def __init__(self, node: Node, commands: Iterable[str]) -> None:
         self.newest: Call | None = None
-        services = {word: SERVICES[word] for word in words}
-        self._clients = {word: node.create_client(kind, service) for word, (service, kind, _) in services.items()}
-        names = {word: service.partition("/")[0] for word, (service, _, _) in services.items()}
+        services = {command: SERVICES[command] for command in commands}
+        self._clients = {command: node.create_client(kind, service) for command, (service, kind, _) in services.items()}
+        names = {command: service.partition("/")[0] for command, (service, _, _) in services.items()}
         greeters = {name: node.create_client(ListParameters, f"{name}/list_parameters") for name in names.values()}
-        self._greeters = {word: greeters[name] for word, name in names.items()}
+        self._greeters = {command: greeters[name] for command, name in names.items()}
         queues: dict[str, deque[Call]] = {name: deque() for name in names.values()}
-        self._queues = {word: queues[name] for word, name in names.items()}
+        self._queues = {command: queues[name] for command, name in names.items()}
 
-    def call(self, word: str) -> Call:
-        """Ask for the service of one of the words."""
-        call = self.newest = Call(word, self._clients[word], self._greeters[word])
-        self._queues[word].append(call)
+    def call(self, command: str) -> Call:
+        """Enqueue the call of a command."""
+        call = self.newest = Call(command, self._clients[command], self._greeters[command])
+        self._queues[command].append(call)
         return call
 
     def proceed(self) -> None:
-        """Bring the first call to each node further."""
+        """Advance the first call to each node."""
         now = time.monotonic()
         for queue in self._queues.values():
             while queue and queue[0].is_over:

@@ -1,4 +1,4 @@
-"""The recorder node: writes what goes over topics to an MCAP file, as it came."""
+"""The recorder node: records all topics in an MCAP file."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from rkhs_ros.nodes.core.uniqueness import Uniqueness
 from rkhs_ros.recordings.container import MessageFile, Stored
 from rkhs_ros.recordings.definitions import store_of_all
 
-NAME = "raw"  # of the file, with a number where there is one already
+NAME = "raw"  # of the file, with a number if the name is taken
 SEARCH_PERIOD_S = 0.1  # between searches for new topics
-CHUNK_BYTES = 256 * 1024  # that a killed recorder may lose: there are thousands of messages a second
-LAST_MESSAGES_S, IDLE_S = 1.0, 0.1  # for what waits when the node is told to end, and without any of it
-DEPTH = 1000  # messages of a topic that wait to be written
+CHUNK_BYTES = 256 * 1024  # which a killed recorder may lose; there may be thousands of messages per second
+LAST_MESSAGES_S, IDLE_S = 1.0, 0.1  # for queued messages before the exit, and without any message
+DEPTH = 1000  # queued messages per topic
 
 
 class RecorderNode(ReportingNode):
-    """Hears every topic there is.
+    """Subscribes to all topics.
 
-    Owns the file, the topics that it hears or cannot hear, and when it searches for others.
+    Owns the file, the known topics, and the time of the next search for topics.
 
     Attributes:
-        messages: number of those written.
+        messages: number of written messages.
     """
 
     def __init__(self) -> None:
@@ -46,7 +46,7 @@ class RecorderNode(ReportingNode):
         """Declare the parameters and open the file.
 
         Raises:
-            ValueError: an unknown parameter, or no folder for the file.
+            ValueError: an unknown parameter, or no output folder.
             OSError: the file cannot be written.
         """
         require_section(self.get_fully_qualified_name(), sys.argv)
@@ -65,7 +65,7 @@ class RecorderNode(ReportingNode):
         self.file = MessageFile(free, chunk_bytes=CHUNK_BYTES)
 
     def heartbeat(self) -> float:
-        """Search for topics that are new, and report; return the seconds until more is due."""
+        """Search for new topics, and report; return the seconds until more is due."""
         self._uniqueness.check()
         now = time.monotonic()
         if now >= self._search_at:
@@ -78,7 +78,7 @@ class RecorderNode(ReportingNode):
         return min(self.diagnostics.heartbeat(), self._search_at - now)
 
     def _hear(self, topic: str, kind: str, qos: QoSProfile) -> None:
-        """Begin to write the messages of a topic, where their definition is known."""
+        """Subscribe to a topic, if its message definition is known."""
         types = store_of_all()
         if kind not in types.types:
             self.get_logger().warning(f"{topic} is not recorded: the definition of {kind} is not known")
@@ -94,7 +94,7 @@ class RecorderNode(ReportingNode):
 
 
 def _fitting(offers: list[QoSProfile]) -> QoSProfile:
-    """Return a quality of service that fits what all publishers of a topic offer."""
+    """Return a quality of service that is compatible with all publishers of a topic."""
     reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
     latched = all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
     return QoSProfile(
@@ -105,7 +105,7 @@ def _fitting(offers: list[QoSProfile]) -> QoSProfile:
 
 
 def _take_what_came(node: RecorderNode, executor: SingleThreadedExecutor) -> None:
-    """Write the messages that wait, for as long as there is time before the node is killed."""
+    """Write the queued messages, as far as time permits before the node is killed."""
     deadline, before = time.monotonic() + LAST_MESSAGES_S, -1
     while node.messages > before and time.monotonic() < deadline:
         before = node.messages
@@ -113,8 +113,8 @@ def _take_what_came(node: RecorderNode, executor: SingleThreadedExecutor) -> Non
 
 
 def record(node: RecorderNode, stop: Stop) -> None:
-    """Record until told to end."""
-    executor = SingleThreadedExecutor()  # the EventsExecutor takes no serialised messages
+    """Record until `stop` is set."""
+    executor = SingleThreadedExecutor()  # the EventsExecutor does not support serialised messages
     executor.add_node(node)
     try:
         with node.diagnostics.errors_reported():

@@ -1,4 +1,4 @@
-"""The status node of ``rkhs status``: shows how far a run is, and a table of the nodes at work."""
+"""The status node of ``rkhs status``: prints the progress of a run and a table of its nodes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.nodes.core.sources import PREFIX
 from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S, PeerError, run
 
-LISTEN_S = 3 * REPORT_PERIOD_S  # without word of another node, after which all are taken to have reported
+LISTEN_S = 3 * REPORT_PERIOD_S  # without a new node, after which the list of nodes counts as complete
 PROGRESS = "rkhs_interfaces/msg/LearningProgress"
 COLUMNS = {  # headers of the reported values: one line each, and short enough for a terminal of 80 columns
     "serving version": "policy",
@@ -36,19 +36,19 @@ COLUMNS = {  # headers of the reported values: one line each, and short enough f
     "restarts": "restarts",
 }
 LAST_REFUSAL = "last refusal"
-MODE = "state"  # of a gate or a robot, beside how the node fares
-OF_OURS = "ignored"  # that all our nodes report
-RANDOM = ("serving version", "batch")  # numbers that say no more than which are the same
-DIGITS = 4  # of these
+MODE = "state"  # of a gate or a robot, in addition to the node's status
+OF_OURS = "ignored"  # key that all nodes of this project report
+RANDOM = ("serving version", "batch")  # random identifiers
+DIGITS = 4  # printed of an identifier
 COLOURS = {DiagnosticStatus.OK: "green", DiagnosticStatus.WARN: "yellow", DiagnosticStatus.ERROR: "red"}
 Statuses = dict[str, DiagnosticStatus]
 
 
 class StatusNode(Node):
-    """Listens to what the nodes report.
+    """Subscribes to the status reports of nodes and the progress of learners.
 
-    Owns the newest report of each and when it came, the newest word of each learner, and when a node was heard for the
-    first time.
+    Owns the newest report of each node with its arrival time, the newest progress of each learner, and the time of the
+    last new node's appearance.
     """
 
     def __init__(self) -> None:
@@ -63,14 +63,14 @@ class StatusNode(Node):
 
     @property
     def statuses(self) -> Statuses:
-        """The newest report of each node; of one that fell silent, that it did."""
+        """The newest report of each node, replaced by an error if the node has fallen silent."""
         now = time.monotonic()
         return {
             name: _silent(each, now - at) if now - at > LISTEN_S else each for name, (at, each) in self._heard.items()
         }
 
     def look_for_learners(self) -> None:
-        """Listen to learners that came since, in whatever namespace."""
+        """Subscribe to new learners in any namespace."""
         for topic, kinds in self.get_topic_names_and_types():
             if PROGRESS in kinds and topic not in self._topics:
                 self._topics.add(topic)
@@ -91,26 +91,26 @@ def _silent(status: DiagnosticStatus, seconds: float) -> DiagnosticStatus:
 
 
 def heading(progress: LearningProgress) -> Text:
-    """Return in three lines how far a run is, what it earns, and where its results are."""
+    """Return three lines: the progress of a run, its returns, and its results folder."""
     left = "" if isnan(progress.seconds_left) else f", about {progress.seconds_left:.0f} s left"
     lines = (
         f"{truncated(progress.run)}: iteration {progress.iteration} of {progress.iterations}, "
         f"{progress.episodes} episodes, {progress.centres} centres{left}",
         f"return {progress.exploration_return:.4g}{_measured(progress)}" if progress.iteration else "no return yet",
-        "in " + "".join(c if c.isprintable() else "?" for c in progress.folder),  # whole, however long it is
+        "in " + "".join(c if c.isprintable() else "?" for c in progress.folder),  # never truncated
     )
     return Text("\n".join(lines))
 
 
 def _measured(progress: LearningProgress) -> str:
-    """Return the evaluation return that was measured last, and what the model promises."""
+    """Return the last evaluation return and the model return, as text."""
     measured = [each for each in progress.last_evaluation_returns if not isnan(each)]
-    text = f", noise-free {measured[-1]:.4g}" if measured else ""
-    return text + ("" if isnan(progress.model_return) else f", imagined {progress.model_return:.4g}")
+    text = f", evaluation {measured[-1]:.4g}" if measured else ""
+    return text + ("" if isnan(progress.model_return) else f", model {progress.model_return:.4g}")
 
 
 def table(statuses: Statuses) -> Table:
-    """Return the reports, a node a row."""
+    """Return the reports as a table with one row per node."""
     result = Table(box=None, pad_edge=False, collapse_padding=True)
     for head in ("node", "state", *COLUMNS.values()):
         wraps = head in ("state", "batch", "step")
@@ -125,7 +125,7 @@ def table(statuses: Statuses) -> Table:
 
 
 def reasons(statuses: Statuses) -> Iterator[Text]:
-    """Yield what is the matter with nodes, how their sources fare, and what each last refused, a line each."""
+    """Yield a line for each problem of a node, for each source, and for each node's last refusal."""
     for name, status in sorted(statuses.items()):
         if status.message != _word(status):
             yield Text(f"{truncated(name)} {truncated(status.message)}")
@@ -134,11 +134,11 @@ def reasons(statuses: Statuses) -> Iterator[Text]:
             if key.startswith(PREFIX):
                 yield Text(f"{truncated(name)} {truncated(key.removeprefix(PREFIX))}: {truncated(line)}")
         if reason := values.get(LAST_REFUSAL):
-            yield Text(f"{truncated(name)} last refused or passed over {truncated(reason)}")
+            yield Text(f"{truncated(name)} last refused or ignored {truncated(reason)}")
 
 
 def _word(status: DiagnosticStatus) -> str:
-    """Return how a node fares, less why, for which the table has no room."""
+    """Return a node's status without its reason, which the table has no space for."""
     return str(status.message.partition(": ")[0])
 
 
@@ -147,12 +147,12 @@ def _values(status: DiagnosticStatus) -> dict[str, str]:
 
 
 def _cell(key: str, value: str) -> str:
-    """Return a value as it is shown: of random numbers the last digits."""
+    """Return a value for the table: the last digits of random identifiers, other values unchanged."""
     return " ".join(number[-DIGITS:] for number in truncated(value).split()) if key in RANDOM else truncated(value)
 
 
 def view(node: StatusNode, console: Console) -> Group:
-    """Return all that is known now; where there is no terminal that wraps them, lines are as long as they are."""
+    """Return all known reports; lines do not wrap if the output is not a terminal."""
     statuses = node.statuses
     parts: list[Text | Table] = [
         *(heading(each) for each in node.progress.values()),
@@ -165,10 +165,10 @@ def view(node: StatusNode, console: Console) -> Group:
 
 
 def show(node: StatusNode, stop: Stop) -> None:
-    """Listen until no more nodes are heard of, and print what they reported; of a watch, each second until told to end.
+    """Wait until all nodes have reported, and print the reports; when watching, print them every second until stopped.
 
     Raises:
-        PeerError: nobody reported.
+        PeerError: no node reported.
     """
     executor = SingleThreadedExecutor()
     executor.add_node(node)
@@ -176,7 +176,7 @@ def show(node: StatusNode, stop: Stop) -> None:
     _listen(node, executor, stop)
     if not (node.statuses or stop.is_set()):
         raise PeerError(
-            f"expected nodes at work, got none within {LISTEN_S:g} s; name their run's folder, or set ROS_DOMAIN_ID"
+            f"expected running nodes, got none within {LISTEN_S:g} s; pass the run's folder, or set ROS_DOMAIN_ID"
         )
     if not node.watches:
         console.print(view(node, console))
@@ -189,7 +189,7 @@ def show(node: StatusNode, stop: Stop) -> None:
 
 
 def _listen(node: StatusNode, executor: SingleThreadedExecutor, stop: Stop) -> None:
-    """Hear nodes until there is no word of another one; a watch begins with the first."""
+    """Receive reports until no new node appears; when watching, until the first node appears."""
     while time.monotonic() < node.heard_new_at + LISTEN_S and not (stop.is_set() or (node.watches and node.statuses)):
         _spin(node, executor, stop, time.monotonic() + SIGNAL_CHECK_S)
 
