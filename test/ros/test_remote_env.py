@@ -144,7 +144,7 @@ def test_what_does_not_fit_is_refused_and_the_episode_goes_on(simulator: Simulat
     for bad, reason in (([np.nan], "finite"), ([0.0, 1.0], "values"), (["left"], "real numbers")):
         with pytest.raises(ValueError, match=f"action: expected .*{reason}"):
             remote.step(bad)
-    with pytest.raises(ValueError, match="options: expected reset_mask of a vector environment, or none, got low"):
+    with pytest.raises(ValueError, match="options: expected reset_mask for a vector environment, or none, got low"):
         remote.reset(options={"low": 1.0})
     assert not any(remote.step([0.1])[2:4])
     assert remote.step([0.1])[2:4] == (False, True)

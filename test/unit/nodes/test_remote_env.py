@@ -1,4 +1,4 @@
-"""The environment over topics where there are none."""
+"""The remote environment without ROS."""
 
 import sys
 
@@ -11,7 +11,7 @@ import sim_nodes.envs  # noqa: F401  # registers it
 @pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
 def test_without_ros_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, make: object) -> None:
     for module in ("remote_env", "remote_simulation"):
-        monkeypatch.delitem(sys.modules, f"rkhs_ros.nodes.{module}", raising=False)
+        monkeypatch.delitem(sys.modules, f"rkhs_ros.nodes.remote.{module}", raising=False)
     monkeypatch.setitem(sys.modules, "rclpy", None)
     with pytest.raises(gymnasium.error.DependencyNotInstalled, match=r"rkhs/Remote-v0: expected ROS 2 Jazzy"):
         make("rkhs/Remote-v0")  # type: ignore[operator]
