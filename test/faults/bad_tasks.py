@@ -1,4 +1,4 @@
-"""Environments that misbehave from some step on, until they are mended; each is told which way by its option."""
+"""Environments that fail from some step on, until they are repaired; an option selects the kind of failure."""
 
 import ctypes
 import os
@@ -12,18 +12,18 @@ import numpy as np
 from gymnasium.spaces import Box
 
 EPISODE = 20  # steps
-GOOD_STEPS = 70  # of a copy: three batches, with which two iterations are done, and ten of the fourth
-SLOW_S = 0.07  # that a step takes longer
-MENDED = Path("mended")  # exists once the environment behaves
-CRASHED = Path("crashed")  # exists once its process died of it, from when on it dies again and again
+GOOD_STEPS = 70  # per environment: three batches, enough for two iterations, and ten steps of the fourth
+SLOW_S = 0.07  # additional time of a step
+MENDED = Path("mended")  # exists after the repair
+CRASHED = Path("crashed")  # exists after the first crash of the process; from then on it crashes every time
 
 
 class Stranger(BaseException):
-    """What `except Exception` lets pass."""
+    """An exception that `except Exception` does not catch."""
 
 
 class Bad(gymnasium.Env[np.ndarray, np.ndarray]):
-    """A point on a line; its fault shows after some steps."""
+    """A point on a line that fails after some steps."""
 
     observation_space, action_space = Box(-9.0, 9.0, (2,)), Box(-1.0, 1.0, (1,))
 
@@ -42,7 +42,7 @@ class Bad(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         self.steps += 1
-        if self.fault == "slow" and any("simulator_2" in word for word in sys.argv):  # as on a slow machine
+        if self.fault == "slow" and any("simulator_2" in word for word in sys.argv):  # simulates a slow machine
             time.sleep(SLOW_S)
         self.x = float(np.clip(self.x + 0.3 * action[0], -2, 2))
         reward = -(self.x**2)
@@ -81,7 +81,7 @@ class Bad(gymnasium.Env[np.ndarray, np.ndarray]):
         return np.array([self.x, scale, 0.0][:numbers], kind)
 
     def is_bad(self, steps: int = 0) -> bool:
-        """Whether it misbehaves, or would within so many steps."""
+        """Return whether the environment fails within a number of steps."""
         return self.steps + steps > (5 if CRASHED.exists() else GOOD_STEPS) and not MENDED.exists()
 
 

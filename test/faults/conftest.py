@@ -1,4 +1,4 @@
-"""Tests that break runs; apart from the others, since they take minutes."""
+"""Fixtures of the tests that break runs, which take minutes."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ PENDULUM = ROOT / "config" / "pendulum_nac.yaml"
 
 @pytest.fixture(scope="session")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The pendulum run in process: over topics it has the same bits, as other tests show."""
+    """Run the pendulum in one process; other tests show that a run over topics is bit-identical."""
     folder = tmp_path_factory.mktemp("runs") / "undisturbed"
     process = Process("rkhs", "train", PENDULUM, "--quiet", "--runner", "inline", "--out", folder)
     assert process.finish()[0] == 0

@@ -1,4 +1,4 @@
-"""A bad network: passes observations and actions on, but loses some, doubles some and holds some back."""
+"""A relay that simulates a bad network: it loses, duplicates and delays observations and actions."""
 
 import argparse
 import heapq
@@ -17,7 +17,7 @@ from rkhs_interfaces.msg import Action, Observation
 from rkhs_ros.base.endings import Stop
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS
 
-LONGEST = 0.05  # seconds that a message is held back
+LONGEST = 0.05  # seconds, the greatest delay of a message
 TOPICS = {"observation": Observation, "action": Action}
 
 
@@ -35,7 +35,7 @@ class Relay(Node):
             self.create_subscription(kind, f"{name}_sent", lambda m, out=out: self._pass(m, out), LOCKSTEP_QOS)
 
     def release(self) -> float:
-        """Send what was held back long enough; return the seconds until the next is due."""
+        """Send the delayed messages that are due; return the seconds until the next one."""
         while self._held and self._held[0][0] <= time.monotonic():
             heapq.heappop(self._held)[2]()
         return min(max(self._held[0][0] - time.monotonic(), 0.0), LONGEST) if self._held else LONGEST
@@ -52,7 +52,7 @@ class Relay(Node):
 
 
 def main() -> None:
-    """Relay until told to end, and print how the messages fared."""
+    """Relay until the stop, and print the counts of messages."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--share", type=float, required=True, help="of messages dropped, as of those doubled, delayed")
     parser.add_argument("--seed", type=int, default=0)

@@ -1,4 +1,4 @@
-"""What a run left, for comparison."""
+"""Read the results of a run, for comparison."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ def arrays(folder: Path) -> dict[str, np.ndarray]:
 
 
 def assert_same_bits(folder: Path, undisturbed: Path) -> None:
-    """Compare curve and policy of two runs."""
+    """Assert that curve and policy of two runs are bit-identical."""
     assert curve(folder) == curve(undisturbed)
     ours, theirs = arrays(folder), arrays(undisturbed)
     assert list(ours) == list(theirs)

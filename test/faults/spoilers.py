@@ -1,4 +1,4 @@
-"""How each field of each message is spoilt: what is made of a well-formed message here must be refused."""
+"""Strategies that corrupt each field of each message, so that nodes must refuse the message."""
 
 from array import array
 from collections.abc import Callable, Iterator
@@ -13,7 +13,7 @@ from rkhs_interfaces.srv import SetPolicy, StartEpisodes
 from rkhs_ros.policies.noise import NOISES
 
 Strategy = st.SearchStrategy[Any]
-Spoiler = Callable[[Any], Strategy]  # from the message that has the field to malformed values of it
+Spoiler = Callable[[Any], Strategy]  # from the message to malformed values of its field
 
 UINT32, UINT64 = 2**32 - 1, 2**64 - 1
 KERNELS, VARIANCES = ("rbf", "polynomial", "linear", "sum", "product"), ("constant", "kernel", "function")
@@ -30,23 +30,23 @@ def several(numbers: Strategy, most: int = 5) -> Strategy:
 
 
 def outside(low: int, high: int, limit: int) -> Spoiler:
-    """Whole numbers that the field can hold but that are not in the range."""
+    """Integers of the type of the field outside the valid range."""
     below = [st.integers(0, low - 1)] if low > 0 else []
     return lambda message: st.one_of(*below, st.integers(high + 1, limit), st.just(limit))
 
 
 def other(name: str, limit: int) -> Spoiler:
-    """Whole numbers but the one that is there."""
+    """Integers other than the current one."""
     return lambda message: st.integers(0, limit).filter(lambda number: number != getattr(message, name))
 
 
 def foreign(message: Any) -> Strategy:
-    """Numbers that nobody uses in a test."""
+    """Integers that no test uses."""
     return st.sampled_from([0, UINT64]) | st.integers(2**63, UINT64)
 
 
 def far(message: Any) -> Strategy:
-    """Steps that no episode has."""
+    """Steps beyond every horizon."""
     return st.just(UINT32) | st.integers(10_000, UINT32)
 
 
@@ -61,7 +61,7 @@ def missized(values: array) -> Strategy:
 
 
 def numbers(name: str, bad: Strategy = NOT_FINITE) -> Spoiler:
-    """Too few or too many, or a bad one among them."""
+    """Arrays of the wrong length, or with an invalid element."""
 
     def spoilt(message: Any) -> Strategy:
         values = getattr(message, name)
@@ -74,12 +74,12 @@ def numbers(name: str, bad: Strategy = NOT_FINITE) -> Spoiler:
 
 
 def strange(name: str, known: tuple[str, ...] = ()) -> Spoiler:
-    """Text that is not what is there, nor any that is known."""
+    """Texts other than the current one and all known ones."""
     return lambda message: NAMES.filter(lambda text: text not in (*known, getattr(message, name)))
 
 
 def terms(name: str = "kernel") -> Spoiler:
-    """Lists that do not form one kernel of a sensible size."""
+    """Lists of terms that do not form a single kernel of allowed size."""
     leaf = msg.KernelTerm(name="rbf", parameters=[1.0])
     join = [msg.KernelTerm(name=name) for name in ("sum", "product")]
     deep = [[leaf] * n + join[:1] * (n - 1) for n in (200, 2000, 20_000)]
@@ -117,7 +117,7 @@ def parameters(term: Any) -> Strategy:
 
 
 def unless(names: str, name: str, spoiler: Spoiler) -> Spoiler:
-    """Numbers where variances of these names have none, else as told."""
+    """Arrays for variances that must be empty, or corrupted ones for the others."""
     full = several(st.floats(0.1, 10.0))
     return lambda variance: full if variance.name in names.split() else spoiler(variance)
 
@@ -157,8 +157,8 @@ POLICY: dict[str, Spoiler] = {
     "inputs.offset": lambda inputs: NOT_FINITE | st.floats(max_value=0.0) | st.floats(1.1e6, 1e308),
 }
 
-# What may be anything: a batch may be over or begin anew at any time, the policy node does not ask which rows are over,
-# and a simulation has no executions whose fields could be spoilt.
+# Fields where every value is valid: a batch may end or restart at any time, the policy node ignores which episodes are
+# over, and a simulation has no executions.
 FREE: dict[Any, set[str]] = {
     SetPolicy.Request: set(),
     msg.Observation: {"over", "terminated", "truncated"},
@@ -167,7 +167,7 @@ FREE: dict[Any, set[str]] = {
     StartEpisodes.Request: {"anew"},
 }
 
-# Malformed at any time.
+# Malformed in every state.
 ALWAYS: dict[Any, dict[str, Spoiler]] = {
     SetPolicy.Request: {f"policy.{name}": spoiler for name, spoiler in POLICY.items()},
     msg.Observation: {
@@ -221,7 +221,7 @@ ALWAYS: dict[Any, dict[str, Spoiler]] = {
     },
 }
 
-# Malformed since it contradicts what is in service or under way: any number is good for a beginning.
+# Malformed because it contradicts the current policy or batch; at the start, every number is valid.
 THEN: dict[Any, dict[str, Spoiler]] = {
     SetPolicy.Request: {"policy.version": lambda policy: st.just(1)},
     msg.Observation: {
@@ -251,7 +251,7 @@ THEN: dict[Any, dict[str, Spoiler]] = {
 
 
 def spoil(data: st.DataObject, message: Any, path: str, spoiler: Spoiler) -> None:
-    """Spoil one field of a message."""
+    """Corrupt one field of a message."""
     *way, name = path.split(".")
     for step in way:
         message = getattr(message, step)
@@ -263,7 +263,7 @@ def spoil(data: st.DataObject, message: Any, path: str, spoiler: Spoiler) -> Non
 
 
 def paths(kind: Any) -> Iterator[str]:
-    """The fields of a message, those of messages in it and of the elements of lists of messages as well."""
+    """Return the fields of a message, including those of nested messages and lists of messages."""
     for name, type_name in kind.get_fields_and_field_types().items():
         inner = getattr(msg, type_name.removeprefix("sequence<").removesuffix(">").rpartition("/")[2], None)
         if inner is None or type_name.startswith("sequence<"):

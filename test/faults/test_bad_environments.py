@@ -1,4 +1,4 @@
-"""Environments that fail, hang or kill their process end a run over topics in one line; mended, it goes on."""
+"""An environment that fails, hangs or crashes ends a run over topics with one line; after a repair the run resumes."""
 
 import shutil
 import time
@@ -31,7 +31,7 @@ FAULTS = {
 
 
 def wait_for(condition: Callable[[], bool]) -> float:
-    """Return when the condition held, in seconds of the monotonic clock."""
+    """Wait for a condition and return its monotonic time, in seconds."""
     while not condition():
         time.sleep(0.02)
     return time.monotonic()
@@ -39,7 +39,7 @@ def wait_for(condition: Callable[[], bool]) -> float:
 
 @pytest.mark.timeout(180)
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_bad_environment_ends_the_run_in_one_line_and_mended_it_goes_on(
+def test_a_bad_environment_ends_the_run_with_one_line_and_a_repaired_one_resumes(
     start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -66,7 +66,7 @@ def test_a_bad_environment_ends_the_run_in_one_line_and_mended_it_goes_on(
     assert len(curve(out)) == 6
 
 
-def test_infinite_bounds_of_observations_are_no_fault(
+def test_infinite_bounds_of_observations_are_valid(
     start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -77,7 +77,7 @@ def test_infinite_bounds_of_observations_are_no_fault(
 
 
 @pytest.mark.timeout(120)
-def test_a_slow_simulator_gives_its_episodes_to_the_other_and_changes_no_bit(
+def test_another_simulator_takes_over_from_a_slow_one_with_bit_identical_results(
     start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -1,4 +1,4 @@
-"""Workers of clusters killed in the midst of a study, which leaves the tables of one core."""
+"""A study on a cluster whose worker is killed has the same tables as one on a single core."""
 
 import os
 import signal
@@ -29,7 +29,7 @@ Run = Callable[..., Result]
 
 @pytest.fixture
 def dask() -> Iterator[Any]:
-    """A Dask cluster of two workers of one thread, each with a nanny that replaces it."""
+    """Start a Dask cluster of two single-threaded workers with nannies that restart them."""
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster:
         yield cluster
@@ -37,7 +37,7 @@ def dask() -> Iterator[Any]:
 
 @pytest.fixture
 def ray(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """The address of a Ray cluster of two cores."""
+    """Start a Ray cluster of two cores and return its address."""
     pytest.importorskip("ray")
     home, port = tmp_path_factory.mktemp("r"), 20_000 + os.getpid() % 10_000
     command = [sys.executable, "-c", "from ray.scripts.scripts import main; main()", "start", "--head", "--block"]
@@ -48,7 +48,7 @@ def ray(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         _wait_for(port, head)
         yield f"127.0.0.1:{port}"
     finally:
-        head.terminate()  # which ends its own processes, and no others of Ray's
+        head.terminate()  # ends its own processes only, not those of other Ray clusters
         head.wait(30)
 
 
@@ -66,7 +66,7 @@ def tables(folder: Path) -> dict[str, bytes]:
 
 
 def kill_when(folder: Path, runs: int, victims: Callable[[], list[int]]) -> Thread:
-    """Kill one of the processes once so many runs have ended."""
+    """Kill one of the processes after a number of runs."""
 
     def kill() -> None:
         while len(list(folder.glob("runs/*/episodes.npz"))) < runs or not (found := victims()):
@@ -79,20 +79,18 @@ def kill_when(folder: Path, runs: int, victims: Callable[[], list[int]]) -> Thre
 
 
 def of_ray() -> list[int]:
-    """The processes of Ray's that make a call."""
+    """Return the Ray processes that execute a call."""
     commands = {int(path.parent.name): path for path in Path("/proc").glob("[0-9]*/cmdline")}
     found = []
     for pid, path in commands.items():
         try:
             found += [pid] * path.read_bytes().startswith(b"ray::_checked")
-        except OSError:  # it has ended
+        except OSError:  # the process has exited
             continue
     return found
 
 
-def test_forty_runs_on_a_dask_cluster_are_those_of_one_core_though_a_worker_is_killed(
-    rkhs: Run, dask: Any, tmp_path: Path
-) -> None:
+def test_a_killed_dask_worker_does_not_change_forty_runs(rkhs: Run, dask: Any, tmp_path: Path) -> None:
     on = ("--scheduler", dask.scheduler_address)
     killed = kill_when(tmp_path / "dask", 5, lambda: [next(iter(dask.workers.values())).pid])
     assert rkhs("sweep", CONFIG, *FORTY, "--set", *TINY, "--out", "dask", *on).code == 0
@@ -104,7 +102,7 @@ def test_forty_runs_on_a_dask_cluster_are_those_of_one_core_though_a_worker_is_k
     assert (tmp_path / "dask" / "runs.csv").read_text().count("\n") == 41
 
 
-def test_forty_runs_on_ray_are_those_of_one_core_though_a_worker_is_killed(rkhs: Run, ray: str, tmp_path: Path) -> None:
+def test_a_killed_ray_worker_does_not_change_forty_runs(rkhs: Run, ray: str, tmp_path: Path) -> None:
     killed = kill_when(tmp_path / "ray", 5, of_ray)
     assert rkhs("sweep", CONFIG, *FORTY, "--set", *TINY, "--out", "ray", "--ray", ray).code == 0
     killed.join(1.0)
@@ -119,7 +117,7 @@ def ends_its_process(number: int) -> int:
     return number
 
 
-def test_calls_that_kill_each_worker_are_told_of_after_the_others(dask: Any) -> None:
+def test_calls_that_kill_every_worker_are_reported_after_the_others(dask: Any) -> None:
     with Workers(scheduler=dask.scheduler_address).opened(3) as pool:
         made = pool.results(ends_its_process, partial(next, iter([(0,), (1,), (2,)]), None), most=3)
         assert sorted([next(made), next(made)]) == [0, 2]

@@ -1,4 +1,4 @@
-"""Messages in great numbers, and of great size, from a stranger: no bit of learning changes."""
+"""Floods of messages and huge messages from a foreign node do not change the results of a run."""
 
 import re
 import time
@@ -20,12 +20,12 @@ NODES = ("simulator", "policy", "learner")
 FLOOD_S = 5.0
 LEAST_SENT = 10_000
 HUGE = 100_000_000  # bytes of an array
-GROWTH = 700e6  # bytes: the middleware keeps the message, and a copy while it is looked at
+GROWTH = 700e6  # bytes: the middleware stores the message, and a copy during the callback
 
 
 @pytest.fixture
 def run(start: Start, tmp_path: Path, probe: Probe) -> Process:
-    """A run over topics, under way."""
+    """Start a run over topics."""
     begun = start("rkhs", "train", PENDULUM, "--quiet", "--out", tmp_path / "run")
     probe.until(lambda: len(probe.heard["episodes"]) > 2)
     return begun
@@ -38,7 +38,9 @@ def assert_unharmed(run: Process, folder: Path, undisturbed: Path) -> None:
     assert_same_bits(folder, undisturbed)
 
 
-def test_a_flood_of_messages_changes_no_bit(run: Process, probe: Probe, tmp_path: Path, undisturbed: Path) -> None:
+def test_a_flood_of_messages_leaves_the_results_bit_identical(
+    run: Process, probe: Probe, tmp_path: Path, undisturbed: Path
+) -> None:
     flood = {"action": Action(), "observation": Observation(num_envs=1, horizon=10), "episodes": Episodes()}
     for topic, message in flood.items():
         probe.say(topic, message)
@@ -51,7 +53,7 @@ def test_a_flood_of_messages_changes_no_bit(run: Process, probe: Probe, tmp_path
     assert_unharmed(run, tmp_path / "run", undisturbed)
 
 
-def test_huge_messages_change_no_bit_and_take_no_more_than_the_middleware_needs(
+def test_huge_messages_leave_the_results_bit_identical_and_use_only_memory_of_the_middleware(
     run: Process, probe: Probe, tmp_path: Path, undisturbed: Path
 ) -> None:
     pids = {name: nodes_of(run, name)[0] for name in NODES}
@@ -68,6 +70,6 @@ def test_huge_messages_change_no_bit_and_take_no_more_than_the_middleware_needs(
 
 
 def peak_memory(pid: int) -> float:
-    """Return the most memory that a process has had, in bytes; 0 where it has ended."""
+    """Return the peak memory of a process in bytes; 0 if it has exited."""
     found = re.search(r"^VmHWM:\s*(\d+) kB", of_process(pid, "status"), re.MULTILINE)
     return 1024 * float(found[1]) if found else 0.0

@@ -1,4 +1,4 @@
-"""Strangers who forge again and again, or flood: no bit changes, or the run ends and says by whom."""
+"""Repeated forgeries and floods by a foreign node leave a run bit-identical, or end it with the name of the node."""
 
 import os
 import re
@@ -24,7 +24,7 @@ Start = Callable[..., Process]
 Parameters = Callable[..., Path]
 
 
-def test_who_changes_every_action_ends_the_run_by_name(
+def test_a_node_that_forges_every_action_ends_the_run_with_its_name(
     start: Start, parameters: Parameters, probe: Probe, tmp_path: Path
 ) -> None:
     nodes = Nodes(start, parameters, probe, tmp_path / "out", "-r", "action:=action_sent")
@@ -46,14 +46,12 @@ def test_who_changes_every_action_ends_the_run_by_name(
     assert not (tmp_path / "out" / "policy.npz").exists()
 
 
-def test_forged_episodes_do_not_end_the_run_nor_are_they_learnt_from(
-    nodes: Nodes, probe: Probe, tmp_path: Path, in_process: Path
-) -> None:
+def test_forged_episodes_are_ignored(nodes: Nodes, probe: Probe, tmp_path: Path, in_process: Path) -> None:
     forged = []
     stranger = probe.create_publisher(Episodes, "episodes", LOCKSTEP_QOS)
 
     def forge(message: Observation) -> None:
-        """Send the episodes of the first batch as those of this one, before this one is over."""
+        """Publish the episodes of the first batch as those of the current one, before it ends."""
         if message.step < 50 and probe.heard["episodes"]:
             episodes = deepcopy(probe.heard["episodes"][0])
             if episodes.num_envs == message.num_envs:
@@ -70,10 +68,10 @@ def test_forged_episodes_do_not_end_the_run_nor_are_they_learnt_from(
     assert_same_bits(tmp_path / "out", in_process)
 
 
-def test_policies_and_batches_of_a_stranger_do_not_end_the_run(
+def test_policies_and_batches_of_a_foreign_node_are_survived(
     nodes: Nodes, probe: Probe, tmp_path: Path, in_process: Path
 ) -> None:
-    """The stranger copies what is said, and goes on from it."""
+    """The foreign node copies messages and continues from them."""
     begun = StartEpisodes.Request(environment="rkhs/Toy-v0", options="{}", num_envs=2, horizon=20)
     calls = []
 
@@ -97,10 +95,10 @@ def test_policies_and_batches_of_a_stranger_do_not_end_the_run(
     assert_same_bits(tmp_path / "out", in_process)
 
 
-def test_a_policy_by_the_version_of_the_learners_is_got_over(
+def test_a_forged_policy_with_the_version_of_the_learner_is_replaced(
     nodes: Nodes, probe: Probe, tmp_path: Path, in_process: Path
 ) -> None:
-    """The policy node dies, and the stranger is the first that the new one hears of that version."""
+    """The policy node dies, and its successor first receives a forged policy of that version."""
     learner = nodes.learn()
 
     def kill() -> None:
@@ -119,10 +117,10 @@ def test_a_policy_by_the_version_of_the_learners_is_got_over(
 
 
 @pytest.mark.parametrize("lead", [0, 1])
-def test_who_is_sometimes_faster_than_the_policy_changes_no_bit_or_is_named(
+def test_a_node_that_sometimes_answers_first_is_named_or_changes_no_result(
     nodes: Nodes, probe: Probe, tmp_path: Path, in_process: Path, lead: int
 ) -> None:
-    """Forged actions for every step that is heard, or for the one after it."""
+    """Forge actions for every observed step, or for the step after it."""
     stranger = probe.create_publisher(Action, "action", LOCKSTEP_QOS)
 
     def forge(message: Observation) -> None:
@@ -140,10 +138,10 @@ def test_who_is_sometimes_faster_than_the_policy_changes_no_bit_or_is_named(
         assert re.search("^error: the simulator node sent wrong episodes 5 times: row 0 .+/probe .unknown.", err, re.M)
 
 
-def test_a_flood_of_policies_and_episodes_changes_no_bit(
+def test_a_flood_of_policies_and_episodes_leaves_the_results_bit_identical(
     nodes: Nodes, probe: Probe, tmp_path: Path, in_process: Path
 ) -> None:
-    """Ten policies of their own for each observation, and ten times the episodes of another batch."""
+    """Send ten foreign policies per observation, and the episodes of another batch ten times."""
     stranger = probe.create_publisher(Episodes, "episodes", LOCKSTEP_QOS)
     sent = {"policies": 0, "episodes": 0}
 

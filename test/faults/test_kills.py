@@ -1,4 +1,4 @@
-"""Nodes killed at any moment: the learning curve and the policy do not change by a bit."""
+"""Killing nodes at any time leaves the learning curve and the policy bit-identical."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -13,7 +13,7 @@ from test.processes import of_process
 from test.ros.conftest import Process, kill, nodes_of
 
 Start = Callable[..., Process]
-RUNS = 4  # that share the kills
+RUNS = 4  # runs among which the kills are divided
 NODES = ("simulator", "policy", "learner")
 
 
@@ -25,14 +25,14 @@ def wait_for(condition: Callable[[], bool], run: Process) -> None:
 
 
 def shared_memory(pid: int) -> list[str]:
-    """Return the shared memory of DDS that a process has opened."""
+    """Return the shared-memory files of DDS that a process has opened."""
     return [line for line in of_process(pid, "maps").splitlines() if "/dev/shm/fastrtps_" in line]
 
 
 def kill_at_random(
     run: Process, folder: Path, draws: np.random.Generator, kills: int, names: Sequence[str] = NODES
 ) -> list[str]:
-    """Kill nodes of a run at random moments: while it learns, and while it gets over the kill before."""
+    """Kill nodes of a run at random times, during training and during the recovery from the last kill."""
     done: list[str] = []
     while len(done) < kills and run.popen.poll() is None:
         if draws.random() < 0.7:
@@ -43,7 +43,7 @@ def kill_at_random(
         victims = nodes_of(run, name)
         if victims:
             victim = int(draws.choice(victims))
-            assert not shared_memory(victim)  # nobody would free it
+            assert not shared_memory(victim)  # no process would free it
             kill(victim)
             done.append(f"{name} after iteration {max(len(curve(folder)) - 1, 0)}")
     return done
@@ -52,7 +52,7 @@ def kill_at_random(
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("simulators", [1, 2])
 @pytest.mark.parametrize("seed", range(RUNS // 2))
-def test_killed_nodes_change_no_bit(
+def test_killed_nodes_leave_the_results_bit_identical(
     start: Start, tmp_path: Path, undisturbed: Path, kills: int, seed: int, simulators: int
 ) -> None:
     share = -(-kills // RUNS)
@@ -69,7 +69,7 @@ def test_killed_nodes_change_no_bit(
 
 
 @pytest.mark.timeout(600)
-def test_simulator_and_policy_node_killed_together_change_no_bit(
+def test_killing_simulator_and_policy_node_together_leaves_the_results_bit_identical(
     start: Start, tmp_path: Path, undisturbed: Path, kills: int
 ) -> None:
     share, folder = -(-kills // RUNS), tmp_path / "killed"
@@ -82,7 +82,7 @@ def test_simulator_and_policy_node_killed_together_change_no_bit(
 
 
 @pytest.mark.timeout(300)
-def test_a_killed_launcher_takes_its_nodes_along_and_the_run_can_be_resumed(
+def test_the_nodes_of_a_killed_launcher_exit_and_the_run_can_be_resumed(
     start: Start, tmp_path: Path, undisturbed: Path
 ) -> None:
     folder = tmp_path / "run"

@@ -1,4 +1,4 @@
-"""Thousands of malformed messages: none is accepted, none dies of, all are told why, and no bit of learning changes."""
+"""Nodes refuse thousands of malformed messages with a reason, survive, and leave the results bit-identical."""
 
 import re
 from array import array
@@ -31,7 +31,7 @@ from test.ros.conftest import Probe, Process, probe
 from test.ros.test_policy_node import PLAIN, WINDOW, policy
 
 __all__ = ["probe"]
-CASES, IN_THE_RUN = 500, 200  # of each kind
+CASES, IN_THE_RUN = 500, 200  # per kind of message
 GROWTH = 200e6  # bytes
 TOPICS = {Observation: "observation", Action: "action", Episodes: "episodes"}
 SERVICES = {SetPolicy.Request: ("set_policy", "policy"), StartEpisodes.Request: ("start_episodes", "simulator")}
@@ -43,7 +43,7 @@ TASK = DescribeTask.Response(environment="rkhs/Pendulum-v0", options='{"angle": 
 
 
 class Intruder:
-    """Sends malformed messages and counts what was spoilt.
+    """Sends malformed messages and counts the corrupted fields.
 
     Owns what the nodes reported last, and their reasons.
     """
@@ -62,7 +62,7 @@ class Intruder:
             self.reasons |= {values["last refusal"]} - {""}
 
     def spoil(self, data: st.DataObject, message: Any, spoilers: dict[str, Spoiler], **live: Any) -> Any:
-        """Return a copy of the message with one field spoilt and the others as they are live."""
+        """Return a copy of a message with one corrupted field and current values in the others."""
         path = data.draw(st.sampled_from(sorted(spoilers)))
         spoilt = deepcopy(message)
         spoil(data, spoilt, path, spoilers[path])
@@ -76,14 +76,14 @@ class Intruder:
         self.probe.say(TOPICS[type(message)], message)
 
     def refused(self, request: Any) -> None:
-        """Ask for what must be refused, in one line that says why."""
+        """Call a service with a malformed request, and assert a refusal with a one-line reason."""
         service, node = SERVICES[type(request)]
         response = self.probe.ask_once(service, request, node)  # refusals are counted
         assert not response.accepted
         assert_reason(response.message)
 
     def count(self, node: str, expected: int = 0) -> int:
-        """Return how many messages a node refused or passed over, at least those expected."""
+        """Wait until a node has refused or ignored the expected number of messages, and return the number."""
         self.probe.until(lambda: self._refused.get(node, -1) >= expected, 5.0)
         self.probe.settle(1.5 * REPORT_PERIOD_S)
         return self._refused[node]
@@ -96,7 +96,7 @@ def assert_reason(reason: str) -> None:
 
 
 def cases(check: Callable[[st.DataObject], None], count: int) -> None:
-    """Make that many cases, the same each time."""
+    """Generate a number of cases, deterministically."""
     quiet = settings(
         max_examples=count,
         derandomize=True,
@@ -134,7 +134,7 @@ def both(kind: type) -> dict[str, Spoiler]:
 
 
 @pytest.mark.parametrize("kind", ALWAYS, ids=str)
-def test_every_field_of_a_message_is_spoilt(kind: type) -> None:
+def test_every_field_of_a_message_has_a_spoiler(kind: type) -> None:
     assert set(both(kind)) == set(paths(kind)) - FREE[kind]
 
 
@@ -146,12 +146,14 @@ def refuse_policies(intruder: Intruder) -> None:
 
 
 def refuse_observations(intruder: Intruder, served: GaussianPolicy) -> None:
-    """Before the first or the second step of many batches, of it or of the next batch: all else is answered as ever."""
+    """Send malformed observations before the first or second step of many batches; valid ones are still answered."""
     heard, identities = intruder.probe.heard["action"], count(1)
     simulation, acting = Simulation(TASK.environment), Acting(served, BATCH, explore=True)
     frames = [simulation.start(BATCH), simulation.step(np.ones((BATCH.num_envs, 1)))]
     good = [observation_message(0, 1, BATCH, step, frame) for step, frame in enumerate(frames)]
-    others = [frame._replace(observations=frame.observations + 0.1) for frame in frames]  # would be answered otherwise
+    others = [
+        frame._replace(observations=frame.observations + 0.1) for frame in frames
+    ]  # to detect an answer, which would differ
     bad = [observation_message(0, 1, BATCH, step, frame) for step, frame in enumerate(others)]
     expected = [acting(step, frame.observations) for step, frame in enumerate(frames)]
 
@@ -173,7 +175,7 @@ def refuse_observations(intruder: Intruder, served: GaussianPolicy) -> None:
 
 
 def refuse_starts(intruder: Intruder) -> None:
-    """While a batch is at its first step, it and the next one are asked for in malformed ways."""
+    """Request the current and the next batch in malformed ways while a batch is at its first step."""
     now = start_request(1, FOREIGN, BATCH, TASK, 7)
     following = start_request(2, FOREIGN, replace(BATCH, first_episode=25), TASK, 7)
     known, unknown = dict(both(StartEpisodes.Request)), dict(ALWAYS[StartEpisodes.Request])
@@ -190,13 +192,13 @@ def refuse_starts(intruder: Intruder) -> None:
 
 
 def refuse_actions(intruder: Intruder) -> None:
-    """Before the second step of many batches: the action that follows is taken as ever."""
+    """Send malformed actions before the second step of many batches; the valid action is still accepted."""
     heard, identities = intruder.probe.heard["observation"], count(2)
     simulation, actions = Simulation(TASK.environment), np.linspace(-2, 2, BATCH.num_envs)[:, None]
     simulation.start(BATCH)
     expected = [simulation.step(actions).observations for _ in range(2)]
     good = [Action(step=step, policy_version=FOREIGN, actions=doubles(actions)) for step in range(2)]
-    bad = Action(step=1, policy_version=FOREIGN, actions=doubles(-actions))  # would lead elsewhere
+    bad = Action(step=1, policy_version=FOREIGN, actions=doubles(-actions))  # would change the result
 
     def check(data: st.DataObject) -> None:
         identity = next(identities)
@@ -215,7 +217,7 @@ def refuse_actions(intruder: Intruder) -> None:
 
 
 def disturb(intruder: Intruder, learner: Process) -> None:
-    """Send malformed messages of all kinds while a run is under way."""
+    """Send malformed messages of all kinds during a run."""
     heard, rows, horizon = intruder.probe.heard["observation"], 10, 100
     batch = Batch(0, 0, rows, horizon, explore=True)
     numbers = {name: doubles(np.zeros(rows * horizon * d)) for name, d in EPISODE.items()}
@@ -234,7 +236,7 @@ def disturb(intruder: Intruder, learner: Process) -> None:
         disguised = intruder.spoil(data, observation, at_any_step, **seen)
         if disguised != heard[-1]:
             if disguised.observations == heard[-1].observations:
-                disguised.observations = observation.observations  # would be answered otherwise
+                disguised.observations = observation.observations  # to detect an answer, which would differ
             intruder.say(disguised)
         intruder.say(intruder.spoil(data, action, ALWAYS[Action], **now, step=seen["step"]))
         intruder.say(intruder.spoil(data, episodes, ALWAYS[Episodes], **now))
@@ -246,7 +248,7 @@ def disturb(intruder: Intruder, learner: Process) -> None:
 
 
 @pytest.mark.timeout(300)
-def test_malformed_messages_are_refused_with_a_reason_and_change_no_bit(
+def test_malformed_messages_are_refused_with_a_reason_and_leave_the_results_bit_identical(
     start: Callable[..., Process], parameters: Callable[..., Path], probe: Probe, tmp_path: Path, undisturbed: Path
 ) -> None:
     file = parameters("pendulum_nac")

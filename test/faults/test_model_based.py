@@ -1,4 +1,4 @@
-"""Nodes killed while the learner trains in a model: the learning curve and the policy do not change by a bit."""
+"""Killing nodes during model-based training leaves the learning curve and the policy bit-identical."""
 
 import time
 from collections.abc import Callable
@@ -19,7 +19,7 @@ ARGUMENTS = ("--quiet", "--iterations", 4, "--seed", 3)
 
 @pytest.fixture(scope="session")
 def model_update(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The run in process: over topics it has the same bits, as other tests show."""
+    """Train in one process; other tests show that a run over topics is bit-identical."""
     folder = tmp_path_factory.mktemp("runs") / "practised"
     process = Process("rkhs", "train", CONFIG, *ARGUMENTS, "--runner", "inline", "--out", folder, "--set", *LONG)
     assert process.finish()[0] == 0
@@ -27,7 +27,7 @@ def model_update(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def kill_in_practice(run: Process, folder: Path, name: str, draws: np.random.Generator) -> None:
-    """Kill nodes of a run at random moments of an iteration, almost all of which is practice."""
+    """Kill nodes at random times of an iteration, most of which is model-based training."""
     wait_for(lambda: len(curve(folder)) > 1, run)
     for iteration in range(2, 4):
         time.sleep(draws.uniform(0.0, 0.6))
@@ -40,7 +40,7 @@ def kill_in_practice(run: Process, folder: Path, name: str, draws: np.random.Gen
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("simulators", [1, 2])
 @pytest.mark.parametrize("name", ["learner", "policy", "simulator"])
-def test_nodes_killed_during_practice_change_no_bit(
+def test_nodes_killed_during_model_based_training_leave_the_results_bit_identical(
     start: Start, tmp_path: Path, model_update: Path, name: str, simulators: int
 ) -> None:
     folder = tmp_path / "killed"

@@ -1,4 +1,4 @@
-"""Simulators on other machines, for which network namespaces stand; one is cut off, for a while and for good."""
+"""Simulators on other machines, simulated by network namespaces; one is disconnected, temporarily and for good."""
 
 import os
 import subprocess
@@ -18,11 +18,11 @@ from test.faults.runs import assert_same_bits, curve
 from test.ros.conftest import MODULES
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300)]
-HOME, *OTHERS = (f"rkhs{os.getpid()}{name}" for name in "hab")  # of the learner, and of a simulator each
+HOME, *OTHERS = (f"rkhs{os.getpid()}{name}" for name in "hab")  # namespaces of the learner and of each simulator
 
 
 def ip(*words: str) -> str:
-    """Have the network set up, or skip the test where that is not allowed; return what was said."""
+    """Configure the network, or skip the test without permission; return the output."""
     try:
         return subprocess.run(["ip", *words], check=True, capture_output=True, text=True).stdout
     except FileNotFoundError:
@@ -33,7 +33,7 @@ def ip(*words: str) -> str:
 
 @pytest.fixture
 def machines() -> Iterator[None]:
-    """Make three network namespaces: one that has a cable to each of the two others."""
+    """Create three network namespaces: one with a virtual cable to each of the two others."""
     made = []
     try:
         for name in (HOME, *OTHERS):
@@ -54,7 +54,7 @@ def machines() -> Iterator[None]:
 
 
 def wait_until_plugged_in() -> None:
-    """Wait for the cables to carry, which may take a second; nodes use only what carries when they start."""
+    """Wait until the cables are up, which may take a second; nodes use only interfaces that are up when they start."""
     ends = [(HOME, "cable0"), (HOME, "cable1"), *((name, "cable") for name in OTHERS)]
     deadline = time.monotonic() + 20
     while not all("state UP" in ip("-n", place, "link", "show", link) for place, link in ends):
@@ -67,7 +67,7 @@ Start = Callable[..., subprocess.Popen[str]]
 
 @pytest.fixture
 def start_in(machines: None, domain: int, tmp_path: Path) -> Iterator[Start]:
-    """Start nodes in the namespaces, which write what they say into files; they end with the test."""
+    """Start nodes in the namespaces, with their output in files; they end with the test."""
     file = tmp_path / "parameters.yaml"
     file.write_text(for_all(resolved(load_config(PENDULUM, ["simulators=2", "timeout=30"])), 2))
     environment = {k: v for k, v in os.environ.items() if k not in (PROFILES[0], "_ROS_WHEELS_BOOTSTRAP_COMPLETE")}
@@ -96,7 +96,7 @@ def wait_for(condition: Callable[[], bool], learner: subprocess.Popen[str]) -> N
 
 
 @pytest.mark.parametrize("cut", ["never", "for 10 s", "for good"])
-def test_a_run_with_simulators_elsewhere_has_the_bits_of_one_machine_though_one_is_cut_off(
+def test_a_run_with_a_disconnected_remote_simulator_is_bit_identical_to_one_machine(
     start_in: Start, undisturbed: Path, tmp_path: Path, cut: str
 ) -> None:
     folder, said = tmp_path / "run", tmp_path / "learner.txt"

@@ -1,4 +1,4 @@
-"""Learners of Stable-Baselines3 through a simulator node: the same transitions to the bit, and what they learn."""
+"""Learners of Stable-Baselines3 get bit-identical transitions through a simulator node, and learn."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -24,7 +24,7 @@ Make = Callable[..., Any]
 
 @pytest.fixture(autouse=True)
 def one_thread() -> Iterator[None]:
-    """Have torch compute in one thread, in which it repeats itself to the bit."""
+    """Limit torch to one thread, in which it is deterministic."""
     torch = pytest.importorskip("torch")
     pytest.importorskip("stable_baselines3")
     before = torch.get_num_threads()
@@ -62,19 +62,19 @@ def returned(model: Any, episodes: int = 5) -> float:
 
 
 def learnt(model: Any, steps: int) -> float:
-    """Have a model learn; return the seconds that it took."""
+    """Train a model and return the seconds."""
     began = time.monotonic()
     model.learn(steps)
     return time.monotonic() - began
 
 
-def test_its_checker_finds_nothing_wrong(remote: Any) -> None:
+def test_the_environment_passes_its_checker(remote: Any) -> None:
     from stable_baselines3.common.env_checker import check_env
 
     check_env(remote)
 
 
-def test_sac_makes_the_same_transitions_to_the_bit_and_learns(remote: Any) -> None:
+def test_sac_makes_bit_identical_transitions_and_learns(remote: Any) -> None:
     models, reached = {}, {}
     for name, environment in (("over topics", remote), ("direct", gymnasium.make(TASK))):
         models[name] = sac(environment)  # with the seed of torch's only stream

@@ -1,4 +1,4 @@
-"""Nodes of a robot are killed and stopped: it comes to rest, and no finished episode is lost or run twice."""
+"""If nodes of a robot are killed or suspended, it comes to rest, and no finished episode is lost or run twice."""
 
 import os
 import signal
@@ -29,7 +29,7 @@ Start = Callable[..., Process]
 CONFIG = ROOT / "config" / "robot_pendulum.yaml"
 NODES = ("learner", "policy", "robot")
 PERIOD, COMMAND_TIMEOUT = 0.02, 1.0
-# At five times the wall's speed a step is the same to the robot; what is late on a busy machine is let pass.
+# At five times wall speed a step is the same for the robot; late actions of a busy machine are tolerated.
 AT_SPEED = (
     "simulated_robot.speed=5.0",
     f"robot.period={PERIOD}",
@@ -46,7 +46,7 @@ PLAIN = ("model={form: none}", "algorithm={name: rkhs_nac}")
 
 
 class Recorded:
-    """Runs the episodes of a journal: the training loop over it is the run that wrote it."""
+    """Returns the episodes of a journal; the training loop over it repeats the run that wrote it."""
 
     def __init__(self, folder: Path, config: Path) -> None:
         self.spaces = robot_task_from(load_config(config).environment.nodes["robot"]).spaces
@@ -62,7 +62,7 @@ class Recorded:
 
 
 class Watch:
-    """Hears the commands and the gate's state."""
+    """Records the commands and the state of the gate."""
 
     def __init__(self, node: Node) -> None:
         self.commands: list[Command] = []
@@ -76,20 +76,20 @@ class Watch:
 
 
 def digests(journal: Path) -> dict[str, str]:
-    """Return what each finished episode is, by the names of the files."""
+    """Return the kind and number of each finished episode, from the names of the files."""
     files = [file for file in journal.glob("*.npz") if "_discarded_" not in file.name]
     return {file.name: blake2b(file.read_bytes()).hexdigest() for file in files}
 
 
 def ended(run: Process, seconds: float = 250.0) -> tuple[int, str]:
-    """Wait for the end of a run; return its exit code and what it said on standard error."""
+    """Wait for the end of a run; return its exit code and standard error."""
     run.popen.wait(seconds)
     code, _, err = run.finish()
     return code, err
 
 
 @pytest.mark.timeout(300)
-def test_it_learns_to_swing_up_with_practice(start: Start, tmp_path: Path) -> None:
+def test_it_learns_to_swing_up_with_model_based_training(start: Start, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     run = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *AT_SPEED)
     code, err = ended(run)
@@ -101,7 +101,7 @@ def test_it_learns_to_swing_up_with_practice(start: Start, tmp_path: Path) -> No
 
 
 @pytest.mark.timeout(600)
-def test_killed_nodes_lose_no_finished_episode_and_have_none_run_twice(
+def test_killed_nodes_lose_and_repeat_no_finished_episode(
     start: Start, tmp_path: Path, probe: Probe, kills: int
 ) -> None:
     folder, draws, watch = tmp_path / "run", np.random.default_rng(0), Watch(probe)
@@ -112,7 +112,7 @@ def test_killed_nodes_lose_no_finished_episode_and_have_none_run_twice(
     victims = draws.permutation(np.resize(NODES, kills // 2)).tolist()
     done = []
     for name in victims:
-        if draws.random() < 0.8:  # in a motion, else while it gets over the kill before
+        if draws.random() < 0.8:  # during a motion, or else during the recovery from the last kill
             probe.until(lambda: watch.is_moving or run.popen.poll() is not None, 100)
         probe.settle(draws.uniform(0.0, 1.5))
         done += [name for pid in nodes_of(run, name) if kill(pid) is None]
@@ -137,7 +137,7 @@ def test_killed_nodes_lose_no_finished_episode_and_have_none_run_twice(
 
 
 def spoilt(run: Process) -> Iterator[tuple[str, signal.Signals]]:
-    """Stop each node of a run in turn, then kill each; go on when the test has looked."""
+    """Suspend each node of a run in turn, then kill each; continue after the checks of the test."""
     for number in (signal.SIGSTOP, signal.SIGKILL):
         for name in NODES:
             yield name, number
@@ -146,7 +146,9 @@ def spoilt(run: Process) -> Iterator[tuple[str, signal.Signals]]:
 
 
 @pytest.mark.timeout(600)
-def test_the_robot_comes_to_rest_whoever_is_stopped_or_killed(start: Start, tmp_path: Path, probe: Probe) -> None:
+def test_the_robot_comes_to_rest_whichever_node_is_suspended_or_killed(
+    start: Start, tmp_path: Path, probe: Probe
+) -> None:
     watch = Watch(probe)
     size = ("iterations=100", "horizon=500")
     run = start("rkhs", "train", CONFIG, "--quiet", "--out", tmp_path / "run", "--set", *AT_SPEED, *PLAIN, *size)
@@ -162,7 +164,7 @@ def test_the_robot_comes_to_rest_whoever_is_stopped_or_killed(start: Start, tmp_
         moved = after.index(True) if True in after else len(after)
         assert moved <= most, f"{name} {number.name}: {moved} more commands"
         came_to = next(state for state in watch.states[states:] if state != "moving")
-        # The robot node sees to it before the gate has to; where it is the robot node itself, that is a fault.
+        # The robot node stops the robot before the gate has to; for the robot node itself, the gate reports a fault.
         assert came_to == ("stopped" if name == "robot" else "holding"), f"{name} {number.name}"
     run.interrupt()
     assert run.finish()[0] == 130

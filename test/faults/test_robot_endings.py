@@ -1,4 +1,4 @@
-"""Runs on a robot that end badly, or nearly: a gate that dies, a person's veto, a reset that never succeeds."""
+"""Failures of runs on a robot: a gate that dies, a veto, a reset that never succeeds."""
 
 import time
 from collections.abc import Callable
@@ -30,14 +30,14 @@ def test_a_gate_that_dies_ends_the_run(start: Start, tmp_path: Path) -> None:
     assert "error: the gate node was killed by signal 9; without it the robot must not move" in err
 
 
-def test_what_a_person_vetoes_is_run_again_and_not_learnt_from(start: Start, tmp_path: Path, probe: Probe) -> None:
+def test_a_vetoed_episode_runs_again_and_is_not_learnt_from(start: Start, tmp_path: Path, probe: Probe) -> None:
     folder = tmp_path / "run"
     more = ("iterations=1", "episodes_per_iteration=3")
     run = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *QUICK, *more)
     probe.add_service("robot/veto", Trigger)
     probe.until(lambda: any(m.first_episode == 1 and m.step > 1 for m in probe.heard["observation"]), 100)
     answer = probe.ask_once("robot/veto", Trigger.Request(), "robot")
-    assert answer.success, answer.message  # the second one is under way, under the same policy
+    assert answer.success, answer.message  # the second one runs with the same policy
     code, _, err = run.finish()
     assert code == 0, err
     journal = folder / "checkpoints" / "episodes"
@@ -70,7 +70,7 @@ def test_a_veto_holds_if_the_run_is_interrupted_and_resumed(start: Start, tmp_pa
     recording = read_recording(folder)
     places = [k for k, each in enumerate(recording.batches) if each.attempt == discarded.attempt]
     assert [recording.batches[place].is_discarded for place in places] == [False, True]
-    assert places[1] == places[0] + 1  # recorded at once, not when the next episode is over
+    assert places[1] == places[0] + 1  # recorded at once, not at the end of the next episode
     assert discarded.batch not in recording.by_numbers()
     code, _, err = start("rkhs", "train", "--quiet", "--resume", folder).finish()
     assert code == 0, err
@@ -80,7 +80,7 @@ def test_a_veto_holds_if_the_run_is_interrupted_and_resumed(start: Start, tmp_pa
     assert len(list(replay(recording))) == 1
 
 
-def test_an_episode_that_is_void_again_and_again_ends_the_run(start: Start, tmp_path: Path) -> None:
+def test_an_episode_discarded_repeatedly_ends_the_run(start: Start, tmp_path: Path) -> None:
     never = ("robot.reset.home.timeout=0.01", "robot.reset.home.settle=60.0")
     code, _, err = start(
         "rkhs", "train", CONFIG, "--quiet", "--out", tmp_path / "run", "--set", *QUICK, *never

@@ -1,4 +1,4 @@
-"""A long run: nothing grows, and nothing stays behind."""
+"""A long run leaks neither memory nor files."""
 
 import time
 from collections.abc import Callable
@@ -16,7 +16,7 @@ GROWTH = 1.05
 
 
 class Footprint(NamedTuple):
-    """What a process takes."""
+    """The resources of a process."""
 
     resident: int  # bytes
     threads: int
@@ -34,7 +34,7 @@ def shared_memory() -> set[Path]:
 
 
 @pytest.mark.timeout(900)
-def test_a_long_run_takes_no_more_and_more_and_leaves_nothing(start: Callable[..., Process], tmp_path: Path) -> None:
+def test_a_long_run_neither_grows_nor_leaves_anything_behind(start: Callable[..., Process], tmp_path: Path) -> None:
     before = shared_memory()
     folder = tmp_path / "run"
     options = ("--quiet", "--iterations", ITERATIONS, "--out", folder)
