@@ -43,8 +43,8 @@ def learnt(options: Namespace) -> list[Result]:
 
 def main(options: Namespace) -> None:
     """Train what is requested, store the results, and print the tables."""
-    kept = read_results(options.out) if options.out and options.out.exists() else []
-    results = {(each.name, each.seed): each for each in [*kept, *([] if options.tables else learnt(options))]}
+    stored = read_results(options.out) if options.out and options.out.exists() else []
+    results = {(each.name, each.seed): each for each in [*stored, *([] if options.tables else learnt(options))]}
     if options.out and not options.tables:
         write_whole(options.out, as_csv(results.values()).encode())
     print(as_markdown(sorted(results.values())), end="")

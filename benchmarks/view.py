@@ -43,10 +43,10 @@ CONFIG = ROOT / "config" / "pendulum_nac.yaml"
 ROUNDS, WINDOW_S = 6, 5.0
 SETTLE_S = 6.0  # after a change: the browser loads the page, and reports of stopped nodes expire
 WARM_UP = 30  # iterations before the measurement, until the policy has all centres
-PACE_S = 0.05  # between updates when only the topics are measured; faster than the run
+PUBLISH_S = 0.05  # between updates when only the topics are measured; faster than the run
 MOST_ROWS = 256  # that are published
 TIMEOUT_S = 120.0
-STOPPED, NOBODY, AWAY, HERE = "page stopped", "nobody there", "in a browser elsewhere", "in a browser here"
+STOPPED, NOBODY, AWAY, HERE = "page stopped", "no browser", "browser elsewhere", "browser on this machine"
 KINDS = (STOPPED, NOBODY, AWAY, HERE)
 # First messages of a browser; the page ignores it until they arrive.
 CAMERA = {"type": "ViewerCameraMessage", "wxyz": [1, 0, 0, 0], "position": [0, 0, 1], "fov": 1.0, "image_height": 800,
@@ -116,7 +116,7 @@ def drawn(chromium: browser.Browser, address: str) -> Iterator[None]:
     tab.close()
 
 
-def paces(rounds: int, window_s: float, settle_s: float) -> dict[str, list[tuple[float, float]]]:
+def timings(rounds: int, window_s: float, settle_s: float) -> dict[str, list[tuple[float, float]]]:
     """Return for each kind and round the seconds per iteration and the share of a core that the page used."""
     found: dict[str, list[tuple[float, float]]] = {kind: [] for kind in KINDS}
     with tempfile.TemporaryDirectory() as name:
@@ -131,12 +131,12 @@ def paces(rounds: int, window_s: float, settle_s: float) -> dict[str, list[tuple
                     with {AWAY: taken, HERE: partial(drawn, chromium)}.get(kind, nullcontext)(address):
                         time.sleep(settle_s)
                         began, computed = time.monotonic(), cpu_seconds(page.pid)
-                        pace = seconds_per_iteration(folder, window_s)
-                        found[kind].append((pace, (cpu_seconds(page.pid) - computed) / (time.monotonic() - began)))
+                        seconds = seconds_per_iteration(folder, window_s)
+                        found[kind].append((seconds, (cpu_seconds(page.pid) - computed) / (time.monotonic() - began)))
     return found
 
 
-def told(window_s: float) -> tuple[float, float]:
+def publishing(window_s: float) -> tuple[float, float]:
     """Return the share of a core used by a node with monitoring topics without subscribers, and by one without them."""
     config = load_config(CONFIG, ["iterations=5"])
     runner = runner_of(config.environment)
@@ -146,8 +146,8 @@ def told(window_s: float) -> tuple[float, float]:
     topics = LearningTopics(node, config.training)
     with tempfile.TemporaryDirectory() as name:
         topics.begin(Path(name), runner.spaces)
-        for tells in (True, False):
-            parts.append(part_of_a_core(topics if tells else None, iterations, window_s))
+        for publishes in (True, False):
+            parts.append(part_of_a_core(topics if publishes else None, iterations, window_s))
     rclpy.shutdown()
     return parts[0], parts[1]
 
@@ -162,21 +162,21 @@ def part_of_a_core(topics: LearningTopics | None, iterations: Sequence, window_s
         if topics is not None:
             topics.publish(iteration, rows)
             topics.heartbeat()
-        time.sleep(PACE_S)
+        time.sleep(PUBLISH_S)
     return (time.process_time() - began) / window_s
 
 
 def main(rounds: int, window_s: float, settle_s: float) -> None:
     """Print the medians, and their ratios to those with the page stopped."""
-    telling, silent = told(window_s)
-    print(f"monitoring topics without subscribers: {telling:.2%} of a core; the same node without them: {silent:.2%}")
-    found = paces(rounds, window_s, settle_s)
-    base = [pace for pace, _ in found[STOPPED]]
+    busy, idle = publishing(window_s)
+    print(f"monitoring topics without subscribers: {busy:.2%} of a core; the same node without them: {idle:.2%}")
+    found = timings(rounds, window_s, settle_s)
+    base = [seconds for seconds, _ in found[STOPPED]]
     for kind, measured in found.items():
         times, parts = zip(*measured, strict=True)
         ratio = median(one / other for one, other in zip(times, base, strict=True))
         spread = f"{1e3 * median(times):.1f} ms an iteration ({1e3 * min(times):.0f} to {1e3 * max(times):.0f})"
-        print(f"{kind:22s} {spread}, {ratio:.2f} times that without the page; it uses {median(parts):.0%} of a core")
+        print(f"{kind:24s} {spread}, {ratio:.2f} times that without the page; it uses {median(parts):.0%} of a core")
 
 
 if __name__ == "__main__":
