@@ -39,14 +39,14 @@ def contents(folder: Path) -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_list_names_tasks_algorithms_and_kernels(rkhs: Run) -> None:
+def test_list_shows_tasks_algorithms_and_kernels(rkhs: Run) -> None:
     result = rkhs("list")
     assert (result.code, result.err) == (0, "")
     for name in ("rkhs/Toy-v0", "rkhs/Pendulum-v0", "rkhs_nac", "rkhs_power", "rbf", "polynomial"):
         assert name in result.out
 
 
-def test_train_writes_its_results_and_says_where(rkhs: Run, tmp_path: Path) -> None:
+def test_train_writes_its_results_and_prints_their_paths(rkhs: Run, tmp_path: Path) -> None:
     result = rkhs("train", CONFIG, *SHORT, "--quiet", "--out", tmp_path / "run", "--seed", 3, "--set", "horizon=5")
     assert (result.code, result.err) == (0, "")
     names = {"best_policy.npz", "config.yaml", "curve.csv", "curve.png", "episodes.npz", "policy.npz", "policy.png"}
@@ -71,7 +71,7 @@ def test_train_writes_its_results_and_says_where(rkhs: Run, tmp_path: Path) -> N
     assert len(rows) == 2
 
 
-def test_evaluate_tells_the_return_without_exploration(
+def test_evaluate_prints_the_evaluation_return(
     rkhs: Run, policy_file: Path, random_policy: Callable[..., GaussianPolicy]
 ) -> None:
     result = rkhs("evaluate", policy_file, "--episodes", 7, "--seed", 5)
@@ -127,12 +127,12 @@ def test_evaluate_measures_the_policy_of_the_file(
         ("kernel.bandwidth=[1, 2]", "kernel.bandwidth: expected 1 number for the policy's inputs, got 2"),
     ],
 )
-def test_a_setting_that_does_not_fit_ends_with_one_line(rkhs: Run, change: str, message: str) -> None:
+def test_an_invalid_setting_gives_one_line(rkhs: Run, change: str, message: str) -> None:
     assert_refused(rkhs("train", CONFIG, *SHORT, "--quiet", "--set", change), message)
 
 
 @pytest.mark.parametrize(("option", "value"), [("--seed", "-1"), ("--iterations", "0")])
-def test_an_option_out_of_range_ends_with_one_line(rkhs: Run, option: str, value: str) -> None:
+def test_an_option_out_of_range_gives_one_line(rkhs: Run, option: str, value: str) -> None:
     assert_refused(rkhs("train", CONFIG, "--runner", "inline", option, value), f"{option[2:]}: expected a number in")
 
 
@@ -140,7 +140,7 @@ def test_an_option_out_of_range_ends_with_one_line(rkhs: Run, option: str, value
     ("content", "message"),
     [(b"a: [1\nb: }", "cannot be parsed"), (b"\xff\xff", "cannot be parsed"), (b"", "expected sections")],
 )
-def test_a_file_that_is_no_configuration_ends_with_one_line(
+def test_an_invalid_configuration_gives_one_line(
     rkhs: Run, tmp_path: Path, content: bytes, message: str
 ) -> None:
     (tmp_path / "bad.yaml").write_bytes(content)
@@ -148,7 +148,7 @@ def test_a_file_that_is_no_configuration_ends_with_one_line(
     assert contents(tmp_path) == {tmp_path / "bad.yaml": content}
 
 
-def test_a_missing_file_ends_with_one_line(rkhs: Run, tmp_path: Path) -> None:
+def test_a_missing_file_gives_one_line(rkhs: Run, tmp_path: Path) -> None:
     assert_refused(rkhs("train", "none.yaml", *SHORT), "none.yaml: no such configuration, nor one with a similar name")
     (tmp_path / "config").mkdir()
     (tmp_path / "config" / "toy_nac.yaml").touch()
@@ -162,7 +162,7 @@ def test_a_missing_file_ends_with_one_line(rkhs: Run, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("command", ["evaluate", "render", "plot"])
-def test_a_folder_without_a_last_policy_is_refused_with_what_it_has(rkhs: Run, tmp_path: Path, command: str) -> None:
+def test_a_folder_without_a_last_policy_is_rejected_with_a_hint(rkhs: Run, tmp_path: Path, command: str) -> None:
     run = tmp_path / "runs" / "one"
     run.mkdir(parents=True)
     (run / "config.yaml").touch()
@@ -178,7 +178,7 @@ def test_a_folder_without_a_last_policy_is_refused_with_what_it_has(rkhs: Run, t
 
 
 @pytest.mark.parametrize("out", ["used", "used/file", "used/file/below"])
-def test_a_folder_in_use_is_not_touched(rkhs: Run, tmp_path: Path, out: str) -> None:
+def test_a_folder_in_use_is_not_changed(rkhs: Run, tmp_path: Path, out: str) -> None:
     (tmp_path / "used").mkdir()
     (tmp_path / "used" / "file").write_text("kept")
     before = contents(tmp_path)
@@ -186,14 +186,14 @@ def test_a_folder_in_use_is_not_touched(rkhs: Run, tmp_path: Path, out: str) -> 
     assert contents(tmp_path) == before
 
 
-def test_a_policy_file_cut_short_ends_with_one_line(rkhs: Run, policy_file: Path) -> None:
+def test_a_truncated_policy_file_gives_one_line(rkhs: Run, policy_file: Path) -> None:
     whole = policy_file.read_bytes()
     for length in (0, 1, 100, len(whole) // 2, len(whole) - 1):
         policy_file.write_bytes(whole[:length])
         assert_refused(rkhs("evaluate", policy_file), "toy.npz: expected a complete policy file")
 
 
-def test_a_policy_of_other_dimensions_than_its_task_ends_with_one_line(
+def test_a_policy_with_wrong_dimensions_gives_one_line(
     rkhs: Run, tmp_path: Path, random_policy: Callable[..., GaussianPolicy]
 ) -> None:
     save_policy(tmp_path / "p.npz", random_policy(d=3, n=1), Task("rkhs/Toy-v0", {}, 20, 0.9))
@@ -204,11 +204,11 @@ def test_a_policy_of_other_dimensions_than_its_task_ends_with_one_line(
     "arguments",
     [("--episodes", "0"), ("--episodes", "99999"), ("--seed", "-1"), ("--discount", "1.5"), ("--discount", "nan")],
 )
-def test_an_evaluation_out_of_range_ends_with_one_line(rkhs: Run, policy_file: Path, arguments: tuple[str]) -> None:
+def test_an_invalid_evaluation_gives_one_line(rkhs: Run, policy_file: Path, arguments: tuple[str]) -> None:
     assert_refused(rkhs("evaluate", policy_file, *arguments), "expected")
 
 
-def test_a_real_process_refuses_and_lists_alike(tmp_path: Path) -> None:
+def test_a_separate_process_behaves_alike(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "rkhs_ros.app.cli"]
     refused = subprocess.run(
         [*command, "train", CONFIG, *SHORT, "--set", "environment.id=Taxi-v4"],
@@ -263,7 +263,7 @@ def test_a_command_imports_no_other(command: str, spared: set[str]) -> None:
     assert not {name.split(".")[0] for name in modules} & spared
 
 
-def test_help_names_every_command(rkhs: Run) -> None:
+def test_help_lists_every_command(rkhs: Run) -> None:
     code, out, err = rkhs("--help")
     assert (code, err) == (0, "")
     assert all(f"    {name}" in out for name in COMMANDS)
@@ -271,7 +271,7 @@ def test_help_names_every_command(rkhs: Run) -> None:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_explains_itself(rkhs: Run, command: str) -> None:
+def test_every_command_has_help(rkhs: Run, command: str) -> None:
     code, out, err = rkhs(command, "--help")
     assert (code, err) == (0, "")
     assert out.startswith(f"usage: rkhs {command} ")
@@ -299,11 +299,11 @@ def test_every_command_explains_itself(rkhs: Run, command: str) -> None:
         (("plot", "none"), "none: expected the folder of a run, got none with a config.yaml"),
     ],
 )
-def test_what_cannot_be_parsed_ends_with_one_line(rkhs: Run, arguments: tuple[str, ...], message: str) -> None:
+def test_invalid_arguments_give_one_line(rkhs: Run, arguments: tuple[str, ...], message: str) -> None:
     assert_refused(rkhs(*arguments), message)
 
 
-def test_an_interrupt_ends_with_its_code_and_one_line(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupt_gives_its_exit_code_and_one_line(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(options: object) -> int:
         raise KeyboardInterrupt
 
@@ -311,7 +311,7 @@ def test_an_interrupt_ends_with_its_code_and_one_line(rkhs: Run, monkeypatch: py
     assert rkhs("list") == (130, "", "interrupted\n")
 
 
-def test_an_interrupt_while_a_command_is_imported_ends_with_one_line(tmp_path: Path) -> None:
+def test_an_interrupt_during_an_import_gives_one_line(tmp_path: Path) -> None:
     interrupting = "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n"
     (tmp_path / "gymnasium.py").write_text(interrupting)  # in place of what the command needs
     environment = os.environ | {"PYTHONPATH": f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}"}
@@ -330,7 +330,7 @@ def unbuilt(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("unbuilt")
-def test_without_interfaces_a_run_is_made_in_process_and_that_is_said(rkhs: Run, tmp_path: Path) -> None:
+def test_without_interfaces_a_run_is_inline_with_a_note(rkhs: Run, tmp_path: Path) -> None:
     code, _, err = rkhs("train", CONFIG, "--iterations", 1, "--quiet", "--out", "run")
     assert code == 0
     assert err.startswith("note: training with --runner inline, since rkhs_interfaces is not built (run 'make build'")
@@ -340,7 +340,7 @@ def test_without_interfaces_a_run_is_made_in_process_and_that_is_said(rkhs: Run,
 
 
 @pytest.mark.usefixtures("unbuilt")
-def test_topics_without_interfaces_are_refused_with_the_remedy(rkhs: Run, tmp_path: Path) -> None:
+def test_topics_without_interfaces_are_rejected_with_a_hint(rkhs: Run, tmp_path: Path) -> None:
     expected = (
         "--runner ros: expected ROS 2 Jazzy and the built interfaces, got none: rkhs_interfaces is not built (run"
     )
@@ -353,7 +353,7 @@ def test_topics_without_interfaces_are_refused_with_the_remedy(rkhs: Run, tmp_pa
     "arguments",
     [("status",), ("robot", "arm"), ("simulate", CONFIG), ("serve", "mine:act"), ("train", CONFIG, "--runner", "ros")],
 )
-def test_users_of_the_library_are_not_told_to_build_what_they_do_not_have(
+def test_the_hint_for_pip_users_does_not_mention_make(
     rkhs: Run, monkeypatch: pytest.MonkeyPatch, arguments: tuple[object, ...]
 ) -> None:
     monkeypatch.setattr(ros, "REPOSITORY", Path("/home/me/.venv/lib/python3.11/site-packages"))
@@ -368,7 +368,7 @@ def test_interfaces_for_another_python_are_not_used(rkhs: Run, monkeypatch: pyte
     assert_refused(rkhs("train", CONFIG, "--runner", "ros"), expected)
 
 
-def test_with_interfaces_a_run_goes_over_topics(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_with_interfaces_a_run_uses_topics(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     launched: dict[str, dict[str, object]] = {}
     monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
     monkeypatch.setattr(train, "launch", lambda parameters, more, **nodes: launched.update(more, nodes=nodes) or 1)
@@ -386,7 +386,7 @@ def test_with_interfaces_a_run_goes_over_topics(rkhs: Run, monkeypatch: pytest.M
         (CONFIG.with_name("robot_pendulum.yaml"), 1, "--runner composed: expected a simulator, got a robot"),
     ],
 )
-def test_one_simulator_alone_shares_a_process_with_the_policy_node(
+def test_composition_requires_a_single_simulator(
     rkhs: Run, monkeypatch: pytest.MonkeyPatch, config: Path, simulators: int, message: str
 ) -> None:
     monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
@@ -396,7 +396,7 @@ def test_one_simulator_alone_shares_a_process_with_the_policy_node(
 # Pictures and measures of what was learnt
 
 
-def test_plot_draws_the_pictures_of_a_run_again(rkhs: Run, tmp_path: Path) -> None:
+def test_plot_redraws_the_pictures_of_a_run(rkhs: Run, tmp_path: Path) -> None:
     assert rkhs("train", CONFIG, *SHORT, "--quiet", "--out", "run").code == 0
     drawn = {path: path.read_bytes() for path in (tmp_path / "run").glob("*.png")}
     assert len(drawn) == 2
@@ -406,7 +406,7 @@ def test_plot_draws_the_pictures_of_a_run_again(rkhs: Run, tmp_path: Path) -> No
     assert {path: path.read_bytes() for path in drawn} == drawn
 
 
-def test_evaluate_takes_the_policy_of_a_run(rkhs: Run, policy_file: Path, tmp_path: Path) -> None:
+def test_evaluate_accepts_the_folder_of_a_run(rkhs: Run, policy_file: Path, tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     assert_refused(rkhs("evaluate", "run"), "run: expected the folder of a run, got none with a config.yaml\n")
     policy_file.rename(tmp_path / "run" / "policy.npz")
@@ -434,12 +434,12 @@ def test_one_episode_has_no_interval(rkhs: Run, policy_file: Path) -> None:
 
 
 @pytest.mark.parametrize("command", ["train", "evaluate", "render"])
-def test_a_path_that_is_not_utf_8_ends_with_one_line(rkhs: Run, tmp_path: Path, command: str) -> None:
+def test_a_path_that_is_not_utf_8_gives_one_line(rkhs: Run, tmp_path: Path, command: str) -> None:
     assert_refused(rkhs(command, "a\udcffb"), r"argument: expected text in UTF-8, got 'a\udcffb'")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_option_that_cannot_go_over_topics_is_refused_before_a_folder_is_made(
+def test_an_option_that_is_no_ros_parameter_is_rejected_before_a_folder_is_created(
     rkhs: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
@@ -448,7 +448,7 @@ def test_an_option_that_cannot_go_over_topics_is_refused_before_a_folder_is_made
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_horizon_in_place_of_the_environments_own_is_told(rkhs: Run) -> None:
+def test_a_horizon_other_than_the_time_limit_is_noted(rkhs: Run) -> None:
     arguments = ("train", "--env", "Pendulum-v1", "--runner", "inline", "--iterations", 1, "--set", *SHORT_EPISODES)
     assert "note: horizon: 3 steps, instead of the 200 steps of Pendulum-v1\n" in rkhs(*arguments, "--out", "run").err
     assert "note: horizon" not in rkhs(*arguments, "--out", "quiet", "--quiet").err

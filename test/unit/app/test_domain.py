@@ -14,7 +14,7 @@ def undecided(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(VARIABLE, raising=False)
 
 
-def test_runs_side_by_side_have_domains_of_their_own_and_say_which(tmp_path: Path) -> None:
+def test_parallel_runs_have_distinct_domains_in_their_folders(tmp_path: Path) -> None:
     one, other = tmp_path / "one", tmp_path / "other"
     one.mkdir()
     other.mkdir()
@@ -29,7 +29,7 @@ def test_runs_side_by_side_have_domains_of_their_own_and_say_which(tmp_path: Pat
             domain_of(folder)
 
 
-def test_a_run_that_is_refused_leaves_the_domain_of_the_one_under_way(tmp_path: Path) -> None:
+def test_a_rejected_run_preserves_the_domain_of_the_active_one(tmp_path: Path) -> None:
     with own_domain(tmp_path):
         domain = domain_of(tmp_path)
         with (

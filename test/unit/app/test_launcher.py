@@ -19,7 +19,7 @@ PARAMETERS = "/**/simulator: {ros__parameters: {environment: {id: x}}}\n/**/lear
 @pytest.mark.parametrize(
     "path", ["a #b", "a: b", "{x}", " trailing \n line ", "1e5", "on", "é \U0001f600 \\ \"'", "*a"]
 )
-def test_paths_of_any_name_travel_in_the_parameter_file(path: str) -> None:
+def test_the_parameter_file_transports_any_path(path: str) -> None:
     document = loaded(for_all(PARAMETERS, 1, {"learner": {"output": path, "resume": True}}))
     assert document["/**/learner"]["ros__parameters"] == {
         "seed": 1,
@@ -29,7 +29,7 @@ def test_paths_of_any_name_travel_in_the_parameter_file(path: str) -> None:
     }
 
 
-def test_all_nodes_find_their_settings_and_the_learner_its_task() -> None:
+def test_the_parameter_file_contains_the_settings_of_all_nodes() -> None:
     document = loaded(for_all(PARAMETERS, 2))
     assert document["/**/simulator"]["ros__parameters"] == {"environment": {"id": "x"}}
     assert document["/**/learner"]["ros__parameters"] == {"seed": 1, "environment": {"id": "x"}}
@@ -37,12 +37,12 @@ def test_all_nodes_find_their_settings_and_the_learner_its_task() -> None:
 
 
 @pytest.mark.parametrize("path", ["\udcff", "a\0b"])
-def test_a_path_that_no_parameter_can_be_is_refused(path: str) -> None:
+def test_a_path_that_is_no_ros_parameter_is_rejected(path: str) -> None:
     with pytest.raises(ValueError, match=r"learner\.output: expected .*UTF-8 text"):
         for_all(PARAMETERS, 1, {"learner": {"output": path}})
 
 
-def test_an_interrupt_while_a_process_is_forked_is_not_lost() -> None:
+def test_an_interrupt_during_a_fork_is_not_lost() -> None:
     done = []
 
     def interrupted() -> None:
@@ -81,7 +81,7 @@ def signalled_at(code: CodeType, instruction: int, enter: Callable[[], AbstractC
 
 
 @pytest.mark.parametrize("manager", ["held", "passed on"])
-def test_a_signal_at_any_instruction_ends_as_an_interrupt_and_leaves_the_handlers(manager: str) -> None:
+def test_a_signal_at_any_instruction_interrupts_and_restores_the_handlers(manager: str) -> None:
     interrupts = []
     process = SimpleNamespace(poll=lambda: None)
     learner = cast(NodeProcess, SimpleNamespace(process=process, interrupt=lambda: interrupts.append(1)))

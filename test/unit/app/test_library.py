@@ -39,7 +39,7 @@ SHORT: dict[str, Any] = {
 ROOT = Path(__file__).parents[3]
 
 
-def test_all_public_names_are_there_and_are_those_that_checkers_see() -> None:
+def test_public_names_exist_and_match_those_for_type_checkers() -> None:
     source = (ROOT / "rkhs_ros" / "__init__.py").read_text()
     for name in rkhs_ros.__all__:
         assert callable(getattr(rkhs_ros, name))
@@ -49,7 +49,7 @@ def test_all_public_names_are_there_and_are_those_that_checkers_see() -> None:
         rkhs_ros.trian  # type: ignore[attr-defined]  # noqa: B018
 
 
-def test_the_package_imports_nothing_before_it_is_needed() -> None:
+def test_the_package_imports_lazily() -> None:
     code = f"import sys; sys.path[:] = {sys.path!r}; import rkhs_ros; print('numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
 
@@ -57,7 +57,7 @@ def test_the_package_imports_nothing_before_it_is_needed() -> None:
 SETTINGS = ("exploration_sd", "discount", "episodes_per_iteration", "kernel", "model")
 
 
-def test_a_result_is_that_of_the_same_run_from_a_file(tmp_path: Path) -> None:
+def test_a_result_equals_that_of_a_configuration_file(tmp_path: Path) -> None:
     config = load_config(ROOT / "config" / "toy_nac.yaml", ["iterations=3", "seed=5"])
     folder = run_training(config, InlineRunner(Simulation("rkhs/Toy-v0")), tmp_path / "run", quiet=True)
     training = config.training
@@ -83,14 +83,14 @@ SOURCES: dict[str, Callable[[], Any]] = {
 
 
 @pytest.mark.parametrize("source", SOURCES)
-def test_any_kind_of_environment_learns_the_same(source: str) -> None:
+def test_every_kind_of_environment_gives_the_same_result(source: str) -> None:
     result = rkhs_ros.train(SOURCES[source](), progress=False, **SHORT)
     expected = rkhs_ros.train("Pendulum-v1", progress=False, **SHORT)
     assert result.curve["exploration_return"].tolist() == expected.curve["exploration_return"].tolist()
     assert result.policy.spaces.action_low.dtype == np.float32
 
 
-def test_the_horizon_is_the_environments_own() -> None:
+def test_the_horizon_is_the_time_limit_of_the_environment() -> None:
     quick = {"iterations": 1, "episodes_per_iteration": 1, "evaluate_every": 0, "model": "none"}
     assert rkhs_ros.train("Pendulum-v1", progress=False, **quick).policy.task.horizon == 200
     assert rkhs_ros.train(gymnasium.make("Pendulum-v1"), progress=False, **quick).policy.task.horizon == 200
@@ -98,7 +98,7 @@ def test_the_horizon_is_the_environments_own() -> None:
     assert rkhs_ros.train(unlimited, progress=False, **quick).policy.task.horizon == 100
 
 
-def test_learning_can_be_watched_and_stopped() -> None:
+def test_learn_yields_results_and_can_be_stopped() -> None:
     numbers = []
     for result in rkhs_ros.learn("rkhs/Toy-v0", rkhs_ros.RKHSPoWER(centres=9), iterations=10**6, horizon=10):
         numbers.append(result.iteration.number)
@@ -108,7 +108,7 @@ def test_learning_can_be_watched_and_stopped() -> None:
     assert numbers == [1, 2, 3]
 
 
-def test_without_evaluation_there_is_a_curve_of_exploring_returns(tmp_path: Path) -> None:
+def test_without_evaluation_the_curve_has_exploration_returns(tmp_path: Path) -> None:
     result = rkhs_ros.train("rkhs/Toy-v0", progress=False, **{**SHORT, "evaluate_every": 0})
     assert np.isnan(result.curve["evaluation_return"]).all()
     assert result.best_policy is None
@@ -116,7 +116,7 @@ def test_without_evaluation_there_is_a_curve_of_exploring_returns(tmp_path: Path
     assert (tmp_path / "curve.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_evaluations_may_be_rarer_and_change_nothing_else() -> None:
+def test_rarer_evaluations_do_not_change_training() -> None:
     every = rkhs_ros.train("rkhs/Toy-v0", progress=False, **{**SHORT, "iterations": 5})
     rare = rkhs_ros.train("rkhs/Toy-v0", progress=False, **{**SHORT, "iterations": 5, "evaluate_every": 2})
     assert rare.curve["exploration_return"].tolist() == every.curve["exploration_return"].tolist()
@@ -140,7 +140,7 @@ def test_defaults_do_not_depend_on_how_the_algorithm_is_chosen(form: str, tmp_pa
             assert np.array_equal(curve[name], curves[0][name], equal_nan=True), name
 
 
-def test_the_typed_keywords_are_those_that_are_taken() -> None:
+def test_typed_keywords_match_the_accepted_settings() -> None:
     of_run = {each.name for each in fields(Training)} - {"algorithm", "simulators", "timeout"}  # of nodes
     assert set(LearnSettings.__annotations__) == of_run | {"policy", "options", "num_envs"}
 
@@ -155,7 +155,7 @@ def test_an_object_overrides_only_the_settings_that_it_is_given() -> None:
     assert build(rkhs_ros.RKHSNAC, {"centres": 7}).with_defaults(defaults) == rkhs_ros.RKHSNAC(centres=7)
 
 
-def test_a_policy_is_a_start_whose_kernel_stays(tmp_path: Path) -> None:
+def test_an_initial_policy_keeps_its_kernel(tmp_path: Path) -> None:
     first = rkhs_ros.train("rkhs/Toy-v0", progress=False, **SHORT).policy
     first.save(tmp_path / "p.npz")
     more = {**SHORT, "progress": False, "exploration_sd": (1e-6,)}
@@ -209,7 +209,7 @@ def test_a_kernel_is_given_by_its_form_its_choice_or_itself(kernel: Any) -> None
         ((lambda: 3,), {}, r"expected a function that returns an environment, got 3$"),
     ],
 )
-def test_bad_input_is_refused_in_one_line(arguments: Any, settings: dict[str, Any], message: str) -> None:
+def test_bad_input_is_rejected_in_one_line(arguments: Any, settings: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message) as refusal:
         rkhs_ros.train(*arguments, progress=False, **settings)
     assert "\n" not in str(refusal.value)
@@ -228,7 +228,7 @@ def test_episodes_of_an_environment_without_a_time_limit_are_noted_once_unless_t
     assert capsys.readouterr().err == ""
 
 
-def test_numbers_of_numpy_are_numbers() -> None:
+def test_numpy_numbers_are_accepted() -> None:
     choice = rkhs_ros.KernelChoice(bandwidth=np.array([1.0, 2.0]), degree=np.int64(4))
     assert choice == rkhs_ros.KernelChoice(bandwidth=(1.0, 2.0), degree=4)
     assert type(choice.degree) is int

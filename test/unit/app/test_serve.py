@@ -16,7 +16,7 @@ SEEN = np.array([0.5, 2.0, 3.0])
 
 
 @pytest.mark.parametrize("answer", [[0.5, 2.0], (0.5, 2), np.array([[0.5, 2.0]]), np.array([0.5, 2.0], np.float32)])
-def test_numbers_of_any_kind_are_an_action(answer: Any) -> None:
+def test_actions_may_have_any_numeric_type(answer: Any) -> None:
     action = action_of(lambda seen: answer, SEEN, SPACE, "mine:act")
     np.testing.assert_array_equal(action, np.array([0.5, 2.0], np.float32), strict=True)
 
@@ -33,18 +33,18 @@ def test_numbers_of_any_kind_are_an_action(answer: Any) -> None:
         ([0.0, np.inf], "[ 0. inf]"),
     ],
 )
-def test_what_is_no_action_is_refused(answer: Any, got: str) -> None:
+def test_invalid_actions_are_rejected(answer: Any, got: str) -> None:
     with pytest.raises(RunError) as refused:
         action_of(lambda seen: answer, SEEN, SPACE, "mine:act: step 3")
     assert str(refused.value) == f"mine:act: step 3: expected an action of shape (2,) within its bounds, got {got}"
 
 
-def test_an_error_names_the_function_and_the_step() -> None:
+def test_an_error_contains_the_function_and_the_step() -> None:
     with pytest.raises(RunError, match=r"^mine:act: step 3: ZeroDivisionError: division by zero$"):
         action_of(lambda seen: 1 / 0, SEEN, SPACE, "mine:act: step 3")
 
 
-def test_what_was_seen_cannot_be_changed() -> None:
+def test_a_function_cannot_change_the_observation() -> None:
     def act(seen: Any) -> Any:
         seen[:] = 0.0
         return [0.0, 0.0]
@@ -53,7 +53,7 @@ def test_what_was_seen_cannot_be_changed() -> None:
     assert SEEN.tolist() == [0.5, 2.0, 3.0]
 
 
-def test_bad_options_are_refused(rkhs: Callable[..., Result]) -> None:
+def test_bad_options_are_rejected(rkhs: Callable[..., Result]) -> None:
     assert_refused(rkhs("serve", "math:sine"), "no function 'sine' in math, did you mean")
     assert_refused(rkhs("serve", "math:sin", "--episodes", 0), "--episodes: expected at least 1, got 0")
     assert_refused(rkhs("simulate"), "simulate: expected either CONFIG or --env ID, got none")

@@ -65,7 +65,7 @@ def begun(rkhs: Rkhs, monkeypatch: pytest.MonkeyPatch) -> Path:
     ids=" ".join,
 )
 @pytest.mark.usefixtures("begun")
-def test_a_module_that_a_data_file_names_is_not_imported_from_the_folder_that_we_are_in(
+def test_data_files_cannot_import_modules_from_the_current_folder(
     rkhs: Rkhs, command: tuple[str, ...]
 ) -> None:
     assert_refused(rkhs(*command), REFUSAL)
@@ -76,26 +76,26 @@ def test_a_module_that_a_data_file_names_is_not_imported_from_the_folder_that_we
 
 
 @pytest.mark.usefixtures("begun")
-def test_what_needs_no_environment_reads_data_without_importing_what_it_names(rkhs: Rkhs) -> None:
+def test_commands_without_an_environment_import_no_named_module(rkhs: Rkhs) -> None:
     for command in (("plot", "run"), ("replay", "run", "--quiet"), ("compare", "run"), ("offline", "run", "--quiet")):
         assert rkhs(*command).code == 0, command
     assert not Path("imported").exists()
 
 
 @pytest.mark.usefixtures("begun")
-def test_an_environment_that_is_named_on_the_command_line_is_imported(rkhs: Rkhs) -> None:
+def test_an_environment_on_the_command_line_is_imported(rkhs: Rkhs) -> None:
     told = rkhs("evaluate", "run/policy.npz", "--env", "theirs:Slide-v0", "--episodes", 1)
     assert json.loads(told.out)["environment"] == "theirs:Slide-v0"
     other = rkhs("evaluate", "run/policy.npz", "--env", "Pendulum-v1")
     assert_refused(other, "--env: expected theirs:Slide-v0, the environment of run/policy.npz, got Pendulum-v1")
 
 
-def test_how_to_go_on_says_what_is_needed(begun: Path) -> None:
+def test_the_resume_hint_contains_trust(begun: Path) -> None:
     assert resume_hint(begun, load_config(begun / "config.yaml")) == "resume with: rkhs train --resume run --trust"
 
 
 @pytest.mark.parametrize("place", [".", "sub"])
-def test_a_module_is_installed_if_it_is_found_neither_here_nor_by_a_relative_path(
+def test_modules_in_the_current_folder_or_a_relative_path_are_not_installed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -116,7 +116,7 @@ def test_a_module_is_installed_if_it_is_found_neither_here_nor_by_a_relative_pat
         assert user_module("theirs").x == 1
 
 
-def test_what_is_installed_is_imported() -> None:
+def test_installed_modules_are_imported() -> None:
     names = ("json", "gymnasium.envs", "sim_nodes.envs", "rkhs_ros")
     assert all(map(is_installed, names))
     assert not any(map(is_installed, ("", ".", "../theirs", "/tmp/theirs", "no_such_module")))
@@ -124,7 +124,7 @@ def test_what_is_installed_is_imported() -> None:
         assert [user_module(name).__name__ for name in names] == list(names)
 
 
-def test_every_command_that_reads_data_files_imports_none_but_installed_modules() -> None:
+def test_every_command_that_reads_data_files_limits_imports() -> None:
     for name in set(COMMANDS) - CONFIGURED:
         module = import_module(f"rkhs_ros.app.commands.{name}")
         limited = [each for each in vars(module).values() if hasattr(each, "__wrapped__")]

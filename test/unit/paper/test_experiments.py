@@ -49,7 +49,7 @@ def test_the_papers_figures_are_defined_with_its_numbers_of_runs() -> None:
 
 
 @pytest.mark.parametrize("name", PAPER_RUNS)
-def test_every_curve_of_a_figure_is_a_configuration_of_its_own(name: str) -> None:
+def test_every_curve_of_a_figure_has_a_distinct_configuration(name: str) -> None:
     curves = [curve for panel in load_experiment(name).panels for curve in panel.curves]
     settings = [str(curve.run(3).parameters()) for curve in curves]
     assert len(set(settings)) == len(curves)
@@ -61,7 +61,7 @@ def test_every_claim_is_of_a_figure() -> None:
 
 
 @pytest.mark.slow
-def test_a_table_holds_every_iteration_of_every_run(experiment: Experiment, tmp_path: Path) -> None:
+def test_a_table_contains_every_iteration_of_every_run(experiment: Experiment, tmp_path: Path) -> None:
     table = make_table(experiment, tmp_path, runs=2)
     lines = list(csv.DictReader(table.open()))
     assert len(lines) == 2 * (2 + 2 + 3)
@@ -75,7 +75,7 @@ def test_a_table_holds_every_iteration_of_every_run(experiment: Experiment, tmp_
 
 
 @pytest.mark.slow
-def test_an_interrupted_experiment_makes_only_what_is_missing(experiment: Experiment, tmp_path: Path) -> None:
+def test_an_interrupted_experiment_runs_only_what_is_missing(experiment: Experiment, tmp_path: Path) -> None:
     table = make_table(experiment, tmp_path, runs=1)
     whole = table.read_bytes()
     lost, *kept = sorted((tmp_path / "runs").iterdir())
@@ -89,7 +89,7 @@ def test_an_interrupted_experiment_makes_only_what_is_missing(experiment: Experi
 
 
 @pytest.mark.slow
-def test_a_run_that_is_not_whole_is_made_again(experiment: Experiment, tmp_path: Path) -> None:
+def test_an_incomplete_run_is_repeated(experiment: Experiment, tmp_path: Path) -> None:
     whole = make_table(experiment, tmp_path, runs=1).read_bytes()
     curve = min((tmp_path / "runs").iterdir()) / "curve.csv"
     curve.write_bytes(curve.read_bytes()[:-9])
@@ -98,7 +98,7 @@ def test_a_run_that_is_not_whole_is_made_again(experiment: Experiment, tmp_path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("left", [b"", b"iteration,episodes\n", b"\xff\n"], ids=["empty", "header", "no text"])
-def test_a_run_whose_curve_is_damaged_is_named(experiment: Experiment, tmp_path: Path, left: bytes) -> None:
+def test_a_run_with_a_damaged_curve_is_reported(experiment: Experiment, tmp_path: Path, left: bytes) -> None:
     make_table(experiment, tmp_path, runs=1)
     curve = min((tmp_path / "runs").iterdir()) / "curve.csv"
     curve.write_bytes(left)
@@ -108,7 +108,7 @@ def test_a_run_whose_curve_is_damaged_is_named(experiment: Experiment, tmp_path:
 
 
 @pytest.mark.slow
-def test_a_run_that_was_cut_off_goes_on_from_its_checkpoint(
+def test_an_interrupted_run_resumes_from_its_checkpoint(
     experiment: Experiment, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     whole = make_table(experiment, tmp_path, runs=1).read_bytes()
@@ -125,7 +125,7 @@ def test_a_run_that_was_cut_off_goes_on_from_its_checkpoint(
 
 
 @pytest.mark.slow
-def test_runs_that_fail_are_told_of_after_the_others_are_made(experiment: Experiment, tmp_path: Path) -> None:
+def test_failed_runs_are_reported_after_the_others_finish(experiment: Experiment, tmp_path: Path) -> None:
     whole = make_table(experiment, tmp_path, runs=1).read_bytes()
     bad = min((tmp_path / "runs").iterdir())
     shutil.rmtree(bad)
@@ -137,7 +137,7 @@ def test_runs_that_fail_are_told_of_after_the_others_are_made(experiment: Experi
 
 
 @pytest.mark.slow
-def test_runs_of_other_code_are_made_anew(
+def test_runs_of_other_code_are_repeated(
     experiment: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def made() -> int:
@@ -153,7 +153,7 @@ def test_runs_of_other_code_are_made_anew(
 
 
 @pytest.mark.slow
-def test_the_number_of_processes_changes_nothing(experiment: Experiment, tmp_path: Path) -> None:
+def test_the_number_of_processes_does_not_change_the_results(experiment: Experiment, tmp_path: Path) -> None:
     one, two = (make_table(experiment, tmp_path / str(j), runs=2, jobs=j) for j in (1, 2))
     assert one.read_bytes() == two.read_bytes()
 
@@ -171,7 +171,7 @@ def test_a_figure_shows_its_curves(experiment: Experiment, tmp_path: Path) -> No
     assert one != other
 
 
-def test_a_file_that_is_no_table_is_refused(tmp_path: Path) -> None:
+def test_an_invalid_table_is_rejected(tmp_path: Path) -> None:
     file = tmp_path / "fig1.csv"
     file.write_text("a,b\n1,2\n")
     with pytest.raises(ValueError, match="expected the table of an experiment"):
@@ -183,7 +183,7 @@ def test_the_page_of_results_is_up_to_date() -> None:
     assert results(ROOT / "docs" / "results", page) == page.read_text()
 
 
-def test_a_claim_fails_where_its_returns_do() -> None:
+def test_a_claim_fails_if_its_returns_do_not_support_it() -> None:
     (claim,) = (claim for claim in CLAIMS if "insensitive" not in claim.paper and "covariant" in claim.paper)
     table = load_table(ROOT / "docs" / "results" / "fig2.csv")
     assert claim.judge(table).holds
@@ -203,7 +203,7 @@ def test_a_claim_fails_where_its_returns_do() -> None:
         (("results", "nowhere"), "Run 'rkhs reproduce fig1' to create it"),
     ],
 )
-def test_bad_input_is_refused_in_one_line(
+def test_bad_input_is_rejected_in_one_line(
     arguments: tuple[str, ...], reason: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ending:

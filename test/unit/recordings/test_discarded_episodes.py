@@ -73,7 +73,7 @@ def shuffles(recording: Recording, seed: int = 0) -> Iterator[Recording]:
         yield replace(recording, batches=[recording.batches[place] for place in order])
 
 
-def test_the_episodes_that_count_do_not_depend_on_the_order_of_the_messages(whole: Path, never_vetoed: Path) -> None:
+def test_completed_episodes_do_not_depend_on_the_order_of_messages(whole: Path, never_vetoed: Path) -> None:
     recording, expected = read_recording(whole), read_recording(never_vetoed)
     assert len(recording.batches) == len(expected.batches) + 2 * len(VETOED)
     assert recording.by_numbers().keys() == expected.by_numbers().keys()
@@ -84,7 +84,7 @@ def test_the_episodes_that_count_do_not_depend_on_the_order_of_the_messages(whol
         assert all(np.array_equal(getattr(each.episodes(), a), getattr(recording.episodes(), a)) for a in ARRAYS)
 
 
-def test_a_vetoed_episode_that_did_not_run_again_does_not_count(cut: Path) -> None:
+def test_a_vetoed_episode_without_a_repetition_is_discarded(cut: Path) -> None:
     recording = read_recording(cut)
     last = Batch(TRAINING.seed, 3, 1, TRAINING.horizon, explore=True)
     assert [each.batch for each in recording.batches[-2:]] == [last, last]
@@ -96,7 +96,7 @@ def test_a_vetoed_episode_that_did_not_run_again_does_not_count(cut: Path) -> No
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_a_run_that_is_resumed_runs_a_vetoed_episode_again(tmp_path: Path, never_vetoed: Path, order: str) -> None:
+def test_a_resumed_run_repeats_a_vetoed_episode(tmp_path: Path, never_vetoed: Path, order: str) -> None:
     file = interrupted(tmp_path / "run")
     ordered(file, order).replace(file)
     goes_on = Robot()
@@ -124,7 +124,7 @@ def test_vetoed_episodes_are_not_exported(whole: Path, cut: Path, order: str, rk
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_vetoed_episodes_are_not_learnt_from_offline(
+def test_offline_training_ignores_vetoed_episodes(
     whole: Path, cut: Path, order: str, rkhs: Callable[..., Result]
 ) -> None:
     for name, file, count in (("whole", whole, 20), ("cut", cut, STOPPED_AFTER - 1)):
@@ -149,7 +149,7 @@ def test_vetoed_episodes_are_not_viewed(whole: Path, never_vetoed: Path, order: 
 
 
 @pytest.mark.parametrize("plugin", list(StoragePlugin))
-def test_a_veto_in_a_bag_counts_in_any_order(cut: Path, tmp_path: Path, plugin: StoragePlugin) -> None:
+def test_a_veto_in_a_bag_discards_the_episode_in_any_order(cut: Path, tmp_path: Path, plugin: StoragePlugin) -> None:
     pytest.importorskip("viser")
     from rkhs_ros.view.bag import Bag
 
@@ -165,7 +165,7 @@ def test_a_veto_in_a_bag_counts_in_any_order(cut: Path, tmp_path: Path, plugin: 
 
 
 class TestTwoRunsInOneBag:
-    def test_with_two_seeds_all_episodes_count(
+    def test_runs_with_different_seeds_in_a_bag_are_all_read(
         self, tmp_path: Path, rkhs: Callable[..., Result], capsys: pytest.CaptureFixture[str]
     ) -> None:
         runs = [recorded_run(tmp_path / f"seed_{seed}", longer(2, seed=seed)) for seed in (0, 5)]
@@ -177,7 +177,7 @@ class TestTwoRunsInOneBag:
         learnt = rkhs("offline", tmp_path / "bag", runs[0].parent / "config.yaml", *SHORT, "--out", "learnt")
         assert "from 20 recorded episodes" in learnt.out
 
-    def test_they_are_viewed_one_after_the_other(self, tmp_path: Path) -> None:
+    def test_runs_with_different_seeds_are_viewed_in_sequence(self, tmp_path: Path) -> None:
         pytest.importorskip("viser")
         from rkhs_ros.view.bag import Bag
 
@@ -189,7 +189,7 @@ class TestTwoRunsInOneBag:
         assert third is not None
         assert np.array_equal(third.exploration.rewards, recordings[1].batches[0].episodes.rewards)
 
-    def test_with_one_seed_the_later_run_counts_and_a_warning_tells(
+    def test_of_runs_with_the_same_seed_the_later_is_read_with_a_warning(
         self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
         changes = ({}, {"episodes_per_iteration": 2})
@@ -208,7 +208,7 @@ class TestTwoRunsInOneBag:
             "Record runs with the same seed in separate bags.\n"
         )
 
-    def test_the_same_run_twice_is_no_conflict(
+    def test_a_run_recorded_twice_gives_no_warning(
         self, whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
         recording = read_recording(whole)

@@ -43,7 +43,7 @@ def texts(path: Path) -> list[str]:
     return [decoded(each.content, each.kind, each.definition).node for each in read_messages(path).messages]
 
 
-def test_the_definitions_are_those_of_the_interfaces_and_all_are_known() -> None:
+def test_definitions_match_rkhs_interfaces() -> None:
     assert FOLDER.resolve() == (ROOT / "rkhs_interfaces" / "msg").resolve()
     listed = (ROOT / "rkhs_interfaces" / "CMakeLists.txt").read_text()
     assert len(list(FOLDER.glob("*.msg"))) > 10
@@ -55,13 +55,13 @@ def test_the_definitions_are_those_of_the_interfaces_and_all_are_known() -> None
             assert encoded(decoded(encoded(message), kind, definition(kind))) == encoded(message)
 
 
-def test_a_field_that_a_message_has_not_is_refused() -> None:
+def test_unknown_fields_of_a_message_are_rejected() -> None:
     with pytest.raises(ValueError, match=r"NodeInstance: expected fields of this type, got year"):
         Types().NodeInstance(year=3)
 
 
 @pytest.mark.parametrize("learnt", [False, True])
-def test_a_policy_comes_back_with_the_same_bits(
+def test_a_policy_survives_serialisation_bit_identically(
     random_policy: Callable[..., GaussianPolicy], arrays_of: Callable[[Any], dict[str, np.ndarray]], *, learnt: bool
 ) -> None:
     policy = random_policy(learnt=learnt)
@@ -73,7 +73,7 @@ def test_a_policy_comes_back_with_the_same_bits(
     assert (back.inputs, back.noise, back.mean.kernel) == (policy.inputs, policy.noise, policy.mean.kernel)
 
 
-def test_another_reader_finds_the_same_numbers(whole: Path) -> None:
+def test_an_independent_reader_gets_the_same_values(whole: Path) -> None:
     recording = read_recording(whole)
     with whole.open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
@@ -95,7 +95,7 @@ def test_another_reader_finds_the_same_numbers(whole: Path) -> None:
     assert (whole.parent / "config.yaml").read_text() == task.configuration
 
 
-def test_what_is_recorded_is_what_the_run_learnt_from(whole: Path) -> None:
+def test_a_recording_contains_the_episodes_of_the_run(whole: Path) -> None:
     recording = read_recording(whole)
     curve = [line.split(",") for line in (whole.parent / "curve.csv").read_text().splitlines()[1:]]
     assert [str(update.exploration_return) for update in recording.updates] == [line[3] for line in curve]
@@ -105,7 +105,7 @@ def test_what_is_recorded_is_what_the_run_learnt_from(whole: Path) -> None:
     assert len(recording.policies) == 5
 
 
-def test_what_was_cut_anywhere_is_read_up_to_the_last_whole_record(
+def test_a_truncated_file_is_read_up_to_the_last_complete_record(
     whole: Path, tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
 ) -> None:
     content = whole.read_bytes()
@@ -127,7 +127,7 @@ def test_what_was_cut_anywhere_is_read_up_to_the_last_whole_record(
     assert line.count("\n") == 1
 
 
-def test_a_flipped_bit_is_never_believed(whole: Path, tmp_path: Path, rng: np.random.Generator) -> None:
+def test_a_flipped_bit_is_always_detected(whole: Path, tmp_path: Path, rng: np.random.Generator) -> None:
     content, everything = bytearray(whole.read_bytes()), read_messages(whole).messages
     damaged, lost = tmp_path / "damaged.mcap", 0
     for at, bit in zip(rng.integers(8, len(content), 200), rng.integers(0, 8, 200), strict=True):
@@ -141,7 +141,7 @@ def test_a_flipped_bit_is_never_believed(whole: Path, tmp_path: Path, rng: np.ra
     assert 100 < lost < 200
 
 
-def test_what_follows_a_damaged_message_is_still_read(tmp_path: Path) -> None:
+def test_messages_after_a_damaged_one_are_read(tmp_path: Path) -> None:
     file = MessageFile(tmp_path / "a.mcap", noted(["first", "second", "third"]))
     file.close()
     content = (tmp_path / "a.mcap").read_bytes()
@@ -165,7 +165,7 @@ def test_a_damaged_opcode_of_an_index_loses_no_message(tmp_path: Path) -> None:
         content[index] ^= 8
 
 
-def test_each_message_is_there_for_others_as_soon_as_it_is_written(tmp_path: Path) -> None:
+def test_each_message_is_readable_as_soon_as_it_is_written(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     file = MessageFile(path)
     for count, message in enumerate(noted(["a", "b", "c"])):
@@ -175,7 +175,7 @@ def test_each_message_is_there_for_others_as_soon_as_it_is_written(tmp_path: Pat
     file.close()
 
 
-def test_a_full_disk_leaves_what_was_recorded_before(tmp_path: Path) -> None:
+def test_a_full_disk_preserves_earlier_messages(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     file = MessageFile(path, noted(["a", "b"]))
     size = path.stat().st_size
@@ -193,7 +193,7 @@ def test_a_full_disk_leaves_what_was_recorded_before(tmp_path: Path) -> None:
     assert path.stat().st_size == size
 
 
-def test_a_robots_record_is_on_the_disk_before_the_learner_goes_on(
+def test_the_recording_of_a_robot_is_synced_before_the_learner_continues(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     synced: list[int] = []
@@ -207,7 +207,7 @@ def test_a_robots_record_is_on_the_disk_before_the_learner_goes_on(
 
 
 @pytest.mark.parametrize("episodes", [1, 4, 5, 6, 7, 11, 14, 19])
-def test_a_run_on_a_robot_that_is_interrupted_runs_no_episode_twice(
+def test_an_interrupted_run_on_a_robot_repeats_no_episode(
     tmp_path: Path, episodes: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     never_stopped = read_recording(recorded_run(tmp_path / "whole", runner=Robot()))
@@ -221,7 +221,7 @@ def test_a_run_on_a_robot_that_is_interrupted_runs_no_episode_twice(
     assert "warning" not in capsys.readouterr().err
 
 
-def test_a_discarded_episode_is_recorded_and_not_counted(tmp_path: Path) -> None:
+def test_a_discarded_episode_is_recorded_but_not_used(tmp_path: Path) -> None:
     recording = read_recording(recorded_run(tmp_path / "run", runner=Robot()))
     discarded = [batch for batch in recording.batches if batch.is_discarded]
     assert {batch.executions[0].discard_reason for batch in discarded} == {"stopped"}
@@ -239,7 +239,7 @@ def test_a_discarded_episode_is_recorded_and_not_counted(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("kept", [0.05, 0.2, 0.4, 0.6, 0.7])
-def test_a_run_goes_on_with_the_whole_part_of_its_recording(
+def test_a_run_continues_the_intact_part_of_its_recording(
     whole: Path, tmp_path: Path, kept: float, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = recorded_run(tmp_path / "run", longer(3))
@@ -254,14 +254,14 @@ def test_a_run_goes_on_with_the_whole_part_of_its_recording(
     assert (file.parent / "policy.npz").read_bytes() == (whole.parent / "policy.npz").read_bytes()
 
 
-def test_a_run_that_is_done_goes_on_with_its_recording(whole: Path, tmp_path: Path) -> None:
+def test_a_finished_run_continues_its_recording(whole: Path, tmp_path: Path) -> None:
     file = recorded_run(tmp_path / "run", longer(2))
     run_training(CONFIG, InlineRunner(Simulation("rkhs/Toy-v0")), tmp_path / "run", quiet=True, resume=True)
     assert content(read_recording(file)) == content(read_recording(whole))
     assert read_messages(file).faults == []
 
 
-def test_the_recording_of_another_run_is_refused(whole: Path, tmp_path: Path) -> None:
+def test_the_recording_of_another_run_is_rejected(whole: Path, tmp_path: Path) -> None:
     recorded_run(tmp_path / "run", longer(1))
     (tmp_path / "run" / "recording.mcap").write_bytes(whole.read_bytes())
     other = replace(CONFIG, training=replace(CONFIG.training, seed=1))
@@ -273,7 +273,7 @@ def test_the_recording_of_another_run_is_refused(whole: Path, tmp_path: Path) ->
     assert {path: path.read_bytes() for path in (tmp_path / "other").rglob("*") if path.is_file()} == before
 
 
-def test_recording_changes_no_bit_of_the_run(whole: Path, tmp_path: Path) -> None:
+def test_recording_does_not_change_the_results(whole: Path, tmp_path: Path) -> None:
     folder = run_training(CONFIG, InlineRunner(Simulation("rkhs/Toy-v0")), tmp_path / "run", quiet=True)
     assert not (folder / "recording.mcap").exists()
     for name in ("policy.npz", "config.yaml", "episodes.npz", "best_policy.npz"):
@@ -288,14 +288,14 @@ def test_the_command_records(rkhs: Callable[..., Result]) -> None:
     assert [read_recording(Path("two") / f"seed_{seed}").head.seed for seed in (3, 5)] == [3, 5]
 
 
-def test_topics_are_not_recorded_where_there_are_none(rkhs: Callable[..., Result]) -> None:
+def test_raw_recording_requires_topics(rkhs: Callable[..., Result]) -> None:
     toy = ROOT / "config" / "toy_nac.yaml"
     for more in (("--runner", "inline"), ("--seeds", "0-1")):
         assert_refused(rkhs("train", toy, "--record", "raw", "--out", "run", *more), "--record: expected episodes")
     assert not Path("run").exists()
 
 
-def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
+def test_invalid_recordings_are_rejected(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_bytes(b"no such thing")
     with pytest.raises(ValueError, match=r"a\.mcap: expected an MCAP file"):
         read_recording(tmp_path / "a.mcap")
@@ -316,7 +316,7 @@ def chunks(content: bytes | bytearray) -> list[int]:
 
 
 @pytest.mark.parametrize("damaged", [0, 2])
-def test_a_run_that_goes_on_keeps_what_it_cannot_read_of_its_recording(tmp_path: Path, damaged: int) -> None:
+def test_a_resumed_run_copies_a_damaged_recording(tmp_path: Path, damaged: int) -> None:
     file = recorded_run(tmp_path / "run", longer(2))
     content = bytearray(file.read_bytes())
     content[chunks(content)[damaged] + 6] ^= 1  # a length beyond the end, so that all after it seems cut
@@ -325,7 +325,7 @@ def test_a_run_that_goes_on_keeps_what_it_cannot_read_of_its_recording(tmp_path:
     assert (file.parent / "recording_damaged_1.mcap").read_bytes() == content
 
 
-def test_a_recorded_run_without_its_recording_goes_on_only_with_another_one(
+def test_a_recorded_run_does_not_resume_without_its_recording(
     tmp_path: Path, rkhs: Callable[..., Result]
 ) -> None:
     file = recorded_run(tmp_path / "run", longer(2))
@@ -340,7 +340,7 @@ def test_a_recorded_run_without_its_recording_goes_on_only_with_another_one(
 
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")], ids=["pipe", "device"])
-def test_a_pipe_or_a_device_in_place_of_a_recording_is_refused(
+def test_a_pipe_or_a_device_is_rejected_as_a_recording(
     tmp_path: Path, rkhs: Callable[..., Result], make: Callable[[Path], None]
 ) -> None:
     file = recorded_run(tmp_path / "run", longer(2))
@@ -351,7 +351,7 @@ def test_a_pipe_or_a_device_in_place_of_a_recording_is_refused(
         assert_refused(rkhs(*command), "run/recording.mcap: expected a regular file, got a pipe, a device or a socket")
 
 
-def test_a_recording_with_a_damaged_head_or_episode_is_refused_as_damaged(
+def test_errors_mention_a_damaged_header_or_episode(
     tmp_path: Path, rkhs: Callable[..., Result]
 ) -> None:
     file = recorded_run(tmp_path / "run", longer(1, episodes_per_iteration=1, evaluate_every=0))
@@ -369,7 +369,7 @@ def test_a_recording_with_a_damaged_head_or_episode_is_refused_as_damaged(
         assert message in err.splitlines()[-1]
 
 
-def test_of_a_run_that_was_killed_nothing_is_kept_aside(tmp_path: Path) -> None:
+def test_a_killed_run_leaves_no_copy_of_its_recording(tmp_path: Path) -> None:
     file = recorded_run(tmp_path / "run", longer(2))
     content = file.read_bytes()
     file.write_bytes(content[: chunks(content)[-1]])

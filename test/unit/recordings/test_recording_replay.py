@@ -61,7 +61,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ],
     ids=lambda run: run.training.name,
 )
-def test_what_is_recorded_replays_to_the_same_bits(run: Config, tmp_path: Path) -> None:
+def test_a_recording_replays_bit_identically(run: Config, tmp_path: Path) -> None:
     recording = read_recording(recorded_run(tmp_path / "run", run))
     again = list(replay(recording))
     assert len(again) == run.training.iterations == len(recording.updates)
@@ -76,14 +76,14 @@ def test_a_robots_recording_replays_past_discarded_episodes(tmp_path: Path) -> N
     assert len(list(replay(recording))) == 4
 
 
-def test_a_run_that_went_on_replays(tmp_path: Path) -> None:
+def test_a_resumed_run_replays(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         recorded_run(tmp_path / "run", runner=Robot(8))
     file = recorded_run(tmp_path / "run", runner=Robot(), resume=True)
     assert len(list(replay(read_recording(file)))) == 4
 
 
-def test_a_run_that_began_from_a_policy_replays(whole: Path, tmp_path: Path) -> None:
+def test_a_run_with_an_initial_policy_replays(whole: Path, tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     given = read_recording(whole)
     spaces = InlineRunner(Simulation("rkhs/Toy-v0")).spaces
@@ -93,7 +93,7 @@ def test_a_run_that_began_from_a_policy_replays(whole: Path, tmp_path: Path) -> 
     assert len(list(replay(recording))) == 2
 
 
-def test_a_run_that_was_cut_replays_as_far_as_it_goes(whole: Path, tmp_path: Path) -> None:
+def test_an_interrupted_run_replays_its_finished_updates(whole: Path, tmp_path: Path) -> None:
     content = whole.read_bytes()
     (tmp_path / "cut.mcap").write_bytes(content[: len(content) // 2])
     recording = read_recording(tmp_path / "cut.mcap")
@@ -106,7 +106,7 @@ EXPLORING, EVALUATION = 2, 3  # places of the second update's batches
 
 @pytest.mark.parametrize("name", ["observations", "actions", "rewards"])
 @pytest.mark.parametrize(("place", "kind"), [(EXPLORING, "exploration"), (EVALUATION, "evaluation")])
-def test_a_changed_bit_in_an_episode_is_found(whole: Path, name: str, place: int, kind: str) -> None:
+def test_a_flipped_bit_in_an_episode_is_detected(whole: Path, name: str, place: int, kind: str) -> None:
     copy = changed(whole, "RecordedEpisodes", place, lambda message: flip(getattr(message.episodes, name), 6))
     with pytest.raises(DifferenceError, match=r"^update 2, ") as found:
         list(replay(read_recording(copy)))
@@ -123,14 +123,14 @@ def test_a_changed_bit_in_an_episode_is_found(whole: Path, name: str, place: int
         (lambda policy: flip(policy.kernel[0].parameters, 0), r"policy 2, kernel\[0\], parameters\[0\]: "),
     ],
 )
-def test_a_changed_bit_in_a_policy_is_found(whole: Path, change: Callable[[Any], None], where: str) -> None:
+def test_a_flipped_bit_in_a_policy_is_detected(whole: Path, change: Callable[[Any], None], where: str) -> None:
     copy = changed(whole, "Policy", 1, change)
     with pytest.raises(DifferenceError, match="^update 1, evaluation episode 0: " + where):
         list(replay(read_recording(copy)))
 
 
 @pytest.mark.parametrize("name", ["kl", "step_size", "sparsification_error", "exploration_return"])
-def test_a_changed_bit_in_an_update_is_found(whole: Path, name: str) -> None:
+def test_a_flipped_bit_in_an_update_is_detected(whole: Path, name: str) -> None:
     def change(update: Any) -> None:
         setattr(update, name, float(np.nextafter(getattr(update, name), np.inf)))
 
@@ -139,14 +139,14 @@ def test_a_changed_bit_in_an_update_is_found(whole: Path, name: str) -> None:
         list(replay(read_recording(copy)))
 
 
-def test_episodes_that_are_missing_are_named(whole: Path) -> None:
+def test_missing_episodes_are_reported(whole: Path) -> None:
     recording = read_recording(whole)
     del recording.batches[4]
     with pytest.raises(ValueError, match=r"^update 3: expected exploration episode 6 in the recording, got none"):
         list(replay(recording))
 
 
-def test_the_command_says_what_is_equal_and_what_is_not(whole: Path, rkhs: Callable[..., Result]) -> None:
+def test_replay_reports_equal_and_different_updates(whole: Path, rkhs: Callable[..., Result]) -> None:
     assert rkhs("replay", whole.parent, "--quiet") == (0, "all 4 updates are bit-identical\n", "")
     copy = changed(whole, "Update", 2, lambda update: setattr(update, "kl", 0.5))
     result = rkhs("replay", copy, "--quiet")
@@ -155,21 +155,21 @@ def test_the_command_says_what_is_equal_and_what_is_not(whole: Path, rkhs: Calla
     assert result.out.endswith("; the first 2 of 4 updates are bit-identical\n")
 
 
-def test_the_command_names_other_versions(whole: Path, rkhs: Callable[..., Result]) -> None:
+def test_replay_reports_other_versions(whole: Path, rkhs: Callable[..., Result]) -> None:
     copy = changed(whole, "Task", 0, lambda task: task.versions.__setitem__(1, "numpy 0.1"))
     assert rkhs("replay", copy, "--quiet").out == "all 4 updates are bit-identical\n"
     copy = changed(copy, "Update", 0, lambda update: setattr(update, "kl", 0.5))
     assert "(recorded with numpy 0.1)" in rkhs("replay", copy, "--quiet").out
 
 
-def test_what_cannot_be_replayed_is_refused(whole: Path, tmp_path: Path, rkhs: Callable[..., Result]) -> None:
+def test_replay_rejects_recordings_without_updates(whole: Path, tmp_path: Path, rkhs: Callable[..., Result]) -> None:
     assert_refused(rkhs("replay", tmp_path / "none.mcap"), "none.mcap: no such recording")
     messages = [message for message in read_messages(whole).messages if not message.kind.endswith("/Update")]
     MessageFile(tmp_path / "a.mcap", messages).close()
     assert_refused(rkhs("replay", tmp_path / "a.mcap"), "expected the recording of a run with updates, got no updates")
 
 
-def test_the_number_of_iterations_asked_for_does_not_matter(tmp_path: Path) -> None:
+def test_replay_does_not_depend_on_the_requested_number_of_iterations(tmp_path: Path) -> None:
     stopped = replace(CONFIG, training=replace(TRAINING, iterations=9))
     with pytest.raises(KeyboardInterrupt):
         recorded_run(tmp_path / "run", stopped, Robot(11))

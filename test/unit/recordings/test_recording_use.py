@@ -38,7 +38,7 @@ def of_a_robot(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 3])  # of ten seeds, of which all reach 45, a good one and the worst
-def test_a_pendulum_is_learnt_from_ten_episodes_that_only_explored(
+def test_offline_training_solves_the_pendulum_from_ten_exploration_episodes(
     tmp_path: Path, rkhs: Callable[..., Result], seed: int
 ) -> None:
     recorded_run(tmp_path / f"explored{seed}", exploring(10, f"seed={seed}"))
@@ -55,7 +55,7 @@ def test_a_pendulum_is_learnt_from_ten_episodes_that_only_explored(
 SHORT = ("--iterations", 2, "--set", "model.updates=2", "model.rollouts=5", "--quiet")
 
 
-def test_what_was_learnt_is_evaluated_and_begun_from(whole: Path, rkhs: Callable[..., Result]) -> None:
+def test_an_offline_policy_can_be_evaluated_and_used_as_initial_policy(whole: Path, rkhs: Callable[..., Result]) -> None:
     done = rkhs("offline", whole, *SHORT, "--out", "learnt")
     assert (done.code, done.err) == (0, "")
     made = {path.name for path in Path("learnt").iterdir()}
@@ -71,7 +71,7 @@ def test_what_was_learnt_is_evaluated_and_begun_from(whole: Path, rkhs: Callable
     assert np.array_equal(read_recording(Path("on")).policies[1].mean.weights, policy.mean.weights)
 
 
-def test_the_same_recordings_give_the_same_policy_and_more_another(whole: Path, rkhs: Callable[..., Result]) -> None:
+def test_offline_training_is_deterministic_and_depends_on_the_recordings(whole: Path, rkhs: Callable[..., Result]) -> None:
     other = recorded_run(Path("other"), longer(2, seed=5))
     for name, recordings in {"a": [whole], "b": [whole.parent], "c": [whole, other]}.items():
         assert rkhs("offline", *recordings, *SHORT, "--out", name).code == 0
@@ -80,7 +80,7 @@ def test_the_same_recordings_give_the_same_policy_and_more_another(whole: Path, 
     assert f"from {20 + 10} recorded episodes" in rkhs("offline", whole, other, *SHORT, "--out", "d").out
 
 
-def test_recordings_of_several_tasks_are_refused(whole: Path, rkhs: Callable[..., Result]) -> None:
+def test_recordings_of_different_tasks_are_rejected(whole: Path, rkhs: Callable[..., Result]) -> None:
     other = recorded_run(Path("other"), longer(1, horizon=7))
     assert_refused(rkhs("offline", whole, other, *SHORT), "other/recording.mcap: task: expected the task of")
     pendulum = ROOT / "config" / "pendulum_nac.yaml"
@@ -88,7 +88,7 @@ def test_recordings_of_several_tasks_are_refused(whole: Path, rkhs: Callable[...
     assert_refused(rkhs("offline", pendulum), "offline: expected at least one recording, got none")
 
 
-def test_discarded_episodes_are_not_learnt_from(of_a_robot: Path, whole: Path, rkhs: Callable[..., Result]) -> None:
+def test_training_ignores_discarded_episodes(of_a_robot: Path, whole: Path, rkhs: Callable[..., Result]) -> None:
     assert len(read_recording(of_a_robot).batches) > 20
     for name, recording in {"robot": of_a_robot, "simulation": whole}.items():
         assert rkhs("offline", recording, *SHORT, "--out", name).code == 0
@@ -117,7 +117,7 @@ def test_a_bag_of_the_topics_is_read(of_a_robot: Path, tmp_path: Path, plugin: S
 
 
 @pytest.mark.parametrize("plugin", list(StoragePlugin))
-def test_a_bag_is_seen_by_its_episodes(of_a_robot: Path, tmp_path: Path, plugin: StoragePlugin) -> None:
+def test_a_bag_is_viewed_by_its_episodes(of_a_robot: Path, tmp_path: Path, plugin: StoragePlugin) -> None:
     pytest.importorskip("viser")
     from rkhs_ros.view.recorded import Recorded
     from rkhs_ros.view.serving import source_of
@@ -139,7 +139,7 @@ def test_a_bag_is_seen_by_its_episodes(of_a_robot: Path, tmp_path: Path, plugin:
         assert seen.rows[0].exploration_return == pytest.approx(seen.load(1).exploration.returns(1.0).mean())
 
 
-def test_a_bag_is_learnt_from_with_a_configuration(whole: Path, rkhs: Callable[..., Result]) -> None:
+def test_offline_training_from_a_bag_needs_a_configuration(whole: Path, rkhs: Callable[..., Result]) -> None:
     bag(Path("bag"), read_recording(whole))
     assert_refused(rkhs("offline", "bag", *SHORT), "bag: expected a configuration as well, since a bag names no task")
     config = Path("same.yaml")
@@ -151,7 +151,7 @@ def test_a_bag_is_learnt_from_with_a_configuration(whole: Path, rkhs: Callable[.
 
 
 class TestLeRobot:
-    def test_the_numbers_come_back(self, of_a_robot: Path, rkhs: Callable[..., Result]) -> None:
+    def test_exported_values_match_the_recording(self, of_a_robot: Path, rkhs: Callable[..., Result]) -> None:
         parquet = pytest.importorskip("pyarrow.parquet")
         assert (
             rkhs("export", of_a_robot, "--lerobot", "out").out == "Exported 20 episodes at 20 steps per second: out\n"
@@ -168,7 +168,7 @@ class TestLeRobot:
         assert np.allclose(frames["timestamp"], np.tile(0.05 * np.arange(5), 20))
         assert frames["next.done"] == [False, False, False, False, True] * 20
 
-    def test_the_description_fits(self, of_a_robot: Path, rkhs: Callable[..., Result]) -> None:
+    def test_exported_metadata_match_the_data(self, of_a_robot: Path, rkhs: Callable[..., Result]) -> None:
         parquet = pytest.importorskip("pyarrow.parquet")
         assert rkhs("export", of_a_robot, "--lerobot", "out", "--task", "reach").code == 0
         info, stats = (json.loads(Path("out/meta", name).read_text()) for name in ("info.json", "stats.json"))
@@ -186,7 +186,7 @@ class TestLeRobot:
         assert json.loads(tasks.schema.metadata[b"pandas"])["index_columns"] == ["__index_level_0__"]
         assert tasks.to_pydict() == {"task_index": [0], "__index_level_0__": ["reach"]}
 
-    def test_its_own_reader_reads_it(self, of_a_robot: Path, rkhs: Callable[..., Result]) -> None:
+    def test_lerobot_reads_the_export(self, of_a_robot: Path, rkhs: Callable[..., Result]) -> None:
         datasets = pytest.importorskip("lerobot.datasets.lerobot_dataset")
         assert rkhs("export", of_a_robot, "--lerobot", "out").code == 0
         dataset = datasets.LeRobotDataset("local/out", root=Path("out"))
@@ -195,14 +195,14 @@ class TestLeRobot:
             read_recording(of_a_robot).finished[1].episodes.rewards[0, 2]
         )
 
-    def test_a_simulation_wants_to_be_told_of_its_time(self, whole: Path, rkhs: Callable[..., Result]) -> None:
+    def test_export_of_a_simulation_requires_fps(self, whole: Path, rkhs: Callable[..., Result]) -> None:
         assert_refused(rkhs("export", whole, "--lerobot", "out"), "--fps: expected the steps per second")
         assert rkhs("export", whole, "--lerobot", "out", "--fps", 10).code == 0
         assert json.loads(Path("out/meta/info.json").read_text())["fps"] == 10
         assert_refused(rkhs("export", whole, "--lerobot", "out", "--fps", 10), "out: expected a new folder")
 
     @pytest.mark.parametrize("rate", [2.5, 0.4, 33.3])
-    def test_a_rate_that_is_no_whole_number_is_refused(
+    def test_a_fractional_rate_is_rejected(
         self, tmp_path: Path, rate: float, rkhs: Callable[..., Result]
     ) -> None:
         parquet = pytest.importorskip("pyarrow.parquet")
@@ -217,7 +217,7 @@ class TestLeRobot:
         assert frames["timestamp"] == [0.0, 0.25, 0.5, 0.75, 1.0] * 5
         assert json.loads(Path("out/meta/info.json").read_text())["fps"] == 4
 
-    def test_a_robots_clock_may_be_a_little_slow(self, tmp_path: Path, rkhs: Callable[..., Result]) -> None:
+    def test_a_slightly_slow_robot_clock_is_accepted(self, tmp_path: Path, rkhs: Callable[..., Result]) -> None:
         parquet = pytest.importorskip("pyarrow.parquet")
         recording = recorded_run(tmp_path / "run", longer(1), Robot(period=50_200_000))  # of 50 ms
         assert "at 20 steps per second" in rkhs("export", recording, "--lerobot", "out").out
@@ -225,16 +225,16 @@ class TestLeRobot:
         assert np.allclose(frames["timestamp"], np.tile(0.0502 * np.arange(5), 5))
 
     @pytest.mark.parametrize("fps", ["2.5", "0.4", "0", "-3", "nan", "inf"])
-    def test_what_lerobot_cannot_store_is_refused(self, whole: Path, fps: str, rkhs: Callable[..., Result]) -> None:
+    def test_rates_that_lerobot_cannot_store_are_rejected(self, whole: Path, fps: str, rkhs: Callable[..., Result]) -> None:
         refused = rkhs("export", whole, "--lerobot", "out", f"--fps={fps}")
         assert_refused(refused, f"--fps: expected a positive whole number, which LeRobot requires, got {fps}")
 
-    def test_what_is_missing_is_named(
+    def test_missing_recordings_and_packages_are_reported(
         self, whole: Path, rkhs: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setitem(sys.modules, "pyarrow", None)
         assert_refused(rkhs("export", whole, "--lerobot", "out", "--fps", 10), "pip install pyarrow")
 
 
-def test_settings_that_do_not_fit_are_refused(whole: Path, rkhs: Callable[..., Result]) -> None:
+def test_invalid_settings_are_rejected(whole: Path, rkhs: Callable[..., Result]) -> None:
     assert_refused(rkhs("offline", whole, "--set", "model.centers=3", "--quiet"), "did you mean 'model.centres'?")

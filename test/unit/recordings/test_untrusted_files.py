@@ -41,7 +41,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.timeout(20)
 @pytest.mark.parametrize("name", READERS)
-def test_a_pipe_or_a_device_is_not_waited_for(tmp_path: Path, name: str) -> None:
+def test_reading_does_not_block_on_a_pipe_or_a_device(tmp_path: Path, name: str) -> None:
     for number, make in enumerate((os.mkfifo, lambda path: path.symlink_to("/dev/zero"))):
         path = tmp_path / str(number) / name
         path.parent.mkdir()
@@ -55,7 +55,7 @@ def test_a_pipe_or_a_device_is_not_waited_for(tmp_path: Path, name: str) -> None
 
 @pytest.mark.timeout(20)
 @pytest.mark.parametrize("name", READERS)
-def test_a_file_larger_than_the_memory_is_refused_unread(tmp_path: Path, name: str) -> None:
+def test_a_file_larger_than_the_limit_is_rejected_unread(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     with path.open("wb") as file:
         file.write(b"\x89MCAP0\r\n")
@@ -64,7 +64,7 @@ def test_a_file_larger_than_the_memory_is_refused_unread(tmp_path: Path, name: s
         READERS[name](path)
 
 
-def test_a_folder_and_a_missing_file_are_named_by_the_system(tmp_path: Path) -> None:
+def test_a_folder_or_a_missing_file_raises_an_os_error(tmp_path: Path) -> None:
     with pytest.raises(IsADirectoryError, match=str(tmp_path)):
         read_whole(tmp_path)
     with pytest.raises(FileNotFoundError, match="none"):
@@ -72,7 +72,7 @@ def test_a_folder_and_a_missing_file_are_named_by_the_system(tmp_path: Path) -> 
 
 
 @pytest.mark.timeout(60)
-def test_the_commands_refuse_a_pipe_in_one_line(tmp_path: Path, rkhs: Callable[..., Result]) -> None:
+def test_commands_reject_a_pipe_in_one_line(tmp_path: Path, rkhs: Callable[..., Result]) -> None:
     os.mkfifo("pipe.npz")
     for command in (("evaluate", "pipe.npz"), ("render", "pipe.npz"), ("imitate", "pipe.npz")):
         assert_refused(rkhs(*command), "pipe.npz")
@@ -94,7 +94,7 @@ def bomb(path: Path, compression: CompressionType, chunks: int, size: int) -> No
 
 
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
-def test_a_chunk_that_grows_beyond_all_measure_is_passed_over(tmp_path: Path, compression: CompressionType) -> None:
+def test_a_chunk_with_excessive_expansion_is_skipped(tmp_path: Path, compression: CompressionType) -> None:
     path = tmp_path / "bomb.mcap"
     bomb(path, compression, chunks=1, size=2**27)
     found = read_messages(path)
@@ -103,7 +103,7 @@ def test_a_chunk_that_grows_beyond_all_measure_is_passed_over(tmp_path: Path, co
 
 
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
-def test_a_chunk_that_grows_to_more_than_it_says_is_passed_over(tmp_path: Path, compression: CompressionType) -> None:
+def test_a_chunk_larger_than_declared_is_skipped(tmp_path: Path, compression: CompressionType) -> None:
     path = tmp_path / "bomb.mcap"
     bomb(path, compression, chunks=1, size=1000)
     (message,) = read_messages(path).messages
@@ -121,7 +121,7 @@ def test_a_chunk_that_grows_to_more_than_it_says_is_passed_over(tmp_path: Path, 
     assert "chunk: expected 1125 bytes, got 1126" in found.faults[0]
 
 
-def test_many_chunks_do_not_grow_beyond_all_measure_together(tmp_path: Path) -> None:
+def test_the_total_expansion_of_chunks_is_limited(tmp_path: Path) -> None:
     path = tmp_path / "bomb.mcap"
     bomb(path, CompressionType.ZSTD, chunks=100, size=2**26 - 100)  # 6.7 GB of 250 kB
     assert path.stat().st_size < 2**19
@@ -150,7 +150,7 @@ def looked_at(path: Path) -> None:
         source.load(iteration)
 
 
-def test_a_changed_byte_after_the_data_changes_nothing_that_is_seen(whole: Path, tmp_path: Path) -> None:
+def test_a_changed_byte_after_the_data_has_no_effect(whole: Path, tmp_path: Path) -> None:
     content, path = whole.read_bytes(), tmp_path / "changed.mcap"
     closing = content.rindex(b"rkhs_interfaces/msg/Policy")  # in the definitions that are there again for others
     end_of_data = content.rindex(b"\x0f" + (4).to_bytes(8, "little"))
@@ -164,7 +164,7 @@ def test_a_changed_byte_after_the_data_changes_nothing_that_is_seen(whole: Path,
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(4))
-def test_a_recording_with_a_changed_byte_is_read_or_refused_in_one_line(whole: Path, tmp_path: Path, part: int) -> None:
+def test_a_recording_with_a_changed_byte_is_read_or_rejected_in_one_line(whole: Path, tmp_path: Path, part: int) -> None:
     content, path = whole.read_bytes(), tmp_path / "changed.mcap"
     for place in range(part, len(content), 16):
         path.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
@@ -172,7 +172,7 @@ def test_a_recording_with_a_changed_byte_is_read_or_refused_in_one_line(whole: P
 
 
 @pytest.mark.slow
-def test_a_recording_that_no_checksum_guards_is_read_or_refused_in_one_line(whole: Path, tmp_path: Path) -> None:
+def test_a_recording_without_checksums_is_read_or_rejected_in_one_line(whole: Path, tmp_path: Path) -> None:
     path, unguarded = tmp_path / "changed.mcap", tmp_path / "unguarded.mcap"
     found: Found = read_messages(whole)
     with unguarded.open("wb") as file:

@@ -55,7 +55,7 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_bad_environment_ends_the_run_in_one_line_and_mended_it_goes_on(
+def test_a_failing_environment_stops_the_run_in_one_line_and_a_repaired_one_resumes_it(
     rkhs: Callable[..., Result], fault: str
 ) -> None:
     result = rkhs(*ARGUMENTS, f"environment.options.fault={fault}")
@@ -67,11 +67,11 @@ def test_a_bad_environment_ends_the_run_in_one_line_and_mended_it_goes_on(
     assert len(Curve(Path("run/curve.csv")).rows()) == 5
 
 
-def test_infinite_bounds_of_observations_are_no_fault(rkhs: Callable[..., Result]) -> None:
+def test_infinite_bounds_of_observations_are_accepted(rkhs: Callable[..., Result]) -> None:
     assert rkhs(*ARGUMENTS, "environment.options.fault=infinite bounds").code == 0
 
 
-def test_an_action_that_is_not_finite_ends_the_run_by_row_and_step(
+def test_an_infinite_action_is_reported_with_environment_and_step(
     random_policy: Callable[..., GaussianPolicy],
 ) -> None:
     policy = random_policy(d=1, n=1)
@@ -87,7 +87,7 @@ def test_an_action_that_is_not_finite_ends_the_run_by_row_and_step(
 
 
 @pytest.mark.parametrize("how", ["raise RuntimeError('no licence')", "raise SystemExit(4)", "raise GeneratorExit"])
-def test_an_environment_that_cannot_be_made_is_refused(rkhs: Callable[..., Result], how: str) -> None:
+def test_an_environment_that_cannot_be_created_is_rejected(rkhs: Callable[..., Result], how: str) -> None:
     Path("unmade.py").write_text(f"import gymnasium\ndef make():\n    {how}\ngymnasium.register('Unmade-v0', make)\n")
     result = rkhs("train", "--env", "unmade:Unmade-v0", "--runner", "inline")
     assert result.code == 2
@@ -108,7 +108,7 @@ class Still(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 @pytest.mark.parametrize("metadata", [None, {"render_fps": "many"}, {"render_fps": 0}])
-def test_metadata_that_say_nothing_are_no_fault(monkeypatch: pytest.MonkeyPatch, metadata: Any) -> None:
+def test_empty_metadata_are_accepted(monkeypatch: pytest.MonkeyPatch, metadata: Any) -> None:
     monkeypatch.setattr(Still, "metadata", metadata)
     assert Simulation(Still).step_seconds == 1.0
 
@@ -126,7 +126,7 @@ def test_metadata_that_say_nothing_are_no_fault(monkeypatch: pytest.MonkeyPatch,
         ),
     ],
 )
-def test_spaces_and_metadata_that_cannot_be_served_are_refused(
+def test_unsupported_spaces_and_metadata_are_rejected(
     monkeypatch: pytest.MonkeyPatch, name: str, value: Any, message: str
 ) -> None:
     monkeypatch.setattr(Still, name, value)
@@ -153,7 +153,7 @@ gymnasium.register("Selfish-v0", Selfish, max_episode_steps=3)
 """
 
 
-def test_what_an_environment_sets_for_itself_is_put_back(tmp_path: Path) -> None:
+def test_changes_of_process_state_by_an_environment_are_undone(tmp_path: Path) -> None:
     Path("selfish.py").write_text(SELFISH)
     before = np.geterr()
     try:

@@ -16,7 +16,7 @@ def longest(counts: list[int], known: list[float]) -> float:
 
 
 @given(episodes=st.integers(1, 12), known=seconds)
-def test_where_there_is_room_no_other_way_ends_sooner(episodes: int, known: list[float]) -> None:
+def test_with_sufficient_capacity_the_shares_are_optimal(episodes: int, known: list[float]) -> None:
     counts = share(episodes, [episodes] * len(known), known)
     assert sum(counts) == episodes
     ways = [way for way in product(range(episodes + 1), repeat=len(known)) if sum(way) == episodes]
@@ -24,7 +24,7 @@ def test_where_there_is_room_no_other_way_ends_sooner(episodes: int, known: list
 
 
 @given(episodes=st.integers(1, 12), known=seconds, data=st.data())
-def test_nobody_gets_more_than_there_is_room_for_and_no_episode_waits_for_nothing(
+def test_shares_respect_capacities_and_leave_no_capacity_idle(
     episodes: int, known: list[float], data: st.DataObject
 ) -> None:
     capacities = data.draw(st.lists(st.integers(1, 4), min_size=len(known), max_size=len(known)))
@@ -34,17 +34,17 @@ def test_nobody_gets_more_than_there_is_room_for_and_no_episode_waits_for_nothin
 
 
 @pytest.mark.parametrize("known", [[0.0, 0.0, 0.0], [1.0, 0.0, ALIKE], [1.0, 1.2, 0.9]])
-def test_simulators_that_are_nearly_as_quick_make_as_many(known: list[float]) -> None:
+def test_simulators_of_similar_speed_get_equal_shares(known: list[float]) -> None:
     assert share(9, [9, 9, 9], known) == [3, 3, 3]
 
 
-def test_a_slow_simulator_makes_fewer_and_one_that_all_would_wait_for_none() -> None:
+def test_a_slow_simulator_gets_fewer_episodes_or_none() -> None:
     assert share(10, [10, 10], [1.0, 4.0]) == [8, 2]
     assert share(10, [10, 10], [1.0, 11.0]) == [10, 0]
     assert share(10, [1, 1], [1.0, 2.5]) == [1, 0]
 
 
-def test_what_is_known_of_a_simulator_that_is_left_out_is_forgotten_later_each_time() -> None:
+def test_the_time_of_an_unused_simulator_expires_after_doubling_intervals() -> None:
     each = EpisodeTiming()
     each.took(8.0, 4)
     assert each.seconds == 2.0

@@ -53,7 +53,7 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     Path("my_slide.py").write_text(MODULE)
 
 
-def test_an_id_is_enough_to_learn_and_the_horizon_is_its_own(rkhs: Rkhs) -> None:
+def test_an_id_is_sufficient_for_training_and_sets_the_horizon(rkhs: Rkhs) -> None:
     result = rkhs("train", "--env", "my_slide:Slide-v0", *INLINE, "--iterations", 3, "--out", "run", "--set", *SHORT)
     assert (result.code, result.err) == (0, "")
     config = load_config(Path("run/config.yaml"))
@@ -81,7 +81,7 @@ def test_without_a_time_limit_the_default_horizon_is_noted_once(rkhs: Rkhs, sour
     assert "note:" not in rkhs("train", "--resume", "run", "--runner", "inline", "--iterations", 2).err
 
 
-def test_an_algorithm_is_named_and_a_horizon_set(rkhs: Rkhs) -> None:
+def test_algorithm_and_horizon_can_be_set(rkhs: Rkhs) -> None:
     arguments = ("train", "--env", "my_slide:Slide-v0", *INLINE, "--iterations", 1, "--algorithm", "rkhs_power")
     assert rkhs(*arguments, "--out", "run", "--set", *SHORT, "horizon=7", "algorithm.centres=9").code == 0
     training = load_config(Path("run/config.yaml")).training
@@ -91,7 +91,7 @@ def test_an_algorithm_is_named_and_a_horizon_set(rkhs: Rkhs) -> None:
     assert len(Curve(Path("run/curve.csv")).rows()) == 2
 
 
-def test_an_algorithm_that_is_named_has_the_settings_for_a_task_that_nobody_tuned(rkhs: Rkhs) -> None:
+def test_a_named_algorithm_has_its_defaults(rkhs: Rkhs) -> None:
     arguments = ("train", "--env", "my_slide:Slide-v0", *INLINE, "--iterations", 1, "--algorithm", "rkhs_power")
     assert rkhs(*arguments, "--out", "run", "--set", *SHORT).code == 0
     algorithm = build(Training, settings_for("rkhs_power")).algorithm
@@ -99,7 +99,7 @@ def test_an_algorithm_that_is_named_has_the_settings_for_a_task_that_nobody_tune
 
 
 @pytest.mark.parametrize("change", ["model.form=none", "model={}", "model={form: none}"])
-def test_without_a_model_the_settings_are_those_for_learning_without_a_model(rkhs: Rkhs, change: str) -> None:
+def test_training_without_a_model_has_its_own_defaults(rkhs: Rkhs, change: str) -> None:
     arguments = ("train", "--env", "my_slide:Slide-v0", *INLINE, "--iterations", 1, "--out", "run")
     assert rkhs(*arguments, "--set", change, "horizon=7", "evaluation_episodes=2").code == 0
     training = load_config(Path("run/config.yaml")).training
@@ -108,7 +108,7 @@ def test_without_a_model_the_settings_are_those_for_learning_without_a_model(rkh
     assert expected.algorithm != build(Training, settings_for()).algorithm
 
 
-def test_an_environment_runs_one_row_at_a_time_if_told_so(rkhs: Rkhs) -> None:
+def test_num_envs_limits_the_batch_to_one_environment(rkhs: Rkhs) -> None:
     curves = []
     for rows in (0, 1, 2):
         out = f"rows{rows}"
@@ -120,7 +120,7 @@ def test_an_environment_runs_one_row_at_a_time_if_told_so(rkhs: Rkhs) -> None:
     assert curves[0] == curves[1] == curves[2]
 
 
-def test_what_was_shown_is_imitated_measured_and_learnt_on_from(rkhs: Rkhs) -> None:
+def test_a_policy_is_imitated_evaluated_and_trained_further(rkhs: Rkhs) -> None:
     train = ("train", "--env", "my_slide:Slide-v0", *INLINE, "--set", *SHORT)
     assert rkhs(*train, "--iterations", 8, "--out", "shown").code == 0
     result = rkhs("imitate", "shown", "--out", "imitated.npz", "--set", "centres=20")
@@ -141,7 +141,7 @@ def test_what_was_shown_is_imitated_measured_and_learnt_on_from(rkhs: Rkhs) -> N
     assert Path("warm/curve.csv").read_text().rpartition(",")[0] == before
 
 
-def test_episodes_of_others_need_to_say_of_what_environment_they_are(rkhs: Rkhs) -> None:
+def test_evaluating_imitated_episodes_requires_an_environment(rkhs: Rkhs) -> None:
     rng = np.random.default_rng(0)
     np.savez("demo.npz", observations=rng.normal(size=(2, 30, 2)), actions=rng.normal(size=(2, 30, 1)))
     assert rkhs("imitate", "demo.npz", "--env", "my_slide:Slide-v0").code == 0

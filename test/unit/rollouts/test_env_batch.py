@@ -72,7 +72,7 @@ def policy(random_policy: Callable[..., GaussianPolicy]) -> GaussianPolicy:
 BATCH = Batch(3, 0, 10, 12, explore=True)
 
 
-def test_episodes_keep_their_last_observation_and_how_they_ended(policy: GaussianPolicy) -> None:
+def test_episodes_store_the_final_observation_and_the_kind_of_end(policy: GaussianPolicy) -> None:
     episodes = InlineRunner(Simulation("test/Countdown-v0")).collect(policy, BATCH)
     lasts = episodes.observations[:, 0, 1].astype(int)
     assert len(set(lasts)) > 3
@@ -83,7 +83,7 @@ def test_episodes_keep_their_last_observation_and_how_they_ended(policy: Gaussia
         assert not getattr(episodes, name)[~episodes.mask].any()
 
 
-def test_a_horizon_cuts_episodes_off_at_their_last_observation(policy: GaussianPolicy) -> None:
+def test_the_horizon_truncates_episodes(policy: GaussianPolicy) -> None:
     batch = Batch(3, 0, 10, 3, explore=True)
     episodes = InlineRunner(Simulation("test/Countdown-v0")).collect(policy, batch)
     lasts = episodes.observations[:, 0, 1].astype(int)
@@ -93,7 +93,7 @@ def test_a_horizon_cuts_episodes_off_at_their_last_observation(policy: GaussianP
     assert np.array_equal(episodes.final_observations[:, 0], np.maximum(lasts - 3, 0))
 
 
-def test_rows_are_not_stepped_beyond_their_end_and_copies_are_made_as_needed(policy: GaussianPolicy) -> None:
+def test_finished_environments_are_not_stepped_and_copies_are_created_on_demand(policy: GaussianPolicy) -> None:
     runner = InlineRunner(Simulation("test/Countdown-v0"))
     assert len(Countdown.made) == 1
     episodes = runner.collect(policy, BATCH)
@@ -128,7 +128,7 @@ def test_every_kind_of_environment_gives_the_same_episodes(
 
 
 @pytest.mark.parametrize("how", ["setting", "metadata", "found out"])
-def test_an_environment_of_which_there_is_one_runs_its_episodes_one_by_one(
+def test_a_single_environment_runs_its_episodes_in_sequence(
     policy: GaussianPolicy, how: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     expected = InlineRunner(Simulation("test/Countdown-v0")).collect(policy, BATCH)
@@ -147,7 +147,7 @@ def test_an_environment_of_which_there_is_one_runs_its_episodes_one_by_one(
 
 @pytest.mark.parametrize("vector", [False, True])
 @pytest.mark.parametrize("kind", ["dict", "tuple"])
-def test_composed_observations_are_flat(policy: GaussianPolicy, kind: str, vector: bool) -> None:
+def test_dictionary_and_tuple_observations_are_flattened(policy: GaussianPolicy, kind: str, vector: bool) -> None:
     class Composed(Countdown):
         observation_space = (
             Dict(left=Box(-100.0, 100.0, (), np.float32), zlasts=Box(-100.0, 100.0, (1,), np.float32))
@@ -183,7 +183,7 @@ class Scalar(gymnasium.Env[Any, Any]):
         return np.float64(action), np.array([-float(action)]), False, False, {}
 
 
-def test_an_action_without_a_dimension_is_an_array_as_its_space_has_it() -> None:
+def test_an_action_of_empty_shape_is_an_array() -> None:
     (result,) = rkhs_ros.learn(Scalar, iterations=1, horizon=3, discount=1.0, episodes_per_iteration=10, model="none")
     played = result.policy(1.0)
     Scalar.taken.append(played)
@@ -210,7 +210,7 @@ gymnasium.register("Still-v0", "%s:Still", max_episode_steps=7)
 """
 
 
-def test_a_module_beside_is_imported_for_its_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_module_in_the_folder_is_imported_for_its_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.path", list(__import__("sys").path))
     (tmp_path / "still_life.py").write_text(MODULE % "still_life")
@@ -238,7 +238,7 @@ def test_environments_are_named_by_id_or_class() -> None:
     assert env_batch_of(Countdown()).capacity(5) == 1
 
 
-def test_a_function_that_gives_the_same_again_runs_one_row(
+def test_a_function_that_returns_the_same_environment_limits_the_batch_to_one(
     policy: GaussianPolicy, capsys: pytest.CaptureFixture[str]
 ) -> None:
     expected = InlineRunner(Simulation("test/Countdown-v0")).collect(policy, BATCH)
@@ -249,7 +249,7 @@ def test_a_function_that_gives_the_same_again_runs_one_row(
     assert "got the same one again" in capsys.readouterr().err
 
 
-def test_an_instance_says_how_it_was_made_and_a_wrapped_one_is_no_id() -> None:
+def test_an_instance_has_id_and_options_unless_wrapped() -> None:
     made = Simulation(gymnasium.make("MountainCarContinuous-v0", goal_velocity=0.01))
     assert (made.environment, made.options) == ("MountainCarContinuous-v0", {"goal_velocity": 0.01})
     wrapped = gymnasium.wrappers.TransformReward(gymnasium.make("Pendulum-v1"), lambda reward: 2 * reward)
@@ -257,12 +257,12 @@ def test_an_instance_says_how_it_was_made_and_a_wrapped_one_is_no_id() -> None:
 
 
 @pytest.mark.parametrize("rows", [-1, 2.5, "2", None, True])
-def test_a_number_of_rows_is_a_whole_number(rows: Any) -> None:
+def test_num_envs_is_a_whole_number(rows: Any) -> None:
     with pytest.raises(ValueError, match="num_envs: expected a whole number"):
         Simulation("test/Countdown-v0", num_envs=rows)
 
 
-def test_options_belong_to_an_id() -> None:
+def test_only_an_id_takes_options() -> None:
     with pytest.raises(ValueError, match="options: expected a mapping"):
         Simulation("test/Countdown-v0", [1])  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="options: expected none, since only an id takes options"):

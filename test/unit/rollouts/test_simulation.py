@@ -47,7 +47,7 @@ def batch(rows: int, horizon: int, first: int = 0) -> Batch:
     return Batch(0, first, rows, horizon, explore=True)
 
 
-def test_any_environment_is_flat_rows_of_numbers(walk: Simulation) -> None:
+def test_observations_and_actions_are_flattened(walk: Simulation) -> None:
     assert (walk.spaces.observation_dim, walk.spaces.action_dim) == (4, 2)
     assert (walk.spaces.action_low.tolist(), walk.spaces.action_high.tolist()) == ([[-1, -1]], [[2, 2]])
     frame = walk.start(batch(3, 5))
@@ -56,7 +56,7 @@ def test_any_environment_is_flat_rows_of_numbers(walk: Simulation) -> None:
     assert frame.active.all()
 
 
-def test_an_episode_that_ended_earns_nothing_more_and_stays_over(walk: Simulation) -> None:
+def test_a_finished_episode_has_no_further_reward(walk: Simulation) -> None:
     walk.start(batch(3, 8))
     pace = np.array([[1.0, 0.0], [0.0, 0.0], [2.0, 2.0]])  # over after four steps, never, at once
     frames = [walk.step(pace) for _ in range(8)]
@@ -74,7 +74,7 @@ def test_actions_are_clipped_to_the_environments_space(walk: Simulation) -> None
     assert frame.observations[0, 0] == 2.0 - 1.0
 
 
-def test_an_episode_follows_from_its_number_alone(walk: Simulation) -> None:
+def test_an_episode_depends_only_on_its_number(walk: Simulation) -> None:
     offsets = walk.start(batch(4, 3)).observations[:, 1]
     assert len(set(offsets)) == 4
     walk.step(np.zeros((4, 2)))
@@ -82,7 +82,7 @@ def test_an_episode_follows_from_its_number_alone(walk: Simulation) -> None:
     assert np.array_equal(walk.start(batch(4, 3)).observations[:, 1], offsets)
 
 
-def test_an_environment_of_gymnasium_is_served() -> None:
+def test_a_gymnasium_environment_is_simulated() -> None:
     simulation = Simulation("Pendulum-v1", {"g": 9.0})
     spaces = simulation.spaces
     assert (spaces.observation_dim, spaces.action_dim, spaces.action_high.tolist()) == (3, 1, [2.0])
@@ -104,7 +104,7 @@ def test_an_environment_of_gymnasium_is_served() -> None:
         ("", "unknown environment ''"),
     ],
 )
-def test_an_environment_that_is_unknown_or_not_continuous_is_refused_in_one_line(
+def test_unknown_or_discrete_environments_are_rejected_in_one_line(
     environment: str, message: str
 ) -> None:
     with pytest.raises(ValueError, match=message) as refusal:
@@ -112,7 +112,7 @@ def test_an_environment_that_is_unknown_or_not_continuous_is_refused_in_one_line
     assert "\n" not in str(refusal.value)
 
 
-def test_discrete_observations_are_refused() -> None:
+def test_discrete_observations_are_rejected() -> None:
     class Counting(Walk):
         observation_space = gymnasium.spaces.Discrete(3)  # type: ignore[assignment]
 
@@ -133,7 +133,7 @@ def test_discrete_observations_are_refused() -> None:
         ("FrozenLake-v1", {"map_name": "zzz"}, r"environment\.options: expected options of FrozenLake-v1"),
     ],
 )
-def test_options_that_do_not_fit_are_refused_in_one_line(
+def test_invalid_options_are_rejected_in_one_line(
     environment: str, options: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(ValueError, match=message) as refusal:
@@ -145,7 +145,7 @@ def test_options_that_do_not_fit_are_refused_in_one_line(
     ("environment", "seconds"),
     [("rkhs/Toy-v0", 1.0), ("rkhs/Pendulum-v0", 0.1), ("Pendulum-v1", 0.05), ("MountainCarContinuous-v0", 1 / 30)],
 )
-def test_a_step_stands_for_seconds_of_the_task(environment: str, seconds: float) -> None:
+def test_a_step_has_a_duration_in_seconds(environment: str, seconds: float) -> None:
     assert Simulation(environment).step_seconds == seconds
 
 
@@ -153,7 +153,7 @@ class Camera(Walk):
     observation_space = Box(0, 255, (8, 8, 3), np.uint8)
 
 
-def test_images_are_said_not_to_be_supported() -> None:
+def test_images_are_reported_as_unsupported() -> None:
     with pytest.raises(ValueError, match=r"Camera observations: expected a continuous .* got images, which"):
         Simulation(Camera)
 
@@ -162,7 +162,7 @@ class CameraInside(Walk):
     observation_space = Dict(arm=Box(-1.0, 1.0, (2,)), head=Tuple([Dict(camera=Camera.observation_space)]))  # type: ignore[assignment]
 
 
-def test_images_within_a_dictionary_are_named_and_not_supported() -> None:
+def test_images_within_a_dictionary_are_reported_as_unsupported() -> None:
     where = r"^CameraInside observations: 'head': 0: 'camera': expected a continuous space .* got images, which are not"
     with pytest.raises(ValueError, match=where):
         Simulation(CameraInside)
@@ -198,7 +198,7 @@ SHORT |= {"model": "none", "progress": False}
 
 
 @pytest.mark.parametrize("source", [None, Robot, lambda: SyncVectorEnv([Robot])], ids=["id", "class", "function"])
-def test_what_training_makes_it_closes(robot: str, source: Any) -> None:
+def test_training_closes_the_environments_that_it_creates(robot: str, source: Any) -> None:
     rkhs_ros.train(source or robot, **SHORT)
     gymnasium.make(robot).close()
     with pytest.raises(ValueError, match=r"^iterations: "):
@@ -208,7 +208,7 @@ def test_what_training_makes_it_closes(robot: str, source: Any) -> None:
     gymnasium.make(robot)
 
 
-def test_what_cannot_be_learnt_in_is_closed_again(robot: str) -> None:
+def test_rejected_environments_are_closed(robot: str) -> None:
     with pytest.raises(ValueError, match="actions: expected a continuous space"):
         Simulation(robot, {"actions": 2})
     assert not Robot.is_in_use
@@ -216,7 +216,7 @@ def test_what_cannot_be_learnt_in_is_closed_again(robot: str) -> None:
 
 @pytest.mark.parametrize("batches", [2, MOST_VECTORS + 2])
 @pytest.mark.parametrize("is_vector", [False, True])
-def test_an_environment_that_is_passed_stays_open(robot: str, is_vector: bool, batches: int) -> None:
+def test_a_passed_environment_stays_open(robot: str, is_vector: bool, batches: int) -> None:
     passed: Any = SyncVectorEnv([Robot]) if is_vector else gymnasium.make(robot)
     with InlineRunner(Simulation(passed)) as runner:
         for horizon in range(1, batches + 1):
@@ -226,7 +226,7 @@ def test_an_environment_that_is_passed_stays_open(robot: str, is_vector: bool, b
     assert Robot.is_in_use
 
 
-def test_an_environment_that_fails_to_close_is_reported_and_keeps_the_result(
+def test_an_error_in_close_is_reported_without_losing_the_result(
     robot: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def close(robot: Robot) -> None:
@@ -237,7 +237,7 @@ def test_an_environment_that_fails_to_close_is_reported_and_keeps_the_result(
     assert capsys.readouterr().err == "warning: test/Robot-v0: close: OSError: it hangs on\n"
 
 
-def test_rows_go_on_beside_others_that_begin_anew(walk: Simulation) -> None:
+def test_episodes_continue_while_other_environments_are_reset(walk: Simulation) -> None:
     single = Walk()
     seeds = [4, 5]
     first = walk.start(batch(2, 6), seeds)
@@ -255,7 +255,7 @@ def test_rows_go_on_beside_others_that_begin_anew(walk: Simulation) -> None:
     assert [frame.terminated.tolist() for frame in frames] == [[False, False]] * 3 + [[True, False]]
 
 
-def test_seeds_that_do_not_fit_are_refused(walk: Simulation) -> None:
+def test_invalid_seeds_are_rejected(walk: Simulation) -> None:
     with pytest.raises(ValueError, match="environment_seeds: expected active episodes to continue, got none"):
         walk.start(batch(2, 6), [1, CONTINUE_EPISODE])
     walk.start(batch(2, 6), [1, 2])

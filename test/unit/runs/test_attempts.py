@@ -45,7 +45,7 @@ def runner() -> Iterator[InlineRunner]:
     gymnasium.registry.pop("test/Throw-v0")
 
 
-def test_every_attempt_is_kept_and_drawn(tmp_path: Path, runner: InlineRunner) -> None:
+def test_every_attempt_is_stored_and_drawn(tmp_path: Path, runner: InlineRunner) -> None:
     explored = []
     runner.record = lambda batch, episodes, _: explored.append(episodes) if batch.explore else None
     folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
@@ -60,7 +60,7 @@ def test_every_attempt_is_kept_and_drawn(tmp_path: Path, runner: InlineRunner) -
 @pytest.mark.parametrize(
     ("damage", "left"), [(lambda path: None, 12), (lambda path: path.write_bytes(b"PK"), 6), (Path.unlink, 6)]
 )
-def test_a_run_that_goes_on_keeps_each_attempt_once(
+def test_a_resumed_run_stores_each_attempt_once(
     tmp_path: Path, runner: InlineRunner, damage: Any, left: int
 ) -> None:
     whole = run_training(CONFIG, runner, tmp_path / "whole", quiet=True)

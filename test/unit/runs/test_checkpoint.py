@@ -84,7 +84,7 @@ def assert_same_state(one: State, other: State, arrays_of: ArraysOf) -> None:
 
 @pytest.mark.parametrize("inputs", [Inputs(), Inputs(history=2, angles=(0.0,), degree=2)], ids=["plain", "inputs"])
 @pytest.mark.parametrize("way", WAYS, ids=str)
-def test_every_algorithm_goes_on_from_each_checkpoint_to_the_same_bits(
+def test_every_algorithm_resumes_bit_identically_from_each_checkpoint(
     folder: Path, way: Any, inputs: Inputs, arrays_of: ArraysOf
 ) -> None:
     config = config_of(way)
@@ -105,7 +105,7 @@ def test_every_algorithm_goes_on_from_each_checkpoint_to_the_same_bits(
             assert_same_state(one.state, other.state, arrays_of)
 
 
-def test_the_memory_is_in_the_checkpoint(folder: Path) -> None:
+def test_checkpoints_contain_the_memory(folder: Path) -> None:
     *_, last = train(config_of({"name": "power", "reuse": 3}).training, TOY)
     assert len(last.state.memory) == 3  # else the test above would be none of it
 
@@ -125,7 +125,7 @@ def newest(folder: Path, config: Config = CONFIG, lines: int = 99) -> int | None
 @pytest.mark.faults
 @pytest.mark.slow
 @pytest.mark.usefixtures("quick_disk")
-def test_a_checkpoint_cut_short_anywhere_is_passed_over_by_name(
+def test_a_truncated_checkpoint_is_skipped_with_a_warning(
     folder: Path, states: list[State], capsys: pytest.CaptureFixture[str]
 ) -> None:
     _, path = write(folder, *states[:2])
@@ -144,7 +144,7 @@ def test_a_checkpoint_cut_short_anywhere_is_passed_over_by_name(
 @pytest.mark.usefixtures("quick_disk")
 @settings(max_examples=400, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_a_flipped_bit_is_seen_or_changes_nothing(
+def test_a_flipped_bit_is_detected_or_harmless(
     folder: Path, states: list[State], arrays_of: ArraysOf, capsys: pytest.CaptureFixture[str], data: st.DataObject
 ) -> None:
     _, path = write(folder, *states[:2])
@@ -158,7 +158,7 @@ def test_a_flipped_bit_is_seen_or_changes_nothing(
 
 
 @pytest.mark.usefixtures("quick_disk")
-def test_a_flipped_bit_in_an_array_is_always_seen(folder: Path, states: list[State]) -> None:
+def test_a_flipped_bit_in_an_array_is_always_detected(folder: Path, states: list[State]) -> None:
     _, path = write(folder, *states[:2])
     whole = path.read_bytes()
     for array in (states[1].policy.mean.weights, states[1].policy.mean.centres):
@@ -169,7 +169,7 @@ def test_a_flipped_bit_in_an_array_is_always_seen(folder: Path, states: list[Sta
 
 
 @pytest.mark.parametrize("content", [b"", b"PK", b"text\n", packed({"about": np.array(b"{}")}), packed({})])
-def test_what_is_no_checkpoint_is_passed_over(
+def test_files_that_are_not_checkpoints_are_skipped(
     folder: Path, states: list[State], content: bytes, capsys: pytest.CaptureFixture[str]
 ) -> None:
     _, path = write(folder, *states[:2])
@@ -178,7 +178,7 @@ def test_what_is_no_checkpoint_is_passed_over(
     assert f"warning: {path}: skipped (damaged, " in capsys.readouterr().err
 
 
-def test_none_at_all_is_no_state_but_damaged_ones_only_are_refused(
+def test_missing_checkpoints_give_no_state_but_only_damaged_ones_raise(
     folder: Path, states: list[State], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert newest(folder) is None
@@ -191,7 +191,7 @@ def test_none_at_all_is_no_state_but_damaged_ones_only_are_refused(
     assert capsys.readouterr().err.count(": skipped (") == 2
 
 
-def test_a_checkpoint_with_too_few_lines_in_the_curve_is_passed_over(
+def test_a_checkpoint_with_too_few_lines_in_the_curve_is_skipped(
     folder: Path, states: list[State], capsys: pytest.CaptureFixture[str]
 ) -> None:
     one, two = write(folder, *states[:2])
@@ -204,14 +204,14 @@ def test_a_checkpoint_with_too_few_lines_in_the_curve_is_passed_over(
     assert one.exists()
 
 
-def test_the_last_iteration_is_made_again(folder: Path, states: list[State]) -> None:
+def test_the_last_iteration_is_repeated(folder: Path, states: list[State]) -> None:
     write(folder, *states)
     assert files(folder) == ["0000003.npz", "0000004.npz"]
     longer, shorter = (replace(CONFIG, training=replace(TINY, iterations=n)) for n in (9, 3))
     assert [newest(folder, config) for config in (CONFIG, longer, shorter)] == [3, 4, None]
 
 
-def test_names_are_in_the_order_of_iterations(folder: Path, states: list[State]) -> None:
+def test_file_names_sort_by_iteration(folder: Path, states: list[State]) -> None:
     config = replace(CONFIG, training=replace(TINY, iterations=10**6))
     write(folder, *(replace(states[0], iterations=n) for n in (99_999, 100_000)), config=config)
     assert newest(folder, config, lines=10**6) == 100_000
@@ -238,7 +238,7 @@ def changed(**changes: Any) -> Config:
         ),
     ],
 )
-def test_a_checkpoint_of_other_settings_is_refused_by_the_first_of_them(
+def test_a_checkpoint_with_other_settings_is_rejected_with_the_first_difference(
     folder: Path, states: list[State], config: Config, message: str
 ) -> None:
     *_, path = write(folder, *states)  # the last iteration's too, which is not gone on from
@@ -248,18 +248,18 @@ def test_a_checkpoint_of_other_settings_is_refused_by_the_first_of_them(
     assert "\n" not in str(refusal.value)
 
 
-def test_an_option_that_is_gone_is_refused(folder: Path, states: list[State]) -> None:
+def test_a_removed_option_is_rejected(folder: Path, states: list[State]) -> None:
     write(folder, *states, config=replace(CONFIG, environment=Environment("rkhs/Toy-v0", {"start": [1, {"a": 2.5}]})))
     with pytest.raises(ValueError, match=r"environment\.options\.start: expected .* got no such setting"):
         newest(folder)
 
 
-def test_what_no_result_depends_on_may_differ(folder: Path, states: list[State]) -> None:
+def test_settings_without_effect_on_results_may_differ(folder: Path, states: list[State]) -> None:
     write(folder, *states)
     assert newest(folder, changed(iterations=5, simulators=3, timeout=1.0)) == 4
 
 
-def test_a_checkpoint_of_another_schema_is_refused(folder: Path, states: list[State]) -> None:
+def test_a_checkpoint_of_another_schema_is_rejected(folder: Path, states: list[State]) -> None:
     path, *_ = write(folder, states[0])
     arrays = unpacked(path.read_bytes())
     about = arrays["about"].item().replace(b'"schema": 4', b'"schema": 5').replace(__version__.encode(), b"9.8.7")
@@ -269,7 +269,7 @@ def test_a_checkpoint_of_another_schema_is_refused(folder: Path, states: list[St
 
 
 @pytest.mark.parametrize("count", [b'"3"', b"null", b"-1", b"3.0"])
-def test_a_checkpoint_with_no_numbers_for_counts_is_passed_over(
+def test_a_checkpoint_with_invalid_counts_is_skipped(
     folder: Path, states: list[State], capsys: pytest.CaptureFixture[str], count: bytes
 ) -> None:
     *_, path = write(folder, *states[:3])
@@ -291,7 +291,7 @@ def test_a_checkpoint_with_no_numbers_for_counts_is_passed_over(
         ("use_one_thread", lambda: 2, "threads of linear algebra: expected 1 as at the start of the run, got 2. "),
     ],
 )
-def test_a_checkpoint_of_other_code_or_threads_is_refused(
+def test_a_checkpoint_of_other_code_or_threads_is_rejected(
     folder: Path, states: list[State], monkeypatch: pytest.MonkeyPatch, name: str, value: Any, message: str
 ) -> None:
     write(folder, *states[:2])
@@ -313,7 +313,7 @@ def test_settings_may_not_change_with_the_provenance(folder: Path, states: list[
         Checkpoints(folder, changed(seed=1), provenance_may_change=True).newest(99)
 
 
-def test_the_code_is_told_by_its_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_code_digest_depends_on_the_source_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     package = tmp_path / "a_package"
     package.mkdir()
     (package / "__init__.py").write_text("x = 1\n")
@@ -333,7 +333,7 @@ def test_the_code_is_told_by_its_source(tmp_path: Path, monkeypatch: pytest.Monk
     assert provenance.provenance()["rkhs_ros"] not in map(told, (code, *others))
 
 
-def test_the_version_written_is_that_of_the_package() -> None:
+def test_checkpoints_contain_the_version_of_the_package() -> None:
     for path in ("package.xml", "setup.py"):
         text = (ROOT / path).read_text()
         assert f"<version>{__version__}</version>" in text or f'version="{__version__}"' in text
@@ -362,7 +362,7 @@ def synced(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return names
 
 
-def test_the_disk_is_waited_for_once_a_second(folder: Path, states: list[State], synced: list[str]) -> None:
+def test_the_disk_is_synced_once_a_second(folder: Path, states: list[State], synced: list[str]) -> None:
     clock = Clock()
     checkpoints = Checkpoints(folder, CONFIG, clock=clock)
     due = []
@@ -375,7 +375,7 @@ def test_the_disk_is_waited_for_once_a_second(folder: Path, states: list[State],
     assert due == [1.0, 2.0, 7.0]
 
 
-def test_the_last_two_and_the_newest_on_the_disk_are_kept(folder: Path, states: list[State]) -> None:
+def test_the_last_two_and_the_newest_synced_checkpoints_stay(folder: Path, states: list[State]) -> None:
     clock = Clock()
     checkpoints = Checkpoints(folder, CONFIG, clock=clock)
     kept = []
@@ -385,7 +385,7 @@ def test_the_last_two_and_the_newest_on_the_disk_are_kept(folder: Path, states: 
     assert kept == [[1], [1, 2], [2, 3], [3, 4], [4, 5], [4, 5, 6], [4, 6, 7], [7, 8], [8, 9], [9, 10]]
 
 
-def test_what_is_gone_on_from_is_on_the_disk_and_kept(folder: Path, states: list[State], synced: list[str]) -> None:
+def test_the_checkpoint_of_a_resumed_run_is_synced_and_stays(folder: Path, states: list[State], synced: list[str]) -> None:
     write(folder, *states[:2])
     checkpoints = Checkpoints(folder, CONFIG, clock=Clock())
     state = checkpoints.newest(1)
@@ -398,7 +398,7 @@ def test_what_is_gone_on_from_is_on_the_disk_and_kept(folder: Path, states: list
     assert files(folder) == ["0000001.npz", "0000004.npz", "0000005.npz"]
 
 
-def test_what_a_write_cut_short_left_is_ignored_and_removed(folder: Path, states: list[State]) -> None:
+def test_an_incomplete_file_is_ignored_and_deleted(folder: Path, states: list[State]) -> None:
     (one,) = write(folder, states[0])
     for name in ("0000001.npz.part", "0000002.npz.part", "0000009.npz.part"):
         (folder / "checkpoints" / name).write_bytes(one.read_bytes())
@@ -411,7 +411,7 @@ def test_what_a_write_cut_short_left_is_ignored_and_removed(folder: Path, states
     assert files(folder) == ["0000001.npz", "0000002.npz"]
 
 
-def test_nothing_in_a_checkpoint_is_a_pickle(folder: Path, states: list[State]) -> None:
+def test_checkpoints_contain_no_pickle(folder: Path, states: list[State]) -> None:
     (path,) = write(folder, states[0])
     with np.load(path, allow_pickle=False) as file:
         assert all(file[name].dtype != object for name in file.files)

@@ -30,19 +30,19 @@ def write(tmp_path: Path) -> Any:
     return make
 
 
-def test_there_are_configurations() -> None:
+def test_configurations_exist() -> None:
     assert len(CONFIGS) >= 5
 
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
-def test_every_configuration_loads_and_comes_back_from_its_resolved_text(path: Path, write: Any) -> None:
+def test_every_configuration_survives_a_round_trip(path: Path, write: Any) -> None:
     config = load_config(path)
     assert config.training.name == path.stem
     assert load_config(write(resolved(config))) == config
 
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
-def test_the_task_of_every_configuration_can_be_served(path: Path) -> None:
+def test_the_task_of_every_configuration_can_be_simulated(path: Path) -> None:
     environment = load_config(path).environment
     if "PR2" in environment.id or "pybullet_data" in path.read_text():
         pytest.importorskip("pybullet", reason="PyBullet is not installed: make pr2")
@@ -52,7 +52,7 @@ def test_the_task_of_every_configuration_can_be_served(path: Path) -> None:
         Simulation(environment.id, environment.options)
 
 
-def test_the_resolved_text_holds_every_setting_of_the_learner(write: Any) -> None:
+def test_the_resolved_text_contains_every_setting_of_the_learner(write: Any) -> None:
     config = load_config(write(MINIMAL))
     learner = yaml.safe_load(resolved(config))["/**/learner"]["ros__parameters"]
     for name, value, _ in entries(config.training):
@@ -62,7 +62,7 @@ def test_the_resolved_text_holds_every_setting_of_the_learner(write: Any) -> Non
         assert found == (list(value) if isinstance(value, tuple) else value)
 
 
-def test_what_is_not_given_has_its_default(write: Any) -> None:
+def test_missing_settings_have_their_defaults(write: Any) -> None:
     assert load_config(write(MINIMAL)) == Config(Environment("rkhs/Toy-v0", {}), Training(name="my_run"))
 
 
@@ -106,7 +106,7 @@ def test_options_reach_the_environment(write: Any) -> None:
         ("discount=1.5", r"discount: expected a number in \[0\.0, 1\.0\], got 1\.5"),
     ],
 )
-def test_a_bad_change_is_refused(write: Any, change: str, message: str) -> None:
+def test_an_invalid_change_is_rejected(write: Any, change: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         load_config(write(MINIMAL + "learner: {ros__parameters: {seed: 0}}\n"), [change])
 
@@ -126,7 +126,7 @@ def test_a_bad_change_is_refused(write: Any, change: str, message: str) -> None:
         (MINIMAL + "learner: {ros__parameters: {seeds: 1}}", r"unknown key 'seeds', did you mean 'seed'\?"),
     ],
 )
-def test_a_file_that_is_no_configuration_is_refused_in_one_line(write: Any, text: str, message: str) -> None:
+def test_an_invalid_configuration_file_is_rejected_in_one_line(write: Any, text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message) as refusal:
         load_config(write(text))
     assert "\n" not in str(refusal.value)
@@ -146,20 +146,20 @@ def test_the_sections_may_name_the_nodes_in_any_namespace(write: Any, simulator:
     assert load_config(write(text)) == load_config(write(MINIMAL), ["seed=5"])
 
 
-def test_sections_within_that_of_a_namespace_are_found(write: Any) -> None:
+def test_nested_sections_of_namespaces_are_found(write: Any) -> None:
     inner = MINIMAL + "learner: {ros__parameters: {seed: 5}}\n"
     text = "robot:\n  left:\n" + "".join(f"    {line}\n" for line in inner.splitlines())
     assert load_config(write(text)) == load_config(write(inner))
 
 
-def test_several_simulators_are_of_one_task(write: Any) -> None:
+def test_several_simulators_share_one_task(write: Any) -> None:
     two = "".join(MINIMAL.replace("simulator", f"/simulator_{k}/simulator") for k in (1, 2))
     assert load_config(write(two)) == load_config(write(MINIMAL))
     with pytest.raises(ValueError, match="simulator: expected equal sections in all namespaces, got different ones"):
         load_config(write(two.replace("Toy", "Pendulum", 1)))
 
 
-def test_what_a_running_node_dumps_is_a_configuration(write: Any) -> None:
+def test_the_parameter_dump_of_a_node_is_a_configuration(write: Any) -> None:
     of_any = {"use_sim_time": False, "start_type_description_service": True, "restarts": 0}
     of_any |= {"qos_overrides": {"/parameter_events": {"publisher": {"depth": 1000}}}}
     config = load_config(CONFIGS[0])
@@ -172,7 +172,7 @@ def test_what_a_running_node_dumps_is_a_configuration(write: Any) -> None:
     assert load_config(write(dumped(dump))) == config
 
 
-def test_a_learner_may_say_the_environment_that_it_expects(write: Any) -> None:
+def test_the_section_of_the_learner_may_contain_the_expected_environment(write: Any) -> None:
     told = MINIMAL.replace("simulator", "learner")
     assert load_config(write(told)) == load_config(write(MINIMAL))
     rows = told.replace("v0}", "v0, num_envs: 0}")  # as it is anyway
@@ -191,7 +191,7 @@ def test_a_learner_may_say_the_environment_that_it_expects(write: Any) -> None:
         ("{ids: 3}", "unknown key 'environment.ids', did you mean 'environment.id'"),
     ],
 )
-def test_a_learner_that_expects_another_environment_is_refused(write: Any, learner: str, message: str) -> None:
+def test_a_different_expected_environment_is_rejected(write: Any, learner: str, message: str) -> None:
     with pytest.raises(ValueError, match=message) as refusal:
         load_config(write(f"{MINIMAL}learner: {{ros__parameters: {{environment: {learner}}}}}\n"))
     assert "\n" not in str(refusal.value)
@@ -213,11 +213,11 @@ def test_a_learner_that_expects_another_environment_is_refused(write: Any, learn
         ("/a.c/simulator", "/abc/simulator", False),
     ],
 )
-def test_a_section_is_for_the_nodes_that_its_name_fits(section: str, node: str, expected: bool) -> None:
+def test_a_section_applies_to_matching_nodes(section: str, node: str, expected: bool) -> None:
     assert is_for(section, node) is expected
 
 
-def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
+def test_invalid_utf_8_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "c.yaml"
     path.write_bytes(b"\xff\xfe\xff")
     with pytest.raises(ValueError, match=r"c\.yaml: expected a YAML file"):

@@ -31,12 +31,12 @@ class Rest:
         ask(self.folder, word) if isinstance(word, str) else (self.folder / ASKED).write_bytes(word)
 
 
-def test_a_run_that_nobody_asks_goes_on(tmp_path: Path) -> None:
+def test_a_run_without_commands_continues(tmp_path: Path) -> None:
     Control(tmp_path, rest=Rest(tmp_path)).obey()
     assert not list(tmp_path.iterdir())
 
 
-def test_a_pause_lasts_until_it_is_resumed_whatever_else_is_put_there(tmp_path: Path) -> None:
+def test_a_pause_ends_only_with_resume_or_stop(tmp_path: Path) -> None:
     rest = Rest(tmp_path, PAUSE, b"\xff\x00garbage" * 1000, b"", RESUME)
     control = Control(tmp_path, rest=rest)
     ask(tmp_path, PAUSE)
@@ -46,7 +46,7 @@ def test_a_pause_lasts_until_it_is_resumed_whatever_else_is_put_there(tmp_path: 
     assert not list(tmp_path.iterdir())
 
 
-def test_a_run_is_stopped_also_while_it_pauses(tmp_path: Path) -> None:
+def test_a_paused_run_can_be_stopped(tmp_path: Path) -> None:
     for first, rest in ((STOP, Rest(tmp_path)), (PAUSE, Rest(tmp_path, STOP))):
         control = Control(tmp_path, rest=rest)
         ask(tmp_path, first)
@@ -55,13 +55,13 @@ def test_a_run_is_stopped_also_while_it_pauses(tmp_path: Path) -> None:
         assert not is_pausing(tmp_path)
 
 
-def test_a_run_does_not_do_what_an_earlier_one_was_asked(tmp_path: Path) -> None:
+def test_commands_for_an_earlier_run_are_discarded(tmp_path: Path) -> None:
     ask(tmp_path, STOP)
     Control(tmp_path).obey()
 
 
 @given(st.binary(max_size=100).filter(lambda content: content not in {word.encode() for word in WORDS}))
-def test_garbage_is_ignored(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
+def test_invalid_commands_are_ignored(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
     folder = tmp_path_factory.mktemp("run")
     control = Control(folder, rest=Rest(folder))
     (folder / ASKED).write_bytes(content)
@@ -69,12 +69,12 @@ def test_garbage_is_ignored(tmp_path_factory: pytest.TempPathFactory, content: b
     assert not list(folder.iterdir())
 
 
-def test_only_what_there_is_can_be_asked(tmp_path: Path) -> None:
+def test_unknown_commands_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="unknown command 'arm'"):
         ask(tmp_path, "arm")
 
 
-def test_a_stopped_run_keeps_what_it_learnt_and_goes_on_to_the_same_bits(tmp_path: Path) -> None:
+def test_a_stopped_run_saves_its_policy_and_resumes_bit_identically(tmp_path: Path) -> None:
     config = load_config(TOY, ["iterations=4"])
     whole = run_training(config, runner_of(config.environment), tmp_path / "whole", quiet=True)
     stopped = tmp_path / "stopped"
@@ -118,7 +118,7 @@ def looking(tmp_path: Path) -> Iterator[Callable[[], None]]:
 
 
 @pytest.mark.usefixtures("looking")
-def test_looking_at_a_run_does_not_keep_it_from_beginning(tmp_path: Path) -> None:
+def test_watching_a_run_does_not_prevent_its_start(tmp_path: Path) -> None:
     assert PROBES > 1
     for _ in range(200):
         with locked(tmp_path):

@@ -35,7 +35,7 @@ def lines_on_terminal(text: str) -> list[str]:
     return [line.rpartition("\r")[2] for line in plain.replace("\r\n", "\n").splitlines()]
 
 
-def test_a_bar_leaves_room_for_the_echo_of_ctrl_c_and_shows_the_time_left(tmp_path: Path) -> None:
+def test_a_bar_leaves_space_for_the_echo_of_ctrl_c_and_shows_the_remaining_time(tmp_path: Path) -> None:
     master, slave = pty.openpty()
     fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 30, COLUMNS, 0, 0))
     command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", str(CONFIG), "--runner", "inline"]
@@ -85,7 +85,7 @@ def test_a_return_of_any_size_fits_the_bar(capsys: pytest.CaptureFixture[str]) -
 
 
 @pytest.mark.parametrize(("period", "numbers"), [(0.0, ["1", "2", "3", "4"]), (1000.0, ["1", "4"])])
-def test_without_a_terminal_a_line_comes_every_few_seconds_and_with_the_last_iteration(
+def test_without_a_terminal_lines_appear_periodically_and_at_the_end(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, period: float, numbers: list[str]
 ) -> None:
     monkeypatch.setattr(progress, "LINE_PERIOD_S", period)
@@ -102,7 +102,7 @@ def test_without_a_terminal_a_line_comes_every_few_seconds_and_with_the_last_ite
     assert f"toy_nac: iteration 4 of 4, return {returns[-1]:.4g}, evaluation " in lines[-1]
 
 
-def test_nothing_is_shown_of_a_quiet_run(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_quiet_run_shows_no_progress(capsys: pytest.CaptureFixture[str]) -> None:
     config = load_config(CONFIG, ["iterations=1", "episodes_per_iteration=2"])
     with progress_bar(config.training, quiet=True) as show:
         for iteration in iterations(config):

@@ -43,7 +43,7 @@ def rows_of(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_a_run_leaves_what_happened_in_it(
+def test_a_run_writes_its_curve_and_policy(
     tmp_path: Path, runner: InlineRunner, arrays_of: Callable[[Any], dict[str, np.ndarray]]
 ) -> None:
     folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
@@ -74,7 +74,7 @@ def test_a_run_leaves_what_happened_in_it(
     assert all(saved[name].tobytes() == learnt[name].tobytes() for name in learnt)
 
 
-def test_a_run_cut_short_keeps_what_was_learnt(tmp_path: Path, runner: InlineRunner) -> None:
+def test_an_interrupted_run_saves_its_policy(tmp_path: Path, runner: InlineRunner) -> None:
     class Interrupted:
         spaces = runner.spaces
         batches = 0
@@ -96,7 +96,7 @@ def test_a_run_cut_short_keeps_what_was_learnt(tmp_path: Path, runner: InlineRun
     assert np.array_equal(policy.mean.weights, first.policy.mean.weights)
 
 
-def test_without_episodes_nothing_is_drawn_and_that_is_said(tmp_path: Path, runner: InlineRunner) -> None:
+def test_drawing_without_episodes_raises(tmp_path: Path, runner: InlineRunner) -> None:
     folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
     episodes = load_episodes(folder / "episodes.npz").episodes
     over = replace(episodes, mask=np.zeros_like(episodes.mask))
@@ -119,7 +119,7 @@ def test_the_curve_grows_line_by_line(tmp_path: Path, runner: InlineRunner) -> N
     assert not (tmp_path / "policy.npz").exists()
 
 
-def test_the_summary_tells_first_and_last_return(tmp_path: Path, runner: InlineRunner) -> None:
+def test_the_summary_contains_the_first_and_the_last_return(tmp_path: Path, runner: InlineRunner) -> None:
     for iterations in (1, 2):
         config = replace(CONFIG, training=replace(TRAINING, iterations=iterations))
         folder = run_training(config, runner, tmp_path / str(iterations), quiet=True)
@@ -131,7 +131,7 @@ def test_the_summary_tells_first_and_last_return(tmp_path: Path, runner: InlineR
         assert f"Discounted return: {returns}" in text
 
 
-def test_a_folder_is_new_or_empty(tmp_path: Path) -> None:
+def test_the_folder_must_be_new_or_empty(tmp_path: Path) -> None:
     assert new_folder(tmp_path / "a" / "b", "x").is_dir()
     assert new_folder(tmp_path / "a" / "b", "x") == tmp_path / "a" / "b"
     (tmp_path / "a" / "b" / "file").write_text("kept")
@@ -140,7 +140,7 @@ def test_a_folder_is_new_or_empty(tmp_path: Path) -> None:
             new_folder(used, "x")
 
 
-def test_without_a_folder_results_go_by_name_and_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_default_folder_contains_name_and_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     first, second = new_folder(None, "pendulum"), new_folder(None, "pendulum")
     assert first != second

@@ -77,7 +77,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
 
 
 @pytest.mark.parametrize("batches", range(8))
-def test_a_run_stopped_anywhere_goes_on_to_the_same_bits(
+def test_a_run_stopped_anywhere_resumes_bit_identically(
     tmp_path: Path, whole: dict[str, object], batches: int
 ) -> None:
     folder = stopped(tmp_path / "run", batches)
@@ -87,7 +87,7 @@ def test_a_run_stopped_anywhere_goes_on_to_the_same_bits(
 
 
 @pytest.mark.parametrize("batches", range(5))
-def test_exploring_episodes_that_ran_ahead_when_a_run_stopped_cost_time_only(
+def test_episodes_that_ran_ahead_of_a_stop_are_repeated(
     tmp_path: Path, whole: dict[str, object], batches: int
 ) -> None:
     folder = stopped(tmp_path / "run", batches, num_envs=3)
@@ -97,7 +97,7 @@ def test_exploring_episodes_that_ran_ahead_when_a_run_stopped_cost_time_only(
     assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
 
 
-def test_a_run_stopped_again_and_again_goes_on_to_the_same_bits(tmp_path: Path, whole: dict[str, object]) -> None:
+def test_a_run_stopped_repeatedly_resumes_bit_identically(tmp_path: Path, whole: dict[str, object]) -> None:
     folder = stopped(tmp_path / "run", 3)
     for _ in range(2):
         with pytest.raises(KeyboardInterrupt):
@@ -106,7 +106,7 @@ def test_a_run_stopped_again_and_again_goes_on_to_the_same_bits(tmp_path: Path, 
 
 
 @pytest.mark.parametrize("content", [b"damaged", None])
-def test_a_best_policy_that_is_lost_is_named_and_another_takes_its_place(
+def test_a_lost_best_policy_is_reported_and_replaced(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None
 ) -> None:
     folder = stopped(tmp_path / "run", 4)
@@ -123,7 +123,7 @@ def test_a_best_policy_that_is_lost_is_named_and_another_takes_its_place(
     assert capsys.readouterr().err == ""
 
 
-def test_a_run_that_is_done_makes_its_last_iteration_again(tmp_path: Path, whole: dict[str, object]) -> None:
+def test_a_finished_run_repeats_its_last_iteration(tmp_path: Path, whole: dict[str, object]) -> None:
     folder = run_training(CONFIG, Stopping(), tmp_path / "run", quiet=True)
     for name in ("policy.npz", "episodes.npz"):  # as a run that is killed before its end
         (folder / name).unlink()
@@ -131,14 +131,14 @@ def test_a_run_that_is_done_makes_its_last_iteration_again(tmp_path: Path, whole
     assert results(folder) == whole
 
 
-def test_more_iterations_are_those_of_a_run_begun_with_them(tmp_path: Path) -> None:
+def test_an_extended_run_equals_a_run_with_more_iterations(tmp_path: Path) -> None:
     folder = run_training(CONFIG, Stopping(), tmp_path / "run", quiet=True)
     more = longer(6, timeout=1.0)
     assert results(resumed(folder, more)) == results(run_training(more, Stopping(), tmp_path / "more", quiet=True))
     assert load_config(folder / "config.yaml") == more
 
 
-def test_fewer_iterations_than_were_made_are_refused(tmp_path: Path) -> None:
+def test_fewer_iterations_than_finished_are_rejected(tmp_path: Path) -> None:
     folder = run_training(CONFIG, Stopping(), tmp_path / "run", quiet=True)
     before = contents(folder)
     with pytest.raises(ValueError, match="iterations: expected at least 4, the number of finished iterations, got 2"):
@@ -146,7 +146,7 @@ def test_fewer_iterations_than_were_made_are_refused(tmp_path: Path) -> None:
     assert contents(folder) == before
 
 
-def test_damaged_checkpoints_cost_time_only(
+def test_damaged_checkpoints_do_not_change_the_results(
     tmp_path: Path, whole: dict[str, object], capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = stopped(tmp_path / "run", 6)
@@ -160,7 +160,7 @@ def test_damaged_checkpoints_cost_time_only(
     assert number >= 2  # one more if the disk was waited for before these
 
 
-def test_a_run_without_a_whole_checkpoint_is_refused_and_nothing_is_replaced(rkhs: Cli, tmp_path: Path) -> None:
+def test_a_run_without_an_intact_checkpoint_is_rejected_and_unchanged(rkhs: Cli, tmp_path: Path) -> None:
     folder = stopped(tmp_path / "run", 6)
     checkpoints = list((folder / "checkpoints").glob("*.npz"))
     for path in checkpoints:
@@ -173,7 +173,7 @@ def test_a_run_without_a_whole_checkpoint_is_refused_and_nothing_is_replaced(rkh
     assert contents(folder) == before
 
 
-def test_a_run_whose_checkpoints_are_gone_is_refused_and_nothing_is_replaced(rkhs: Cli, tmp_path: Path) -> None:
+def test_a_run_without_checkpoints_is_rejected_and_unchanged(rkhs: Cli, tmp_path: Path) -> None:
     folder = stopped(tmp_path / "run", 6)
     for path in (folder / "checkpoints").glob("*.npz"):
         path.unlink()
@@ -182,7 +182,7 @@ def test_a_run_whose_checkpoints_are_gone_is_refused_and_nothing_is_replaced(rkh
     assert contents(folder) == before
 
 
-def test_seconds_and_the_bar_go_on_where_they_were(
+def test_seconds_and_the_bar_continue_after_resume(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patched:
@@ -196,7 +196,7 @@ def test_seconds_and_the_bar_go_on_where_they_were(
     assert 1000.0 < curve.rows()[2].seconds < curve.rows()[3].seconds < 1100.0
 
 
-def test_a_refused_resume_touches_nothing(tmp_path: Path) -> None:
+def test_a_rejected_resume_changes_nothing(tmp_path: Path) -> None:
     folder = stopped(tmp_path / "run", 5)
     before = contents(folder)
     with pytest.raises(ValueError, match="seed: expected 0 as at the start of the run, got 1"):
@@ -217,7 +217,7 @@ def test_a_refused_resume_touches_nothing(tmp_path: Path) -> None:
     ],
     ids=["greater return", "last line", "another's value"],
 )
-def test_a_curve_that_was_edited_is_refused(
+def test_an_edited_curve_is_rejected(
     tmp_path: Path, edit: Callable[[list[Row]], list[Row]], capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = stopped(tmp_path / "run", 6)
@@ -229,7 +229,7 @@ def test_a_curve_that_was_edited_is_refused(
     assert contents(folder) == before
 
 
-def test_configuration_and_checkpoints_of_another_run_are_refused(tmp_path: Path) -> None:
+def test_configuration_and_checkpoints_of_another_run_are_rejected(tmp_path: Path) -> None:
     one, other = stopped(tmp_path / "one", 6), stopped(tmp_path / "other", 6, longer(4, seed=1))
     for name in ("config.yaml", "checkpoints"):
         subprocess.run(["cp", "-rT", other / name, one / name], check=True)
@@ -243,7 +243,7 @@ ROWS = [
 
 
 @pytest.mark.usefixtures("quick_disk")
-def test_a_curve_torn_at_any_byte_has_its_whole_lines(tmp_path: Path) -> None:
+def test_a_curve_truncated_at_any_byte_has_its_complete_lines(tmp_path: Path) -> None:
     curve = Curve(tmp_path / "curve.csv")
     assert curve.rows() == []
     curve.begin(ROWS[:1])
@@ -273,7 +273,7 @@ def test_a_curve_torn_at_any_byte_has_its_whole_lines(tmp_path: Path) -> None:
         (b"0.75\r\n", b"0.75\rx", 4),
     ],
 )
-def test_a_damaged_line_of_a_curve_is_refused_by_its_number(tmp_path: Path, old: bytes, new: bytes, line: int) -> None:
+def test_a_damaged_line_of_a_curve_is_rejected_with_its_number(tmp_path: Path, old: bytes, new: bytes, line: int) -> None:
     curve = Curve(tmp_path / "curve.csv")
     curve.begin(ROWS)
     content = curve.path.read_bytes()
@@ -283,7 +283,7 @@ def test_a_damaged_line_of_a_curve_is_refused_by_its_number(tmp_path: Path, old:
         curve.rows()
 
 
-def test_a_run_whose_curve_has_a_changed_byte_is_not_gone_on_with(rkhs: Cli, tmp_path: Path) -> None:
+def test_a_run_with_a_damaged_curve_does_not_resume(rkhs: Cli, tmp_path: Path) -> None:
     folder = stopped(tmp_path / "run", 6)
     whole = (folder / "curve.csv").read_bytes()
     before = contents(folder)
@@ -303,7 +303,7 @@ def test_a_run_whose_curve_has_a_changed_byte_is_not_gone_on_with(rkhs: Cli, tmp
     assert_refused(result, "curve.csv: expected the lines of the 3 iterations before 0000003.npz")
 
 
-def test_a_run_of_other_code_goes_on_where_that_is_allowed_and_it_is_noted(
+def test_a_run_of_other_code_resumes_if_allowed_and_records_it(
     rkhs: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     runner = InlineRunner(Simulation("rkhs/Toy-v0"))
@@ -327,7 +327,7 @@ def test_a_run_of_other_code_goes_on_where_that_is_allowed_and_it_is_noted(
     assert [row.iteration for row in Recorded(folder).rows] == [1, 2, 3, 4, 5]
 
 
-def test_a_torn_curve_costs_time_only(
+def test_a_truncated_curve_does_not_change_the_results(
     tmp_path: Path, whole: dict[str, object], capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = stopped(tmp_path / "run", 6)
@@ -366,7 +366,7 @@ class Blocking(Stopping):
         return super().collect(*arguments)
 
 
-def test_results_that_cannot_be_written_are_named(tmp_path: Path, whole: dict[str, object]) -> None:
+def test_results_that_cannot_be_written_are_reported(tmp_path: Path, whole: dict[str, object]) -> None:
     folder = stopped(tmp_path / "run", 5)
     (folder / "episodes.npz").unlink()
     (folder / "episodes.npz").mkdir()
@@ -399,7 +399,7 @@ def assert_whole(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("size", [0, 100, 500, 1000, 3000, 20_000])
-def test_without_room_a_run_ends_with_one_line_and_goes_on_later(
+def test_a_run_on_a_full_disk_ends_with_one_line_and_resumes_later(
     rkhs: Cli, tmp_path: Path, size: int, disk: Callable[[int], None]
 ) -> None:
     arguments = ("train", CONFIG_FILE, *INLINE, "--iterations", 12, "--set", "horizon=5")
@@ -431,7 +431,7 @@ class Filling(Stopping):
 
 
 @pytest.mark.parametrize("beyond", [-100, 1, 60, 2000])
-def test_the_last_good_checkpoint_is_there_when_there_is_room_again(
+def test_the_last_intact_checkpoint_survives_a_full_disk(
     tmp_path: Path, whole: dict[str, object], disk: Callable[[int], None], beyond: int
 ) -> None:
     folder = tmp_path / "run"
@@ -446,12 +446,12 @@ def test_the_last_good_checkpoint_is_there_when_there_is_room_again(
 
 
 @pytest.mark.parametrize("out", ["/proc/run", "file/below", "file"])
-def test_a_folder_that_cannot_be_made_ends_with_one_line(rkhs: Cli, tmp_path: Path, out: str) -> None:
+def test_a_folder_that_cannot_be_created_gives_one_line(rkhs: Cli, tmp_path: Path, out: str) -> None:
     (tmp_path / "file").touch()
     assert_refused(rkhs("train", CONFIG_FILE, *INLINE, "--out", out), out)
 
 
-def test_a_folder_that_cannot_be_written_ends_with_one_line(rkhs: Cli, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_gives_one_line(rkhs: Cli, tmp_path: Path) -> None:
     stopped(tmp_path / "run", 5)
     (tmp_path / "run" / "checkpoints").rename(tmp_path / "aside")
     (tmp_path / "run" / "checkpoints").touch()
@@ -460,7 +460,7 @@ def test_a_folder_that_cannot_be_written_ends_with_one_line(rkhs: Cli, tmp_path:
     assert contents(tmp_path / "run") == before
 
 
-def test_the_command_goes_on_with_a_run(rkhs: Cli, tmp_path: Path, whole: dict[str, object]) -> None:
+def test_the_command_resumes_a_run(rkhs: Cli, tmp_path: Path, whole: dict[str, object]) -> None:
     stopped(tmp_path / "run", 5)
     code, out, err = rkhs("train", "--resume", "run", *INLINE)
     assert (code, err) == (0, "")
@@ -484,7 +484,7 @@ def test_the_command_goes_on_with_a_run(rkhs: Cli, tmp_path: Path, whole: dict[s
         (("--resume", "run/config.yaml"), "run/config.yaml: expected the folder of a run"),
     ],
 )
-def test_a_resume_that_does_not_fit_ends_with_one_line(
+def test_an_invalid_resume_gives_one_line(
     rkhs: Cli, tmp_path: Path, arguments: tuple[object, ...], message: str
 ) -> None:
     before = contents(stopped(tmp_path / "run", 5))
@@ -492,7 +492,7 @@ def test_a_resume_that_does_not_fit_ends_with_one_line(
     assert contents(tmp_path) == before
 
 
-def test_settings_changed_since_are_refused_by_the_command(rkhs: Cli, tmp_path: Path) -> None:
+def test_the_command_rejects_changed_settings(rkhs: Cli, tmp_path: Path) -> None:
     file = stopped(tmp_path / "run", 5) / "config.yaml"
     file.write_text(file.read_text().replace("horizon: 4", "horizon: 5"))
     before = contents(tmp_path)
@@ -500,7 +500,7 @@ def test_settings_changed_since_are_refused_by_the_command(rkhs: Cli, tmp_path: 
     assert contents(tmp_path) == before
 
 
-def test_over_topics_the_learner_is_told_to_go_on(rkhs: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_over_topics_the_learner_gets_the_resume_parameter(rkhs: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = stopped(tmp_path / "run", 5)
     told: list[Any] = []
 
@@ -519,7 +519,7 @@ def test_over_topics_the_learner_is_told_to_go_on(rkhs: Cli, tmp_path: Path, mon
     assert keywords == {"simulators": 2, "composed": False}
 
 
-def test_a_folder_in_use_is_refused_and_free_again_after(rkhs: Cli, tmp_path: Path) -> None:
+def test_a_folder_is_locked_during_a_run_only(rkhs: Cli, tmp_path: Path) -> None:
     folder = stopped(tmp_path / "run", 5)
     before = contents(folder)
     with locked(folder):
@@ -550,7 +550,7 @@ def killed(process: subprocess.Popen[str], folder: Path, line: int, delay: float
 
 @pytest.mark.faults
 @pytest.mark.slow
-def test_a_run_killed_at_any_moment_goes_on_to_the_same_bits(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_a_killed_run_resumes_bit_identically(tmp_path: Path, rng: np.random.Generator) -> None:
     run, settings = tmp_path / "run", ("--iterations", 400, "--set", "algorithm.reuse=4")
     file = ROOT / "config" / "toy_power.yaml"
     whole = started(file, *settings, "--out", tmp_path / "whole")
@@ -568,7 +568,7 @@ def test_a_run_killed_at_any_moment_goes_on_to_the_same_bits(tmp_path: Path, rng
 
 @pytest.mark.faults
 @pytest.mark.slow
-def test_a_second_process_is_kept_out_until_the_first_was_killed(tmp_path: Path) -> None:
+def test_a_second_process_is_rejected_until_the_first_is_killed(tmp_path: Path) -> None:
     run = tmp_path / "run"
     first = started(CONFIG_FILE, "--iterations", 100_000, "--out", run)
     while lines(run) < 3:
@@ -581,7 +581,7 @@ def test_a_second_process_is_kept_out_until_the_first_was_killed(tmp_path: Path)
     assert (third.communicate()[1], third.returncode) == ("", 0)
 
 
-def test_a_run_without_checkpoints_is_not_begun_again_in_another_environment(tmp_path: Path) -> None:
+def test_a_run_without_checkpoints_does_not_restart_in_another_environment(tmp_path: Path) -> None:
     folder = stopped(tmp_path / "run", 4)
     for path in (folder / "checkpoints").iterdir():
         path.unlink()

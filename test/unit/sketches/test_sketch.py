@@ -61,7 +61,7 @@ def test_heights_are_the_actions_and_ranges_only_grow() -> None:
     assert np.corrcoef(path[:, 2], actions[steps])[0, 1] == pytest.approx(1.0)
 
 
-def test_only_the_last_episodes_are_kept() -> None:
+def test_only_the_last_episodes_are_stored() -> None:
     (iteration, *_), spaces = learnt("rkhs/Toy-v0")
     sketcher = Sketcher(spaces, TRAINING.discount)
     for _ in range(3 * MOST_EPISODES):
@@ -69,7 +69,7 @@ def test_only_the_last_episodes_are_kept() -> None:
     assert len(sketcher.sketch(iteration).paths) == MOST_EPISODES
 
 
-def test_of_a_task_of_one_step_the_attempts_are_seen() -> None:
+def test_a_one_step_task_shows_its_attempts() -> None:
     (iteration, *_), _ = learnt("rkhs/Toy-v0")
     rng = np.random.default_rng(0)
     rows = 2 * MOST_ATTEMPTS
@@ -87,7 +87,7 @@ def test_of_a_task_of_one_step_the_attempts_are_seen() -> None:
     assert len(sketch.centres) == 0
 
 
-def test_the_time_left_is_that_of_the_last_iterations() -> None:
+def test_the_remaining_time_follows_from_the_last_iterations() -> None:
     def rows(seconds: list[float]) -> list[Row]:
         return [BEGINNING._replace(iteration=i + 1, seconds=s) for i, s in enumerate(seconds)]
 

@@ -59,7 +59,7 @@ def curve(runs: int, iterations: int = 6, label: str = "one", seed: int = 0) -> 
 
 
 @pytest.mark.parametrize("runs", [4, 7, 20])
-def test_the_aggregates_are_those_of_an_independent_computation(runs: int) -> None:
+def test_aggregates_match_an_independent_computation(runs: int) -> None:
     returns = np.random.default_rng(1).gamma(2.0, 3.0, (runs, 5))
     episodes = np.array([5.0, 10.0, 30.0, 40.0, 80.0])
     found = aggregates(episodes, returns)
@@ -75,7 +75,7 @@ def test_the_aggregates_are_those_of_an_independent_computation(runs: int) -> No
     assert found.area_under_curve == pytest.approx(sum(areas) / runs)
 
 
-def test_the_intervals_are_percentiles_of_means_of_runs_drawn_anew() -> None:
+def test_intervals_are_percentiles_of_bootstrap_means() -> None:
     final = np.random.default_rng(2).gamma(2.0, 3.0, 12)
     drawn = np.random.default_rng(3).choice(final, (40_000, 12))
     low, high = np.percentile(drawn.mean(axis=1), [2.5, 97.5])
@@ -87,7 +87,7 @@ def test_the_intervals_are_percentiles_of_means_of_runs_drawn_anew() -> None:
     assert (estimate.low, estimate.high) == pytest.approx((low, high), abs=0.05 * (high - low))
 
 
-def test_whole_runs_are_drawn_and_each_time_the_same() -> None:
+def test_the_bootstrap_resamples_whole_runs_deterministically() -> None:
     returns = np.random.default_rng(4).normal(size=(6, 30))
     band = mean_over_runs(returns)
     for k in (0, 7, 29):
@@ -105,7 +105,7 @@ def test_a_single_run_has_no_interval() -> None:
 # What is compared
 
 
-def test_runs_that_differ_in_seed_and_name_only_are_one_curve(tmp_path: Path) -> None:
+def test_runs_that_differ_only_in_seed_and_name_form_one_curve(tmp_path: Path) -> None:
     for seed in range(3):
         run_folder(tmp_path / "nac" / f"seed_{seed}", [1.0 + seed, 2.0 + seed], seed=seed, name=f"n{seed}")
     other = run_folder(tmp_path / "other", [5.0, 6.0], algorithm=ALGORITHMS["rkhs_power"]())
@@ -133,7 +133,7 @@ def test_curves_of_one_algorithm_are_named_by_their_folders(tmp_path: Path) -> N
     assert [c.label for c in compare([tmp_path / "both"]).curves] == ["great", "small"]
 
 
-def test_longer_runs_are_cut_to_the_shortest_and_that_is_said(tmp_path: Path) -> None:
+def test_longer_runs_are_truncated_with_a_note(tmp_path: Path) -> None:
     folders = [
         run_folder(tmp_path / "long", [1.0, 2.0, 3.0, 9.0], per_iteration=10),
         run_folder(tmp_path / "slow", [4.0] * 5, per_iteration=5),
@@ -147,7 +147,7 @@ def test_longer_runs_are_cut_to_the_shortest_and_that_is_said(tmp_path: Path) ->
     assert note in as_markdown(comparison)
 
 
-def test_curves_go_through_the_iterations_that_all_runs_evaluated(tmp_path: Path) -> None:
+def test_curves_contain_the_iterations_that_all_runs_evaluated(tmp_path: Path) -> None:
     nan = float("nan")
     run_folder(tmp_path / "r" / "a", [nan, 2.0, nan, 4.0], seed=0)
     run_folder(tmp_path / "r" / "b", [1.0, 3.0, nan, 5.0], seed=1)
@@ -157,7 +157,7 @@ def test_curves_go_through_the_iterations_that_all_runs_evaluated(tmp_path: Path
     assert comparison.notes == ()
 
 
-def test_without_any_evaluation_the_exploring_return_is_taken_and_that_is_said(tmp_path: Path) -> None:
+def test_without_evaluations_curves_show_exploration_returns_with_a_note(tmp_path: Path) -> None:
     folder = run_folder(tmp_path / "r", [float("nan")] * 2, train=7.0)
     comparison = compare([folder])
     np.testing.assert_array_equal(comparison.curves[0].returns, [[7.0, 7.0]])
@@ -166,7 +166,7 @@ def test_without_any_evaluation_the_exploring_return_is_taken_and_that_is_said(t
     assert "exploration return 7 after 20 episodes" in comparison.curves[0].summary()
 
 
-def test_runs_that_have_not_begun_to_learn_are_left_out_by_name(tmp_path: Path) -> None:
+def test_runs_without_an_iteration_are_omitted_with_a_note(tmp_path: Path) -> None:
     run_folder(tmp_path / "r" / "a", [1.0])
     empty = run_folder(tmp_path / "r" / "b", [], seed=1)
     comparison = compare([tmp_path / "r"])
@@ -184,7 +184,7 @@ def test_runs_that_have_not_begun_to_learn_are_left_out_by_name(tmp_path: Path) 
         ({"horizon": 9}, "b: horizon: expected 20 like .*a, got 9"),
     ],
 )
-def test_runs_that_are_not_to_be_compared_are_refused(tmp_path: Path, settings: dict[str, Any], message: str) -> None:
+def test_incomparable_runs_are_rejected(tmp_path: Path, settings: dict[str, Any], message: str) -> None:
     for name, more in (("a", {}), ("b", settings)):
         run_folder(tmp_path / name, [1.0], **more)
     with pytest.raises(ValueError, match=message):
@@ -205,7 +205,7 @@ def pixels(image: np.ndarray, colour: str) -> int:
 
 
 @pytest.mark.parametrize(("count", "length"), [(1, 3), (3, 60), (8, 3), (20, 60)])
-def test_nothing_is_clipped_and_every_curve_is_seen(tmp_path: Path, count: int, length: int) -> None:
+def test_no_curve_is_clipped_or_hidden(tmp_path: Path, count: int, length: int) -> None:
     curves = [curve(5, label=f"{k}".ljust(length, "x"), seed=k) for k in range(count)]
     image = picture(tmp_path / "c.png", *curves)
     border = np.concatenate([image[:4].ravel(), image[-4:].ravel(), image[:, :4].ravel(), image[:, -4:].ravel()])
@@ -214,19 +214,19 @@ def test_nothing_is_clipped_and_every_curve_is_seen(tmp_path: Path, count: int, 
     assert not any(pixels(image, colour) > 100 for colour in COLOURS[count:] if colour != TEXT)
 
 
-def test_the_plot_is_as_wide_whatever_the_legend(tmp_path: Path) -> None:
+def test_the_plot_width_does_not_depend_on_the_legend(tmp_path: Path) -> None:
     narrow, wide = (picture(tmp_path / f"{k}.png", curve(3, label="x" * k)) for k in (2, 50))
     assert wide.shape[1] > narrow.shape[1] + 200
     plot = slice(0, 800)
     np.testing.assert_array_equal(narrow[100:, plot], wide[100 : len(narrow), plot])
 
 
-def test_the_optimum_is_drawn_where_it_is_known(tmp_path: Path) -> None:
+def test_a_known_optimum_is_drawn(tmp_path: Path) -> None:
     known, unknown = (picture(tmp_path / "c.png", curve(3), task=replace(TOY, discount=d)) for d in (0.99, 0.9))
     assert pixels(known, "#595959") > 500 + pixels(unknown, "#595959")
 
 
-def test_a_task_that_is_not_installed_is_drawn_without_its_optimum(tmp_path: Path) -> None:
+def test_without_the_task_its_optimum_is_not_drawn(tmp_path: Path) -> None:
     assert picture(tmp_path / "c.png", curve(2), task=replace(TOY, environment="gone/Task-v0")).size
 
 
@@ -261,7 +261,7 @@ def test_the_command_writes_picture_and_tables_and_prints_the_table(rkhs: Run, t
     assert (tmp_path / "made" / "here.png").read_bytes() == again
 
 
-def test_the_table_of_a_terminal_has_every_number_in_80_characters() -> None:
+def test_the_terminal_table_shows_every_number_in_80_columns() -> None:
     comparison = Comparison(TOY, (curve(4, label="one [of] two"), curve(1, label="x" * 30)), ())
     out = StringIO()
     Console(file=out, width=80).print(as_table(comparison))
@@ -288,7 +288,7 @@ def test_other_formats_are_written_too(rkhs: Run, tmp_path: Path, name: str) -> 
         ((), "the following arguments are required: DIR"),
     ],
 )
-def test_bad_input_is_refused_and_nothing_written(
+def test_bad_input_is_rejected_and_nothing_is_written(
     rkhs: Run, tmp_path: Path, arguments: tuple[str, ...], message: str
 ) -> None:
     (tmp_path / "empty").mkdir()

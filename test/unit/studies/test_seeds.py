@@ -48,7 +48,7 @@ def test_seeds_are_the_union_of_their_ranges_in_order(parts: list[range], comma:
 
 
 @given(st.text("0123456789-, ", max_size=12))
-def test_other_text_is_refused_in_one_line_or_gives_seeds(text: str) -> None:
+def test_any_text_gives_seeds_or_one_line(text: str) -> None:
     seeds: tuple[int, ...] = (0,)
     message = "--seeds: expected "
     try:
@@ -74,7 +74,7 @@ def test_other_text_is_refused_in_one_line_or_gives_seeds(text: str) -> None:
         (f"0-{MOST_SEEDS - 1},{MOST_SEEDS}", f"expected at most {MOST_SEEDS} seeds"),
     ],
 )
-def test_what_are_no_seeds_is_refused(text: str, message: str) -> None:
+def test_invalid_seeds_are_rejected(text: str, message: str) -> None:
     with pytest.raises(ValueError, match="--seeds: expected") as error:
         parse_seeds(text)
     assert message in str(error.value)
@@ -91,7 +91,7 @@ def begun(rkhs: Run, tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_each_seed_leaves_the_run_of_its_own(rkhs: Run, tmp_path: Path, jobs: int) -> None:
+def test_each_seed_gives_an_ordinary_run(rkhs: Run, tmp_path: Path, jobs: int) -> None:
     code, out, err = rkhs("train", CONFIG, *SHORT, "--seeds", "0-1,5", "--jobs", jobs, "--out", "many")
     assert code == 0
     assert err.splitlines()[-1].split()[:1] == ["toy_nac"]
@@ -106,13 +106,13 @@ def test_each_seed_leaves_the_run_of_its_own(rkhs: Run, tmp_path: Path, jobs: in
     assert "mean of 3 runs, 95 % interval over the seeds" in out
 
 
-def test_without_a_folder_the_runs_go_where_results_go(rkhs: Run, tmp_path: Path) -> None:
+def test_the_default_folder_of_several_seeds_is_in_results(rkhs: Run, tmp_path: Path) -> None:
     assert rkhs("train", CONFIG, *SHORT, "--seeds", "3", "--quiet", "--jobs", 1).code == 0
     (folder,) = (tmp_path / "results" / "toy_nac").iterdir()
     assert [path.name for path in folder.iterdir()] == ["seed_3"]
 
 
-def test_resume_makes_what_is_missing_or_unfinished_and_nothing_else(rkhs: Run, begun: Path) -> None:
+def test_resume_runs_only_missing_or_unfinished_seeds(rkhs: Run, begun: Path) -> None:
     whole = {path: results(path) for path in seed_folders(begun)}
     kept, unfinished, missing = seed_folders(begun)
     Curve(unfinished / "curve.csv").begin(Curve(unfinished / "curve.csv").rows()[:1])
@@ -127,14 +127,14 @@ def test_resume_makes_what_is_missing_or_unfinished_and_nothing_else(rkhs: Run, 
     assert times(kept) == before
 
 
-def test_resume_goes_on_to_more_iterations(rkhs: Run, begun: Path) -> None:
+def test_resume_extends_the_runs_of_several_seeds(rkhs: Run, begun: Path) -> None:
     assert rkhs("train", "--resume", "many", "--iterations", 3, "--jobs", 1).code == 0
     for path in seed_folders(begun):
         assert len(Curve(path / "curve.csv").rows()) == 3
         assert load_config(path / "config.yaml").training.iterations == 3
 
 
-def test_pictures_older_than_the_curve_are_drawn_again(rkhs: Run, begun: Path) -> None:
+def test_outdated_pictures_are_redrawn(rkhs: Run, begun: Path) -> None:
     first, *_ = seed_folders(begun)
     before = (first / "policy.png").stat().st_mtime_ns
     (first / "curve.csv").write_bytes((first / "curve.csv").read_bytes())
@@ -143,7 +143,7 @@ def test_pictures_older_than_the_curve_are_drawn_again(rkhs: Run, begun: Path) -
 
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_a_seed_that_fails_is_named_and_the_others_go_on(rkhs: Run, begun: Path, jobs: int) -> None:
+def test_a_failed_seed_is_reported_and_the_others_continue(rkhs: Run, begun: Path, jobs: int) -> None:
     first, bad, last = seed_folders(begun)
     (bad / "policy.png").unlink()
     (bad / "policy.png").mkdir()
@@ -155,7 +155,7 @@ def test_a_seed_that_fails_is_named_and_the_others_go_on(rkhs: Run, begun: Path,
     assert [len(Curve(path / "curve.csv").rows()) for path in (first, last)] == [3, 3]
 
 
-def test_where_every_seed_fails_all_are_named(rkhs: Run, begun: Path) -> None:
+def test_all_failed_seeds_are_reported(rkhs: Run, begun: Path) -> None:
     for path in seed_folders(begun):
         (path / "policy.png").unlink()
         (path / "policy.png").mkdir()
@@ -181,7 +181,7 @@ def workers(process: subprocess.Popen[str]) -> list[int]:
 
 @pytest.mark.faults
 @pytest.mark.slow
-def test_an_interrupted_training_can_be_gone_on_with(rkhs: Run, tmp_path: Path) -> None:
+def test_interrupted_training_with_several_seeds_resumes(rkhs: Run, tmp_path: Path) -> None:
     many, whole = tmp_path / "many", tmp_path / "whole"
     long = (*EPISODES, "iterations=60", "--seeds", "0-2", "--quiet")
     process = started(many, CONFIG, *long, "--out", many)
@@ -196,7 +196,7 @@ def test_an_interrupted_training_can_be_gone_on_with(rkhs: Run, tmp_path: Path) 
 
 @pytest.mark.faults
 @pytest.mark.slow
-def test_a_worker_that_is_killed_ends_with_lines_not_a_traceback(tmp_path: Path) -> None:
+def test_a_killed_worker_gives_lines_without_a_traceback(tmp_path: Path) -> None:
     many = tmp_path / "many"
     process = started(many, CONFIG, *EPISODES, "iterations=3000", "--seeds", "0-1", "--quiet", "--out", many)
     for pid in workers(process)[:1]:
@@ -208,7 +208,7 @@ def test_a_worker_that_is_killed_ends_with_lines_not_a_traceback(tmp_path: Path)
 
 @pytest.mark.faults
 @pytest.mark.slow
-def test_workers_end_with_a_training_that_is_killed(tmp_path: Path) -> None:
+def test_workers_end_when_the_command_is_killed(tmp_path: Path) -> None:
     many = tmp_path / "many"
     process = started(many, CONFIG, *EPISODES, "iterations=3000", "--seeds", "0-1", "--quiet", "--out", many)
     at_work = workers(process)
@@ -237,14 +237,14 @@ def test_workers_end_with_a_training_that_is_killed(tmp_path: Path) -> None:
         (("--seeds", "0-1", "--set", "environment.id=rkhs/Toi-v0"), "did you mean 'rkhs/Toy-v0'?"),
     ],
 )
-def test_what_does_not_fit_is_refused_once_and_nothing_is_begun(
+def test_invalid_options_are_rejected_once_and_nothing_starts(
     rkhs: Run, tmp_path: Path, arguments: tuple[str, ...], message: str
 ) -> None:
     assert_refused(rkhs("train", CONFIG, *arguments), message)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_other_seeds_than_the_run_began_with_are_refused(rkhs: Run, begun: Path) -> None:
+def test_resume_with_other_seeds_is_rejected(rkhs: Run, begun: Path) -> None:
     before = times(begun)
     assert_refused(rkhs("train", "--resume", "many", "--seeds", "0-3"), "folder of the run, got --seeds")
     assert_refused(rkhs("train", CONFIG, "--seeds", "0", "--out", "many"), "many: expected a new or empty folder")

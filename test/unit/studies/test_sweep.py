@@ -42,12 +42,12 @@ def row(episodes: int, value: float) -> Row:
     return Row(episodes // 2, episodes, 2, 0.0, 0.0, value, 1, 0.0, 0.0, 0.0, NAN, NAN, 0.0)
 
 
-def test_a_run_comes_to_its_last_and_best_return_and_the_first_episodes_that_reach_a_threshold() -> None:
+def test_an_outcome_has_final_and_best_return_and_episodes_to_thresholds() -> None:
     rows = [row(2, 1.0), row(4, NAN), row(6, 5.0), row(8, 2.0), row(10, NAN)]
     assert Outcome.of(rows, (2.0, 5.0, 5.1)) == (2.0, 5.0, (6.0, 6.0, float("inf")))
 
 
-def test_medians_count_runs_that_never_got_there() -> None:
+def test_medians_include_runs_that_never_reach_a_threshold() -> None:
     outcomes = [Outcome(1.0, 4.0, (float("inf"),)), Outcome(2.0, 9.0, (8.0,)), Outcome(7.0, 7.0, (float("inf"),))]
     assert Outcome.median(outcomes) == (2.0, 7.0, (float("inf"),))
 
@@ -65,7 +65,7 @@ def lines(path: Path) -> list[dict[str, str]]:
 
 
 @pytest.mark.slow
-def test_each_run_of_a_grid_is_that_of_its_settings(rkhs: Run, swept: Path, tmp_path: Path) -> None:
+def test_each_run_of_a_grid_equals_an_ordinary_run(rkhs: Run, swept: Path, tmp_path: Path) -> None:
     runs = lines(swept / "runs.csv")
     assert len(runs) == len({each["folder"] for each in runs}) == 8
     last = runs[-1]
@@ -83,7 +83,7 @@ def test_each_run_of_a_grid_is_that_of_its_settings(rkhs: Run, swept: Path, tmp_
 
 
 @pytest.mark.slow
-def test_an_interrupted_sweep_goes_on_and_a_larger_one_makes_only_what_is_new(rkhs: Run, swept: Path) -> None:
+def test_a_sweep_continues_and_a_larger_one_runs_only_new_points(rkhs: Run, swept: Path) -> None:
     whole = (swept / "runs.csv").read_bytes()
     cut, *kept = sorted((swept / "runs").iterdir())
     Curve(cut / "curve.csv").begin(Curve(cut / "curve.csv").rows()[:1])
@@ -98,7 +98,7 @@ def test_an_interrupted_sweep_goes_on_and_a_larger_one_makes_only_what_is_new(rk
 
 
 @pytest.mark.slow
-def test_a_run_that_fails_is_named_and_the_others_are_told_of(rkhs: Run, swept: Path) -> None:
+def test_a_failed_run_is_reported_and_the_others_are_tabulated(rkhs: Run, swept: Path) -> None:
     bad = min((swept / "runs").iterdir())
     (bad / "config.yaml").write_text("- no configuration\n")
     (bad / "episodes.npz").unlink()
@@ -144,7 +144,7 @@ def test_a_run_that_fails_is_named_and_the_others_are_told_of(rkhs: Run, swept: 
         (("--vary", "algorithm.ridge=1,2", "--out", CONFIG / "x"), f"--out: expected a folder, got the file {CONFIG}"),
     ],
 )
-def test_what_does_not_fit_is_refused_once_and_nothing_is_begun(
+def test_invalid_options_are_rejected_once_and_nothing_starts(
     rkhs: Run, tmp_path: Path, arguments: tuple[str, ...], message: str
 ) -> None:
     assert_refused(rkhs("sweep", CONFIG, *arguments), message)

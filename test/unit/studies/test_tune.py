@@ -23,7 +23,7 @@ Run = Callable[..., Result]
 # The space
 
 
-def test_without_names_the_numbers_of_how_to_learn_are_searched_around_their_values() -> None:
+def test_by_default_the_numbers_of_the_learner_are_searched_around_their_values() -> None:
     space = {each.name: each for each in search_space(load_config(CONFIG), [])}
     assert space["algorithm.ridge"] == Dimension("algorithm.ridge", 0.01 / SPREAD, 0.01 * SPREAD)
     assert space["algorithm.exploration_decay"] == Dimension("algorithm.exploration_decay", 0.0, 1.0)
@@ -32,7 +32,7 @@ def test_without_names_the_numbers_of_how_to_learn_are_searched_around_their_val
     assert not {"seed", "horizon", "discount", "iterations", "algorithm.centres"} & set(space)
 
 
-def test_every_configuration_has_a_space_that_holds_where_it_begins() -> None:
+def test_the_search_space_of_every_configuration_contains_its_values() -> None:
     for path in CONFIG.parent.glob("*.yaml"):
         config = load_config(path)
         space = search_space(config, [])
@@ -43,7 +43,7 @@ def test_every_configuration_has_a_space_that_holds_where_it_begins() -> None:
             assert each.low <= number <= each.high, (path, each)
 
 
-def test_named_settings_take_their_own_range_a_given_one_or_choices() -> None:
+def test_named_settings_have_a_default_range_a_given_range_or_choices() -> None:
     named = ["algorithm.centres=5:50", "algorithm.critic", "algorithm.trace", "algorithm.ridge=0.01:0.05"]
     assert search_space(load_config(CONFIG), named) == (
         Dimension("algorithm.centres", 5, 50, is_whole=True),
@@ -71,7 +71,7 @@ SMALL = ("horizon=5", "iterations=3", "episodes_per_iteration=4", "evaluation_ep
 
 
 @pytest.mark.parametrize("variant", VARIANTS, ids=" ".join)
-def test_what_is_searched_changes_what_is_learnt_and_what_is_not_in_effect_does_not(variant: tuple[str, ...]) -> None:
+def test_searched_settings_change_the_result_and_unused_ones_do_not(variant: tuple[str, ...]) -> None:
     algorithm, *changes = variant
     given = [f"algorithm={{{', '.join((algorithm, *LOOSE))}}}", *SMALL, *changes]
     config = load_config(CONFIG, given)
@@ -103,7 +103,7 @@ def trials(folder: Path) -> list[dict[str, str]]:
 
 
 @pytest.mark.slow
-def test_a_search_stopped_and_started_again_goes_on_as_if_it_had_not(rkhs: Run, tmp_path: Path) -> None:
+def test_an_interrupted_search_gives_the_same_trials(rkhs: Run, tmp_path: Path) -> None:
     optuna = pytest.importorskip("optuna")
     search = ("tune", CONFIG, *QUICK, "--over", "algorithm.ridge", "exploration_sd")
     assert rkhs(*search, "--trials", 6, "--out", "whole").code == 0
@@ -133,7 +133,7 @@ def test_a_search_stopped_and_started_again_goes_on_as_if_it_had_not(rkhs: Run, 
 
 
 @pytest.mark.slow
-def test_several_workers_share_a_search_whose_trials_are_each_made_once(rkhs: Run, tmp_path: Path) -> None:
+def test_several_workers_run_each_trial_once(rkhs: Run, tmp_path: Path) -> None:
     optuna = pytest.importorskip("optuna")
     search = (
         "tune",
@@ -162,7 +162,7 @@ def test_several_workers_share_a_search_whose_trials_are_each_made_once(rkhs: Ru
 
 
 @pytest.mark.slow
-def test_settings_that_cannot_be_learnt_with_fail_and_the_search_goes_on(rkhs: Run, tmp_path: Path) -> None:
+def test_failing_settings_do_not_stop_the_search(rkhs: Run, tmp_path: Path) -> None:
     pytest.importorskip("optuna")
     result = rkhs(
         "tune", CONFIG, *QUICK, "--over", "kernel.degree=1:20", "model.form", "algorithm.step.rule", "--trials", 12
@@ -177,7 +177,7 @@ def test_settings_that_cannot_be_learnt_with_fail_and_the_search_goes_on(rkhs: R
 @pytest.mark.slow
 @pytest.mark.faults
 @pytest.mark.timeout(900)
-def test_a_configuration_that_was_spoilt_is_mended(rkhs: Run, tmp_path: Path) -> None:
+def test_tuning_repairs_a_spoilt_configuration(rkhs: Run, tmp_path: Path) -> None:
     pytest.importorskip("optuna")
     spoilt = [f"{name}={value}" for name, value in SPOILT.items()]
     result = rkhs(
@@ -236,7 +236,7 @@ def test_a_configuration_that_was_spoilt_is_mended(rkhs: Run, tmp_path: Path) ->
         (("--out", CONFIG), f"--out: expected a folder, got the file {CONFIG}"),
     ],
 )
-def test_what_does_not_fit_is_refused_once_and_nothing_is_begun(
+def test_invalid_options_are_rejected_once_and_nothing_starts(
     rkhs: Run, tmp_path: Path, arguments: tuple[object, ...], message: str
 ) -> None:
     pytest.importorskip("optuna")

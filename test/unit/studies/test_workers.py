@@ -22,7 +22,7 @@ def doubled(number: int) -> int:
 
 @pytest.mark.faults
 @pytest.mark.slow
-def test_a_worker_with_other_code_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_with_other_code_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed")
     monkeypatch.setattr(provenance, "__version__", "9.9.9")
     with (
@@ -34,7 +34,7 @@ def test_a_worker_with_other_code_is_refused(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.slow
-def test_workers_of_several_threads_are_refused(rkhs: Run) -> None:
+def test_workers_with_several_threads_are_rejected(rkhs: Run) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(1, threads_per_worker=2, dashboard_address=None, silence_logs=50) as cluster:
         address = cluster.scheduler_address
@@ -42,7 +42,7 @@ def test_workers_of_several_threads_are_refused(rkhs: Run) -> None:
     assert_refused(result, "--scheduler: expected workers of one thread (dask worker --nthreads 1), got 2 threads")
 
 
-def test_one_process_makes_call_after_call() -> None:
+def test_a_single_process_executes_calls_in_sequence() -> None:
     taken = []
 
     def take() -> tuple[int] | None:
@@ -56,7 +56,7 @@ def test_one_process_makes_call_after_call() -> None:
 
 
 @pytest.mark.slow
-def test_what_is_called_next_may_follow_from_what_has_ended() -> None:
+def test_the_next_call_may_depend_on_earlier_results() -> None:
     returned = [1]
     with Workers(2).opened(2) as pool:
         for result in pool.results(doubled, lambda: (returned.pop(),) if returned else None, most=pool.width):
@@ -72,7 +72,7 @@ def ended_by_signal(number: int) -> int:
 
 
 @pytest.mark.slow
-def test_processes_that_were_killed_are_told_of_once_and_take_no_more_calls() -> None:
+def test_killed_processes_are_reported_once_and_get_no_more_calls() -> None:
     numbers = iter(range(1000))
     with Workers(2).opened(2) as pool, pytest.raises(WorkerLostError, match="run the same command to continue"):
         list(pool.results(ended_by_signal, lambda: (next(numbers),), most=pool.width))
@@ -90,7 +90,7 @@ def test_processes_that_were_killed_are_told_of_once_and_take_no_more_calls() ->
         (("--scheduler", "tcp://127.0.0.1:1"), "--scheduler: expected a Dask scheduler at tcp://127.0.0.1:1, got none"),
     ],
 )
-def test_a_cluster_that_is_not_there_is_refused_in_a_line(
+def test_a_missing_dask_cluster_is_reported_in_one_line(
     rkhs: Run, options: tuple[str, ...], message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("distributed")
@@ -105,7 +105,7 @@ def test_a_cluster_that_is_not_there_is_refused_in_a_line(
         ("127.0.0.1:1", "expected a Ray cluster at 127.0.0.1:1, got none"),
     ],
 )
-def test_a_ray_cluster_that_is_not_there_is_refused_in_a_line(rkhs: Run, address: str, message: str) -> None:
+def test_a_missing_ray_cluster_is_reported_in_one_line(rkhs: Run, address: str, message: str) -> None:
     pytest.importorskip("ray")
     assert_refused(rkhs("train", CONFIG, "--seeds", "0-1", "--out", "many", "--ray", address), message)
 
@@ -118,7 +118,7 @@ def test_a_ray_cluster_that_is_not_there_is_refused_in_a_line(rkhs: Run, address
         ("optuna", ("tune", CONFIG, "--trials", "3")),
     ],
 )
-def test_a_command_says_which_extra_it_needs(
+def test_a_missing_extra_is_reported(
     rkhs: Run, module: str, arguments: tuple[object, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr("rkhs_ros.studies.workers.find_spec", lambda name: None)
