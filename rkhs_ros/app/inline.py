@@ -48,11 +48,11 @@ def warn_of_horizon(simulation: Simulation, horizon: int, *, given: bool) -> Non
         horizon: steps of an episode.
         given: whether the user set the horizon.
     """
-    name, own = simulation.environment, simulation.own_horizon
-    if own is None and not given:
+    name, limit = simulation.environment, simulation.own_horizon
+    if limit is None and not given:
         note = f"{name} has no time limit; episodes end after {horizon} steps. Set horizon=N to change that"
-    elif own not in (None, horizon):
-        note = f"{horizon} steps, instead of the {own} steps of {name}"
+    elif limit not in (None, horizon):
+        note = f"{horizon} steps, instead of the {limit} steps of {name}"
     else:
         return
     print(f"note: horizon: {note}", file=sys.stderr)

@@ -26,7 +26,7 @@ class Verdict(NamedTuple):
     """Result of checking a claim: whether it holds, and the observed values."""
 
     holds: bool
-    seen: str
+    observed: str
 
 
 @dataclass(frozen=True)
@@ -63,16 +63,16 @@ def _plain_depends(table: Table) -> Verdict:
     panels = list(dict.fromkeys(panel for panel, _ in table))
     differences = [_difference(table, p, "RKHS-AC", s) for p, s in zip(panels, (OFFSETS, VARIANCES), strict=True)]
     ends = "; ".join(_ends(table, p, *(curve for panel, curve in table if panel == p)) for p in panels)
-    seen = (
+    observed = (
         f"largest difference of the mean curves {differences[0]:.2f} (polynomial), {differences[1]:.2f} (RBF). {ends}"
     )
-    return Verdict(min(differences) > 1.0, seen)
+    return Verdict(min(differences) > 1.0, observed)
 
 
 def _polynomial_covariant(table: Table) -> Verdict:
     natural, plain = (_difference(table, POLYNOMIAL, f"RKHS-{m}", OFFSETS) for m in ("NAC", "AC"))
-    seen = f"largest difference of the mean curves {natural:.3f} for RKHS-NAC (threshold 0.3), {plain:.2f} for RKHS-AC"
-    return Verdict(natural < 0.3 < plain, seen)
+    observed = f"largest difference of the mean curves {natural:.3f} for RKHS-NAC (threshold 0.3), {plain:.2f} for RKHS-AC"
+    return Verdict(natural < 0.3 < plain, observed)
 
 
 def _rbf_search(table: Table) -> Verdict:
@@ -93,8 +93,8 @@ def _toy_comparable(table: Table) -> Verdict:
     methods = ("RKHS-NAC", "RKHS-PoWER", "RKHS-NPG", "RKHS-AC")
     ends = [table[RKHS, method].end() for method in methods]
     rivals = [table[GRID, method].end() for method in ("eNAC", "AC")]
-    seen = f"{_ends(table, RKHS, *methods)}; {_ends(table, GRID, 'eNAC', 'AC')}"
-    return Verdict(min(ends) >= 14.2 and float(np.mean(ends)) > float(np.mean(rivals)), seen)
+    observed = f"{_ends(table, RKHS, *methods)}; {_ends(table, GRID, 'eNAC', 'AC')}"
+    return Verdict(min(ends) >= 14.2 and float(np.mean(ends)) > float(np.mean(rivals)), observed)
 
 
 def _toy_published(table: Table) -> Verdict:
@@ -105,33 +105,33 @@ def _toy_published(table: Table) -> Verdict:
 def _power_stable(table: Table) -> Verdict:
     power, natural = table[GRID, "PoWER, Eq 6"], table[RKHS, "RKHS-NAC"]
     drop = _drop(power.evaluation.mean(axis=0))
-    seen = (
+    observed = (
         f"evaluation return after 10 / 40 iterations {power.at(10):.2f} / {power.at(40):.2f} (Eq 6), RKHS-NAC "
         f"{natural.at(10):.2f} / {natural.at(40):.2f}; the mean curve of Eq 6 never drops by more than {drop:.2f}"
     )
-    return Verdict(power.at(10) < natural.at(10) and drop < 0.5, seen)
+    return Verdict(power.at(10) < natural.at(10) and drop < 0.5, observed)
 
 
 def _pendulum_fast(table: Table) -> Verdict:
     keys = [(RKHS, "RKHS-NAC"), (RKHS, "RKHS-PoWER"), (GRID, "eNAC")]
     after = {curve: float(table[panel, curve].exploration[:, 19].mean()) for panel, curve in keys}
-    seen = ", ".join(f"{curve} {value:.1f}" for curve, value in after.items())
+    observed = ", ".join(f"{curve} {value:.1f}" for curve, value in after.items())
     return Verdict(
-        min(after.values()) > 25, f"exploration return, iteration 20: {seen} (an untrained policy: about 11)"
+        min(after.values()) > 25, f"exploration return, iteration 20: {observed} (an untrained policy: about 11)"
     )
 
 
 def _pendulum_struggle(table: Table) -> Verdict:
     keys = [(RKHS, "RKHS-AC"), (GRID, "AC"), (GRID, "PoWER"), (GRID, "PoWER, Eq 6")]
     ends = {curve: (table[panel, curve].at(40), table[panel, curve].end()) for panel, curve in keys}
-    seen = ", ".join(f"{curve} {a:.1f} / {b:.1f}" for curve, (a, b) in ends.items())
-    return Verdict(max(b for _, b in ends.values()) < 46, f"iteration 40 / 200: {seen}")
+    observed = ", ".join(f"{curve} {a:.1f} / {b:.1f}" for curve, (a, b) in ends.items())
+    return Verdict(max(b for _, b in ends.values()) < 46, f"iteration 40 / 200: {observed}")
 
 
 def _pendulum_optimal(table: Table) -> Verdict:
     ends = [table[RKHS, "RKHS-NAC"].end(), table[GRID, "eNAC"].end()]
-    seen = f"RKHS-NAC {ends[0]:.2f}, eNAC {ends[1]:.2f}; dynamic programming 51.8, not the 46 of the paper"
-    return Verdict(min(ends) > 51.0, seen)
+    observed = f"RKHS-NAC {ends[0]:.2f}, eNAC {ends[1]:.2f}; dynamic programming 51.8, not the 46 of the paper"
+    return Verdict(min(ends) > 51.0, observed)
 
 
 def _published_stalls(table: Table) -> Verdict:
@@ -142,31 +142,31 @@ def _published_stalls(table: Table) -> Verdict:
 def _pomdp_best(table: Table) -> Verdict:
     methods = ("RKHS-NAC", "RKHS-PoWER", "RKHS-AC", "eNAC")
     at = {method: table[POMDP, method].at(40) for method in methods}
-    seen = ", ".join(f"{method} {value:.1f} / {table[POMDP, method].end():.1f}" for method, value in at.items())
-    return Verdict(max(at, key=lambda method: at[method]) == "RKHS-NAC", f"iteration 40 / last: {seen}")
+    observed = ", ".join(f"{method} {value:.1f} / {table[POMDP, method].end():.1f}" for method, value in at.items())
+    return Verdict(max(at, key=lambda method: at[method]) == "RKHS-NAC", f"iteration 40 / last: {observed}")
 
 
 def _pomdp_parametric(table: Table) -> Verdict:
     natural, parametric = table[POMDP, "RKHS-NAC"].at(40), table[POMDP, "eNAC"].at(40)
     stepwise = table[POMDP, "eNAC, step critic"].at(40)
-    seen = f"iteration 40: RKHS-NAC {natural:.1f}, eNAC {parametric:.1f}; but {stepwise:.1f} with the step critic"
+    observed = f"iteration 40: RKHS-NAC {natural:.1f}, eNAC {parametric:.1f}; but {stepwise:.1f} with the step critic"
     return Verdict(
-        natural > parametric + 5, seen + " instead of its own; most of the gap is the critic, not the features"
+        natural > parametric + 5, observed + " instead of its own; most of the gap is the critic, not the features"
     )
 
 
 def _pr2_improves(table: Table) -> Verdict:
     begin = {method: float(table[PR2, method].exploration[:, 0].mean()) for method in PR2_METHODS}
     end = {method: table[PR2, method].end() for method in PR2_METHODS}
-    seen = ", ".join(f"{method} {begin[method]:.2f} / {end[method]:.2f}" for method in PR2_METHODS)
+    observed = ", ".join(f"{method} {begin[method]:.2f} / {end[method]:.2f}" for method in PR2_METHODS)
     improved = all(end[method] > begin[method] + 0.2 for method in PR2_METHODS)
-    return Verdict(improved, f"exploration return at the start / evaluation return at the end: {seen}")
+    return Verdict(improved, f"exploration return at the start / evaluation return at the end: {observed}")
 
 
 def _pr2_power_stable(table: Table) -> Verdict:
     drops = {method: _drop(table[PR2, method].evaluation.mean(axis=0)) for method in PR2_METHODS}
-    seen = ", ".join(f"{method} {drop:.2f}" for method, drop in drops.items())
-    return Verdict(drops["RKHS-PoWER"] == min(drops.values()), f"largest drop of the mean curve: {seen}")
+    observed = ", ".join(f"{method} {drop:.2f}" for method, drop in drops.items())
+    return Verdict(drops["RKHS-PoWER"] == min(drops.values()), f"largest drop of the mean curve: {observed}")
 
 
 CLAIMS = (

@@ -92,8 +92,8 @@ def results(folder: Path, page: Path) -> str:
     return HEAD + "".join(rows) + title + corrected + NOTE + "".join(sections)
 
 
-def _row(figure: str, paper: str, holds: bool, seen: str) -> str:
-    return f"| {figure} | {paper} | {'yes' if holds else 'no'} | {seen} |\n"
+def _row(figure: str, paper: str, holds: bool, observed: str) -> str:
+    return f"| {figure} | {paper} | {'yes' if holds else 'no'} | {observed} |\n"
 
 
 def _section(experiment: Experiment, table: Table, place: Path) -> str:

@@ -132,10 +132,10 @@ def training_of(head: Head) -> Training:
     return training_from(loaded(head.configuration)[LEARNER][PARAMETERS])
 
 
-def _check_same_run(file: Path, began: Head, goes_on: Head) -> None:
+def _check_same_run(file: Path, began: Head, resumed: Head) -> None:
     """Raise ValueError if a recording belongs to another run than the one that resumes."""
-    trainings = [training_of(head) for head in (began, goes_on)]
+    trainings = [training_of(head) for head in (began, resumed)]
     free = {name: getattr(trainings[1], name) for name in FREE}
     settings = [replace(training, **free) for training in trainings]
-    same = settings[0] == settings[1] and began.task == goes_on.task
+    same = settings[0] == settings[1] and began.task == resumed.task
     require(same, f"{file}", "the recording of this run, with equal settings", "that of another run")

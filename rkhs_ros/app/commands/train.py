@@ -104,10 +104,10 @@ def _train(options: argparse.Namespace) -> int:
     for name in ("jobs", "scheduler", "ray"):
         given = getattr(options, name)
         require(given is None, f"--{name}", "--seeds, or --resume of runs with several seeds", "one run")
-    begun = _begun(options)
-    beside = page_beside(begun.folder, trust=options.trust) if options.view else nullcontext()
-    with begun.runner or nullcontext(), beside as page:
-        code = _train_one(options, begun)
+    prepared = _prepared(options)
+    beside = page_beside(prepared.folder, trust=options.trust) if options.view else nullcontext()
+    with prepared.runner or nullcontext(), beside as page:
+        code = _train_one(options, prepared)
         if page and code == 0:
             stay_with(page)
     return code
@@ -164,7 +164,7 @@ def _learnable(config: Config, first_policy: Path | None, *, quiet: bool = False
     return spaces, runner
 
 
-class Begun(NamedTuple):
+class PreparedRun(NamedTuple):
     """A run that is ready to start.
 
     Attributes:
@@ -180,7 +180,7 @@ class Begun(NamedTuple):
     folder: Path
 
 
-def _begun(options: argparse.Namespace) -> Begun:
+def _prepared(options: argparse.Namespace) -> PreparedRun:
     """Check the options; return a run that is ready to start, with an existing folder."""
     config = _configuration(options, old_folder(options.resume) / "config.yaml" if options.resume else options.config)
     spaces, runner = _learnable(config, options.policy, quiet=options.quiet)
@@ -202,7 +202,7 @@ def _begun(options: argparse.Namespace) -> Begun:
         write_whole(folder / FIRST_POLICY, read_whole(options.policy))
     elif not options.resume:
         (folder / FIRST_POLICY).unlink(missing_ok=True)  # left by a run that was killed before it started
-    return Begun(config, spaces, runner, folder)
+    return PreparedRun(config, spaces, runner, folder)
 
 
 def _check_for_composition(config: Config) -> None:
@@ -212,8 +212,8 @@ def _check_for_composition(config: Config) -> None:
     require(simulators == 1, "--runner composed", "one simulator", simulators)
 
 
-def _train_one(options: argparse.Namespace, begun: Begun) -> int:
-    config, spaces, runner, folder = begun
+def _train_one(options: argparse.Namespace, prepared: PreparedRun) -> int:
+    config, spaces, runner, folder = prepared
     try:
         code = _in_process(config, folder, options, runner) if runner else _over_topics(config, folder, options)
     except KeyboardInterrupt:

@@ -76,15 +76,15 @@ def test_evaluate_prints_the_evaluation_return(
 ) -> None:
     result = rkhs("evaluate", policy_file, "--episodes", 7, "--seed", 5)
     assert (result.code, result.err) == (0, "")
-    told = json.loads(result.out)
-    assert {k: told[k] for k in ("environment", "episodes", "seed", "discount")} == {
+    values = json.loads(result.out)
+    assert {k: values[k] for k in ("environment", "episodes", "seed", "discount")} == {
         "environment": "rkhs/Toy-v0",
         "episodes": 7,
         "seed": 5,
         "discount": 0.9,
     }
-    assert json.loads(rkhs("evaluate", policy_file, "--episodes", 7, "--seed", 5).out) == told
-    assert json.loads(rkhs("evaluate", policy_file, "--episodes", 7, "--seed", 6).out)["mean"] != told["mean"]
+    assert json.loads(rkhs("evaluate", policy_file, "--episodes", 7, "--seed", 5).out) == values
+    assert json.loads(rkhs("evaluate", policy_file, "--episodes", 7, "--seed", 6).out)["mean"] != values["mean"]
 
 
 def test_evaluate_measures_the_policy_of_the_file(
@@ -92,12 +92,12 @@ def test_evaluate_measures_the_policy_of_the_file(
 ) -> None:
     policy = random_policy(d=1, n=1)
     save_policy(tmp_path / "toy.npz", policy, Task("rkhs/Toy-v0", {}, 12, 0.9))
-    told = json.loads(rkhs("evaluate", "toy.npz", "--episodes", 4).out)
+    values = json.loads(rkhs("evaluate", "toy.npz", "--episodes", 4).out)
     runner = InlineRunner(Simulation("rkhs/Toy-v0"))
     rewards = runner.collect(policy, Batch(0, 0, 4, 12, explore=False)).rewards
     returns = (rewards * 0.9 ** np.arange(12)).sum(axis=1)
-    assert told["mean"] == pytest.approx(returns.mean(), rel=1e-12)
-    assert told["sd"] == pytest.approx(returns.std(), rel=1e-9)
+    assert values["mean"] == pytest.approx(returns.mean(), rel=1e-12)
+    assert values["sd"] == pytest.approx(returns.std(), rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -227,7 +227,7 @@ def test_a_separate_process_behaves_alike(tmp_path: Path) -> None:
 
 
 def imported_by(*arguments: str) -> set[str]:
-    """Return the modules that a command imports beyond those that Python has at its start."""
+    """Return the modules that a command imports beyond those of Python's start."""
     code = (
         "import sys; before = set(sys.modules)\n"
         "from rkhs_ros.app.cli import main\n"
@@ -313,7 +313,7 @@ def test_an_interrupt_gives_its_exit_code_and_one_line(rkhs: Run, monkeypatch: p
 
 def test_an_interrupt_during_an_import_gives_one_line(tmp_path: Path) -> None:
     interrupting = "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n"
-    (tmp_path / "gymnasium.py").write_text(interrupting)  # in place of what the command needs
+    (tmp_path / "gymnasium.py").write_text(interrupting)  # shadows a dependency of the command
     environment = os.environ | {"PYTHONPATH": f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}"}
     command = [sys.executable, "-m", "rkhs_ros.app.cli", "list"]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
@@ -325,7 +325,7 @@ def test_an_interrupt_during_an_import_gives_one_line(tmp_path: Path) -> None:
 
 @pytest.fixture
 def unbuilt(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing is known of the interfaces but their source folder."""
+    """Pretend that the interfaces are not built."""
     monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None))
 
 
@@ -416,11 +416,11 @@ def test_evaluate_accepts_the_folder_of_a_run(rkhs: Run, policy_file: Path, tmp_
 def test_evaluate_measures_with_and_without_discount(
     rkhs: Run, policy_file: Path, random_policy: Callable[..., GaussianPolicy]
 ) -> None:
-    told = json.loads(rkhs("evaluate", policy_file, "--episodes", 5, "--discount", 0.5).out)
+    values = json.loads(rkhs("evaluate", policy_file, "--episodes", 5, "--discount", 0.5).out)
     policy, task = load_policy(policy_file)
     rewards = InlineRunner(Simulation("rkhs/Toy-v0")).collect(policy, Batch(0, 0, 5, 20, explore=False)).rewards
-    assert (told["discount"], task.discount) == (0.5, 0.9)
-    for measured, discount in ((told, 0.5), (told["undiscounted"], 1.0)):
+    assert (values["discount"], task.discount) == (0.5, 0.9)
+    for measured, discount in ((values, 0.5), (values["undiscounted"], 1.0)):
         returns = (rewards * discount ** np.arange(20)).sum(axis=1)
         half = 2.7764451 * np.sqrt(((returns - returns.mean()) ** 2).sum() / 4 / 5)  # 0.975 of Student's t, 4 degrees
         assert measured["mean"] == pytest.approx(returns.mean(), rel=1e-12)
@@ -429,8 +429,8 @@ def test_evaluate_measures_with_and_without_discount(
 
 
 def test_one_episode_has_no_interval(rkhs: Run, policy_file: Path) -> None:
-    told = json.loads(rkhs("evaluate", policy_file, "--episodes", 1).out)
-    assert (told["sd"], told["interval_95"], told["undiscounted"]["interval_95"]) == (0.0, None, None)
+    values = json.loads(rkhs("evaluate", policy_file, "--episodes", 1).out)
+    assert (values["sd"], values["interval_95"], values["undiscounted"]["interval_95"]) == (0.0, None, None)
 
 
 @pytest.mark.parametrize("command", ["train", "evaluate", "render"])

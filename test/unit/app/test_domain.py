@@ -1,4 +1,4 @@
-"""The ROS domain of a run, and the file in its folder that says which."""
+"""ROS domain of a run, and the file with it in the run's folder."""
 
 import os
 from pathlib import Path
@@ -22,7 +22,7 @@ def test_parallel_runs_have_distinct_domains_in_their_folders(tmp_path: Path) ->
         assert domain_of(one) == os.environ.pop(VARIABLE)
         with own_domain(other):
             assert domain_of(other) == os.environ[VARIABLE] != domain_of(one)
-        os.environ[VARIABLE] = ""  # taken away at the end
+        os.environ[VARIABLE] = ""  # removed at the end
     assert VARIABLE not in os.environ
     for folder in (one, other):
         with pytest.raises(ValueError, match="expected the folder of an active run over topics, got none"):
@@ -33,7 +33,7 @@ def test_a_rejected_run_preserves_the_domain_of_the_active_one(tmp_path: Path) -
     with own_domain(tmp_path):
         domain = domain_of(tmp_path)
         with (
-            locked(tmp_path),  # as the run's learner has it
+            locked(tmp_path),  # like the learner of the run
             pytest.raises(ValueError, match="expected a free run folder, got one in use by another process"),
             own_domain(tmp_path),
         ):

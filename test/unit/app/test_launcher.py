@@ -58,15 +58,15 @@ def test_an_interrupt_during_a_fork_is_not_lost() -> None:
 
 
 def signalled_at(code: CodeType, instruction: int, enter: Callable[[], AbstractContextManager[Any]]) -> bool:
-    """Raise SIGTERM at an instruction of a context manager that is entered; return whether there is such a one."""
-    seen = 0
+    """Raise SIGTERM at an instruction of a context manager during its entry; return whether the instruction exists."""
+    executed = 0
 
     def trace(frame: FrameType, event: str, arg: object) -> object:
-        nonlocal seen
+        nonlocal executed
         if frame.f_code is code:
             frame.f_trace_opcodes = True
-            seen += event == "opcode"
-            if event == "opcode" and seen == instruction:
+            executed += event == "opcode"
+            if event == "opcode" and executed == instruction:
                 signal.raise_signal(signal.SIGTERM)
         return trace
 
@@ -77,7 +77,7 @@ def signalled_at(code: CodeType, instruction: int, enter: Callable[[], AbstractC
             sys.settrace(before)
     finally:
         sys.settrace(before)
-    return seen >= instruction
+    return executed >= instruction
 
 
 @pytest.mark.parametrize("manager", ["held", "passed on"])

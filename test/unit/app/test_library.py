@@ -1,4 +1,4 @@
-"""Learning in one call, without files and without ROS."""
+"""Training in one call, without files and without ROS."""
 
 import pickle
 import subprocess

@@ -1,4 +1,4 @@
-"""A function that is served: what it may return, and who refuses the rest."""
+"""Serving a Python function: valid and invalid actions."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,12 +12,12 @@ from rkhs_ros.base.endings import RunError
 from test.unit.conftest import Result, assert_refused
 
 SPACE = Box(np.array([-1.0, 0.0], np.float32), np.array([1.0, np.inf], np.float32))
-SEEN = np.array([0.5, 2.0, 3.0])
+OBSERVATION = np.array([0.5, 2.0, 3.0])
 
 
 @pytest.mark.parametrize("answer", [[0.5, 2.0], (0.5, 2), np.array([[0.5, 2.0]]), np.array([0.5, 2.0], np.float32)])
 def test_actions_may_have_any_numeric_type(answer: Any) -> None:
-    action = action_of(lambda seen: answer, SEEN, SPACE, "mine:act")
+    action = action_of(lambda observation: answer, OBSERVATION, SPACE, "mine:act")
     np.testing.assert_array_equal(action, np.array([0.5, 2.0], np.float32), strict=True)
 
 
@@ -35,22 +35,22 @@ def test_actions_may_have_any_numeric_type(answer: Any) -> None:
 )
 def test_invalid_actions_are_rejected(answer: Any, got: str) -> None:
     with pytest.raises(RunError) as refused:
-        action_of(lambda seen: answer, SEEN, SPACE, "mine:act: step 3")
+        action_of(lambda observation: answer, OBSERVATION, SPACE, "mine:act: step 3")
     assert str(refused.value) == f"mine:act: step 3: expected an action of shape (2,) within its bounds, got {got}"
 
 
 def test_an_error_contains_the_function_and_the_step() -> None:
     with pytest.raises(RunError, match=r"^mine:act: step 3: ZeroDivisionError: division by zero$"):
-        action_of(lambda seen: 1 / 0, SEEN, SPACE, "mine:act: step 3")
+        action_of(lambda observation: 1 / 0, OBSERVATION, SPACE, "mine:act: step 3")
 
 
 def test_a_function_cannot_change_the_observation() -> None:
-    def act(seen: Any) -> Any:
-        seen[:] = 0.0
+    def act(observation: Any) -> Any:
+        observation[:] = 0.0
         return [0.0, 0.0]
 
-    action_of(act, SEEN, SPACE, "mine:act")
-    assert SEEN.tolist() == [0.5, 2.0, 3.0]
+    action_of(act, OBSERVATION, SPACE, "mine:act")
+    assert OBSERVATION.tolist() == [0.5, 2.0, 3.0]
 
 
 def test_bad_options_are_rejected(rkhs: Callable[..., Result]) -> None:

@@ -1,4 +1,4 @@
-"""Which code data files may name: what is installed, or what a person trusts."""
+"""Data files may name only installed modules, unless the user trusts them."""
 
 import json
 import os
@@ -35,7 +35,7 @@ CONFIGURED = {
 
 @pytest.fixture(autouse=True)
 def fresh(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Forget the module before and after a test, and where it was found."""
+    """Remove the module and its path before and after a test."""
     monkeypatch.setattr(sys, "path", list(sys.path))
     yield
     sys.modules.pop("theirs", None)
@@ -43,7 +43,7 @@ def fresh(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.fixture
 def begun(rkhs: Rkhs, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A run in an environment of a module beside it, as one that somebody sent, with its module made to tell."""
+    """Return a foreign run whose environment is in a module beside it, which reports its import."""
     Path("theirs.py").write_text(MODULE)
     train = ("train", "--env", "theirs:Slide-v0", *INLINE, "--iterations", 1, "--out", "run", "--record")
     assert rkhs(*train, "--set", *SHORT).code == 0
@@ -70,7 +70,7 @@ def test_data_files_cannot_import_modules_from_the_current_folder(
 ) -> None:
     assert_refused(rkhs(*command), REFUSAL)
     assert not Path("imported").exists()
-    assert REFUSAL not in rkhs(*command, "--trust").err  # a film needs an environment that draws itself
+    assert REFUSAL not in rkhs(*command, "--trust").err  # rendering also needs an environment with pictures
     assert Path("imported").exists()
     assert TRUSTED not in os.environ
 
@@ -84,8 +84,8 @@ def test_commands_without_an_environment_import_no_named_module(rkhs: Rkhs) -> N
 
 @pytest.mark.usefixtures("begun")
 def test_an_environment_on_the_command_line_is_imported(rkhs: Rkhs) -> None:
-    told = rkhs("evaluate", "run/policy.npz", "--env", "theirs:Slide-v0", "--episodes", 1)
-    assert json.loads(told.out)["environment"] == "theirs:Slide-v0"
+    evaluated = rkhs("evaluate", "run/policy.npz", "--env", "theirs:Slide-v0", "--episodes", 1)
+    assert json.loads(evaluated.out)["environment"] == "theirs:Slide-v0"
     other = rkhs("evaluate", "run/policy.npz", "--env", "Pendulum-v1")
     assert_refused(other, "--env: expected theirs:Slide-v0, the environment of run/policy.npz, got Pendulum-v1")
 
@@ -101,7 +101,7 @@ def test_modules_in_the_current_folder_or_a_relative_path_are_not_installed(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "sub").mkdir()
     (tmp_path / place / "theirs.py").write_text("x = 1\n")
-    monkeypatch.syspath_prepend(str(tmp_path / place))  # as Python makes it of the variable when it starts
+    monkeypatch.syspath_prepend(str(tmp_path / place))  # like Python does at its start with the variable
     monkeypatch.setenv("PYTHONPATH", place)
     assert not is_installed("theirs")
     with only_installed(), pytest.raises(ValueError, match=REFUSAL):

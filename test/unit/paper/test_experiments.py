@@ -78,14 +78,14 @@ def test_a_table_contains_every_iteration_of_every_run(experiment: Experiment, t
 def test_an_interrupted_experiment_runs_only_what_is_missing(experiment: Experiment, tmp_path: Path) -> None:
     table = make_table(experiment, tmp_path, runs=1)
     whole = table.read_bytes()
-    lost, *kept = sorted((tmp_path / "runs").iterdir())
+    lost, *finished = sorted((tmp_path / "runs").iterdir())
     lost.rename(tmp_path / "elsewhere")
-    before = [files(run) for run in kept]
+    before = [files(run) for run in finished]
     assert make_table(experiment, tmp_path, runs=1).read_bytes() == whole
-    assert [files(run) for run in kept] == before
+    assert [files(run) for run in finished] == before
     make_table(experiment, tmp_path, runs=2, jobs=2)
     assert load_table(table)["right", "longer"].runs == 2
-    assert [files(run) for run in kept] == before
+    assert [files(run) for run in finished] == before
 
 
 @pytest.mark.slow
@@ -113,14 +113,14 @@ def test_an_interrupted_run_resumes_from_its_checkpoint(
 ) -> None:
     whole = make_table(experiment, tmp_path, runs=1).read_bytes()
     runs = (tmp_path / "runs").iterdir()
-    run = next(run for run in runs if not (run / "checkpoints" / "0000003.npz").exists())  # which has its first, too
+    run = next(run for run in runs if not (run / "checkpoints" / "0000003.npz").exists())  # the earlier checkpoint exists
     curve = LearningCurve(run / "curve.csv")
     first, *_ = curve.rows()
     curve.begin([first])
     for path in sorted((run / "checkpoints").glob("*.npz"))[1:]:
         path.unlink()
     assert make_table(experiment, tmp_path, runs=1).read_bytes() == whole
-    assert str(curve.rows()[0]) == str(first)  # its seconds, too
+    assert str(curve.rows()[0]) == str(first)  # including its seconds
     assert "no checkpoint" not in capsys.readouterr().err
 
 

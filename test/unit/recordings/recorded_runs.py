@@ -1,4 +1,4 @@
-"""Recorded runs to test with, short ones of the toy, and what is the same in two recordings."""
+"""Short recorded runs of the toy task, and the comparison of recordings."""
 
 from collections import deque
 from collections.abc import Collection
@@ -27,7 +27,7 @@ from rkhs_ros.runs.run import run_training
 TRAINING = Training(name="short", iterations=4, episodes_per_iteration=3, evaluation_episodes=2, horizon=5)
 CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
 ARRAYS = [f.name for f in fields(Episodes)]
-SECONDS = count(10**18, 10**9)  # at which the attempts at episodes begin, in nanoseconds
+SECONDS = count(10**18, 10**9)  # start times of the attempts at episodes, in nanoseconds
 
 
 def longer(iterations: int, **changes: Any) -> Config:
@@ -35,7 +35,7 @@ def longer(iterations: int, **changes: Any) -> Config:
 
 
 class Robot:
-    """Runs one episode at a time, reports how it went, discards every third one at first, and counts; may be stopped.
+    """Runs and counts single episodes like a robot, discards the first attempt at every third one, and may stop.
 
     Args:
         episodes: after which it is stopped.
@@ -100,7 +100,7 @@ def execution(batch: Batch, period: int, reason: str = "") -> Execution:
 
 
 def recorded_run(folder: Path, config: Config = CONFIG, runner: Any = None, **more: Any) -> Path:
-    """Record a run, or go on with it, and return its file."""
+    """Record a run, or resume it, and return the recording."""
     runner = runner or InlineRunner(Simulation(config.environment.id, config.environment.options))
     return run_training(config, runner, folder, quiet=True, record=True, **more) / "recording.mcap"
 
@@ -112,7 +112,7 @@ def same_batch(one: RecordedBatch, other: RecordedBatch) -> bool:
 
 
 def bag(folder: Path, *recordings: Recording, plugin: StoragePlugin = StoragePlugin.MCAP, namespace: str = "") -> Path:
-    """Record the topics of runs as `ros2 bag record` does: no head, no policies, some messages heard twice."""
+    """Record the topics of runs like `ros2 bag record`: no header, no policies, and some messages twice."""
     numbers: dict[Any, int] = {}
     with Writer(folder, version=9, storage_plugin=plugin) as writer:
         topics = {
@@ -120,7 +120,7 @@ def bag(folder: Path, *recordings: Recording, plugin: StoragePlugin = StoragePlu
             for name, kind in {"observation": "Observation", "episodes": "Episodes"}.items()
         }
         for run, recording in enumerate(recordings):
-            for each in recording.batches:  # in an order that nobody keeps
+            for each in recording.batches:  # in an arbitrary order
                 identity = numbers.setdefault((run, each.attempt), 1000 + len(numbers))
                 shown = Types().Observation(batch=identity, **vars(each.batch))
                 message = episodes_message(Types(), identity, each.version, each.episodes, each.executions)
@@ -131,7 +131,7 @@ def bag(folder: Path, *recordings: Recording, plugin: StoragePlugin = StoragePlu
 
 
 def content(recording: Recording) -> list[Any]:
-    """Return all but times and the head, for comparison."""
+    """Return the content without times and header, for comparison."""
     batches = [
         (b.batch, b.version, *(getattr(b.episodes, name).tobytes() for name in ARRAYS)) for b in recording.batches
     ]

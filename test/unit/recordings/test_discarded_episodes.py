@@ -1,4 +1,4 @@
-"""An episode that was finished and then vetoed counts for nobody, in whichever order the two messages are read."""
+"""An episode that is vetoed after it finished is discarded by all readers, in whichever order they read it."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -19,7 +19,7 @@ from test.unit.recordings.recorded_runs import ARRAYS, TRAINING, Robot, bag, con
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 VETOED = [(True, 0), (True, 3), (False, 2)]
-STOPPED_AFTER = 6  # episodes, of which the last one is the exploring one 3, vetoed and not run again
+STOPPED_AFTER = 6  # episodes; the last one is exploration episode 3, which is vetoed and not repeated
 SHORT = ("--iterations", 1, "--set", "model.updates=2", "model.rollouts=5", "--quiet")
 ORDERS = ["as recorded", "discarded first", "reversed"]
 
@@ -35,7 +35,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def interrupted(folder: Path) -> Path:
-    """Record a run that is interrupted after the veto of an episode, before that is run again."""
+    """Record a run that is interrupted between the veto of an episode and its repetition."""
     with pytest.raises(KeyboardInterrupt):
         recorded_run(folder, runner=Robot(episodes=STOPPED_AFTER, vetoed=VETOED[1:2]))
     return folder / "recording.mcap"
@@ -52,7 +52,7 @@ def is_discarded(stored: Stored) -> bool:
 
 
 def ordered(file: Path, order: str) -> Path:
-    """Write a recording again with its episodes in another order, but each before its update."""
+    """Rewrite a recording with its episodes in another order, but each before its update."""
     if order == "as recorded":
         return file
     messages: list[Stored] = []
@@ -92,7 +92,7 @@ def test_a_vetoed_episode_without_a_repetition_is_discarded(cut: Path) -> None:
     for each in (recording, *shuffles(recording)):
         assert last not in each.by_numbers()
         assert len(each.finished) == STOPPED_AFTER - 1
-        assert each.episodes().rewards.min() >= 0  # those of spoilt episodes are below
+        assert each.episodes().rewards.min() >= 0  # rewards of vetoed episodes are negative
 
 
 @pytest.mark.parametrize("order", ORDERS)
@@ -142,10 +142,10 @@ def test_vetoed_episodes_are_not_viewed(whole: Path, never_vetoed: Path, order: 
 
     run, expected = Recorded(ordered(whole, order)), Recorded(never_vetoed)
     for number in expected.iterations:
-        seen, right = run.load(number), expected.load(number)
+        viewed, right = run.load(number), expected.load(number)
         for kind in ("exploration", "evaluation"):
-            got, wanted = (getattr(each, kind).rewards for each in (seen, right))
-            assert np.array_equal(np.sort(got, axis=0), np.sort(wanted, axis=0))  # what runs again comes last
+            got, wanted = (getattr(each, kind).rewards for each in (viewed, right))
+            assert np.array_equal(np.sort(got, axis=0), np.sort(wanted, axis=0))  # repeated episodes come last
 
 
 @pytest.mark.parametrize("plugin", list(StoragePlugin))
@@ -160,8 +160,8 @@ def test_a_veto_in_a_bag_discards_the_episode_in_any_order(cut: Path, tmp_path: 
         read = read_recording(folder)
         assert read.by_numbers().keys() == recording.by_numbers().keys()
         assert read.episodes().rewards.min() >= 0
-        seen = Bag(folder)
-        assert seen.rows[-1].episodes == sum(one.batch.explore for one in recording.finished)
+        viewed = Bag(folder)
+        assert viewed.rows[-1].episodes == sum(one.batch.explore for one in recording.finished)
 
 
 class TestTwoRunsInOneBag:
@@ -182,10 +182,10 @@ class TestTwoRunsInOneBag:
         from rkhs_ros.view.bag import Bag
 
         recordings = [read_recording(recorded_run(tmp_path / str(seed), longer(2, seed=seed))) for seed in (0, 5)]
-        seen = Bag(bag(tmp_path / "bag", *recordings))
-        assert list(seen.iterations) == [1, 2, 3, 4]
-        assert seen.rows[-1].episodes == 12
-        third = seen.load(3)
+        viewed = Bag(bag(tmp_path / "bag", *recordings))
+        assert list(viewed.iterations) == [1, 2, 3, 4]
+        assert viewed.rows[-1].episodes == 12
+        third = viewed.load(3)
         assert third is not None
         assert np.array_equal(third.exploration.rewards, recordings[1].batches[0].episodes.rewards)
 

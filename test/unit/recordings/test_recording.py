@@ -34,7 +34,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def noted(texts: list[str]) -> list[Stored]:
-    """Messages with a text each."""
+    """Return messages with a text each."""
     contents = [encoded(Types().NodeInstance(node=text)) for text in texts]
     return [Stored("noted", KIND, definition(KIND), each, 10 + i, i) for i, each in enumerate(contents)]
 
@@ -238,13 +238,13 @@ def test_a_discarded_episode_is_recorded_but_not_used(tmp_path: Path) -> None:
     assert published[0] == first.executions[0].stamps[-1]
 
 
-@pytest.mark.parametrize("kept", [0.05, 0.2, 0.4, 0.6, 0.7])
+@pytest.mark.parametrize("share", [0.05, 0.2, 0.4, 0.6, 0.7])
 def test_a_run_continues_the_intact_part_of_its_recording(
-    whole: Path, tmp_path: Path, kept: float, capsys: pytest.CaptureFixture[str]
+    whole: Path, tmp_path: Path, share: float, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = recorded_run(tmp_path / "run", longer(3))
     content_before = file.read_bytes()
-    file.write_bytes(content_before[: int(kept * len(content_before))])
+    file.write_bytes(content_before[: int(share * len(content_before))])
     recorded_run(tmp_path / "run", CONFIG, resume=True)
     warning = capsys.readouterr().err
     assert warning.startswith(f"warning: {file}: incomplete after ")
@@ -307,7 +307,7 @@ def test_invalid_recordings_are_rejected(tmp_path: Path) -> None:
 
 
 def chunks(content: bytes | bytearray) -> list[int]:
-    """Where the records begin that hold a message each."""
+    """Return the offsets of the records with one message each."""
     found, at = [], len(b"magic...")
     while content[at] != Opcode.DATA_END:
         found += [at] if content[at] == Opcode.CHUNK else []
@@ -319,7 +319,7 @@ def chunks(content: bytes | bytearray) -> list[int]:
 def test_a_resumed_run_copies_a_damaged_recording(tmp_path: Path, damaged: int) -> None:
     file = recorded_run(tmp_path / "run", longer(2))
     content = bytearray(file.read_bytes())
-    content[chunks(content)[damaged] + 6] ^= 1  # a length beyond the end, so that all after it seems cut
+    content[chunks(content)[damaged] + 6] ^= 1  # a length beyond the end, so that the file seems truncated
     file.write_bytes(content)
     recorded_run(tmp_path / "run", CONFIG, resume=True)
     assert (file.parent / "recording_damaged_1.mcap").read_bytes() == content

@@ -27,11 +27,11 @@ def config(name: str, *changes: str) -> Config:
 
 
 def changed(file: Path, kind: str, place: int, change: Callable[[Any], None]) -> Path:
-    """Write a recording again with another content of the message of a type at a place, its checksum right."""
+    """Rewrite a recording with a changed message, given by type and index, and a correct checksum."""
     messages: list[Stored] = read_messages(file).messages
     places = [i for i, stored in enumerate(messages) if stored.kind.endswith(f"/{kind}")]
     old = messages[places[place]]
-    message = decoded(memoryview(bytearray(old.content)), old.kind, old.definition)  # that can be written to
+    message = decoded(memoryview(bytearray(old.content)), old.kind, old.definition)  # in writable memory
     change(message)
     messages[places[place]] = old._replace(content=encoded(message))
     copy = file.with_name("changed.mcap")
@@ -40,7 +40,7 @@ def changed(file: Path, kind: str, place: int, change: Callable[[Any], None]) ->
 
 
 def flip(values: np.ndarray, place: int) -> None:
-    """Change the last bit of a number."""
+    """Flip the last bit of a number."""
     values.view(np.uint64)[place] ^= 1
 
 
@@ -52,7 +52,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     "run",
     [
-        config("toy_nac", "iterations=10"),  # 100 exploring episodes
+        config("toy_nac", "iterations=10"),  # 100 exploration episodes
         config("toy_npg", "iterations=3"),
         config("toy_ac", "iterations=3", "algorithm.step={rule: line_search, choices: 3, episodes: 2}"),
         config("toy_power", "iterations=4", "evaluate_every=3"),
@@ -101,7 +101,7 @@ def test_an_interrupted_run_replays_its_finished_updates(whole: Path, tmp_path: 
     assert len(list(replay(recording))) == len(recording.updates)
 
 
-EXPLORING, EVALUATION = 2, 3  # places of the second update's batches
+EXPLORING, EVALUATION = 2, 3  # indices of the second update's batches
 
 
 @pytest.mark.parametrize("name", ["observations", "actions", "rewards"])

@@ -1,4 +1,4 @@
-"""Learning from recordings, bags that others recorded, and the export."""
+"""Offline training, bags of other recorders, and export."""
 
 import json
 import sys
@@ -21,7 +21,7 @@ EXPLORE = ("model.exploration_noise=pink", "model.updates=1", "model.rollouts=1"
 
 
 def exploring(episodes: int, *changes: str) -> Config:
-    """A run whose policy acts in all its episodes before it learns."""
+    """Record a run whose initial policy acts in all episodes."""
     settings = (*EXPLORE, f"episodes_per_iteration={episodes}", *changes)
     return load_config(ROOT / "config" / "pendulum_model_nac.yaml", settings)
 
@@ -37,7 +37,7 @@ def of_a_robot(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 3])  # of ten seeds, of which all reach 45, a good one and the worst
+@pytest.mark.parametrize("seed", [0, 3])  # a good seed and the worst of ten, all of which reach 45
 def test_offline_training_solves_the_pendulum_from_ten_exploration_episodes(
     tmp_path: Path, rkhs: Callable[..., Result], seed: int
 ) -> None:
@@ -127,16 +127,16 @@ def test_a_bag_is_viewed_by_its_episodes(of_a_robot: Path, tmp_path: Path, plugi
     run = Recorded(of_a_robot)
     sources = [source_of(folder), *map(source_of, folder.glob("*.mcap"))]
     assert len(sources) == 1 + (plugin == StoragePlugin.MCAP)
-    for seen in sources:
-        assert list(seen.iterations) == list(run.iterations)
-        assert state_of(seen) == FINISHED
+    for viewed in sources:
+        assert list(viewed.iterations) == list(run.iterations)
+        assert state_of(viewed) == FINISHED
         for number in run.iterations:
-            ours, theirs = seen.load(number), run.load(number)
+            ours, theirs = viewed.load(number), run.load(number)
             assert ours.policy is None
             assert np.array_equal(ours.exploration.rewards, theirs.exploration.rewards)
             assert (ours.evaluation is None) == (theirs.evaluation is None)
-        assert [row.episodes for row in seen.rows] == [row.episodes for row in run.rows]
-        assert seen.rows[0].exploration_return == pytest.approx(seen.load(1).exploration.returns(1.0).mean())
+        assert [row.episodes for row in viewed.rows] == [row.episodes for row in run.rows]
+        assert viewed.rows[0].exploration_return == pytest.approx(viewed.load(1).exploration.returns(1.0).mean())
 
 
 def test_offline_training_from_a_bag_needs_a_configuration(whole: Path, rkhs: Callable[..., Result]) -> None:
@@ -158,9 +158,9 @@ class TestLeRobot:
         )
         frames = parquet.read_table("out/data/chunk-000/file-000.parquet").to_pydict()
         finished = read_recording(of_a_robot).finished
-        seen = np.concatenate([each.episodes.observations[0] for each in finished]).astype(np.float32)
+        viewed = np.concatenate([each.episodes.observations[0] for each in finished]).astype(np.float32)
         acted = np.concatenate([each.episodes.actions[0] for each in finished]).astype(np.float32)
-        assert np.array_equal(np.array(frames["observation.state"], dtype=np.float32).reshape(seen.shape), seen)
+        assert np.array_equal(np.array(frames["observation.state"], dtype=np.float32).reshape(viewed.shape), viewed)
         assert np.array_equal(np.array(frames["action"], dtype=np.float32).reshape(acted.shape), acted)
         assert frames["action.executed"][0] == [0.5, 0.5]
         assert frames["frame_index"] == list(range(5)) * 20
@@ -211,8 +211,8 @@ class TestLeRobot:
         assert_refused(refused, "recording: expected a whole number of steps per second")
         assert f"got {rate} from the time stamps. Use --fps N" in refused.err
         assert not Path("out").exists()
-        told = rkhs("export", recording, "--lerobot", "out", "--fps", 4).out
-        assert told == "Exported 5 episodes at 4 steps per second: out\n"
+        printed = rkhs("export", recording, "--lerobot", "out", "--fps", 4).out
+        assert printed == "Exported 5 episodes at 4 steps per second: out\n"
         frames = parquet.read_table("out/data/chunk-000/file-000.parquet").to_pydict()
         assert frames["timestamp"] == [0.0, 0.25, 0.5, 0.75, 1.0] * 5
         assert json.loads(Path("out/meta/info.json").read_text())["fps"] == 4

@@ -1,4 +1,4 @@
-"""Files that others made, or that are damaged: read within bounds, and refused in one line."""
+"""Foreign or damaged files are read within limits, and rejected in one line."""
 
 import os
 import resource
@@ -59,7 +59,7 @@ def test_a_file_larger_than_the_limit_is_rejected_unread(tmp_path: Path, name: s
     path = tmp_path / name
     with path.open("wb") as file:
         file.write(b"\x89MCAP0\r\n")
-        file.truncate(100 * MOST_BYTES)  # a hole, which takes no room on the disk
+        file.truncate(100 * MOST_BYTES)  # a sparse file, which takes no space on the disk
     with pytest.raises(ValueError, match=rf"{name}: expected .* of at most "):
         READERS[name](path)
 
@@ -82,7 +82,7 @@ def test_commands_reject_a_pipe_in_one_line(tmp_path: Path, rkhs: Callable[..., 
 
 
 def bomb(path: Path, compression: CompressionType, chunks: int, size: int) -> None:
-    """Write chunks of zeros, each of so many bytes."""
+    """Write compressed chunks of zeros of a given size."""
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=1, compression=compression)
         writer.start("ros2", "other")
@@ -111,7 +111,7 @@ def test_a_chunk_larger_than_declared_is_skipped(tmp_path: Path, compression: Co
     content = path.read_bytes()
     zeros = bytes(2**26)
     packed = {"zstd": zstandard.compress(zeros), "lz4": lz4.frame.compress(zeros)}[compression.name.lower()]
-    at = content.index(b"\x06", 8 + 9)  # the chunk's record
+    at = content.index(b"\x06", 8 + 9)  # record of the chunk
     end = at + 9 + int.from_bytes(content[at + 1 : at + 9], "little")
     kind = compression.name.lower().encode()
     fields = content[at + 9 : at + 9 + 32 + len(kind)] + len(packed).to_bytes(8, "little") + packed
@@ -123,7 +123,7 @@ def test_a_chunk_larger_than_declared_is_skipped(tmp_path: Path, compression: Co
 
 def test_the_total_expansion_of_chunks_is_limited(tmp_path: Path) -> None:
     path = tmp_path / "bomb.mcap"
-    bomb(path, CompressionType.ZSTD, chunks=100, size=2**26 - 100)  # 6.7 GB of 250 kB
+    bomb(path, CompressionType.ZSTD, chunks=100, size=2**26 - 100)  # 6.7 GB from 250 kB
     assert path.stat().st_size < 2**19
     command = [sys.executable, "-m", "rkhs_ros.app.cli", "replay", str(path)]
     ended = subprocess.run(
@@ -137,7 +137,7 @@ def test_the_total_expansion_of_chunks_is_limited(tmp_path: Path) -> None:
 
 
 def readers(path: Path) -> None:
-    """Read a recording as each of the commands does; what ends one with more than a line is raised."""
+    """Read a recording like each of the commands; raise errors that give more than one line."""
     for read in (read_recording, read_held, looked_at):
         with suppress(ValueError, OSError):
             read(path)
@@ -152,7 +152,7 @@ def looked_at(path: Path) -> None:
 
 def test_a_changed_byte_after_the_data_has_no_effect(whole: Path, tmp_path: Path) -> None:
     content, path = whole.read_bytes(), tmp_path / "changed.mcap"
-    closing = content.rindex(b"rkhs_interfaces/msg/Policy")  # in the definitions that are there again for others
+    closing = content.rindex(b"rkhs_interfaces/msg/Policy")  # in the definitions that the index repeats
     end_of_data = content.rindex(b"\x0f" + (4).to_bytes(8, "little"))
     assert closing > end_of_data
     for place in range(closing, closing + 900, 7):

@@ -1,4 +1,4 @@
-"""An environment that fails ends the run in one line that says where; what was learnt is kept, and gone on with."""
+"""A failing environment stops the run with one line that locates the error; the run can resume."""
 
 import shutil
 import sys
@@ -81,7 +81,7 @@ def test_an_infinite_action_is_reported_with_environment_and_step(
         "the policy's action in environment 0, step 1: expected finite",
     )
     with warnings.catch_warnings():
-        warnings.simplefilter("error")  # which would be more lines than one
+        warnings.simplefilter("error")  # a warning would add a line
         with pytest.raises(RunError, match=f"rkhs/Toy-v0: {message}"):
             runner.collect(loud, Batch(0, 0, 2, 5, explore=False))
 
@@ -96,7 +96,7 @@ def test_an_environment_that_cannot_be_created_is_rejected(rkhs: Callable[..., R
 
 
 class Still(gymnasium.Env[np.ndarray, np.ndarray]):
-    """Stays where it is."""
+    """Environment whose observation never changes."""
 
     observation_space, action_space = Box(-1.0, 1.0, (1,)), Box(-1.0, 1.0, (1,))
 

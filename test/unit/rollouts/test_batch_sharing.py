@@ -1,4 +1,4 @@
-"""Episodes shared among simulators of different speed, against trying all ways."""
+"""Distribution of episodes among simulators of different speed, compared with an exhaustive search."""
 
 from itertools import product
 

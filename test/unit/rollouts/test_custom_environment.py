@@ -1,4 +1,4 @@
-"""An environment of one's own on the command line, without any file; demonstrations; a policy to begin from."""
+"""Custom environments on the command line without a file, demonstrations, and initial policies."""
 
 import json
 import re
@@ -60,9 +60,9 @@ def test_an_id_is_sufficient_for_training_and_sets_the_horizon(rkhs: Rkhs) -> No
     assert config.environment.id == "my_slide:Slide-v0"
     assert (config.training.name, config.training.horizon) == ("slide_v0", 30)
     assert len(Curve(Path("run/curve.csv")).rows()) == 3
-    told = json.loads(rkhs("evaluate", "run", "--episodes", 2).out)
-    assert told["environment"] == "my_slide:Slide-v0"
-    assert told["undiscounted"]["mean"] > told["mean"]
+    values = json.loads(rkhs("evaluate", "run", "--episodes", 2).out)
+    assert values["environment"] == "my_slide:Slide-v0"
+    assert values["undiscounted"]["mean"] > values["mean"]
     policy = load("run/policy.npz")
     assert policy(np.zeros(2)).shape == (1,)
 
@@ -110,13 +110,13 @@ def test_training_without_a_model_has_its_own_defaults(rkhs: Rkhs, change: str) 
 
 def test_num_envs_limits_the_batch_to_one_environment(rkhs: Rkhs) -> None:
     curves = []
-    for rows in (0, 1, 2):
-        out = f"rows{rows}"
-        changes = (*SHORT, f"environment.num_envs={rows}")
+    for num_envs in (0, 1, 2):
+        out = f"envs{num_envs}"
+        changes = (*SHORT, f"environment.num_envs={num_envs}")
         run = rkhs("train", "--env", "my_slide:Slide-v0", *INLINE, "--iterations", 2, "--out", out, "--set", *changes)
         assert run.code == 0
         curves.append([str(row._replace(seconds=0.0)) for row in Curve(Path(out, "curve.csv")).rows()])
-        assert load_config(Path(out, "config.yaml")).environment.num_envs == rows
+        assert load_config(Path(out, "config.yaml")).environment.num_envs == num_envs
     assert curves[0] == curves[1] == curves[2]
 
 
@@ -136,7 +136,7 @@ def test_a_policy_is_imitated_evaluated_and_trained_further(rkhs: Rkhs) -> None:
     assert abs(row.exploration_return - imitated) < 0.1 * imitated
     assert Path("warm/first_policy.npz").read_bytes() == Path("imitated.npz").read_bytes()
     before = Path("warm/curve.csv").read_text().rpartition(",")[0]
-    Path("warm/checkpoints").rename("aside")  # begun again, it begins from the same policy
+    Path("warm/checkpoints").rename("aside")  # a restarted run has the same initial policy
     assert rkhs("train", "--resume", "warm", *INLINE).code == 0
     assert Path("warm/curve.csv").read_text().rpartition(",")[0] == before
 

@@ -22,13 +22,13 @@ FIELDS = ("observations", "actions", "rewards", "mask", "final_observations", "t
 
 
 class Countdown(gymnasium.Env[Any, Any]):
-    """Ends after some steps, by the task if those were drawn even, otherwise cut off; every call is counted."""
+    """Terminates after an even random number of steps, truncates after an odd one, and counts calls."""
 
     observation_space: Any = Box(-100.0, 100.0, (2,), np.float32)
     action_space = Box(-1.0, 1.0, (1,), np.float32)
     made: list["Countdown"] = []
     most = 100
-    strict = True  # about being begun anew
+    strict = True  # raise unless reset in time
 
     def __init__(self) -> None:
         if len(self.made) >= self.most:
@@ -43,16 +43,16 @@ class Countdown(gymnasium.Env[Any, Any]):
             raise RuntimeError("reset during an episode")
         self.lasts = self.left = int(self.np_random.integers(1, 9))
         self.going = True
-        return self.seen(), {}
+        return self.observe(), {}
 
     def step(self, action: Observation) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         self.steps += 1
         self.left -= 1
         self.going = self.left > 0
         even = self.lasts % 2 == 0
-        return self.seen(), float(action[0]), not self.going and even, not self.going and not even, {}
+        return self.observe(), float(action[0]), not self.going and even, not self.going and not even, {}
 
-    def seen(self) -> Any:
+    def observe(self) -> Any:
         return np.array([self.left, self.lasts], dtype=np.float32)
 
 
@@ -120,7 +120,7 @@ def test_every_kind_of_environment_gives_the_same_episodes(
     policy: GaussianPolicy, source: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     expected = InlineRunner(Simulation("test/Countdown-v0")).collect(policy, BATCH)
-    whole = "vector" in source or source in AutoresetMode.__members__  # which begins rows anew
+    whole = "vector" in source or source in AutoresetMode.__members__  # which resets environments itself
     monkeypatch.setattr(Countdown, "strict", not whole)
     episodes = InlineRunner(Simulation(sources()[source]())).collect(policy, BATCH)
     for name in FIELDS:
@@ -140,9 +140,9 @@ def test_a_single_environment_runs_its_episodes_in_sequence(
     episodes = InlineRunner(simulation).collect(policy, BATCH)
     for name in FIELDS:
         assert np.array_equal(getattr(episodes, name), getattr(expected, name)), name
-    said = capsys.readouterr().err
-    assert said.count("\n") == (how == "found out")
-    assert ("test/Countdown-v0: limited to 1 at a time" in said) == (how == "found out")
+    err = capsys.readouterr().err
+    assert err.count("\n") == (how == "found out")
+    assert ("test/Countdown-v0: limited to 1 at a time" in err) == (how == "found out")
 
 
 @pytest.mark.parametrize("vector", [False, True])
@@ -155,8 +155,8 @@ def test_dictionary_and_tuple_observations_are_flattened(policy: GaussianPolicy,
             else Tuple([Box(-100.0, 100.0, (1,), np.float32), Box(-100.0, 100.0, (1,), np.float32)])
         )
 
-        def seen(self) -> Any:
-            left, lasts = super().seen().reshape(2, 1)
+        def observe(self) -> Any:
+            left, lasts = super().observe().reshape(2, 1)
             return {"left": np.float32(left[0]), "zlasts": lasts} if kind == "dict" else (left, lasts)
 
         strict = False
@@ -168,7 +168,7 @@ def test_dictionary_and_tuple_observations_are_flattened(policy: GaussianPolicy,
 
 
 class Scalar(gymnasium.Env[Any, Any]):
-    """Takes a number without a dimension, and shows one; its reward is an array of one."""
+    """Environment with actions and observations of empty shape, and a reward of shape (1,)."""
 
     observation_space = Box(-2.0, 2.0, (), np.float64)
     action_space = Box(-1.0, 1.0, (), np.float32)
@@ -256,10 +256,10 @@ def test_an_instance_has_id_and_options_unless_wrapped() -> None:
     assert Simulation(wrapped).environment == "PendulumEnv"
 
 
-@pytest.mark.parametrize("rows", [-1, 2.5, "2", None, True])
-def test_num_envs_is_a_whole_number(rows: Any) -> None:
+@pytest.mark.parametrize("num_envs", [-1, 2.5, "2", None, True])
+def test_num_envs_is_a_whole_number(num_envs: Any) -> None:
     with pytest.raises(ValueError, match="num_envs: expected a whole number"):
-        Simulation("test/Countdown-v0", num_envs=rows)
+        Simulation("test/Countdown-v0", num_envs=num_envs)
 
 
 def test_only_an_id_takes_options() -> None:

@@ -31,7 +31,7 @@ def test_episodes_align_observations_actions_and_rewards(
     for t in range(6):
         assert np.array_equal(episodes.observations[:, t], observations)
         actions = policy.act(observations, exploration[:, t])
-        assert np.array_equal(episodes.actions[:, t], actions)  # as drawn, not clipped
+        assert np.array_equal(episodes.actions[:, t], actions)  # as sampled, not clipped
         observations, rewards, *_ = task.step(actions)
         assert np.array_equal(episodes.rewards[:, t], rewards)
     assert episodes.mask.all()

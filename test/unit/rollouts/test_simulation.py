@@ -16,7 +16,7 @@ from rkhs_ros.rollouts.simulation import Simulation
 
 
 class Walk(gymnasium.Env[np.ndarray, np.ndarray]):
-    """Ends when the sum of the actions passes 3; an observation of two by two numbers."""
+    """Environment with observations of shape (2, 2) that terminates when the sum of the actions exceeds 3."""
 
     observation_space = Box(-100.0, 100.0, (2, 2), np.float32)
     action_space = Box(-1.0, 2.0, (1, 2), np.float32)
@@ -43,8 +43,8 @@ def walk() -> Iterator[Simulation]:
     del gymnasium.registry["test/Walk-v0"]
 
 
-def batch(rows: int, horizon: int, first: int = 0) -> Batch:
-    return Batch(0, first, rows, horizon, explore=True)
+def batch(num_envs: int, horizon: int, first: int = 0) -> Batch:
+    return Batch(0, first, num_envs, horizon, explore=True)
 
 
 def test_observations_and_actions_are_flattened(walk: Simulation) -> None:
@@ -58,7 +58,7 @@ def test_observations_and_actions_are_flattened(walk: Simulation) -> None:
 
 def test_a_finished_episode_has_no_further_reward(walk: Simulation) -> None:
     walk.start(batch(3, 8))
-    pace = np.array([[1.0, 0.0], [0.0, 0.0], [2.0, 2.0]])  # over after four steps, never, at once
+    pace = np.array([[1.0, 0.0], [0.0, 0.0], [2.0, 2.0]])  # over after four steps, never, and immediately
     frames = [walk.step(pace) for _ in range(8)]
     active = np.array([frame.active for frame in frames]).T.tolist()
     rewards = np.array([frame.rewards for frame in frames]).T.tolist()
@@ -86,7 +86,7 @@ def test_a_gymnasium_environment_is_simulated() -> None:
     simulation = Simulation("Pendulum-v1", {"g": 9.0})
     spaces = simulation.spaces
     assert (spaces.observation_dim, spaces.action_dim, spaces.action_high.tolist()) == (3, 1, [2.0])
-    simulation.start(batch(2, 210))  # longer than its own time limit of 200
+    simulation.start(batch(2, 210))  # longer than its time limit of 200
     frames = [simulation.step(np.zeros((2, 1))) for _ in range(210)]
     assert [frame.active.all() for frame in frames] == [True] * 209 + [False]
     assert all((frame.rewards < 0).all() for frame in frames)
@@ -169,7 +169,7 @@ def test_images_within_a_dictionary_are_reported_as_unsupported() -> None:
 
 
 class Robot(Walk):
-    """Of which there is one only at a time, as of a robot."""
+    """Environment of which only one instance can exist, like a robot."""
 
     is_in_use = False
     metadata: ClassVar[dict[str, Any]] = {"num_envs": 1, "render_modes": []}

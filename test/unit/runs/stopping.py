@@ -8,7 +8,7 @@ from rkhs_ros.runs.config import Environment
 
 
 class Stopping:
-    """Run a number of batches, two for each iteration if none run ahead, and then raise an error."""
+    """Run a number of batches, two per iteration if none run ahead, and then raise an error."""
 
     environment: ClassVar = Environment("rkhs/Toy-v0", {})
 

@@ -1,4 +1,4 @@
-"""What was tried in tasks of one step is kept, once, for their picture."""
+"""Attempts at one-step tasks are stored once and plotted."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -26,7 +26,7 @@ CONFIG = Config(Environment("test/Throw-v0", {}), TRAINING)
 
 
 class Throw(gymnasium.Env[Any, Any]):
-    """One throw at a basket."""
+    """Environment with a single throw at a basket."""
 
     observation_space, action_space = Box(-1.0, 1.0, (1,)), Box(-1.0, 1.0, (2,))
 
@@ -49,9 +49,9 @@ def test_every_attempt_is_stored_and_drawn(tmp_path: Path, runner: InlineRunner)
     explored = []
     runner.record = lambda batch, episodes, _: explored.append(episodes) if batch.explore else None
     folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
-    kept = load_episodes(folder / ATTEMPTS).episodes
-    np.testing.assert_array_equal(kept.actions, np.concatenate([episodes.actions for episodes in explored]))
-    np.testing.assert_array_equal(kept.rewards, np.concatenate([episodes.rewards for episodes in explored]))
+    stored = load_episodes(folder / ATTEMPTS).episodes
+    np.testing.assert_array_equal(stored.actions, np.concatenate([episodes.actions for episodes in explored]))
+    np.testing.assert_array_equal(stored.rewards, np.concatenate([episodes.rewards for episodes in explored]))
     with_attempts = draw_run(folder)[1].read_bytes()
     (folder / ATTEMPTS).unlink()
     assert draw_run(folder)[1].read_bytes() != with_attempts
@@ -68,7 +68,7 @@ def test_a_resumed_run_stores_each_attempt_once(
     run_training(begun, runner, tmp_path / "begun", quiet=True)
     damage(tmp_path / "begun" / ATTEMPTS)
     run_training(CONFIG, runner, tmp_path / "begun", quiet=True, resume=True)
-    kept, all_of_them = (load_episodes(folder / ATTEMPTS).episodes for folder in (tmp_path / "begun", whole))
-    np.testing.assert_array_equal(kept.actions, all_of_them.actions[-len(kept) :])
-    assert len(kept) == left
+    stored, all_of_them = (load_episodes(folder / ATTEMPTS).episodes for folder in (tmp_path / "begun", whole))
+    np.testing.assert_array_equal(stored.actions, all_of_them.actions[-len(stored) :])
+    assert len(stored) == left
     assert (tmp_path / "begun" / "policy.npz").read_bytes() == (whole / "policy.npz").read_bytes()

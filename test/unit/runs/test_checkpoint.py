@@ -59,7 +59,7 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def states() -> list[State]:
-    """The states after the iterations of a tiny run, and the first one."""
+    """Return the initial state and the states after the iterations of a tiny run."""
     return [iteration.state for iteration in train(TINY, TOY)]
 
 
@@ -107,7 +107,7 @@ def test_every_algorithm_resumes_bit_identically_from_each_checkpoint(
 
 def test_checkpoints_contain_the_memory(folder: Path) -> None:
     *_, last = train(config_of({"name": "power", "reuse": 3}).training, TOY)
-    assert len(last.state.memory) == 3  # else the test above would be none of it
+    assert len(last.state.memory) == 3  # otherwise the test above would be vacuous
 
 
 def write(folder: Path, *states: State, config: Config = CONFIG) -> list[Path]:
@@ -241,7 +241,7 @@ def changed(**changes: Any) -> Config:
 def test_a_checkpoint_with_other_settings_is_rejected_with_the_first_difference(
     folder: Path, states: list[State], config: Config, message: str
 ) -> None:
-    *_, path = write(folder, *states)  # the last iteration's too, which is not gone on from
+    *_, path = write(folder, *states)  # including the last iteration, from which no run resumes
     with pytest.raises(ValueError, match=message) as refusal:
         newest(folder, config)
     assert str(refusal.value).startswith(f"{path}: ")
@@ -304,7 +304,7 @@ def test_a_checkpoint_of_other_code_or_threads_is_rejected(
     assert state is not None
     assert state.iterations == 2
     checkpoints.write(state)
-    assert newest(folder) == 2  # from now on it is a run of this code
+    assert newest(folder) == 2  # the run now belongs to this code
 
 
 def test_settings_may_not_change_with_the_provenance(folder: Path, states: list[State]) -> None:
@@ -319,7 +319,7 @@ def test_the_code_digest_depends_on_the_source_only(tmp_path: Path, monkeypatch:
     (package / "__init__.py").write_text("x = 1\n")
     monkeypatch.syspath_prepend(tmp_path)
 
-    def told(text: str) -> str:
+    def digest_of(text: str) -> str:
         (package / "module.py").write_text(text)
         provenance.code_digest.cache_clear()
         return provenance.provenance("a_package")["rkhs_ros"]
@@ -327,10 +327,10 @@ def test_the_code_digest_depends_on_the_source_only(tmp_path: Path, monkeypatch:
     code = 'class A:\n    def f(self):\n        return """one"""\n'
     documented = '"""About."""\n\nclass A:\n    """One."""\n\n    def f(self):\n        # why\n        """Two."""\n'
     documented += '        return """one"""\n'
-    assert told(code) == told(documented) == told(documented.replace("Two", "Too"))
+    assert digest_of(code) == digest_of(documented) == digest_of(documented.replace("Two", "Too"))
     others = [code.replace("one", "two"), code.replace("f(", "g("), code.replace("return ", ""), f"{code}x = 1\n"]
-    assert len({told(text) for text in (code, *others)}) == 5
-    assert provenance.provenance()["rkhs_ros"] not in map(told, (code, *others))
+    assert len({digest_of(text) for text in (code, *others)}) == 5
+    assert provenance.provenance()["rkhs_ros"] not in map(digest_of, (code, *others))
 
 
 def test_checkpoints_contain_the_version_of_the_package() -> None:
@@ -340,7 +340,7 @@ def test_checkpoints_contain_the_version_of_the_package() -> None:
 
 
 class Clock:
-    """Tells the time that it is set to."""
+    """Clock with a settable time."""
 
     now = 0.0
 
@@ -350,7 +350,7 @@ class Clock:
 
 @pytest.fixture
 def synced(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """What the disk was waited for, in order, by name."""
+    """Return the names of the synced files in order."""
     names: list[str] = []
     fsync = os.fsync
 
@@ -378,11 +378,11 @@ def test_the_disk_is_synced_once_a_second(folder: Path, states: list[State], syn
 def test_the_last_two_and_the_newest_synced_checkpoints_stay(folder: Path, states: list[State]) -> None:
     clock = Clock()
     checkpoints = Checkpoints(folder, CONFIG, clock=clock)
-    kept = []
+    stored = []
     for k, clock.now in enumerate((0.0, 0.1, 0.2, 1.0, 1.1, 1.2, 1.3, 2.1, 3.2, 3.3), 1):
         checkpoints.write(replace(states[0], iterations=k))
-        kept.append([int(name[:7]) for name in files(folder)])
-    assert kept == [[1], [1, 2], [2, 3], [3, 4], [4, 5], [4, 5, 6], [4, 6, 7], [7, 8], [8, 9], [9, 10]]
+        stored.append([int(name[:7]) for name in files(folder)])
+    assert stored == [[1], [1, 2], [2, 3], [3, 4], [4, 5], [4, 5, 6], [4, 6, 7], [7, 8], [8, 9], [9, 10]]
 
 
 def test_the_checkpoint_of_a_resumed_run_is_synced_and_stays(folder: Path, states: list[State], synced: list[str]) -> None:
@@ -392,7 +392,7 @@ def test_the_checkpoint_of_a_resumed_run_is_synced_and_stays(folder: Path, state
     assert state is not None
     checkpoints.resume_from(state)
     assert synced == ["0000001.npz", "checkpoints"]
-    assert files(folder) == ["0000001.npz"]  # later ones know of lines with other seconds
+    assert files(folder) == ["0000001.npz"]  # later ones contain digests of lines with other seconds
     for k in (2, 3, 4, 5):
         checkpoints.write(replace(states[0], iterations=k))
     assert files(folder) == ["0000001.npz", "0000004.npz", "0000005.npz"]

@@ -173,10 +173,10 @@ def test_the_parameter_dump_of_a_node_is_a_configuration(write: Any) -> None:
 
 
 def test_the_section_of_the_learner_may_contain_the_expected_environment(write: Any) -> None:
-    told = MINIMAL.replace("simulator", "learner")
-    assert load_config(write(told)) == load_config(write(MINIMAL))
-    rows = told.replace("v0}", "v0, num_envs: 0}")  # as it is anyway
-    assert load_config(write(MINIMAL + rows)) == load_config(write(MINIMAL))
+    expected = MINIMAL.replace("simulator", "learner")
+    assert load_config(write(expected)) == load_config(write(MINIMAL))
+    with_num_envs = expected.replace("v0}", "v0, num_envs: 0}")  # the default
+    assert load_config(write(MINIMAL + with_num_envs)) == load_config(write(MINIMAL))
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""What may be asked of a run from outside: it pauses, goes on and stops between two iterations, and at nothing else."""
+"""Commands from outside pause, resume and stop a run between two iterations; other content is ignored."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -19,7 +19,7 @@ TOY = Path(__file__).parents[3] / "config" / "toy_few_nac.yaml"
 
 
 class Rest:
-    """Stands for the time that a run pauses: at each rest the next word is asked, or its bytes are put there."""
+    """Replacement for the wait during a pause: each call sends the next command or writes its bytes."""
 
     def __init__(self, folder: Path, *then: str | bytes) -> None:
         self.folder, self.then = folder, list(then)
@@ -86,7 +86,7 @@ def test_a_stopped_run_saves_its_policy_and_resumes_bit_identically(tmp_path: Pa
 
 
 def asking(folder: Path, word: str) -> object:
-    """Return a runner during whose first episodes somebody asks something of the run."""
+    """Return a runner that sends a command to the run during its first episodes."""
     config = load_config(TOY)
     runner = runner_of(config.environment)
     collect = runner.collect
@@ -101,7 +101,7 @@ def asking(folder: Path, word: str) -> object:
 
 @pytest.fixture
 def looking(tmp_path: Path) -> Iterator[Callable[[], None]]:
-    """Somebody who looks whether a run is under way, all the time."""
+    """Check continuously whether a run is active."""
     (tmp_path / "checkpoints").mkdir()
     (tmp_path / "checkpoints" / "lock").touch()
     ended: list[bool] = []

@@ -1,4 +1,4 @@
-"""The progress bar of a run on a terminal: it shows the time left, and is there once, after a Ctrl-C too."""
+"""The progress bar of a run shows the remaining time, and appears once on a terminal, even after Ctrl-C."""
 
 import fcntl
 import os
@@ -30,7 +30,7 @@ COLUMNS = 80
 
 
 def lines_on_terminal(text: str) -> list[str]:
-    """Return what a terminal shows of a text: without escapes, a carriage return begins the line again."""
+    """Return the lines that a terminal shows: without escapes, with carriage returns applied."""
     plain = "".join(part[part.find("m") + 1 :] if k else part for k, part in enumerate(text.split("\x1b[")))
     return [line.rpartition("\r")[2] for line in plain.replace("\r\n", "\n").splitlines()]
 
@@ -45,15 +45,15 @@ def test_a_bar_leaves_space_for_the_echo_of_ctrl_c_and_shows_the_remaining_time(
         stdout=subprocess.DEVNULL, stderr=slave, env=environment,
     )  # fmt: skip
     os.close(slave)
-    seen = ""
-    while "evaluation 1" not in seen:
-        seen += os.read(master, 65536).decode()
+    shown = ""
+    while "evaluation 1" not in shown:
+        shown += os.read(master, 65536).decode()
     process.send_signal(signal.SIGINT)
     process.wait()
-    bars = [part for part in seen.split("\x1b[2K") if "evaluation" in part]
+    bars = [part for part in shown.split("\x1b[2K") if "evaluation" in part]
     widths = [len(line) for bar in bars for line in lines_on_terminal(bar)]
     assert max(widths) <= COLUMNS - len(ECHO)
-    assert bars[-1].count(":") == 4  # the time that it took, and the time left
+    assert bars[-1].count(":") == 4  # the elapsed and the remaining time
     os.close(master)
 
 
@@ -71,7 +71,7 @@ def test_name_bar_iteration_times_and_returns_of_a_run_with_a_model_fit_80_colum
     assert "…" in bar  # only the name is cut
     assert "━━━━━━━━━" in bar
     assert "299/300" in bar
-    assert bar.count(":") == 4  # the time that it took, and the time left
+    assert bar.count(":") == 4  # the elapsed and the remaining time
     assert returns.startswith("return ")
     assert returns.endswith(", model -1234 (model error 0.012)")
 

@@ -59,7 +59,7 @@ def resumed(folder: Path, config: Config = CONFIG) -> Path:
 
 
 def results(folder: Path) -> dict[str, object]:
-    """What a run left, to the last bit, less the seconds that it took."""
+    """Return the bytes of a run's results, without the measured seconds."""
     assert {path.name for path in folder.iterdir()} - DRAWN == {*RESULTS, "checkpoints"}
     found: dict[str, object] = {name: (folder / name).read_bytes() for name in RESULTS}
     lines = (folder / "curve.csv").read_text().splitlines()
@@ -82,7 +82,7 @@ def test_a_run_stopped_anywhere_resumes_bit_identically(
 ) -> None:
     folder = stopped(tmp_path / "run", batches)
     assert len(Curve(folder / "curve.csv").rows()) == batches // 2
-    left = Stopping(8 - batches // 2 * 2)  # no iteration that was done is made again
+    left = Stopping(8 - batches // 2 * 2)  # no finished iteration is repeated
     assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
 
 
@@ -93,7 +93,7 @@ def test_episodes_that_ran_ahead_of_a_stop_are_repeated(
     folder = stopped(tmp_path / "run", batches, num_envs=3)
     done = max(batches - 1, 0)
     assert len(Curve(folder / "curve.csv").rows()) == done
-    left = Stopping(5 - done, num_envs=3)  # the exploring episodes, and a batch for each iteration
+    left = Stopping(5 - done, num_envs=3)  # the exploration episodes, and a batch per iteration
     assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
 
 
@@ -125,7 +125,7 @@ def test_a_lost_best_policy_is_reported_and_replaced(
 
 def test_a_finished_run_repeats_its_last_iteration(tmp_path: Path, whole: dict[str, object]) -> None:
     folder = run_training(CONFIG, Stopping(), tmp_path / "run", quiet=True)
-    for name in ("policy.npz", "episodes.npz"):  # as a run that is killed before its end
+    for name in ("policy.npz", "episodes.npz"):  # like a run that is killed before its end
         (folder / name).unlink()
     run_training(CONFIG, Stopping(2), folder, quiet=True, resume=True)
     assert results(folder) == whole
@@ -157,7 +157,7 @@ def test_damaged_checkpoints_do_not_change_the_results(
         assert results(resumed(copy)) == whole
         assert capsys.readouterr().err.count(": skipped (damaged, ") == number - 1
         path.write_bytes(path.read_bytes()[:-1])
-    assert number >= 2  # one more if the disk was waited for before these
+    assert number >= 2  # one more if an earlier one was synced
 
 
 def test_a_run_without_an_intact_checkpoint_is_rejected_and_unchanged(rkhs: Cli, tmp_path: Path) -> None:
@@ -321,7 +321,7 @@ def test_a_run_of_other_code_resumes_if_allowed_and_records_it(
     first, second = read_recording(folder).heads
     assert first.versions != second.versions
     assert f"rkhs_ros {__version__}+other" in second.versions
-    assert rkhs("train", "--resume", "run", *INLINE, "--iterations", 5).code == 0  # it is noted, and asked for once
+    assert rkhs("train", "--resume", "run", *INLINE, "--iterations", 5).code == 0  # config.yaml records the change, so that the option is needed only once
     assert (folder / "config.yaml").read_text().splitlines()[:2] == [began, went_on]
     assert rkhs("replay", "run", "--quiet").out == "all 5 updates are bit-identical\n"
     assert [row.iteration for row in Recorded(folder).rows] == [1, 2, 3, 4, 5]
@@ -354,7 +354,7 @@ def test_a_second_error_does_not_hide_the_first(tmp_path: Path) -> None:
 
 
 class Blocking(Stopping):
-    """Puts a folder where a file shall be, in the third iteration, and raises."""
+    """Runner that creates a folder at the path of a file in the third iteration, and raises."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(4, RuntimeError("first"))
@@ -379,14 +379,14 @@ def test_results_that_cannot_be_written_are_reported(tmp_path: Path, whole: dict
 
 @pytest.fixture
 def disk() -> Iterator[Callable[[int], None]]:
-    """Let no file grow beyond a number of bytes, as on a full disk; until the test is over."""
+    """Limit the size of files like a full disk, until the end of the test."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (soft if size < 0 else size, hard))
     resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def assert_whole(folder: Path) -> None:
-    """No file under its final name is a part of one."""
+    """Assert that no file under its final name is incomplete."""
     assert not list(folder.rglob("*.part"))
     for path in folder.rglob("*.npz"):
         assert unpacked(path.read_bytes())
@@ -416,7 +416,7 @@ def test_a_run_on_a_full_disk_ends_with_one_line_and_resumes_later(
 
 
 class Filling(Stopping):
-    """Fills the disk in the third iteration, and is as it should be."""
+    """Runner that fills the disk in the third iteration, and otherwise works."""
 
     def __init__(self, fill: Callable[[], None]) -> None:
         super().__init__()
@@ -502,16 +502,16 @@ def test_the_command_rejects_changed_settings(rkhs: Cli, tmp_path: Path) -> None
 
 def test_over_topics_the_learner_gets_the_resume_parameter(rkhs: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = stopped(tmp_path / "run", 5)
-    told: list[Any] = []
+    launched: list[Any] = []
 
     def launched(*arguments: Any, **keywords: Any) -> int:
-        told.extend([*arguments, keywords])
+        launched.extend([*arguments, keywords])
         return 0
 
     monkeypatch.setattr(train, "launch", launched)
-    monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))  # as if it were built
+    monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))  # as if the interfaces were built
     assert rkhs("train", "--resume", "run", "--runner", "ros", "--quiet", "--simulators", 2)[0] == 0
-    parameters, more, keywords = told
+    parameters, more, keywords = launched
     (tmp_path / "given.yaml").write_text(parameters)
     assert load_config(tmp_path / "given.yaml") == longer(4, simulators=2)
     learner = {"output": str(folder), "quiet": True, "resume": True, "provenance_may_change": False, "record": False}
@@ -537,15 +537,15 @@ def started(*arguments: object) -> subprocess.Popen[str]:
 
 
 def killed(process: subprocess.Popen[str], folder: Path, line: int, delay: float) -> str:
-    """Kill a run some time after a line of its curve."""
+    """Kill a run a given time after a line of its curve."""
     while lines(folder) < line:
         assert process.poll() is None
         time.sleep(0.002)
     time.sleep(delay)
     process.kill()
-    said = process.communicate()[1]
+    err = process.communicate()[1]
     assert process.returncode == -signal.SIGKILL
-    return said
+    return err
 
 
 @pytest.mark.faults

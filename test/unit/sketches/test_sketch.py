@@ -1,4 +1,4 @@
-"""What is sketched of a run stays in its box, and is where the policy was."""
+"""Sketches stay in their box, and show the visited states and the centres of the policy."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ def test_paths_and_centres_of_a_pendulum() -> None:
         assert sum(len(part) for part in sketch.paths[-1]) == MOST_POINTS
     assert [axis.split(":")[0] for axis in sketch.axes] == ["angle (rad)", "angular velocity (rad/s)", "torque"]
     jumps = np.concatenate([np.abs(np.diff(part, axis=0))[:, :2] for path in sketch.paths for part in path])
-    assert (jumps <= 0.6 * SIZE[:2]).all()  # where the angle wraps the path is cut
+    assert (jumps <= 0.6 * SIZE[:2]).all()  # the path is split where the angle wraps
 
 
 def test_heights_are_the_actions_and_ranges_only_grow() -> None:

@@ -34,7 +34,7 @@ Run = Callable[..., Result]
 def run_folder(
     folder: Path, returns: Sequence[float], *, train: float = -1.0, per_iteration: int = 10, **settings: Any
 ) -> Path:
-    """Leave what a run leaves of its settings and its curve."""
+    """Write the configuration and the curve of a run."""
     training = Training(**{"horizon": 20, "iterations": len(returns) or 1, **settings})
     folder.mkdir(parents=True)
     (folder / "config.yaml").write_text(resolved(Config(Environment("rkhs/Toy-v0", {}), training)))

@@ -28,7 +28,7 @@ ranges = st.tuples(st.integers(0, 300), st.integers(0, 20)).map(lambda pair: ran
 
 
 def results(folder: Path) -> dict[str, object]:
-    """What a run left, to the last bit, less the seconds that it took."""
+    """Return the bytes of a run's results, without the measured seconds."""
     lines = (folder / "curve.csv").read_text().splitlines()
     files: dict[str, object] = {name: (folder / name).read_bytes() for name in RESULTS}
     return files | {"curve.csv": [line.rpartition(",")[0] for line in lines]}
@@ -114,17 +114,17 @@ def test_the_default_folder_of_several_seeds_is_in_results(rkhs: Run, tmp_path: 
 
 def test_resume_runs_only_missing_or_unfinished_seeds(rkhs: Run, begun: Path) -> None:
     whole = {path: results(path) for path in seed_folders(begun)}
-    kept, unfinished, missing = seed_folders(begun)
+    finished, unfinished, missing = seed_folders(begun)
     Curve(unfinished / "curve.csv").begin(Curve(unfinished / "curve.csv").rows()[:1])
     (unfinished / "checkpoints" / "0000002.npz").unlink()
     for path in missing.rglob("*"):
         if path.is_file() and path.name != "config.yaml":
             path.unlink()
-    before = times(kept)
+    before = times(finished)
     result = rkhs("train", "--resume", "many", "--quiet", "--jobs", 1)
     assert (result.code, result.err) == (0, "")
     assert {path: results(path) for path in seed_folders(begun)} == whole
-    assert times(kept) == before
+    assert times(finished) == before
 
 
 def test_resume_extends_the_runs_of_several_seeds(rkhs: Run, begun: Path) -> None:

@@ -85,16 +85,16 @@ def test_each_run_of_a_grid_equals_an_ordinary_run(rkhs: Run, swept: Path, tmp_p
 @pytest.mark.slow
 def test_a_sweep_continues_and_a_larger_one_runs_only_new_points(rkhs: Run, swept: Path) -> None:
     whole = (swept / "runs.csv").read_bytes()
-    cut, *kept = sorted((swept / "runs").iterdir())
+    cut, *finished = sorted((swept / "runs").iterdir())
     Curve(cut / "curve.csv").begin(Curve(cut / "curve.csv").rows()[:1])
     for path in (cut / "checkpoints").glob("*.npz"):  # of later iterations
         path.unlink()
-    times = [(path / "policy.npz").stat().st_mtime_ns for path in kept]
+    times = [(path / "policy.npz").stat().st_mtime_ns for path in finished]
     larger = [str(word).replace("0-1", "0-2") for word in GRID]
     assert rkhs("sweep", CONFIG, *larger, *TINY, "--thresholds", "0", "--out", "grid").code == 0
     assert len(list((swept / "runs").iterdir())) == 12
     assert set(whole.splitlines()) < set((swept / "runs.csv").read_bytes().splitlines())
-    assert [(path / "policy.npz").stat().st_mtime_ns for path in kept] == times
+    assert [(path / "policy.npz").stat().st_mtime_ns for path in finished] == times
 
 
 @pytest.mark.slow

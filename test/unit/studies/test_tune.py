@@ -66,7 +66,7 @@ VARIANTS = [
     ("name: power, solution: diagonal, grid_low: [-4], grid_high: [4]",),
     ("name: rkhs_nac", "model={form: gaussian_process, updates: 3, rollouts: 4}"),
 ]
-LOOSE = ("exploration_decay: 0.3", "exploration_minimum: 0.1")  # else the least deviation does not come into effect
+LOOSE = ("exploration_decay: 0.3", "exploration_minimum: 0.1")  # otherwise the minimum has no effect
 SMALL = ("horizon=5", "iterations=3", "episodes_per_iteration=4", "evaluation_episodes=2")
 
 
@@ -85,7 +85,7 @@ def test_searched_settings_change_the_result_and_unused_ones_do_not(variant: tup
 
     space = {each.name: each for each in search_space(config, [])}
     for name, dimension in space.items():
-        if not name.startswith(("model.centres", "algorithm.sparsification")):  # more than there are points
+        if not name.startswith(("model.centres", "algorithm.sparsification")):  # more than the number of points
             assert learnt(name, dimension.low) != learnt(name, dimension.high), name
     idle = set(unused(config.training))
     assert not idle & set(space)
@@ -115,7 +115,7 @@ def test_an_interrupted_search_gives_the_same_trials(rkhs: Run, tmp_path: Path) 
     study.ask(
         {"algorithm.ridge": wide(0.01 / SPREAD, 0.3, log=True), "exploration_sd": wide(0.5 / SPREAD, 15.0, log=True)}
     )
-    assert rkhs(*search, "--trials", 6, "--out", "cut").code == 0  # the trial asked for has no end: it was cut off
+    assert rkhs(*search, "--trials", 6, "--out", "cut").code == 0  # the last trial has no result: it was interrupted
 
     def made(folder: str) -> list[list[str]]:
         return [list(line.values())[1:] for line in trials(tmp_path / folder)]
@@ -149,12 +149,12 @@ def test_several_workers_run_each_trial_once(rkhs: Run, tmp_path: Path) -> None:
         "--out",
         "two",
     )
-    for count in (2, 5):  # of two settings, so that most trials are those of others
+    for count in (2, 5):  # two settings, so that most trials repeat others
         assert rkhs(*search, "--trials", count).code == 0
         made = trials(tmp_path / "two")
         assert [line["state"] for line in made].count("fail") == 0
         assert [line["trial"] for line in made] == [str(number) for number in range(count)]
-        assert made[0]["algorithm.critic"] == "step"  # where the search begins
+        assert made[0]["algorithm.critic"] == "step"  # the initial setting
     storage = f"sqlite:///{tmp_path / 'two' / 'study.db'}"
     (name,) = optuna.get_all_study_names(storage)
     found = optuna.load_study(study_name=name, storage=storage).trials
@@ -203,7 +203,7 @@ def test_tuning_repairs_a_spoilt_configuration(rkhs: Run, tmp_path: Path) -> Non
         for name in trials(tmp_path / "tuned")[0]
         if "." in name or name in SPOILT
     ]
-    ours, mended = learnt("iterations=40"), learnt(*found)  # other seeds than it was searched with
+    ours, mended = learnt("iterations=40"), learnt(*found)  # other seeds than in the search
     assert learnt(*spoilt) < ours - 5.0
     assert mended > ours - 0.2
 

@@ -1,4 +1,4 @@
-"""Who makes the runs of a study: refusals, and where the calls go."""
+"""Workers of a study: rejected options, and the distribution of calls."""
 
 import os
 import signal
