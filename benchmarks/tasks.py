@@ -23,7 +23,7 @@ from rkhs_ros.app.study import add_worker_arguments, workers_of
 from rkhs_ros.base.endings import FAILED, INTERRUPTED, RunError, print_error
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.validation import pick, require
-from rkhs_ros.rollouts.environments import own_horizon
+from rkhs_ros.rollouts.environments import time_limit
 from rkhs_ros.runs.config import config_for
 from rkhs_ros.studies.parallel import run_parallel
 from task_learners import LEARNERS, learn_into, missing
@@ -55,7 +55,7 @@ class Task:
         """Return the trial of a learner."""
         budget = episodes or self.episodes
         changes = (*self.changes, *LEARNERS[learner].changes, f"seed={seed}", f"iterations={budget}")  # at most
-        config = config_for(self.environment, own_horizon(self.environment), changes)
+        config = config_for(self.environment, time_limit(self.environment), changes)
         return Trial(config, budget, self.discounted)
 
 

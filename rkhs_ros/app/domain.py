@@ -20,7 +20,7 @@ DOMAINS = range(100, 0, -1)  # from the top, since people tend to choose small n
 
 
 @contextmanager
-def own_domain(folder: Path, default: str | None = None) -> Iterator[None]:
+def reserved_domain(folder: Path, default: str | None = None) -> Iterator[None]:
     """Set a ROS domain that no other run uses for the nodes started in this context, and write it to the run's folder.
 
     A domain set by ROS_DOMAIN_ID stays.

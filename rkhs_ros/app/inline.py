@@ -48,7 +48,7 @@ def warn_of_horizon(simulation: Simulation, horizon: int, *, given: bool) -> Non
         horizon: steps of an episode.
         given: whether the user set the horizon.
     """
-    name, limit = simulation.environment, simulation.own_horizon
+    name, limit = simulation.environment, simulation.time_limit
     if limit is None and not given:
         note = f"{name} has no time limit; episodes end after {horizon} steps. Set horizon=N to change that"
     elif limit not in (None, horizon):

@@ -169,7 +169,7 @@ def _training(simulation: Simulation, algorithm: Algorithm | str | None, setting
     for name in settings:
         if name not in known:
             raise ValueError(f"unknown setting '{name}', {_meant(name, known)}")
-    horizon = simulation.own_horizon or Training.horizon
+    horizon = simulation.time_limit or Training.horizon
     given = {"name": name_of_run(simulation.environment), "horizon": horizon, **settings}
     if isinstance(algorithm, str):
         pick(algorithm, ALGORITHMS, "algorithm")

@@ -10,7 +10,7 @@ from pathlib import Path
 from rkhs_ros.base.files import read_whole, write_whole
 from rkhs_ros.base.validation import require
 from rkhs_ros.runs.config import Config
-from rkhs_ros.runs.report import FIRST_POLICY, begin, is_begun
+from rkhs_ros.runs.report import FIRST_POLICY, begin, is_started
 
 SEEDS = re.compile(r"(\d{1,18})(?:-(\d{1,18}))?", re.ASCII)
 MOST_SEEDS = 10_000
@@ -37,7 +37,7 @@ def parse_seeds(text: str) -> tuple[int, ...]:
 
 def seed_folders(folder: Path) -> list[Path]:
     """Return the absolute folders of the started runs of several seeds, in the order of the seeds."""
-    found = [path for path in folder.resolve().glob(f"{PREFIX}*") if is_begun(path)]
+    found = [path for path in folder.resolve().glob(f"{PREFIX}*") if is_started(path)]
     return sorted(found, key=lambda path: (len(path.name), path.name))
 
 

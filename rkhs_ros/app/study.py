@@ -12,7 +12,7 @@ from rkhs_ros.app.inline import runner_of
 from rkhs_ros.base.validation import require
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve
-from rkhs_ros.runs.report import begin, is_begun
+from rkhs_ros.runs.report import begin, is_started
 from rkhs_ros.runs.run import run_training
 from rkhs_ros.studies.parallel import run_parallel
 from rkhs_ros.studies.workers import ALL_CORES, WorkerLostError, Workers
@@ -129,7 +129,7 @@ def _make(
 
 def advance(folder: Path, config: Config, *, record: bool = False, provenance_may_change: bool = False) -> None:
     """Start or resume a run in this process until its iterations are done; see `run_training`."""
-    if not is_begun(folder):
+    if not is_started(folder):
         folder.mkdir(parents=True, exist_ok=True)
         begin(folder, config)
     with runner_of(config.environment) as runner:

@@ -71,7 +71,9 @@ def _plain_depends(table: Table) -> Verdict:
 
 def _polynomial_covariant(table: Table) -> Verdict:
     natural, plain = (_difference(table, POLYNOMIAL, f"RKHS-{m}", OFFSETS) for m in ("NAC", "AC"))
-    observed = f"largest difference of the mean curves {natural:.3f} for RKHS-NAC (threshold 0.3), {plain:.2f} for RKHS-AC"
+    observed = (
+        f"largest difference of the mean curves {natural:.3f} for RKHS-NAC (threshold 0.3), {plain:.2f} for RKHS-AC"
+    )
     return Verdict(natural < 0.3 < plain, observed)
 
 

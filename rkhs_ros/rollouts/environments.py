@@ -83,7 +83,7 @@ def options_of(source: Source) -> dict[str, Any]:
     return {name: value for name, value in kwargs.items() if name != "render_mode"}
 
 
-def own_horizon(source: Source) -> int | None:
+def time_limit(source: Source) -> int | None:
     """Return the time limit of an environment in steps; None if it has none."""
     spec = spec_of(source) if isinstance(source, str) else getattr(source, "spec", None)
     return None if spec is None else spec.max_episode_steps

@@ -21,7 +21,7 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rollouts.env_batch import CONTINUE_EPISODE, AnyEnv, AnyVectorEnv, Flags
-from rkhs_ros.rollouts.environments import Source, env_batch_of, name_of, options_of, own_horizon
+from rkhs_ros.rollouts.environments import Source, env_batch_of, name_of, options_of, time_limit
 from rkhs_ros.rollouts.visualization import HasRobot, JointStates
 
 Answer = TypeVar("Answer")
@@ -121,9 +121,9 @@ class Simulation:
                 )
 
     @property
-    def own_horizon(self) -> int | None:
+    def time_limit(self) -> int | None:
         """Time limit of the environment in steps; None if it has none."""
-        return own_horizon(self.environment if self._registered else self._envs.shown)
+        return time_limit(self.environment if self._registered else self._envs.shown)
 
     @property
     def shown(self) -> AnyEnv | AnyVectorEnv:

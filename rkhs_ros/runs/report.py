@@ -54,7 +54,7 @@ def new_folder(folder: Path | None, name: str) -> Path:
     return folder
 
 
-def is_begun(folder: Path) -> bool:
+def is_started(folder: Path) -> bool:
     """Return whether a run was started in the folder."""
     return (folder / CONFIGURATION).is_file()
 
@@ -65,7 +65,7 @@ def old_folder(folder: Path | None) -> Path:
     Raises:
         ValueError: the folder does not exist or contains no config.yaml.
     """
-    if folder is None or not is_begun(folder):
+    if folder is None or not is_started(folder):
         runs = sorted(file.parent for file in folder.glob("*/config.yaml")) if folder else []
         remedy = f". Pass one of the runs in it, such as {runs[0]}" if runs else ""
         raise ValueError(f"{folder}: expected the folder of a run, got none with a config.yaml{remedy}")

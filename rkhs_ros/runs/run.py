@@ -23,7 +23,7 @@ from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.control import Control, Rest
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.progress import progress_bar
-from rkhs_ros.runs.report import FIRST_POLICY, Report, begin, is_begun, new_folder, old_folder
+from rkhs_ros.runs.report import FIRST_POLICY, Report, begin, is_started, new_folder, old_folder
 
 if TYPE_CHECKING:
     from rkhs_ros.runs.recorded import RecordableRunner, RecordingRunner
@@ -92,7 +92,7 @@ def run_training(
         record |= os.path.lexists(folder / FILE)  # true for a pipe or a broken link as well, which then raises
         require(record or not checkpoints.recorded, f"{folder / FILE}", RECORDED, "none")
         checkpoints.recorded = record
-        if not is_begun(folder):
+        if not is_started(folder):
             begin(folder, config)
         how = {"sync": sync, "provenance_may_change": provenance_may_change}
         with _recording(config, runner, folder, **how) if record else nullcontext() as recorder:

@@ -17,7 +17,7 @@ from rkhs_ros.recordings.recording import Head, faults_named, head_of, recording
 from rkhs_ros.runs.config import load_config, robot_nodes
 from rkhs_ros.runs.curve import Row
 from rkhs_ros.runs.recorded import training_of
-from rkhs_ros.runs.report import is_begun
+from rkhs_ros.runs.report import is_started
 from rkhs_ros.view.source import IterationView, model_rollout_function
 
 
@@ -43,7 +43,7 @@ class Recorded:
 
     def __init__(self, path: Path) -> None:
         file = recording_file(path)
-        self.path = file.parent if is_begun(file.parent) else file
+        self.path = file.parent if is_started(file.parent) else file
         self._following = Following(file)
         self.spaces: Spaces | None = None
         self._reset()

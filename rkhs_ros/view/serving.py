@@ -13,7 +13,7 @@ from viser import ViserServer
 
 from rkhs_ros.base.validation import truncated
 from rkhs_ros.recordings.recording import BAG, FILE
-from rkhs_ros.runs.report import is_begun
+from rkhs_ros.runs.report import is_started
 from rkhs_ros.view.bag import Bag
 from rkhs_ros.view.folder import Folder
 from rkhs_ros.view.guard import guard, is_local
@@ -36,7 +36,7 @@ def source_of(path: Path) -> Source:
         ValueError: the path contains no run.
         OSError: the folder or file does not exist.
     """
-    folder = path.parent if path.name == FILE and is_begun(path.parent) else path
+    folder = path.parent if path.name == FILE and is_started(path.parent) else path
     if (folder / BAG).is_file():
         return Bag(folder)
     if folder.is_file():

@@ -7,7 +7,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from rkhs_ros.app.domain import own_domain
+from rkhs_ros.app.domain import reserved_domain
 from rkhs_ros.app.inline import load_acting
 from rkhs_ros.app.launcher import Further, launch
 from rkhs_ros.app.robots import check_robot, default_domain, robot_of
@@ -60,6 +60,6 @@ def _on_robot(options: argparse.Namespace, config: Config) -> int:
     discount = config.training.discount if options.discount is None else options.discount
     asked = {"evaluation_episodes": options.episodes or ROBOT_EPISODES, "seed": options.seed, "discount": discount}
     config = replace(config, training=replace(config.training, **asked))
-    with own_domain(folder, default_domain(config)):
+    with reserved_domain(folder, default_domain(config)):
         further: Further = {"learner": {"evaluate": str(policy.resolve()), "output": str(folder.resolve())}}
         return launch(resolved(config), further)

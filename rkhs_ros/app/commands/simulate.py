@@ -13,7 +13,7 @@ from rkhs_ros.app.launcher import launch_worlds
 from rkhs_ros.app.robots import check_robot
 from rkhs_ros.base.ros import require_ros
 from rkhs_ros.base.validation import require
-from rkhs_ros.rollouts.environments import own_horizon
+from rkhs_ros.rollouts.environments import time_limit
 from rkhs_ros.runs.config import Config, config_for, load_config
 from rkhs_ros.runs.report import resolved
 
@@ -53,4 +53,4 @@ def _configuration(options: argparse.Namespace) -> Config:
     changes = [] if options.simulators is None else [f"simulators={options.simulators}"]
     if options.config:
         return load_config(options.config, [*changes, *options.set])
-    return config_for(options.env, own_horizon(options.env), [*changes, *options.set])
+    return config_for(options.env, time_limit(options.env), [*changes, *options.set])

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rkhs_ros.app.commands.view import page_beside, require_viser, stay_with
-from rkhs_ros.app.domain import own_domain
+from rkhs_ros.app.domain import reserved_domain
 from rkhs_ros.app.inline import runner_of, warn_of_horizon
 from rkhs_ros.app.launcher import journal_in, launch
 from rkhs_ros.app.robots import check_robot, default_domain
@@ -26,7 +26,7 @@ from rkhs_ros.learning.state import first_state
 from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import load_policy
-from rkhs_ros.rollouts.environments import own_horizon
+from rkhs_ros.rollouts.environments import time_limit
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.runs.checkpoint import ACCEPT
 from rkhs_ros.runs.config import Config, config_for, load_config
@@ -34,7 +34,7 @@ from rkhs_ros.runs.report import (
     FIRST_POLICY,
     Report,
     interruption_summary,
-    is_begun,
+    is_started,
     new_folder,
     old_folder,
     resolved,
@@ -115,7 +115,7 @@ def _train(options: argparse.Namespace) -> int:
 
 def _has_several_seeds(options: argparse.Namespace) -> bool:
     if options.resume:
-        return not is_begun(options.resume) and len(seed_folders(options.resume)) > 0
+        return not is_started(options.resume) and len(seed_folders(options.resume)) > 0
     return options.seeds is not None
 
 
@@ -142,7 +142,7 @@ def _configuration(options: argparse.Namespace, file: Path | None) -> Config:
     changes += options.set
     if file is not None:
         return load_config(file, changes)
-    return config_for(options.env, own_horizon(options.env), changes)
+    return config_for(options.env, time_limit(options.env), changes)
 
 
 def _learnable(config: Config, first_policy: Path | None, *, quiet: bool = False) -> tuple[Spaces, InlineRunner | None]:
@@ -231,7 +231,7 @@ def _train_one(options: argparse.Namespace, prepared: PreparedRun) -> int:
 
 def _leave_resumable(config: Config, folder: Path, spaces: Spaces) -> None:
     """Make an unfinished run resumable, and plot the policy that it learnt so far."""
-    if not is_begun(folder):
+    if not is_started(folder):
         Report(folder, config, spaces)
     if (folder / "policy.npz").is_file():
         draw_run(folder)
@@ -262,7 +262,7 @@ def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> i
         further["robot"] = {"journal": journal_in(folder.resolve())}
     if options.record == "raw":
         further["recorder"] = {"output": output}
-    with own_domain(folder, default_domain(config)):
+    with reserved_domain(folder, default_domain(config)):
         simulators, composed = config.training.simulators, options.runner == "composed"
         return launch(resolved(config), further, simulators=simulators, composed=composed)
 

@@ -140,7 +140,7 @@ def describe(
         observation_type=space.dtype.name,
         observation_low=doubles(space.low),
         observation_high=doubles(space.high),
-        horizon=simulation.own_horizon or 0,
+        horizon=simulation.time_limit or 0,
         capacity=simulation.capacity(num_envs),
         num_envs=simulation.num_envs,
         batch=identity,

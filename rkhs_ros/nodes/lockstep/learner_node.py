@@ -26,7 +26,7 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.evaluation import evaluation_of
 from rkhs_ros.runs.config import Config, Environment, environment_from
 from rkhs_ros.runs.episode_files import save_episodes
-from rkhs_ros.runs.report import interruption_summary, is_begun, new_folder, next_steps, old_folder
+from rkhs_ros.runs.report import interruption_summary, is_started, new_folder, next_steps, old_folder
 from rkhs_ros.runs.run import run_training
 
 Draw = Callable[[Path], object]
@@ -95,7 +95,7 @@ def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
     with node.diagnostics.errors_reported():
         config = Config(node.runner.connect(node.environment), node.training)
         folder = Path(node.output).expanduser() if node.output else None
-        resume = node.resume and folder is not None and is_begun(folder)
+        resume = node.resume and folder is not None and is_started(folder)
         folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
         node.get_logger().info(f"learning {config.environment.id}; the results are in {folder.resolve()}")
         is_robot = node.runner.is_robot

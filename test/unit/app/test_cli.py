@@ -140,9 +140,7 @@ def test_an_option_out_of_range_gives_one_line(rkhs: Run, option: str, value: st
     ("content", "message"),
     [(b"a: [1\nb: }", "cannot be parsed"), (b"\xff\xff", "cannot be parsed"), (b"", "expected sections")],
 )
-def test_an_invalid_configuration_gives_one_line(
-    rkhs: Run, tmp_path: Path, content: bytes, message: str
-) -> None:
+def test_an_invalid_configuration_gives_one_line(rkhs: Run, tmp_path: Path, content: bytes, message: str) -> None:
     (tmp_path / "bad.yaml").write_bytes(content)
     assert_refused(rkhs("train", "bad.yaml", *SHORT), message)
     assert contents(tmp_path) == {tmp_path / "bad.yaml": content}

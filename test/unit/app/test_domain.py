@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from rkhs_ros.app.domain import VARIABLE, domain_of, own_domain
+from rkhs_ros.app.domain import VARIABLE, domain_of, reserved_domain
 from rkhs_ros.base.lock import locked
 
 
@@ -18,9 +18,9 @@ def test_parallel_runs_have_distinct_domains_in_their_folders(tmp_path: Path) ->
     one, other = tmp_path / "one", tmp_path / "other"
     one.mkdir()
     other.mkdir()
-    with own_domain(one):
+    with reserved_domain(one):
         assert domain_of(one) == os.environ.pop(VARIABLE)
-        with own_domain(other):
+        with reserved_domain(other):
             assert domain_of(other) == os.environ[VARIABLE] != domain_of(one)
         os.environ[VARIABLE] = ""  # removed at the end
     assert VARIABLE not in os.environ
@@ -30,12 +30,12 @@ def test_parallel_runs_have_distinct_domains_in_their_folders(tmp_path: Path) ->
 
 
 def test_a_rejected_run_preserves_the_domain_of_the_active_one(tmp_path: Path) -> None:
-    with own_domain(tmp_path):
+    with reserved_domain(tmp_path):
         domain = domain_of(tmp_path)
         with (
             locked(tmp_path),  # like the learner of the run
             pytest.raises(ValueError, match="expected a free run folder, got one in use by another process"),
-            own_domain(tmp_path),
+            reserved_domain(tmp_path),
         ):
             pass
         assert domain_of(tmp_path) == domain

@@ -65,9 +65,7 @@ def begun(rkhs: Rkhs, monkeypatch: pytest.MonkeyPatch) -> Path:
     ids=" ".join,
 )
 @pytest.mark.usefixtures("begun")
-def test_data_files_cannot_import_modules_from_the_current_folder(
-    rkhs: Rkhs, command: tuple[str, ...]
-) -> None:
+def test_data_files_cannot_import_modules_from_the_current_folder(rkhs: Rkhs, command: tuple[str, ...]) -> None:
     assert_refused(rkhs(*command), REFUSAL)
     assert not Path("imported").exists()
     assert REFUSAL not in rkhs(*command, "--trust").err  # rendering also needs an environment with pictures

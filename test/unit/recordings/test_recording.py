@@ -325,9 +325,7 @@ def test_a_resumed_run_copies_a_damaged_recording(tmp_path: Path, damaged: int) 
     assert (file.parent / "recording_damaged_1.mcap").read_bytes() == content
 
 
-def test_a_recorded_run_does_not_resume_without_its_recording(
-    tmp_path: Path, rkhs: Callable[..., Result]
-) -> None:
+def test_a_recorded_run_does_not_resume_without_its_recording(tmp_path: Path, rkhs: Callable[..., Result]) -> None:
     file = recorded_run(tmp_path / "run", longer(2))
     file.unlink()
     more = ("train", "--resume", "run", "--runner", "inline", "--quiet", "--iterations", 3)
@@ -351,9 +349,7 @@ def test_a_pipe_or_a_device_is_rejected_as_a_recording(
         assert_refused(rkhs(*command), "run/recording.mcap: expected a regular file, got a pipe, a device or a socket")
 
 
-def test_errors_mention_a_damaged_header_or_episode(
-    tmp_path: Path, rkhs: Callable[..., Result]
-) -> None:
+def test_errors_mention_a_damaged_header_or_episode(tmp_path: Path, rkhs: Callable[..., Result]) -> None:
     file = recorded_run(tmp_path / "run", longer(1, episodes_per_iteration=1, evaluate_every=0))
     whole = file.read_bytes()
     for command, damaged, message in (

@@ -164,7 +164,7 @@ def test_a_changed_byte_after_the_data_has_no_effect(whole: Path, tmp_path: Path
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(4))
-def test_a_recording_with_a_changed_byte_is_read_or_rejected_in_one_line(whole: Path, tmp_path: Path, part: int) -> None:
+def test_a_recording_with_a_changed_byte_is_read_or_rejected(whole: Path, tmp_path: Path, part: int) -> None:
     content, path = whole.read_bytes(), tmp_path / "changed.mcap"
     for place in range(part, len(content), 16):
         path.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 import rkhs_ros
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.rollouts.environments import env_batch_of, name_of, own_horizon, spec_of
+from rkhs_ros.rollouts.environments import env_batch_of, name_of, spec_of, time_limit
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 
@@ -210,14 +210,14 @@ gymnasium.register("Still-v0", "%s:Still", max_episode_steps=7)
 """
 
 
-def test_a_module_in_the_folder_is_imported_for_its_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_module_in_the_folder_is_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.path", list(__import__("sys").path))
     (tmp_path / "still_life.py").write_text(MODULE % "still_life")
     simulation = Simulation("still_life:Still-v0")
     assert (simulation.spaces.observation_dim, simulation.spaces.action_dim) == (3, 2)
     assert simulation.environment == "still_life:Still-v0"
-    assert own_horizon("still_life:Still-v0") == 7
+    assert time_limit("still_life:Still-v0") == 7
     with pytest.raises(
         ValueError, match=r"unknown environment 'still_life:Stil-v0', did you mean 'still_life:Still-v0'\?"
     ):
@@ -234,7 +234,7 @@ def test_environments_are_named_by_id_or_class() -> None:
     assert name_of("test/Countdown-v0") == "test/Countdown-v0"
     assert name_of(gymnasium.make("test/Countdown-v0")) == "test/Countdown-v0"
     assert name_of(Countdown()) == name_of(Countdown) == "Countdown"
-    assert own_horizon(Countdown()) is None
+    assert time_limit(Countdown()) is None
     assert env_batch_of(Countdown()).capacity(5) == 1
 
 

@@ -21,9 +21,7 @@ def runner() -> InlineRunner:
     return InlineRunner(Simulation("rkhs/Pendulum-v0"))
 
 
-def test_episodes_align_observations_actions_and_rewards(
-    runner: InlineRunner, random_policy: MakePolicy
-) -> None:
+def test_episodes_align_observations_actions_and_rewards(runner: InlineRunner, random_policy: MakePolicy) -> None:
     policy, batch = random_policy(n=1), Batch(3, 20, 2, 6, explore=True)
     episodes = runner.collect(policy, batch)
     task, exploration = Pendulum(2), batch.exploration(1)

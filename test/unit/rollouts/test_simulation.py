@@ -104,9 +104,7 @@ def test_a_gymnasium_environment_is_simulated() -> None:
         ("", "unknown environment ''"),
     ],
 )
-def test_unknown_or_discrete_environments_are_rejected_in_one_line(
-    environment: str, message: str
-) -> None:
+def test_unknown_or_discrete_environments_are_rejected_in_one_line(environment: str, message: str) -> None:
     with pytest.raises(ValueError, match=message) as refusal:
         Simulation(environment)
     assert "\n" not in str(refusal.value)
@@ -133,9 +131,7 @@ def test_discrete_observations_are_rejected() -> None:
         ("FrozenLake-v1", {"map_name": "zzz"}, r"environment\.options: expected options of FrozenLake-v1"),
     ],
 )
-def test_invalid_options_are_rejected_in_one_line(
-    environment: str, options: dict[str, Any], message: str
-) -> None:
+def test_invalid_options_are_rejected_in_one_line(environment: str, options: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message) as refusal:
         Simulation(environment, options)
     assert "\n" not in str(refusal.value)

@@ -60,9 +60,7 @@ def test_every_attempt_is_stored_and_drawn(tmp_path: Path, runner: InlineRunner)
 @pytest.mark.parametrize(
     ("damage", "left"), [(lambda path: None, 12), (lambda path: path.write_bytes(b"PK"), 6), (Path.unlink, 6)]
 )
-def test_a_resumed_run_stores_each_attempt_once(
-    tmp_path: Path, runner: InlineRunner, damage: Any, left: int
-) -> None:
+def test_a_resumed_run_stores_each_attempt_once(tmp_path: Path, runner: InlineRunner, damage: Any, left: int) -> None:
     whole = run_training(CONFIG, runner, tmp_path / "whole", quiet=True)
     begun = replace(CONFIG, training=replace(TRAINING, iterations=2))
     run_training(begun, runner, tmp_path / "begun", quiet=True)

@@ -385,7 +385,7 @@ def test_the_last_two_and_the_newest_synced_checkpoints_stay(folder: Path, state
     assert stored == [[1], [1, 2], [2, 3], [3, 4], [4, 5], [4, 5, 6], [4, 6, 7], [7, 8], [8, 9], [9, 10]]
 
 
-def test_the_checkpoint_of_a_resumed_run_is_synced_and_stays(folder: Path, states: list[State], synced: list[str]) -> None:
+def test_the_checkpoint_of_a_resumed_run_is_synced(folder: Path, states: list[State], synced: list[str]) -> None:
     write(folder, *states[:2])
     checkpoints = Checkpoints(folder, CONFIG, clock=Clock())
     state = checkpoints.newest(1)

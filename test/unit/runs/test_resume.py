@@ -77,9 +77,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
 
 
 @pytest.mark.parametrize("batches", range(8))
-def test_a_run_stopped_anywhere_resumes_bit_identically(
-    tmp_path: Path, whole: dict[str, object], batches: int
-) -> None:
+def test_a_run_stopped_anywhere_resumes_bit_identically(tmp_path: Path, whole: dict[str, object], batches: int) -> None:
     folder = stopped(tmp_path / "run", batches)
     assert len(Curve(folder / "curve.csv").rows()) == batches // 2
     left = Stopping(8 - batches // 2 * 2)  # no finished iteration is repeated
@@ -87,9 +85,7 @@ def test_a_run_stopped_anywhere_resumes_bit_identically(
 
 
 @pytest.mark.parametrize("batches", range(5))
-def test_episodes_that_ran_ahead_of_a_stop_are_repeated(
-    tmp_path: Path, whole: dict[str, object], batches: int
-) -> None:
+def test_episodes_that_ran_ahead_of_a_stop_are_repeated(tmp_path: Path, whole: dict[str, object], batches: int) -> None:
     folder = stopped(tmp_path / "run", batches, num_envs=3)
     done = max(batches - 1, 0)
     assert len(Curve(folder / "curve.csv").rows()) == done
@@ -273,7 +269,7 @@ def test_a_curve_truncated_at_any_byte_has_its_complete_lines(tmp_path: Path) ->
         (b"0.75\r\n", b"0.75\rx", 4),
     ],
 )
-def test_a_damaged_line_of_a_curve_is_rejected_with_its_number(tmp_path: Path, old: bytes, new: bytes, line: int) -> None:
+def test_a_damaged_line_of_a_curve_is_rejected_by_number(tmp_path: Path, old: bytes, new: bytes, line: int) -> None:
     curve = Curve(tmp_path / "curve.csv")
     curve.begin(ROWS)
     content = curve.path.read_bytes()
@@ -321,7 +317,7 @@ def test_a_run_of_other_code_resumes_if_allowed_and_records_it(
     first, second = read_recording(folder).heads
     assert first.versions != second.versions
     assert f"rkhs_ros {__version__}+other" in second.versions
-    assert rkhs("train", "--resume", "run", *INLINE, "--iterations", 5).code == 0  # config.yaml records the change, so that the option is needed only once
+    assert rkhs("train", "--resume", "run", *INLINE, "--iterations", 5).code == 0  # the option is needed only once
     assert (folder / "config.yaml").read_text().splitlines()[:2] == [began, went_on]
     assert rkhs("replay", "run", "--quiet").out == "all 5 updates are bit-identical\n"
     assert [row.iteration for row in Recorded(folder).rows] == [1, 2, 3, 4, 5]
@@ -500,18 +496,18 @@ def test_the_command_rejects_changed_settings(rkhs: Cli, tmp_path: Path) -> None
     assert contents(tmp_path) == before
 
 
-def test_over_topics_the_learner_gets_the_resume_parameter(rkhs: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_over_topics_the_learner_resumes(rkhs: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = stopped(tmp_path / "run", 5)
-    launched: list[Any] = []
+    received: list[Any] = []
 
     def launched(*arguments: Any, **keywords: Any) -> int:
-        launched.extend([*arguments, keywords])
+        received.extend([*arguments, keywords])
         return 0
 
     monkeypatch.setattr(train, "launch", launched)
-    monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))  # as if the interfaces were built
+    monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))  # as if built
     assert rkhs("train", "--resume", "run", "--runner", "ros", "--quiet", "--simulators", 2)[0] == 0
-    parameters, more, keywords = launched
+    parameters, more, keywords = received
     (tmp_path / "given.yaml").write_text(parameters)
     assert load_config(tmp_path / "given.yaml") == longer(4, simulators=2)
     learner = {"output": str(folder), "quiet": True, "resume": True, "provenance_may_change": False, "record": False}
