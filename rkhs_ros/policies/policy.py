@@ -28,6 +28,12 @@ class Policy:
 
     Raises:
         ValueError: the dimensions of the policy and the spaces differ.
+
+    Example::
+
+        policy = rkhs_ros.load("policy.npz")
+        policy.reset()
+        action = policy(observation)
     """
 
     def __init__(self, gaussian: GaussianPolicy, task: Task, spaces: Spaces) -> None:

@@ -30,7 +30,13 @@ class Term(NamedTuple):
 
 
 class Kernel(NamedFields, ABC):
-    """A positive semi-definite function of two points that is evaluated on all pairs of two sets."""
+    """A positive semi-definite function of two points that is evaluated on all pairs of two sets.
+
+    Example::
+
+        kernel = RBF((0.5, 2.0)) + Polynomial(offset=1.0, degree=2)
+        gram = kernel(x, y)  # shape (n, m)
+    """
 
     @abstractmethod
     def __call__(self, x: Array, y: Array) -> Array:

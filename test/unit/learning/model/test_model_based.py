@@ -110,10 +110,10 @@ class Odd(gymnasium.Env[Any, Any]):
     """A degenerate task: an action changes two numbers in a way that the test selects.
 
     Args:
-        lengths: steps of its episodes, one after another, again and again; 0 for without an end.
-        constant: which of observations and rewards do not change.
+        lengths: lengths of consecutive episodes, repeated; 0 for episodes without an end.
+        constant: "observations" or "rewards" if these are constant.
         bounded: whether the action has bounds.
-        clock: whether the second number merely counts, by a step that rounds.
+        clock: whether the second number is a step counter, with an increment that rounds.
     """
 
     def __init__(
