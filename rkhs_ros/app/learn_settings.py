@@ -14,7 +14,7 @@ from rkhs_ros.rkhs.kernels import Kernel
 
 
 class LearnSettings(TypedDict, total=False):
-    """Keywords of `train` and `learn`; those that are not given have the defaults of `rkhs_ros.runs.defaults`.
+    """Keywords of ``train`` and `learn`; those that are not given have the defaults of `rkhs_ros.runs.defaults`.
 
     Attributes:
         name: name of the run.

@@ -80,7 +80,7 @@ def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy |
     Args:
         training: the learner's settings.
         spaces: spaces of the task.
-        warm_start: initial policy, for example from `rkhs imitate`; its mean is used, with the settings' exploration.
+        warm_start: initial policy, for example from ``rkhs imitate``; its mean is used, with the settings' exploration.
 
     Raises:
         ValueError: the settings or the initial policy do not match the task.
