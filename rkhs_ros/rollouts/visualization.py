@@ -68,26 +68,26 @@ class BodyTrajectories(Protocol):
 
     Attributes:
         times: times in seconds, shape (k,).
-        places: positions of the centres in metres, shape (k, bodies, 3).
-        turns: orientations as unit quaternions w, x, y, z, shape (k, bodies, 4).
+        positions: of the centres, in metres, shape (k, bodies, 3).
+        orientations: unit quaternions w, x, y, z, shape (k, bodies, 4).
     """
 
     @property
     def times(self) -> Array: ...  # noqa: D102
     @property
-    def places(self) -> Array: ...  # noqa: D102
+    def positions(self) -> Array: ...  # noqa: D102
     @property
-    def turns(self) -> Array: ...  # noqa: D102
+    def orientations(self) -> Array: ...  # noqa: D102
 
 
 @runtime_checkable
 class ShowsBodies(Protocol):
     """Task whose episodes can be shown in 3D."""
 
-    def eye(self) -> tuple[float, float, float]:
+    def view_direction(self) -> tuple[float, float, float]:
         """Return the direction from the scene to the camera, of any length."""
 
-    def room(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    def bounds(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """Return the lower and the upper corner of the bounding box of the scene, in metres."""
 
     def bodies(self) -> Sequence[Body]:

@@ -42,8 +42,8 @@ class Poses(NamedTuple):
     """The pose of each body at each step; implements `rkhs_ros.rollouts.visualization.BodyTrajectories`."""
 
     times: Array
-    places: Array
-    turns: Array
+    positions: Array
+    orientations: Array
 
 
 def three(values: Array) -> tuple[float, float, float]:

@@ -34,7 +34,7 @@ class RobotScene:
         bodies: bodies of the robot.
         task: task of the robot: its sensors and its action.
         gate: settings of the gate: the commanded joints and their velocity limits.
-        observations: observations of an episode, which determines the room, shape (steps, d).
+        observations: observations of an episode, which determines the bounds, shape (steps, d).
         actions: actions of that episode, shape (steps, n).
     """
 
@@ -45,15 +45,15 @@ class RobotScene:
         self._velocity = np.array(gate.get("limits", {}).get("velocity") or np.inf)
         self._sensed = sensed_joints(task)
         self._points = sensed_points(task)
-        self._room = self._around(self.motion(observations, actions))
+        self._bounds = self._around(self.motion(observations, actions))
 
-    def eye(self) -> tuple[float, float, float]:
+    def view_direction(self) -> tuple[float, float, float]:
         """Return the viewing direction: from the robot towards the viewer."""
         return EYE
 
-    def room(self) -> tuple[Point, Point]:
+    def bounds(self) -> tuple[Point, Point]:
         """Return the lower and the upper corner of the box around the first episode."""
-        return self._room
+        return self._bounds
 
     def bodies(self) -> list[Surface | Primitive]:
         """Return the bodies of the robot and a ball for each sensed point."""
@@ -66,9 +66,9 @@ class RobotScene:
         frames = np.stack(self._bodies.frames(self._positions(observations, actions), count), axis=1)
         points = self._placed(observations)[:, : len(SHADES)]
         still = np.broadcast_to(NO_TURN, (*points.shape[:2], 4))
-        places = np.concatenate([frames[..., :3, 3], points], axis=1)
-        turns = np.concatenate([SO3.from_matrix(frames[..., :3, :3]).wxyz, still], axis=1)
-        return Poses(self._task.period * np.arange(count, dtype=np.float64), places, turns)
+        positions = np.concatenate([frames[..., :3, 3], points], axis=1)
+        orientations = np.concatenate([SO3.from_matrix(frames[..., :3, :3]).wxyz, still], axis=1)
+        return Poses(self._task.period * np.arange(count, dtype=np.float64), positions, orientations)
 
     def _positions(self, observations: Array, actions: Array) -> dict[str, Array]:
         """Return the positions of all sensed or commanded joints, by name, shape (steps,) each."""
@@ -105,8 +105,8 @@ class RobotScene:
 
     def _around(self, motion: Poses) -> tuple[Point, Point]:
         ends = [_ends(body) for body in self.bodies()]
-        turned = SO3(motion.turns).as_matrix()
-        corners = [turned[:, i] @ end.T + motion.places[:, i, :, None] for i, end in enumerate(ends)]
+        turned = SO3(motion.orientations).as_matrix()
+        corners = [turned[:, i] @ end.T + motion.positions[:, i, :, None] for i, end in enumerate(ends)]
         low = np.min([corner.min(axis=(0, 2)) for corner in corners], axis=0) - MARGIN_M
         high = np.max([corner.max(axis=(0, 2)) for corner in corners], axis=0) + MARGIN_M
         return three(low), three(high)

@@ -39,14 +39,14 @@ class Stage:
 
     def __init__(self, server: ViserServer, task: ShowsBodies) -> None:
         self._server = server
-        self._eye = np.array(task.eye()) / np.linalg.norm(task.eye())
+        self._eye = np.array(task.view_direction()) / np.linalg.norm(task.view_direction())
         self._right = np.cross(-self._eye, (0.0, 0.0, 1.0))
         self._right /= np.linalg.norm(self._right)
         self._up = np.cross(self._right, -self._eye)
         self._bodies = task.bodies()
         self._light(server.scene)
         self._handles = [_added(server.scene, f"/task/{i}", body) for i, body in enumerate(self._bodies)]
-        self._arrange(*np.array(task.room()))
+        self._arrange(*np.array(task.bounds()))
         self._backdrop: Any = None
         self._picture: Any = None
         self._mark: Any = None
@@ -113,7 +113,7 @@ class Stage:
             for i, handle in enumerate(self._handles):
                 handle.visible = motion is not None
                 if motion is not None:
-                    _move(handle, motion.places[frame, i], motion.turns[frame, i])
+                    _move(handle, motion.positions[frame, i], motion.orientations[frame, i])
             if self._mark is not None and len(self._points):
                 across, up = self._points[min(step, len(self._points) - 1)] - 0.5
                 place = self._middle + across * self._width * self._right + up * self._height * self._up

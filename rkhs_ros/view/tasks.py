@@ -54,7 +54,7 @@ def scene_of(task: Task) -> ShowsBodies | None:
     """Return the task if its class defines a 3D scene; return None without creating it otherwise."""
     with suppress(Exception):  # user code that the page can do without
         for maker in _makers(task):
-            if all(hasattr(maker, name) for name in ("eye", "room", "bodies", "motion")):
+            if all(hasattr(maker, name) for name in ("view_direction", "bounds", "bodies", "motion")):
                 made = maker(**task.options)
                 return made if isinstance(made, ShowsBodies) else None
     return None

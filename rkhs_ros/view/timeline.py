@@ -35,11 +35,11 @@ class Timeline:
     def __init__(self, names: Names) -> None:
         self._names = names
 
-    def eye(self) -> tuple[float, float, float]:
+    def view_direction(self) -> tuple[float, float, float]:
         """Return the viewing direction: from the picture towards the viewer."""
         return (0.0, -1.0, 0.1)
 
-    def room(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    def bounds(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """Return the lower and the upper corner of the picture."""
         return (-EDGE, 0.0, -EDGE), (EDGE, 0.0, EDGE)
 
@@ -52,9 +52,9 @@ class Timeline:
         count = len(observations)
         part = LEFT + (RIGHT - LEFT) * (np.arange(count) + 0.5) / count
         across, middle = EDGE * (2 * part - 1), EDGE * (BOTTOM + TOP - 1)
-        places = np.stack([across, np.full(count, -0.02), np.full(count, middle)], axis=1)[:, None]
-        turns = np.broadcast_to(NO_TURN, (count, 1, 4))
-        return Poses(STEP_S * np.arange(count, dtype=np.float64), places, turns)
+        positions = np.stack([across, np.full(count, -0.02), np.full(count, middle)], axis=1)[:, None]
+        orientations = np.broadcast_to(NO_TURN, (count, 1, 4))
+        return Poses(STEP_S * np.arange(count, dtype=np.float64), positions, orientations)
 
     def backdrop(self, observations: Array, actions: Array) -> NDArray[np.uint8]:
         """Return the picture of an episode, RGB of shape (height, width, 3)."""

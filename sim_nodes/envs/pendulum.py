@@ -81,11 +81,11 @@ class Pendulum(VectorTask):
         axes.text(1.3, -1.15, f"torque {torque:+.2f}", ha="right", fontsize=12)
         axes.set(xlim=(-1.4, 1.4), ylim=(-1.25, 1.25), aspect="equal")
 
-    def eye(self) -> tuple[float, float, float]:
+    def view_direction(self) -> tuple[float, float, float]:
         """Return the direction from which it is looked at."""
         return (0.0, -1.0, 0.12)
 
-    def room(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    def bounds(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """Return the corners of the box in which it turns."""
         return (-1.1, 0.0, -1.1), (1.1, 0.0, 1.1)
 
@@ -107,12 +107,12 @@ class Pendulum(VectorTask):
         angles = np.concatenate([np.stack([theta, theta, 0 * theta, 0 * theta], axis=1), arc], axis=1)
         radii = np.array([0.5, 1.0, 0.0, 0.55, *[0.5] * BEADS])
         depth = np.array([0.0, 0.0, 0.0, 0.1, *[-0.12] * BEADS])
-        places = np.stack(
+        positions = np.stack(
             [radii * np.sin(angles), np.broadcast_to(depth, angles.shape), radii * np.cos(angles)], axis=2
         )
-        turns = np.array(upright(places))
-        turns[:, 0, 0], turns[:, 0, 2] = np.cos(theta / 2), np.sin(theta / 2)
-        return BodyTrajectories(self.step_seconds * np.arange(len(theta), dtype=np.float64), places, turns)
+        orientations = np.array(upright(positions))
+        orientations[:, 0, 0], orientations[:, 0, 2] = np.cos(theta / 2), np.sin(theta / 2)
+        return BodyTrajectories(self.step_seconds * np.arange(len(theta), dtype=np.float64), positions, orientations)
 
     def _bound(self, columns: Array) -> None:
         if self.angle == "wrap":

@@ -64,11 +64,11 @@ class Toy(VectorTask):
         axes.text(0.0, -0.6, f"at {place:+.2f}, told {action[0]:+.2f}", ha="center", fontsize=13)
         axes.set(xlim=(-5.2, 5.2), ylim=(-1.0, 1.0))
 
-    def eye(self) -> tuple[float, float, float]:
+    def view_direction(self) -> tuple[float, float, float]:
         """Return the direction from which it is looked at."""
         return (0.0, -1.0, 0.2)
 
-    def room(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    def bounds(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """Return the corners of the box in which the point moves."""
         return (-4.5, 0.0, -0.3), (4.5, 0.0, 1.0)
 
@@ -87,5 +87,7 @@ class Toy(VectorTask):
         along = [0 * place, 0 * place + GOAL, place, place + np.linspace(0.0, 1.0, BEADS) * actions[:, :1]]
         x = np.concatenate(along, axis=1)
         height = np.array([-0.05, 0.0, 0.25, *[0.75] * BEADS])
-        places = np.stack([x, 0 * x, np.broadcast_to(height, x.shape)], axis=2)
-        return BodyTrajectories(self.step_seconds * np.arange(len(place), dtype=np.float64), places, upright(places))
+        positions = np.stack([x, 0 * x, np.broadcast_to(height, x.shape)], axis=2)
+        return BodyTrajectories(
+            self.step_seconds * np.arange(len(place), dtype=np.float64), positions, upright(positions)
+        )

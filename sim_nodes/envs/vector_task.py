@@ -60,18 +60,18 @@ class BodyTrajectories(NamedTuple):
 
     Attributes:
         times: of each moment, in seconds, shape (k,).
-        places: of the middles, in metres, shape (k, bodies, 3).
-        turns: unit quaternions w, x, y, z, shape (k, bodies, 4).
+        positions: of the middles, in metres, shape (k, bodies, 3).
+        orientations: unit quaternions w, x, y, z, shape (k, bodies, 4).
     """
 
     times: Array
-    places: Array
-    turns: Array
+    positions: Array
+    orientations: Array
 
 
-def upright(places: Array) -> Array:
-    """Return the turns of bodies that do not turn, for places of shape (k, bodies, 3)."""
-    return np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*places.shape[:2], 4))
+def upright(positions: Array) -> Array:
+    """Return the orientations of bodies that do not turn, for positions of shape (k, bodies, 3)."""
+    return np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*positions.shape[:2], 4))
 
 
 class VectorTask(VectorEnv[Array, Array, Any]):

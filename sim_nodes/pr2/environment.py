@@ -189,11 +189,11 @@ class PR2Door(VectorTask):
         """Return the robot's URDF."""
         return robot.urdf()
 
-    def eye(self) -> tuple[float, float, float]:
+    def view_direction(self) -> tuple[float, float, float]:
         """Return the direction from which it is looked at: behind the robot, on the side of its right arm."""
         return (-0.75, -1.0, 0.55)
 
-    def room(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    def bounds(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """Return the corners of the box from the robot's back to the wall."""
         return (-0.4, -0.9, 0.0), (0.9, 1.0, 2.2)
 

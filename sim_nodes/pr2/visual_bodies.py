@@ -13,7 +13,7 @@ from sim_nodes.pr2.kinematics import rotation_about
 from sim_nodes.pr2.robot import Joint, Link, Vector
 
 Array = NDArray[np.float64]
-Frames = tuple[Array, Array]  # places (k, 3) and rotations (k, 3, 3)
+Frames = tuple[Array, Array]  # positions (k, 3) and rotations (k, 3, 3)
 
 ROBOT = (*robot.FIXED, robot.TORSO, *robot.MOVING)
 
@@ -46,14 +46,14 @@ def motion(
         *_placed(robot.LINKS, ROBOT, robot_joints, stand),
         *_placed(door.LINKS, door.JOINTS, door_joints, frame),
     ]
-    places, turns = (np.stack(each, axis=1) for each in zip(*placed, strict=True))
-    return BodyTrajectories(period * np.arange(count, dtype=np.float64), places, turns)
+    positions, orientations = (np.stack(each, axis=1) for each in zip(*placed, strict=True))
+    return BodyTrajectories(period * np.arange(count, dtype=np.float64), positions, orientations)
 
 
 def _placed(
     links: Sequence[Link], joints: Sequence[Joint], positions: Mapping[str, Array], root: Frames
 ) -> Iterator[Frames]:
-    """Yield the places and quaternions of each box, in the order of the links."""
+    """Yield the positions and quaternions of each box, in the order of the links."""
     frames = {links[0].name: root}
     waiting = {joint.child: joint for joint in joints}
     for link in links:

@@ -21,12 +21,12 @@ def test_the_boxes_are_where_the_simulator_has_them() -> None:
     motion = task.motion(observation[None], action[None])
     places, turns = boxes(task, observation * POSE_SD)
     links = [link.name for link in (*robot.LINKS, *door.LINKS) for _ in visual_bodies._boxes(link)]
-    assert len(links) == len(task.bodies()) == motion.places.shape[1]
+    assert len(links) == len(task.bodies()) == motion.positions.shape[1]
     for name in SHOWN:
         column = links.index(name)  # the first box of a link is its own
-        assert np.abs(motion.places[:, column] - places[name]).max() < 1e-6
-        assert np.abs(np.abs((motion.turns[:, column] * turns[name]).sum(axis=1)) - 1.0).max() < 1e-6
-    assert np.ptp(motion.turns[:, links.index("panel")], axis=0).max() > 0.05  # the door opens
+        assert np.abs(motion.positions[:, column] - places[name]).max() < 1e-6
+        assert np.abs(np.abs((motion.orientations[:, column] * turns[name]).sum(axis=1)) - 1.0).max() < 1e-6
+    assert np.ptp(motion.orientations[:, links.index("panel")], axis=0).max() > 0.05  # the door opens
     task.close()
 
 

@@ -261,16 +261,16 @@ def test_tasks_define_a_scene(environment: str) -> None:
     assert isinstance(task, ShowsBodies)
     observations = np.linspace(-1, 1, 14).reshape(7, -1)
     motion = task.motion(observations, np.ones((7, 1)))
-    assert motion.places.shape == (len(motion.times), len(task.bodies()), 3)
-    assert np.allclose(np.linalg.norm(motion.turns, axis=2), 1.0)
+    assert motion.positions.shape == (len(motion.times), len(task.bodies()), 3)
+    assert np.allclose(np.linalg.norm(motion.orientations, axis=2), 1.0)
 
 
 def test_the_rod_points_along_the_angle() -> None:
     task = scene_of(Task("rkhs/Pendulum-v0", {"angle": "wrap"}, 10, 0.99))
     motion = task.motion(np.array([[0.0, 0.0], [np.pi / 2, 0.0], [np.pi, 0.0]]), np.zeros((3, 1)))
-    weight = motion.places[:, 1]
+    weight = motion.positions[:, 1]
     assert np.allclose(weight, [[0, 0, 1], [1, 0, 0], [0, 0, -1]], atol=1e-12)
-    axis = viser.transforms.SO3(motion.turns[:, 0]).as_matrix()[:, :, 2]  # of the rod
+    axis = viser.transforms.SO3(motion.orientations[:, 0]).as_matrix()[:, :, 2]  # of the rod
     assert np.allclose(axis, weight, atol=1e-12)
 
 
@@ -279,10 +279,10 @@ def test_a_task_without_a_scene_is_not_created_and_has_a_timeline() -> None:
     assert scene_of(Task("nobody/Knows-v0", {}, 10, 0.99)) is None
     timeline = Timeline(names_of(SimpleNamespace(environment="?"), 20, 2))
     motion = timeline.motion(np.arange(100.0).reshape(5, 20), np.zeros((5, 2)))
-    assert motion.places.shape == (5, len(timeline.bodies()), 3)
-    assert (np.diff(motion.places[:, 0, 0]) > 0).all()
-    low, high = np.array(timeline.room())
-    assert ((motion.places[..., ::2] > low[::2]) & (motion.places[..., ::2] < high[::2])).all()
+    assert motion.positions.shape == (5, len(timeline.bodies()), 3)
+    assert (np.diff(motion.positions[:, 0, 0]) > 0).all()
+    low, high = np.array(timeline.bounds())
+    assert ((motion.positions[..., ::2] > low[::2]) & (motion.positions[..., ::2] < high[::2])).all()
 
 
 def test_durations_have_rounded_units() -> None:

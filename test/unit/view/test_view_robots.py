@@ -149,15 +149,17 @@ def test_the_arm_has_the_frames_of_its_physics_engine(episode: tuple[Array, Arra
     for step in range(len(actions)):
         body = arm_body.ArmBody(240.0, at(scene, commanded))
         state = body._client.getLinkState(body._body, 8, computeForwardKinematics=True)  # the hand
-        assert np.allclose(motion.places[step, 8], state[4], atol=1e-6)
+        assert np.allclose(motion.positions[step, 8], state[4], atol=1e-6)
         for joint, asked in zip(joints, task().action.command(actions[step]), strict=True):
             commanded[joint] += np.clip(asked - commanded[joint], -2.0 * task().period, 2.0 * task().period)
         x, y, z, w = state[5]
-        assert np.allclose(SO3(motion.turns[step, 8]).as_matrix(), SO3(np.array([w, x, y, z])).as_matrix(), atol=1e-5)
-    assert np.allclose(motion.places[:, -2], [0.5, 0.1, 0.45])  # the mark; its unobserved x is that of the tool
-    low, high = scene.room()
-    assert (motion.places > low).all()
-    assert (motion.places < high).all()
+        assert np.allclose(
+            SO3(motion.orientations[step, 8]).as_matrix(), SO3(np.array([w, x, y, z])).as_matrix(), atol=1e-5
+        )
+    assert np.allclose(motion.positions[:, -2], [0.5, 0.1, 0.45])  # the mark; its unobserved x is that of the tool
+    low, high = scene.bounds()
+    assert (motion.positions > low).all()
+    assert (motion.positions < high).all()
 
 
 def test_sensed_joints_are_found_in_the_observation() -> None:
