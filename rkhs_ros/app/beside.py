@@ -14,7 +14,7 @@ from rkhs_ros.base.ros import require_ros
 
 def add_folder(parser: argparse.ArgumentParser) -> None:
     """Declare the argument that names the run."""
-    about = "folder of an active run, which names the ROS domain of its nodes (the domain of ROS_DOMAIN_ID)"
+    about = "folder of an active run, which names the ROS domain of its nodes (default: domain of ROS_DOMAIN_ID)"
     parser.add_argument("folder", type=Path, nargs="?", metavar="DIR", help=about)
 
 

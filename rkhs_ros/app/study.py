@@ -23,7 +23,9 @@ KILLED = "its worker process, or another one, was killed"
 
 def add_worker_arguments(parser: argparse.ArgumentParser, what: str = "runs") -> None:
     """Declare the options that choose the workers."""
-    parser.add_argument("--jobs", type=int, metavar="J", help=f"parallel {what} on this machine (number of cores)")
+    parser.add_argument(
+        "--jobs", type=int, metavar="J", help=f"parallel {what} on this machine (default: number of cores)"
+    )
     parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster instead of this machine")
     parser.add_argument("--ray", metavar="ADDRESS", help="a Ray cluster instead of this machine")
 

@@ -18,7 +18,10 @@ from rkhs_ros.studies.comparison_table import CAPTION, as_csv, as_markdown, as_t
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    out, about = Path("comparison.png"), "picture; the tables are written beside it as .csv and .md (%(default)s)"
+    out, about = (
+        Path("comparison.png"),
+        "picture; the tables are written beside it as .csv and .md (default: %(default)s)",
+    )
     parser.add_argument("folders", type=Path, nargs="+", metavar="DIR", help="a run's folder, or a folder of runs")
     parser.add_argument("--out", type=Path, default=out, metavar="FILE.png", help=about)
 

@@ -27,12 +27,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("policy", type=Path, metavar="DIR|FILE", help="a run's folder, or a policy file")
     parser.add_argument(
-        "--episodes", type=int, metavar="N", help=f"number of episodes ({EPISODES}; {ROBOT_EPISODES} on a robot)"
+        "--episodes",
+        type=int,
+        metavar="N",
+        help=f"number of episodes (default: {EPISODES}; {ROBOT_EPISODES} on a robot)",
     )
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all randomness (%(default)s)")
+    parser.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="seed of all randomness (default: %(default)s)"
+    )
     parser.add_argument("--env", metavar="ID", help="the environment, if its module is not installed")
     add_trust_argument(parser)
-    parser.add_argument("--discount", type=float, metavar="D", help="discount factor of the return (that of the task)")
+    parser.add_argument(
+        "--discount", type=float, metavar="D", help="discount factor of the return (default: that of the task)"
+    )
 
 
 @reads_data

@@ -16,8 +16,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("recording", type=Path, metavar="RECORDING", help="a recording, or the folder of a recorded run")
     add("--lerobot", type=Path, metavar="DIR", required=True, help="new folder for the LeRobotDataset v3.0")
-    add("--fps", type=float, metavar="N", help="steps per second, a whole number (from a robot's time stamps)")
-    add("--task", metavar="TEXT", help="description of the task (the environment's id)")
+    add(
+        "--fps",
+        type=float,
+        metavar="N",
+        help="steps per second, a whole number (default: from the time stamps of a robot)",
+    )
+    add("--task", metavar="TEXT", help="description of the task (default: id of the environment)")
 
 
 @reads_data

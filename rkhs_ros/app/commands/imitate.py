@@ -36,7 +36,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUE",
         help="centres, ridge, and inputs.* and kernel.* as for train",
     )
-    add("--out", type=Path, default=Path("imitated.npz"), metavar="FILE", help="policy file to write (%(default)s)")
+    add(
+        "--out",
+        type=Path,
+        default=Path("imitated.npz"),
+        metavar="FILE",
+        help="policy file to write (default: %(default)s)",
+    )
 
 
 @reads_data

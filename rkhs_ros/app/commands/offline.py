@@ -39,11 +39,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="recordings of one task, and optionally a configuration, *.yaml",
     )
     add("--seed", type=int, metavar="N", help="seed of all randomness")
-    about = "number of times that the policy is trained in the model (%(default)s)"
+    about = "number of times that the policy is trained in the model (default: %(default)s)"
     add("--iterations", type=int, default=ITERATIONS, metavar="N", help=about)
     about = "settings to replace, such as model.centres=300"
     add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help=about)
-    add("--out", type=Path, metavar="DIR", help="folder for the results (results/NAME/TIME)")
+    add("--out", type=Path, metavar="DIR", help="folder for the results (default: results/NAME/TIME)")
     add_trust_argument(parser)
     add("--quiet", action="store_true", help="no progress bar")
 

@@ -16,10 +16,14 @@ from rkhs_ros.pictures.film_files import animate, draw_strip
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("policy", type=Path, metavar="DIR|FILE", help="a run's folder, or a policy file")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for film.png and film.gif (that of the policy)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all randomness (%(default)s)")
     parser.add_argument(
-        "--frames", type=int, default=USUAL, metavar="N", help="maximum number of pictures (%(default)s)"
+        "--out", type=Path, metavar="DIR", help="folder for film.png and film.gif (default: that of the policy)"
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="seed of all randomness (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--frames", type=int, default=USUAL, metavar="N", help="maximum number of pictures (default: %(default)s)"
     )
     parser.add_argument("--env", metavar="ID", help="the environment, if its module is not installed")
     add_trust_argument(parser)

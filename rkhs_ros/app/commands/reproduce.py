@@ -19,9 +19,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     out = Path("results/reproduce")
     parser.add_argument("figure", metavar="FIGURE", help=f"{', '.join(known())}, or all")
-    parser.add_argument("--runs", type=int, metavar="N", help="independent runs per curve (as in the paper)")
+    parser.add_argument("--runs", type=int, metavar="N", help="independent runs per curve (default: as in the paper)")
     add_worker_arguments(parser)
-    parser.add_argument("--out", type=Path, default=out, metavar="DIR", help="folder for the results (%(default)s)")
+    parser.add_argument(
+        "--out", type=Path, default=out, metavar="DIR", help="folder for the results (default: %(default)s)"
+    )
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
 
 

@@ -12,7 +12,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder with the CSV files of the figures")
     parser.add_argument(
-        "--out", type=Path, default=Path("results.md"), metavar="FILE", help="page to write (%(default)s)"
+        "--out", type=Path, default=Path("results.md"), metavar="FILE", help="page to write (default: %(default)s)"
     )
 
 

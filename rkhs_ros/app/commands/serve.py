@@ -23,11 +23,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
     add("function", metavar="MODULE:FUNCTION", help="function of an observation that returns an action")
-    add("--episodes", type=int, metavar="N", help="number of episodes (unlimited, until Ctrl-C)")
-    add("--horizon", type=int, metavar="H", help="steps of an episode (that of the task)")
-    add("--seed", type=int, default=0, metavar="N", help="seed of a simulator's randomness (%(default)s)")
+    add("--episodes", type=int, metavar="N", help="number of episodes (default: until Ctrl-C)")
+    add("--horizon", type=int, metavar="H", help="steps of an episode (default: that of the task)")
+    add("--seed", type=int, default=0, metavar="N", help="seed of a simulator's randomness (default: %(default)s)")
     add("--namespace", default="", metavar="NS", help="namespace of the node, such as simulator_1")
-    add("--timeout", type=float, default=10.0, metavar="S", help="seconds to wait for a silent node (%(default)s)")
+    add(
+        "--timeout",
+        type=float,
+        default=10.0,
+        metavar="S",
+        help="seconds to wait for a silent node (default: %(default)s)",
+    )
 
 
 def run(options: argparse.Namespace) -> int:

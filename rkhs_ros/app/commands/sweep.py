@@ -39,12 +39,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("config", type=Path, metavar="CONFIG", help="YAML file; see config/")
     add("--vary", nargs="+", action="extend", required=True, metavar="KEY=V,V", help="settings and their values")
-    add("--seeds", default="0", metavar="SEEDS", help="seeds of the runs at each point, such as 0-9 or 0,2,5 (0)")
+    add(
+        "--seeds",
+        default="0",
+        metavar="SEEDS",
+        help="seeds of the runs at each point, such as 0-9 or 0,2,5 (default: 0)",
+    )
     add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="fixed settings to replace")
     about = "returns; the tables contain the number of episodes until each is reached"
     add("--thresholds", nargs="+", type=float, default=[], metavar="R", help=about)
     add_worker_arguments(parser)
-    about = "folder for the results (results/sweeps/NAME); pass the same folder to continue a sweep"
+    about = "folder for the results (default: results/sweeps/NAME); pass the same folder to continue a sweep"
     add("--out", type=Path, metavar="DIR", help=about)
     add("--quiet", action="store_true", help="no progress bar")
 

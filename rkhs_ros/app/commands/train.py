@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--runner",
         choices=("ros", "composed", "inline"),
         help="ros: three node processes that communicate over topics; composed: simulator and policy node share a "
-        "process; inline: this process only (ros if the interfaces are built, otherwise inline)",
+        "process; inline: this process only (default: ros if the interfaces are built, otherwise inline)",
     )
     add("--seed", type=int, metavar="N", help="seed of all randomness")
     add("--seeds", metavar="SEEDS", help="one run per seed, such as 0-9 or 0,2,5, in the folders DIR/seed_N")
@@ -73,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--simulators", type=int, metavar="K", help="number of simulator nodes that share the episodes")
     about = "settings to replace, such as algorithm.ridge=0.1"
     add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help=about)
-    add("--out", type=Path, metavar="DIR", help="folder for the results (results/NAME/TIME)")
+    add("--out", type=Path, metavar="DIR", help="folder for the results (default: results/NAME/TIME)")
     add(
         "--record",
         nargs="?",

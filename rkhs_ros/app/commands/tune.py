@@ -38,14 +38,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("config", type=Path, metavar="CONFIG", help="YAML file with the initial settings; see config/")
     add("--trials", type=int, required=True, metavar="N", help="total number of trials, including earlier ones")
-    about = "settings to search, such as algorithm.ridge or algorithm.ridge=1e-4:1 (all numbers of algorithm, kernel)"
+    about = (
+        "settings to search, such as algorithm.ridge or algorithm.ridge=1e-4:1 (default: numbers of algorithm, kernel)"
+    )
     add("--over", nargs="+", action="extend", default=[], metavar="KEY", help=about)
-    about = "seeds of the runs of each trial, such as 0-9 or 0,2,5 (%(default)s)"
+    about = "seeds of the runs of each trial, such as 0-9 or 0,2,5 (default: %(default)s)"
     add("--seeds", default="0-2", metavar="SEEDS", help=about)
     add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="fixed settings to replace")
-    add("--storage", metavar="URL", help="database in which Optuna stores the trials (SQLite in the folder)")
+    add("--storage", metavar="URL", help="database in which Optuna stores the trials (default: SQLite in the folder)")
     add_worker_arguments(parser, "trials")
-    about = "folder for the results (results/tuned/NAME); pass the same folder to continue a search"
+    about = "folder for the results (default: results/tuned/NAME); pass the same folder to continue a search"
     add("--out", type=Path, metavar="DIR", help=about)
     add("--quiet", action="store_true", help="no progress bar")
 

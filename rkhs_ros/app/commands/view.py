@@ -38,11 +38,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         nargs="?",
         metavar="DIR|FILE",
-        help="a run's folder, or a recording (the newest run in results/)",
+        help="a run's folder, or a recording (default: newest run in results/)",
     )
     add("--wait", action="store_true", help="wait for a run that is about to start its recording")
-    add("--host", default=HOST, help="address to listen on; 0.0.0.0 admits other machines (%(default)s)")
-    add("--port", type=int, default=PORT, metavar="N", help="port; the next free port is used if taken (%(default)s)")
+    add("--host", default=HOST, help="address to listen on; 0.0.0.0 admits other machines (default: %(default)s)")
+    add(
+        "--port",
+        type=int,
+        default=PORT,
+        metavar="N",
+        help="port; the next free port is used if taken (default: %(default)s)",
+    )
     add_trust_argument(parser)
 
 

@@ -113,7 +113,7 @@ def test_an_interrupted_run_resumes_from_its_checkpoint(
 ) -> None:
     whole = make_table(experiment, tmp_path, runs=1).read_bytes()
     runs = (tmp_path / "runs").iterdir()
-    run = next(run for run in runs if not (run / "checkpoints" / "0000003.npz").exists())  # it has checkpoint 2
+    run = next(run for run in runs if not (run / "checkpoints" / "0000003.npz").exists())  # still has its first
     curve = LearningCurve(run / "curve.csv")
     first, *_ = curve.rows()
     curve.begin([first])
