@@ -23,7 +23,7 @@ VERSION = "v3.0"  # of the format
 DATA = "data/chunk-000/file-000.parquet"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 TASKS = "meta/tasks.parquet"
-# Limits of file sizes in info.json; our files never reach them.
+# Limits of file sizes that info.json declares; we always write a single file.
 FILES = {"chunks_size": 1000, "data_files_size_in_mb": 100, "video_files_size_in_mb": 200}
 PLACES = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}

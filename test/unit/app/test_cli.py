@@ -318,7 +318,7 @@ def test_an_interrupt_during_an_import_gives_one_line(tmp_path: Path) -> None:
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
 
 
-# Where a run is made
+# Choice of the runner
 
 
 @pytest.fixture
@@ -391,7 +391,7 @@ def test_composition_requires_a_single_simulator(
     assert_refused(rkhs("train", config, "--runner", "composed", "--simulators", simulators, "--out", "run"), message)
 
 
-# Pictures and measures of what was learnt
+# Pictures and evaluation of a policy
 
 
 def test_plot_redraws_the_pictures_of_a_run(rkhs: Run, tmp_path: Path) -> None:

@@ -38,11 +38,11 @@ class Robot:
     """Runs and counts single episodes like a robot, discards the first attempt at every third one, and may stop.
 
     Args:
-        episodes: after which it is stopped.
-        discard_every: how many episodes there are for each discarded one.
-        vetoed: whether an episode explores, and its number, of those that are vetoed once they are finished, and run
-            again after the others of their batch.
-        period: of a step, in nanoseconds.
+        episodes: number of episodes after which the robot stops.
+        discard_every: number of episodes per discarded one.
+        vetoed: pairs (explore, number) of episodes that are vetoed after they finish, and repeated after the others of
+            their batch.
+        period: duration of a step, in nanoseconds.
     """
 
     def __init__(

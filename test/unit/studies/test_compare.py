@@ -55,7 +55,7 @@ def curve(runs: int, iterations: int = 6, label: str = "one", seed: int = 0) -> 
     return LearningCurve(label, 10.0 * np.arange(1, iterations + 1), returns, is_evaluation=True)
 
 
-# The numbers
+# Statistics
 
 
 @pytest.mark.parametrize("runs", [4, 7, 20])
@@ -102,7 +102,7 @@ def test_a_single_run_has_no_interval() -> None:
     assert str(single.final) == "3"
 
 
-# What is compared
+# Selection of runs
 
 
 def test_runs_that_differ_only_in_seed_and_name_form_one_curve(tmp_path: Path) -> None:

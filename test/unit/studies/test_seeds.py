@@ -38,7 +38,7 @@ def times(folder: Path) -> dict[Path, int]:
     return {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
 
 
-# What --seeds means
+# Parsing of --seeds
 
 
 @given(st.lists(ranges, min_size=1, max_size=6), st.sampled_from([",", ", ", " ,"]))
@@ -221,7 +221,7 @@ def test_workers_end_when_the_command_is_killed(tmp_path: Path) -> None:
     assert len(at_work) == 2
 
 
-# Refusals
+# Invalid options
 
 
 @pytest.mark.parametrize(
