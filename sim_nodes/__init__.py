@@ -1,1 +1,1 @@
-"""What the learner acts on: tasks as Gymnasium environments, and the node that puts them behind topics."""
+"""Tasks as Gymnasium environments, simulated robots, and the nodes that serve them over topics."""

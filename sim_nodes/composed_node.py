@@ -1,4 +1,4 @@
-"""Simulator and policy node in one process: what they tell each other goes over topics, but over no network."""
+"""Simulator and policy node in one process, which communicate over topics without a network."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from sim_nodes.simulator_node import SimulatorNode
 
 
 def serve_with_policy(simulator: SimulatorNode, stop: Stop) -> None:
-    """Handle the messages of a simulator, and of a policy node beside it, until told to end.
+    """Serve a simulator and a policy node in one process until `stop` is set.
 
     Raises:
-        ValueError: a parameter of the policy node is unknown or does not fit.
+        ValueError: a parameter of the policy node is unknown or invalid.
     """
     policy = PolicyNode()
     try:

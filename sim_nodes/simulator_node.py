@@ -1,4 +1,4 @@
-"""The simulator node: any Gymnasium environment with continuous actions behind topics."""
+"""The simulator node: serves any Gymnasium environment with continuous actions over topics."""
 
 from __future__ import annotations
 
@@ -43,19 +43,21 @@ from rkhs_ros.runs.config import environment_from
 if TYPE_CHECKING:
     from rkhs_ros.nodes.robot.robot_state import RobotState
 
-MOST_STEPS = 2**40  # that a clock may have counted
+MOST_STEPS = 2**40  # on a clock
 Value = TypeVar("Value")
-LISTENERS_PERIOD_S = 0.5  # between looks at whether the clock is heard
-PATIENCE, MOST_PATIENCE = 0.02, 1.0  # seconds without an action before an observation is said again, twice as many each
+LISTENERS_PERIOD_S = 0.5  # between checks for subscribers of the clock
+FIRST_RETRY_S, LONGEST_RETRY_S = (
+    0.02,
+    1.0,
+)  # seconds without an action before an observation is message_out again, twice as many each
 
 
 class SimulatorNode(ReportingNode):
-    """Publishes observations, executes actions, and publishes the episodes they make.
+    """Publishes observations, executes actions, and publishes the resulting episodes.
 
-    Owns the environment, the step it waits at, the episodes under way and the clock. Does not own the pace: the action
-    ends a step. Only the action of the current batch and step is taken, so nothing is stepped twice, and only of
-    the policy that is to act in the batch. An observation that is not answered is published again. Where the
-    environment fails, the batch stops there, and who asks for the task is told why.
+    Owns the environment, the current step, the running episodes and the clock. A step ends when its action arrives. The
+    node accepts only the action of the current batch, step and policy, so that no step runs twice. It repeats an
+    unanswered observation. If the environment fails, the batch stops, and `describe_task` reports the error.
     """
 
     def __init__(self) -> None:
@@ -66,7 +68,7 @@ class SimulatorNode(ReportingNode):
         """Make the environment and open topics and services.
 
         Raises:
-            ValueError: an unknown parameter, or an environment that cannot be served.
+            ValueError: an unknown parameter, or an unsupported environment.
         """
         require_section(self.get_fully_qualified_name(), sys.argv)
         tree = given(self)
@@ -80,12 +82,12 @@ class SimulatorNode(ReportingNode):
         self._version = 0
         self._failure = ""
         self._clock_steps = 0
-        self._clock_is_heard = False
+        self._clock_has_subscribers = False
         self._listeners_at = 0.0  # monotonic time, seconds
-        self._said: Observation | None = None  # of the batch, filled in anew at each step; None where there is none
-        self._patience = PATIENCE
-        self._again_at = 0.0
-        self._ended: Episodes | None = None
+        self._newest: Observation | None = None  # message of the batch, updated at each step; None without a batch
+        self._retry_s = FIRST_RETRY_S
+        self._retry_at = 0.0
+        self._result: Episodes | None = None
         self._observations = self.create_publisher(Observation, "observation", LOCKSTEP_QOS)
         self._episodes = self.create_publisher(Episodes, "episodes", LOCKSTEP_QOS)
         self._clock_ticks = self.create_publisher(Clock, "clock", LOCKSTEP_QOS)
@@ -97,25 +99,25 @@ class SimulatorNode(ReportingNode):
         self.get_logger().info(f"ready for episodes of {self._simulation.environment}")
 
     def destroy_node(self) -> None:
-        """Close the environment, if it was made."""
+        """Close the environment and destroy the node."""
         self._made.close()
         super().destroy_node()
 
     def heartbeat(self) -> float:
-        """Report, and ask for the action again where it does not come; return the seconds until the next time."""
+        """Report, and repeat an unanswered observation; return the seconds until more is due."""
         self._uniqueness.check()
         wait = self.diagnostics.heartbeat()
         now = time.monotonic()
         if now >= self._listeners_at:
-            self._clock_is_heard = self._clock_ticks.get_subscription_count() > 0
+            self._clock_has_subscribers = self._clock_ticks.get_subscription_count() > 0
             self._listeners_at = now + LISTENERS_PERIOD_S
-        if not self._waits:
+        if not self._is_waiting:
             return wait
-        if now >= self._again_at:
-            self._observations.publish(self._said)
-            self._patience = min(2 * self._patience, MOST_PATIENCE)
-            self._again_at = now + self._patience
-        return min(wait, self._again_at - now)
+        if now >= self._retry_at:
+            self._observations.publish(self._newest)
+            self._retry_s = min(2 * self._retry_s, LONGEST_RETRY_S)
+            self._retry_at = now + self._retry_s
+        return min(wait, self._retry_at - now)
 
     def _make_simulation(self, tree: dict[str, dict[str, object]]) -> Simulation:
         require_known(tree, "environment")
@@ -127,7 +129,7 @@ class SimulatorNode(ReportingNode):
         try:
             from rkhs_ros.nodes.robot.robot_state import RobotState
         except ImportError as error:
-            raise ValueError(f"robot_state: expected sensor_msgs and std_msgs to be installed, got: {error}") from error
+            raise ValueError(f"robot_state: expected the packages sensor_msgs and std_msgs, got: {error}") from error
         return RobotState(self, self._simulation)
 
     def _report(self) -> dict[str, object]:
@@ -144,10 +146,11 @@ class SimulatorNode(ReportingNode):
             batch = batch_of(request)
             require(request.clock < MOST_STEPS, "clock", f"less than {MOST_STEPS} steps", request.clock)
             if self._batch is not None and request.batch == self._identity:
-                ours, asked = (self._version, self._batch), (request.policy_version, batch)
-                require(asked == ours, f"batch {request.batch}", f"policy version and episodes {ours}", asked)
+                current, requested = (self._version, self._batch), (request.policy_version, batch)
+                expected = f"policy version and episodes {current}"
+                require(requested == current, f"batch {request.batch}", expected, requested)
                 seeds = request.environment_seeds.tolist()
-                require(seeds == self._seeds, f"seeds of batch {request.batch}", "those that it began with", "others")
+                require(seeds == self._seeds, f"seeds of batch {request.batch}", "the same as before", "others")
                 self._repeat()
             else:
                 self._begin(request, batch)
@@ -155,15 +158,15 @@ class SimulatorNode(ReportingNode):
 
     def _check_task(self, request: StartEpisodes.Request) -> None:
         ours = (self._simulation.environment, json.dumps(self._simulation.options))
-        asked = (request.environment, request.options)
-        require(asked == ours, "task", " with options ".join(ours), " with options ".join(asked))
+        requested = (request.environment, request.options)
+        require(requested == ours, "task", " with options ".join(ours), " with options ".join(requested))
 
     def _begin(self, request: StartEpisodes.Request, batch: Batch) -> None:
         seeds = request.environment_seeds.tolist()
         frame = self._attempt(partial(self._simulation.start, seeds=seeds), batch)
         self._seeds: list[int] = seeds
         self._batch, self._identity, self._version = batch, request.batch, request.policy_version
-        self._step, self._ended = 0, None
+        self._step, self._result = 0, None
         self._clock_steps = max(self._clock_steps, request.clock)
         self._recorder = None if seeds else EpisodeRecorder(batch, self._simulation.spaces)
         if frame is not None:
@@ -171,26 +174,26 @@ class SimulatorNode(ReportingNode):
             self._record(batch, frame)
 
     def _attempt(self, call: Callable[[Value], Frame], value: Value) -> Frame | None:
-        """Return what the simulation shows next; None where it fails, which is told to who asks for the task."""
+        """Call the simulation and return its next frame; None if it fails, which `describe_task` reports."""
         try:
             frame = call(value)
         except RunError as error:
-            self._said = None
+            self._newest = None
             self._failure = self.diagnostics.stuck = str(error)
             return None
         self._failure = self.diagnostics.stuck = ""
         return frame
 
     def _repeat(self) -> None:
-        """Say again what was said last, as it may have been lost."""
-        if self._ended is not None:
-            self._episodes.publish(self._ended)
-        elif self._said is not None:
-            self._observations.publish(self._said)
+        """Repeat the last message, which may have been lost."""
+        if self._result is not None:
+            self._episodes.publish(self._result)
+        elif self._newest is not None:
+            self._observations.publish(self._newest)
 
     def _act(self, message: Action) -> None:
-        batch, said = self._batch, self._said
-        if batch is None or said is None or not self._awaits(message):
+        batch, observation = self._batch, self._newest
+        if batch is None or observation is None or not self._expects(message):
             expected = f"batch {self._identity}, step {self._step}, policy version {self._version}"
             got = f"batch {message.batch}, step {message.step}, policy version {message.policy_version}"
             self.diagnostics.skip(f"action: expected {expected}, got {got}")
@@ -205,33 +208,33 @@ class SimulatorNode(ReportingNode):
             return
         self._step += 1
         self._clock_steps += 1
-        show(said, self._step, frame)
-        self._publish(said)
+        show(observation, self._step, frame)
+        self._publish(observation)
         self._record(batch, frame, actions)
         self.diagnostics.steps += 1
         self._tick()
         if self._robot is not None:
             self._robot.publish()
 
-    def _awaits(self, message: Action) -> bool:
+    def _expects(self, message: Action) -> bool:
         expected = (self._identity, self._step, self._version)
-        return (message.batch, message.step, message.policy_version) == expected and self._waits
+        return (message.batch, message.step, message.policy_version) == expected and self._is_waiting
 
     @property
-    def _waits(self) -> bool:
-        """Whether an action is awaited."""
-        return self._said is not None and not self._said.over
+    def _is_waiting(self) -> bool:
+        """Whether the node waits for an action."""
+        return self._newest is not None and not self._newest.over
 
     def _publish(self, message: Observation) -> None:
-        self._said = message
+        self._newest = message
         self._observations.publish(message)
-        self._patience = PATIENCE
-        self._again_at = time.monotonic() + PATIENCE
+        self._retry_s = FIRST_RETRY_S
+        self._retry_at = time.monotonic() + FIRST_RETRY_S
 
     def _record(self, batch: Batch, frame: Frame, actions: Array | None = None) -> None:
-        """Record a step after publishing: the policy node is at work meanwhile.
+        """Record a step after publishing it, while the policy node computes.
 
-        Who steps the environment with seeds of their own keeps what it shows.
+        Batches with seeds of their own are not recorded; their client has all observations.
         """
         if self._recorder is None:
             return
@@ -239,12 +242,12 @@ class SimulatorNode(ReportingNode):
             self._recorder.acted(self._step - 1, actions)
         self._recorder.observed(self._step, frame)
         if frame.is_over:
-            self._ended = episodes_message(msg, self._identity, self._version, self._recorder.episodes())
-            self._episodes.publish(self._ended)
+            self._result = episodes_message(msg, self._identity, self._version, self._recorder.episodes())
+            self._episodes.publish(self._result)
 
     def _tick(self) -> None:
         seconds = self._clock_steps * self._simulation.step_seconds
-        if self._clock_is_heard and seconds < CLOCK_ENDS:
+        if self._clock_has_subscribers and seconds < CLOCK_ENDS:
             self._clock_ticks.publish(clock_message(seconds))
 
 

@@ -1,6 +1,6 @@
 """The tasks, registered with Gymnasium when this package is imported.
 
-``gymnasium.make("sim_nodes.envs:rkhs/Toy-v0")`` imports it by itself.
+``gymnasium.make("sim_nodes.envs:rkhs/Toy-v0")`` imports the package automatically.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ for _id, (_task, _horizon) in TASKS.items():
         max_episode_steps=_horizon,
     )
 
-register(  # by name, since it needs PyBullet, which is optional
+register(  # by name, because it needs PyBullet, which is optional
     id="rkhs/PR2Door-v0",
     entry_point="sim_nodes.pr2.environment:SinglePR2Door",
     vector_entry_point="sim_nodes.pr2.environment:PR2Door",
     max_episode_steps=1,
 )
 
-register(  # by name, since it needs ROS 2: a simulator or a robot that runs elsewhere
+register(  # by name, because it needs ROS 2: a running simulator or robot node
     id="rkhs/Remote-v0",
     entry_point="rkhs_ros.nodes.remote.remote_env:RemoteEnv",
     vector_entry_point="rkhs_ros.nodes.remote.remote_env:RemoteVectorEnv",

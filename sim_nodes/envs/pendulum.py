@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 ANGLES = ("clip", "wrap")
 HIGH = np.array([[np.pi], [4 * np.pi]])  # of angle and angular velocity
 LOW = -HIGH
-BEADS = 12  # of the arc that shows the torque
+BEADS = 12  # in the arc that visualises the torque
 
 
 class Pendulum(VectorTask):
@@ -28,9 +28,9 @@ class Pendulum(VectorTask):
     Action in [-3, 3], angular velocity in [-4 pi, 4 pi].
 
     Args:
-        num_envs: number of rows.
+        num_envs: number of environments.
         max_episode_steps: steps after which an episode is truncated; None for never.
-        angle: at the ends of [-pi, pi] the angle stays ("clip") or comes in at the other end ("wrap").
+        angle: at the ends of [-pi, pi] the angle is clipped ("clip") or wraps around ("wrap").
     """
 
     single_observation_space = Box(np.array([-np.pi, -4 * np.pi]), np.array([np.pi, 4 * np.pi]), dtype=np.float64)
@@ -53,8 +53,8 @@ class Pendulum(VectorTask):
         super().__init__(num_envs, max_episode_steps)
         self.angle = angle
 
-    def initial_states(self, rows: int) -> Array:  # noqa: D102
-        return np.tile([-np.pi, 0.0], (rows, 1))
+    def initial_states(self, num_envs: int) -> Array:  # noqa: D102
+        return np.tile([-np.pi, 0.0], (num_envs, 1))
 
     def transition(self, states: Array, actions: Array, noise: Array) -> Array:  # noqa: D102
         columns, kicks = states.T, self.kick_sds * noise.T
@@ -71,7 +71,7 @@ class Pendulum(VectorTask):
         return np.exp(-0.5 * states[:, 0] ** 2)
 
     def draw(self, axes: Axes, state: Array, action: Array) -> None:
-        """Draw the rod, upright at angle zero and turning clockwise, and the torque as an arc the way it pushes."""
+        """Draw the rod, upright at angle zero and turning clockwise, and the torque as an arc in its direction."""
         theta, torque = float(state[0]), float(action[0])
         turn = np.linspace(theta, theta + 0.5 * torque, 30)
         axes.plot(np.sin(turn) / 2, np.cos(turn) / 2, color=ORANGE, linewidth=3)
@@ -82,15 +82,15 @@ class Pendulum(VectorTask):
         axes.set(xlim=(-1.4, 1.4), ylim=(-1.25, 1.25), aspect="equal")
 
     def view_direction(self) -> tuple[float, float, float]:
-        """Return the direction from which it is looked at."""
+        """Return the direction from the task towards the viewer."""
         return (0.0, -1.0, 0.12)
 
     def bounds(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """Return the corners of the box in which it turns."""
+        """Return the corners of the box in which the pendulum moves."""
         return (-1.1, 0.0, -1.1), (1.1, 0.0, 1.1)
 
     def bodies(self) -> list[Body]:
-        """Return the rod with its weight, their bearing, where they are to stand, and the torque as an arc of beads."""
+        """Return the rod, its weight, its bearing, the target position, and the torque as an arc of beads."""
         beads = [Body("ball", (size, size, size), ORANGE) for size in [*[0.05] * (BEADS - 1), 0.12]]
         return [
             Body("cylinder", (0.07, 0.07, 1.0), BLUE),
@@ -101,7 +101,7 @@ class Pendulum(VectorTask):
         ]
 
     def motion(self, observations: Array, actions: Array) -> BodyTrajectories:
-        """Return how the bodies move in an episode; the arc of the torque is half a radian long for one of 1."""
+        """Return the bodies' trajectories in an episode; the arc of a torque of 1 is half a radian long."""
         theta = observations[:, 0]
         arc = theta[:, None] + np.linspace(0.0, 0.5, BEADS) * actions[:, :1]
         angles = np.concatenate([np.stack([theta, theta, 0 * theta, 0 * theta], axis=1), arc], axis=1)

@@ -1,4 +1,4 @@
-"""The inverted pendulum of which only the angle is seen, and with noise: section 4.3 of the paper."""
+"""The inverted pendulum with a noisy observation of the angle only: section 4.3 of the paper."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from sim_nodes.envs.vector_task import Array
 class PendulumPOMDP(Pendulum):
     r"""The pendulum with the observation :math:`o = \theta + 2\epsilon`, :math:`\epsilon \sim N(0, 0.02^2)`.
 
-    The velocity must be inferred from a history of observations and actions. With full observation at most 51.8 can
-    be earned; what is attainable here is not known.
+    The velocity must be inferred from a history of observations and actions. With full observation the optimal return
+    is 51.8; the optimum of this task is unknown.
     """
 
     single_observation_space = Box(-np.inf, np.inf, (1,), np.float64)
-    observation_names: ClassVar[tuple[str, ...]] = ("angle seen (rad)",)
+    observation_names: ClassVar[tuple[str, ...]] = ("observed angle (rad)",)
     reference_returns: ClassVar[dict[str, float]] = {
-        "optimum if all were seen (dynamic programming)": 51.8,
+        "optimum with full observation (dynamic programming)": 51.8,
         "balanced, as published": 25.0,
     }
     observation_noise_dim = 1

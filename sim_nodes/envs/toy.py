@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 GOAL = 3.0
-BEADS = 8  # of the line that shows where the point is told to go
+BEADS = 8  # in the line that visualises the action
 
 
 class Toy(VectorTask):
@@ -32,8 +32,8 @@ class Toy(VectorTask):
 
     .. math:: s_{t+1} = s_t + a_t + \epsilon, \qquad r(s, a) = \exp(-|s - 3|), \qquad s_0 = 0
 
-    State in [-4, 4], action in [-1, 1]. The paper's "small" noise is taken as 0.11, at which dynamic programming
-    gives its optimum of 14.5.
+    State in [-4, 4], action in [-1, 1]. The paper calls the noise "small"; at 0.11, dynamic programming gives its
+    optimum of 14.5.
     """
 
     single_observation_space = Box(-4.0, 4.0, (1,), np.float64)
@@ -44,8 +44,8 @@ class Toy(VectorTask):
     noise_dim = 1
     noise_sd = 0.11
 
-    def initial_states(self, rows: int) -> Array:  # noqa: D102
-        return np.zeros((rows, 1))
+    def initial_states(self, num_envs: int) -> Array:  # noqa: D102
+        return np.zeros((num_envs, 1))
 
     def transition(self, states: Array, actions: Array, noise: Array) -> Array:  # noqa: D102
         return clip(states + actions + self.noise_sd * noise, -4.0, 4.0)
@@ -54,18 +54,18 @@ class Toy(VectorTask):
         return np.exp(-np.abs(states[:, 0] - GOAL))
 
     def draw(self, axes: Axes, state: Array, action: Array) -> None:
-        """Draw the line, the goal on it, the point, and the way that it is told to go."""
-        place, told = float(state[0]), float(state[0] + action[0])
+        """Draw the line, the goal, the point, and the action."""
+        place, target = float(state[0]), float(state[0] + action[0])
         axes.plot([-4.0, 4.0], [0.0, 0.0], color="lightgrey", linewidth=4)
         axes.plot(GOAL, 0.0, "*", color=GREEN, markersize=20)
-        axes.plot([place, told], [0.25, 0.25], color=ORANGE, linewidth=3)
-        axes.plot(told, 0.25, ">" if told > place else "<", color=ORANGE, markersize=9)
+        axes.plot([place, target], [0.25, 0.25], color=ORANGE, linewidth=3)
+        axes.plot(target, 0.25, ">" if target > place else "<", color=ORANGE, markersize=9)
         axes.plot(place, 0.0, "o", color=BLUE, markersize=14)
-        axes.text(0.0, -0.6, f"at {place:+.2f}, told {action[0]:+.2f}", ha="center", fontsize=13)
+        axes.text(0.0, -0.6, f"position {place:+.2f}, action {action[0]:+.2f}", ha="center", fontsize=13)
         axes.set(xlim=(-5.2, 5.2), ylim=(-1.0, 1.0))
 
     def view_direction(self) -> tuple[float, float, float]:
-        """Return the direction from which it is looked at."""
+        """Return the direction from the task towards the viewer."""
         return (0.0, -1.0, 0.2)
 
     def bounds(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
@@ -73,7 +73,7 @@ class Toy(VectorTask):
         return (-4.5, 0.0, -0.3), (4.5, 0.0, 1.0)
 
     def bodies(self) -> list[Body]:
-        """Return the line, the goal on it, the point, and beads towards where it is told to go."""
+        """Return the line, the goal, the point, and beads that visualise the action."""
         return [
             Body("box", (8.0, 0.3, 0.06), PALE),
             Body("cylinder", (0.6, 0.6, 0.1), GREEN),
@@ -82,7 +82,7 @@ class Toy(VectorTask):
         ]
 
     def motion(self, observations: Array, actions: Array) -> BodyTrajectories:
-        """Return how the bodies move in an episode."""
+        """Return the bodies' trajectories in an episode."""
         place = observations[:, :1]
         along = [0 * place, 0 * place + GOAL, place, place + np.linspace(0.0, 1.0, BEADS) * actions[:, :1]]
         x = np.concatenate(along, axis=1)

@@ -1,1 +1,1 @@
-"""Robots to practise on: processes that behave as hardware does, by the wall clock."""
+"""Simulated robots: processes that behave like hardware, in real time."""

@@ -1,4 +1,4 @@
-"""A seven-joint arm, by the wall clock, with a mark before it that moves and is to be reached."""
+"""A simulated seven-joint arm in real time, with a moving mark to reach."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from sim_nodes.robots.arm_body import Pose
 
 POSITIONS, TRAJECTORIES = "position_controller", "joint_trajectory_controller"
-HOME = np.array([0.0, -0.3, 0.0, -2.2, 0.0, 2.0, 0.79])  # rad: the hand before the path of the mark, pointing down
+HOME = np.array([0.0, -0.3, 0.0, -2.2, 0.0, 2.0, 0.79])  # rad: the hand in front of the mark's path, pointing down
 SIZE = len(HOME)
 
 
 @dataclass(frozen=True)
 class ArmLimits(Settings):
-    """What the arm's own supervision lets pass beside the range of each joint; beyond any of it the arm stops."""
+    """Limits of the arm's protective stop, in addition to the range of each joint."""
 
     velocity: tuple[float, ...] = setting(
         (2.175,) * 4 + (2.61,) * 3, "greatest velocity, of each joint or one for all, rad/s", minimum=0.0, maximum=100.0
@@ -36,13 +36,13 @@ class ArmLimits(Settings):
     )
     step: tuple[float, ...] = setting(
         (0.1,),
-        "greatest change from one set point to the next, of each joint or one for all, rad",
+        "greatest difference of successive set points, of each joint or one for all, rad",
         minimum=0.0,
         maximum=10.0,
     )
 
     def __post_init__(self) -> None:
-        """Raise ValueError where a value does not fit."""
+        """Raise ValueError if a setting is neither one number nor one per joint."""
         super().__post_init__()
         for name in ("velocity", "acceleration", "step"):
             size = len(getattr(self, name))
@@ -51,23 +51,23 @@ class ArmLimits(Settings):
 
 @dataclass(frozen=True)
 class ArmSettings(RobotSettings):
-    """The arm."""
+    """Settings of the arm."""
 
-    rate: float = setting(240.0, "steps of the physics, Hz", minimum=100.0, maximum=10_000.0)
-    sensor_rate: float = setting(120.0, "joint states, Hz; at most the rate", minimum=1.0, maximum=10_000.0)
-    position_noise: float = setting(1e-4, "sd of a sensed position, rad", minimum=0.0, maximum=1.0)
-    velocity_noise: float = setting(1e-3, "sd of a sensed velocity, rad/s", minimum=0.0, maximum=10.0)
-    controller: str = setting(POSITIONS, "which takes commands", choices=(POSITIONS, TRAJECTORIES))
+    rate: float = setting(240.0, "rate of the physics, Hz", minimum=100.0, maximum=10_000.0)
+    sensor_rate: float = setting(120.0, "rate of joint states, Hz; at most `rate`", minimum=1.0, maximum=10_000.0)
+    position_noise: float = setting(1e-4, "sd of the noise of positions, rad", minimum=0.0, maximum=1.0)
+    velocity_noise: float = setting(1e-3, "sd of the noise of velocities, rad/s", minimum=0.0, maximum=10.0)
+    controller: str = setting(POSITIONS, "controller that receives commands", choices=(POSITIONS, TRAJECTORIES))
     limits: ArmLimits = ArmLimits()
 
 
 class ArmReadings(NamedTuple):
-    """What the arm's sensors read.
+    """Readings of the arm's sensors.
 
     Attributes:
         joints: of the seven joints.
-        tool: where the tool is, in the base's frame.
-        mark: where the mark is: x, y, z in metres, in the base's frame.
+        tool: pose of the tool in the base's frame.
+        mark: position of the mark, x, y, z in metres, in the base's frame.
     """
 
     joints: JointReadings
@@ -76,19 +76,19 @@ class ArmReadings(NamedTuple):
 
 
 class ArmRobot(Robot[Drives]):
-    """The arm as a robot.
+    """The arm as a simulated robot.
 
-    Owns its drives and its body, the episode and when it began, and the stream of the sensors' noise.
+    Owns its drives, its body, the episode with its start time, and the stream of the sensors' noise.
 
     Args:
-        settings: of it.
+        settings: of the arm.
 
     Raises:
         ValueError: PyBullet is missing.
     """
 
     def __init__(self, settings: ArmSettings) -> None:
-        from sim_nodes.robots import arm_body  # here, since the other robots do without PyBullet
+        from sim_nodes.robots import arm_body  # imported here, because the other robots do not need PyBullet
 
         self._body = body = arm_body.ArmBody(settings.rate, HOME)
         limits = (
@@ -102,16 +102,16 @@ class ArmRobot(Robot[Drives]):
         self._noise = stream(settings.seed, "arm/sensor", 0)
 
     def hear(self, command: JointCommand) -> None:
-        """Take set points."""
+        """Receive set points."""
         self.state = self.state.heard(command)
 
     def step(self) -> None:
-        """Move by one step of the physics."""
+        """Simulate one step of the physics."""
         self.state = self.state.stepped(1.0 / self.settings.rate)
         self._body.step(self.state.position, self.state.velocity)
 
     def sample(self) -> ArmReadings:
-        """Return what the sensors read."""
+        """Return the readings of the sensors."""
         position, velocity, torque = self._body.joints()
         noise = self._noise.standard_normal((2, SIZE))
         position = position + self.settings.position_noise * noise[0]
@@ -121,7 +121,7 @@ class ArmRobot(Robot[Drives]):
         return ArmReadings(joints, self._body.tool(), _row(mark))
 
     def begin_episode(self) -> None:
-        """Put the mark to where it begins in the next episode."""
+        """Move the mark to its start in the next episode."""
         self._episode += 1
         self._phase = first_phase(self.settings.seed, self._episode)
         self._began = self.state.time

@@ -1,4 +1,4 @@
-"""The body of the arm in PyBullet: a Panda, which comes with it, its meshes too."""
+"""The body of the arm in PyBullet: the Panda that PyBullet includes, with its meshes."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ Array = NDArray[np.float64]
 FILE = Path(pybullet_data.getDataPath(), "franka_panda", "panda.urdf")
 JOINTS = tuple(f"panda_joint{number}" for number in range(1, 8))
 BASE, TOOL = "panda_link0", "panda_grasptarget"
-STIFFNESS = 50.0  # 1/s: speed asked of a motor for an error of its position
+STIFFNESS = 50.0  # 1/s: commanded speed of a motor per position error
 GRAVITY = -9.81  # m/s²
 
 
 class Pose(NamedTuple):
-    """Where a link is, in the base's frame: x, y, z in metres; a quaternion x, y, z, w."""
+    """Pose of a link in the base's frame: x, y, z in metres, and a quaternion x, y, z, w."""
 
     position: tuple[float, ...]
     orientation: tuple[float, ...]
 
 
 class ArmBody:
-    """A Panda whose motors follow a motion as far as their torques go.
+    """A Panda whose motors follow a motion within their torque limits.
 
     Owns a PyBullet client.
 
     Args:
-        rate: steps of the physics, Hz.
-        position: of the joints, rad.
+        rate: of the physics, Hz.
+        position: initial positions of the joints, rad.
     """
 
     def __init__(self, rate: float, position: Array) -> None:
@@ -60,7 +60,7 @@ class ArmBody:
             self._client.resetJointState(self._body, index, angle)
 
     def step(self, position: Array, velocity: Array) -> None:
-        """Simulate a step, in which the motors go for a motion."""
+        """Simulate one step; the motors track the given positions and velocities."""
         sensed = np.array([state[0] for state in self._client.getJointStates(self._body, self._joints)])
         self._client.setJointMotorControlArray(
             self._body,
@@ -72,13 +72,13 @@ class ArmBody:
         self._client.stepSimulation()
 
     def joints(self) -> tuple[Array, Array, Array]:
-        """Return positions, velocities and torques of the joints, shape (7,) each."""
+        """Return positions, velocities and torques of the joints, each of shape (7,)."""
         states = self._client.getJointStates(self._body, self._joints)
         position, velocity, torque = (np.array([state[field] for state in states]) for field in (0, 1, 3))
         return position, velocity, torque
 
     def tool(self) -> Pose:
-        """Return where the tool is: between the tips of the fingers."""
+        """Return the pose of the tool, which is between the finger tips."""
         state = self._client.getLinkState(self._body, self._tool, computeForwardKinematics=True)
         return Pose(*state[4:6])
 
@@ -87,5 +87,5 @@ class ArmBody:
 
 
 def urdf() -> str:
-    """Return the robot's URDF, its meshes as files of this machine."""
+    """Return the robot's URDF, with the meshes as local files."""
     return FILE.read_text().replace("package://", f"file://{FILE.parent}/")

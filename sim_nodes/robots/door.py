@@ -1,4 +1,4 @@
-"""The PR2 before its door, by the wall clock: one trajectory is one attempt to open it."""
+"""The PR2 in front of its door, in real time: each trajectory is one attempt to open the door."""
 
 from __future__ import annotations
 
@@ -26,34 +26,34 @@ COMMANDED = (*(joint.name for joint in robot.ARM), GRIPPER)
 LOWER = np.array([*(joint.lower for joint in robot.ARM), 0.0])
 UPPER = np.array([*(joint.upper for joint in robot.ARM), robot.MAX_GAP])
 VELOCITY = np.array([*(joint.velocity for joint in robot.ARM), 0.5])  # rad/s, of the gripper m/s
-START = 0.5  # rad that the first point may be off the place where the arm waits, to which it goes at once
-LONGEST_S = 30.0  # of an attempt
+START = 0.5  # rad, greatest distance of the first point from the arm's start position
+LONGEST_S = 30.0  # duration of an attempt
 TRAJECTORIES, CHOICES = "joint_trajectory_controller", "door_controller"
-CHOSEN = ("shift", "opening")  # m: how the demonstration is changed; joints to those who choose
+CHOSEN = ("shift", "opening")  # m: changes of the demonstration, which the door controller presents as joints
 PER_RUN, PER_EPISODE = "per_run", "per_episode"
 
 
 @dataclass(frozen=True)
 class DoorSettings(RobotSettings):
-    """The PR2's door."""
+    """Settings of the PR2 and its door."""
 
-    rate: float = setting(
-        100.0, "steps at which time goes on, Hz; of the physics there are more", minimum=1.0, maximum=1e4
-    )
-    sensor_rate: float = setting(20.0, "joint states, Hz; at most the rate", minimum=1.0, maximum=1e4)
-    position_noise: float = setting(0.0, "sd of a sensed position, rad", minimum=0.0, maximum=1.0)
-    velocity_noise: float = setting(0.0, "sd of a sensed velocity, rad/s", minimum=0.0, maximum=10.0)
+    rate: float = setting(100.0, "rate of the robot's clock, Hz; the physics uses more steps", minimum=1.0, maximum=1e4)
+    sensor_rate: float = setting(20.0, "rate of joint states, Hz; at most `rate`", minimum=1.0, maximum=1e4)
+    position_noise: float = setting(0.0, "sd of the noise of positions, rad", minimum=0.0, maximum=1.0)
+    velocity_noise: float = setting(0.0, "sd of the noise of velocities, rad/s", minimum=0.0, maximum=10.0)
     controller: str = setting(
-        TRAJECTORIES, "which takes commands: whole motions, or the choice of one", choices=(TRAJECTORIES, CHOICES)
+        TRAJECTORIES,
+        "controller that receives commands: whole trajectories, or changes of the demonstration",
+        choices=(TRAJECTORIES, CHOICES),
     )
     pose: str = setting(PER_RUN, "when the error of the base's pose is drawn", choices=(PER_RUN, PER_EPISODE))
 
 
 class Attempt(NamedTuple):
-    """What came of a trajectory: it is carried out when it is heard, and shown as time goes by.
+    """The outcome of a trajectory, which is simulated on arrival and played back in real time.
 
     Attributes:
-        trajectory: what the joints and the door did, at the knots of the demonstration's rate.
+        trajectory: motion of the joints and the door, at the knots of the demonstration's rate.
         reward: of the paper, from 0 to 1.
     """
 
@@ -62,7 +62,7 @@ class Attempt(NamedTuple):
 
     @property
     def seconds(self) -> float:
-        """How long it takes."""
+        """Duration, seconds."""
         return (len(self.trajectory.door) - 1) / demonstration.RATE
 
 
@@ -71,10 +71,10 @@ class Doorway:
     """The state of the robot and the door.
 
     Attributes:
-        attempt: under way or over; None where the door is shut and the robot waits.
-        elapsed: since its beginning, s.
-        is_halted: the attempt was stopped in its course, for good.
-        protection: what the supervision saw.
+        attempt: running or over; None while the door is shut and the robot waits.
+        elapsed: seconds since the start of the attempt.
+        is_halted: whether the attempt was stopped, for good.
+        protection: state of the protective stop.
     """
 
     attempt: Attempt | None = None
@@ -84,16 +84,16 @@ class Doorway:
 
     @property
     def is_driven(self) -> bool:
-        """Whether an attempt is under way."""
+        """Whether an attempt is running."""
         return self.attempt is not None and not self.is_over and not self.is_halted
 
     @property
     def is_over(self) -> bool:
-        """Whether an attempt was made to its end."""
+        """Whether an attempt is complete."""
         return self.attempt is not None and self.elapsed >= self.attempt.seconds
 
     def heard(self, command: JointCommand, carry_out: Callable[[Motion], Attempt]) -> Doorway:
-        """Return what becomes of it by a trajectory: an attempt, or a violation."""
+        """Return the state after a trajectory arrives: a new attempt, or a violation."""
         violation = self._violation(command)
         if violation is not None:
             return self.tripped(*violation)
@@ -102,15 +102,15 @@ class Doorway:
         return replace(self, attempt=carry_out(motion_of(command)), elapsed=0.0)
 
     def stepped(self, seconds: float) -> Doorway:
-        """Return what it is after a time."""
+        """Return the state after a time."""
         return replace(self, elapsed=self.elapsed + seconds) if self.is_driven else self
 
     def tripped(self, kind: str, reason: str) -> Doorway:
-        """Return what it is after a violation: the robot stands still."""
+        """Return the state after a violation: the robot stands still."""
         return replace(self, is_halted=self.attempt is not None, protection=self.protection.tripped(kind, reason))
 
     def reset(self) -> Doorway:
-        """Return what it is without its protective stop; what was halted stays so until the door is shut."""
+        """Return the state without the protective stop; a halted attempt stays halted until the door is shut."""
         return replace(self, protection=self.protection.reset())
 
     def _violation(self, command: JointCommand) -> tuple[str, str] | None:
@@ -123,17 +123,17 @@ class Doorway:
             return "position", "expected positions within the range of each joint, got one outside"
         fastest = np.max(np.abs(np.diff(positions, axis=0)) / np.diff(times)[:, None] / VELOCITY)
         if exceeds(fastest, 1.0):
-            return "velocity", f"expected at most the greatest velocity of each joint, got {fastest:.3g} times it"
+            return "velocity", f"expected at most the greatest velocity of each joint, got {fastest:.3g} times that"
         away = np.max(np.abs(positions[0, :-1] - demonstration.load().arm[0]))
         if exceeds(away, START):
-            return "start", f"expected the first point within {START:g} rad of where the arm waits, got {away:.3g}"
+            return "start", f"expected the first point within {START:g} rad of the arm's position, got {away:.3g}"
         if self.attempt is not None:
             return "not_reset", "expected one trajectory after each reset of the door, got another"
         return None
 
 
 def motion_of(command: JointCommand) -> Motion:
-    """Return the motion that a trajectory asks for, at the knots of the demonstration's rate."""
+    """Return the motion of a trajectory, at the knots of the demonstration's rate."""
     times, positions = np.array(command.times), _ordered(command)
     knots = np.arange(round(demonstration.RATE * times[-1]) + 1) / demonstration.RATE
     columns = np.stack([np.interp(knots, times, column) for column in positions.T], axis=1)
@@ -141,10 +141,10 @@ def motion_of(command: JointCommand) -> Motion:
 
 
 def adapted_trajectory(change: Array) -> JointCommand | None:
-    """Return the trajectory for a change of the demonstration; None where the arm cannot reach that far.
+    """Return the trajectory of a changed demonstration; None if the arm cannot reach it.
 
     Args:
-        change: metres by which the tool's y is shifted, and by which the opening is changed, shape (2,).
+        change: shift of the tool's y, and change of the opening, in metres, shape (2,).
     """
     shown = demonstration.load()
     motion = adapted(shown, change)
@@ -155,7 +155,7 @@ def adapted_trajectory(change: Array) -> JointCommand | None:
 
 
 def choice_of(command: JointCommand) -> tuple[Array, bool] | None:
-    """Return the choice that a trajectory begins with, shape (2,), and whether it stays; None where it is of others."""
+    """Return a trajectory's first choice, shape (2,), and whether all points equal it; None for other joints."""
     rows = {len(row) for row in command.positions}
     if sorted(command.names) != sorted(CHOSEN) or rows != {len(CHOSEN)}:
         return None
@@ -170,7 +170,7 @@ def _misshapen(command: JointCommand) -> str:
         return f"expected points of {len(COMMANDED)} positions"
     times = command.times
     if times[0] != 0.0 or not 0.0 < times[-1] <= LONGEST_S or any(np.diff(times) <= 0.0):
-        return f"expected increasing times from 0 to {LONGEST_S:g} s at most, got {times[0]:g} to {times[-1]:g}"
+        return f"expected increasing times from 0 to at most {LONGEST_S:g} s, got {times[0]:g} to {times[-1]:g}"
     return ""
 
 

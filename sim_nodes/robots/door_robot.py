@@ -1,4 +1,4 @@
-"""The PR2 before its door as a robot: the world in PyBullet, shown by the wall clock."""
+"""The PR2 and its door as a simulated robot: PyBullet simulations, played back in real time."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ NAMES = (robot.TORSO.name, *(joint.name for joint in robot.MOVING), *(joint.name
 
 
 class DoorReadings(NamedTuple):
-    """What the sensors read.
+    """Readings of the sensors.
 
     Attributes:
         joints: of the robot and the door.
-        base_error: of the base's pose, x, y, yaw, each in its standard deviations.
-        reward: of an attempt that is over; None before.
+        base_error: error of the base's pose, x, y, yaw, each in standard deviations.
+        reward: of a complete attempt; None before.
     """
 
     joints: JointReadings
@@ -50,15 +50,15 @@ class DoorReadings(NamedTuple):
 
 
 class DoorRobot(Robot[Doorway]):
-    """The PR2 before its door as a robot.
+    """The PR2 and its door as a simulated robot.
 
-    Its `door_controller` has a motion chosen: the choice goes where it is told, as set points of joints do, and where
-    it comes to rest away from (0, 0) its motion is carried out, once after each reset.
+    Its `door_controller` takes a change of the demonstration as set points of two joints. When they come to rest away
+    from (0, 0), the robot executes the changed demonstration, once after each reset.
 
     Owns the simulated world, the state of the doorway, the choice, the episode and the stream of the sensors' noise.
 
     Args:
-        settings: of it.
+        settings: of the robot.
     """
 
     def __init__(self, settings: DoorSettings) -> None:
@@ -72,23 +72,23 @@ class DoorRobot(Robot[Doorway]):
 
     @property
     def base_error(self) -> Array:
-        """Of the base's pose: x, y, yaw, each in its standard deviations, shape (3,)."""
+        """Error of the base's pose: x, y, yaw, each in standard deviations, shape (3,)."""
         episode = self._episode if self._pose == PER_EPISODE else 0
         return stream(self.settings.seed, "pr2_door/pose", episode).standard_normal(3)
 
     def hear(self, command: JointCommand) -> None:
-        """Take a trajectory, or the choice of one."""
+        """Receive a trajectory, or a choice."""
         if self._chooses:
             self._choose(command)
         else:
             self.state = self.state.heard(command, self._carry_out)
 
     def step(self) -> None:
-        """Let a step of time go by."""
+        """Advance by one step of time."""
         self.state = self.state.stepped(1.0 / self.settings.rate)
 
     def sample(self) -> DoorReadings:
-        """Return what the sensors read."""
+        """Return the readings of the sensors."""
         attempt = self.state.attempt
         position, velocity, torque = self._waiting if attempt is None else _at(attempt.trajectory, self.state.elapsed)
         noise = self._noise.standard_normal((2, len(NAMES)))
@@ -103,7 +103,7 @@ class DoorRobot(Robot[Doorway]):
         return DoorReadings(joints, tuple(self.base_error.tolist()), reward)
 
     def begin_episode(self) -> None:
-        """Shut the door and take the robot back to where it waits, as a person would."""
+        """Shut the door and return the robot to its start, as an operator would."""
         self._episode += 1
         self.state = Doorway(protection=self.state.protection)
 
@@ -124,28 +124,28 @@ class DoorRobot(Robot[Doorway]):
     def _open_door(self) -> None:
         motion = adapted_trajectory(self._choice)
         if motion is None:
-            self.trip("position", f"expected a motion within the arm's reach, got that of {self._choice}")
+            self.trip("position", f"expected a motion within the arm's reach, got that of the choice {self._choice}")
         else:
             self.state = self.state.heard(motion, self._carry_out)
 
     def _carry_out(self, motion: Motion) -> Attempt:
         trajectory = self._world.run(motion, POSE_SD * self.base_error)
         shown, knots = demonstration.load(), len(trajectory.door)
-        if knots != len(shown.times):  # of another length than what was shown it is not like it
+        if knots != len(shown.times):  # a motion of another duration cannot be compared with the demonstration
             return Attempt(trajectory, 0.0)
         success = float(trajectory.door[-1]) > door.OPENED
         return Attempt(trajectory, float(np.exp(-tracking_error(trajectory, shown) - (not success))))
 
 
 def _waiting() -> tuple[Array, Array, Array]:
-    """Return positions, velocities and torques of all joints before an attempt, shape (14,) each."""
+    """Return positions, velocities and torques of all joints before an attempt, each of shape (14,)."""
     shown, still = demonstration.load(), np.zeros(len(NAMES))
     fingers = np.repeat(robot.finger_angle(shown.openings[0]), 4)
     return np.concatenate([[demonstration.TORSO], shown.arm[0], fingers, [0.0, 0.0]]), still, still
 
 
 def _at(trajectory: Trajectory, time: float) -> tuple[Array, Array, Array]:
-    """Return positions, velocities and torques of all joints at a time, shape (14,) each."""
+    """Return positions, velocities and torques of all joints at a time, each of shape (14,)."""
     place = min(time * demonstration.RATE, len(trajectory.door) - 1.0)
     before = min(int(place), len(trajectory.door) - 2)
     part = place - before

@@ -1,4 +1,4 @@
-"""The drives of an arm: they follow set points as smoothly as they can, and supervise what they are asked for."""
+"""The drives of an arm, which follow set points smoothly and supervise limits."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ BRAKE = 20.0  # rad/s² of each joint
 
 @dataclass(frozen=True)
 class JointCommand:
-    """Set points for joints, to be passed one after another.
+    """Successive set points of joints.
 
     Attributes:
-        names: of the joints, the others stay where they are to be; empty for all in their order.
-        times: from when the command is heard, s, shape (k,).
-        positions: rad, k rows, each of as many numbers as names, unless it is malformed.
+        names: of the joints; other joints keep their set points. Empty for all joints in order.
+        times: seconds since the arrival of the command, shape (k,).
+        positions: rad, k points, each with one number per name unless malformed.
     """
 
     names: tuple[str, ...]
@@ -42,20 +42,20 @@ class JointCommand:
 
     @staticmethod
     def of_positions(positions: Sequence[float]) -> JointCommand:
-        """Return the command to be at positions at once."""
+        """Return the command to move to positions at once."""
         return JointCommand((), (0.0,), (tuple(positions),))
 
 
 @dataclass(frozen=True)
 class DriveLimits:
-    """What the supervision lets pass; beyond any of it the arm stops. Of each joint, shape (n,).
+    """Limits of the protective stop, each of shape (n,).
 
     Attributes:
-        lower: position, rad.
-        upper: position, rad.
-        velocity: rad/s.
-        acceleration: rad/s².
-        step: from one set point to the next at the same time, rad.
+        lower: least position, rad.
+        upper: greatest position, rad.
+        velocity: greatest velocity, rad/s.
+        acceleration: greatest acceleration, rad/s².
+        step: greatest jump of the set point, rad.
     """
 
     lower: Array
@@ -67,7 +67,7 @@ class DriveLimits:
 
 @dataclass(frozen=True)
 class SetPoints:
-    """Where the drives are to be when: between the times on straight lines, after the last one there.
+    """Set points over time, linearly interpolated, constant after the last one.
 
     Attributes:
         times: s, increasing, shape (k,).
@@ -99,8 +99,8 @@ class Drives:
         position: rad, shape (n,).
         velocity: rad/s, shape (n,).
         time: s.
-        set_points: that are followed; None before the first command and while stopped, when the brakes hold.
-        protection: what the supervision saw.
+        set_points: the current ones; None before the first command and while stopped, when the brakes hold.
+        protection: state of the protective stop.
     """
 
     joints: tuple[str, ...]
@@ -113,21 +113,21 @@ class Drives:
 
     @property
     def is_driven(self) -> bool:
-        """Whether the drives follow set points; else the brakes are on."""
+        """Whether the drives follow set points; otherwise the brakes are on."""
         return self.set_points is not None
 
     @cached_property
     def target(self) -> Array:
-        """Where the drives are to be now, rad, shape (n,)."""
+        """Current set point, rad, shape (n,)."""
         return self.position if self.set_points is None else self.set_points.at(self.time)
 
     @property
     def acceleration(self) -> Array:
-        """Of the motion while the drives are on, rad/s², shape (n,)."""
+        """Acceleration while the drives are on, rad/s², shape (n,)."""
         return np.asarray(BANDWIDTH**2 * (self.target - self.position) - 2 * BANDWIDTH * self.velocity)
 
     def heard(self, command: JointCommand) -> Drives:
-        """Return what becomes of them by a command: it is followed from now on, or trips the protective stop."""
+        """Return the state after a command arrives: the drives follow it, or it triggers the protective stop."""
         if (violation := self._misshapen(command)) is not None:
             return self.tripped(*violation)
         times, positions = np.array(command.times), self._ordered(command)
@@ -139,7 +139,7 @@ class Drives:
         return replace(self, set_points=SetPoints(self.time + np.concatenate([[0.0], times]), knots))
 
     def stepped(self, seconds: float) -> Drives:
-        """Return where they are after a time, exactly for a constant set point."""
+        """Return the state after a time, exact for a constant set point."""
         if self.set_points is None:
             return self._braked(seconds)
         error = self.position - self.target
@@ -151,11 +151,11 @@ class Drives:
         return after._supervised()
 
     def tripped(self, kind: str, reason: str) -> Drives:
-        """Return what they are after a violation: the brakes on."""
+        """Return the state after a violation: the brakes are on."""
         return replace(self, set_points=None, protection=self.protection.tripped(kind, reason))
 
     def reset(self) -> Drives:
-        """Return what they are without their protective stop; the brakes hold until the next command."""
+        """Return the state without the protective stop; the brakes hold until the next command."""
         return replace(self, protection=self.protection.reset())
 
     def _braked(self, seconds: float) -> Drives:
@@ -174,7 +174,7 @@ class Drives:
         return self
 
     def _misshapen(self, command: JointCommand) -> tuple[str, str] | None:
-        """Return kind and reason where a command is not one for these joints."""
+        """Return kind and reason if a command is malformed; None if it is valid."""
         names = command.names or self.joints
         if len(set(names) & set(self.joints)) != len(names):
             return "malformed", f"expected positions of some of {', '.join(self.joints)}, got {', '.join(names)}"
@@ -192,7 +192,7 @@ class Drives:
         return positions
 
     def _violation(self, times: Array, positions: Array) -> tuple[str, str] | None:
-        """Return kind and reason of the first limit that set points break."""
+        """Return kind and reason of the first limit that set points exceed; None if there is none."""
         limits = self.limits
         if not np.isfinite(positions).all():
             return "non_finite", "expected finite positions, got nan or infinity"
@@ -203,7 +203,7 @@ class Drives:
             return "position", f"{self.joints[broken]}: expected {low:g} to {high:g} rad, got {got:g}"
         steps = np.diff(positions, axis=0, prepend=[self.target])
         room = limits.step + limits.velocity * np.diff(times, prepend=0.0)[:, None]
-        # While stopped the arm is nowhere asked to be, and has no step to the next set point.
+        # A stopped arm has no set point, so there is no step to the next one.
         if not self.protection.is_stopped and (broken := self._first(_exceed(steps, room))) is not None:
             worst = int(np.argmax(np.abs(steps[:, broken]) - room[:, broken]))
             got, most = abs(steps[worst, broken]), room[worst, broken]
@@ -212,11 +212,11 @@ class Drives:
 
     @staticmethod
     def _first(broken: ArrayLike) -> int | None:
-        """Return the first joint, the last axis, of which something is true."""
+        """Return the first joint (last axis) for which any flag is true; None if there is none."""
         joints = np.flatnonzero(np.atleast_2d(broken).any(axis=0))
         return int(joints[0]) if joints.size else None
 
 
 def _exceed(values: Array, limits: Array) -> NDArray[np.bool_]:
-    """Return where magnitudes pass limits by more than rounding."""
+    """Return whether magnitudes exceed limits by more than rounding, elementwise."""
     return np.asarray(np.abs(values) > limits * (1.0 + TOLERANCE))

@@ -1,4 +1,4 @@
-"""A simulated robot in time: its physics in fixed steps, its wires, and what it heard."""
+"""A simulated robot over time: fixed physics steps, and delayed and lossy communication."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from sim_nodes.robots.protection import COMMAND_TIMEOUT
 from sim_nodes.robots.robot import Robot
 from sim_nodes.robots.wire import Wire
 
-MOST_CATCH_UP_S = 1.0  # of the robot's time that are caught up at once, so that messages are handled in between
+MOST_CATCH_UP_S = 1.0  # of the robot's time per call, so that messages are handled in between
 
 
 @dataclass(frozen=True)
 class Sample:
-    """What the sensors read.
+    """One sample of the sensors.
 
     Attributes:
-        time: at which they did, in seconds of the robot's time.
+        time: of the sample, in seconds of the robot's time.
         readings: of the robot.
     """
 
@@ -28,9 +28,10 @@ class Sample:
 
 
 class Hardware:
-    """A robot behind wires, moved on to whatever time it is: a late caller has it catch up, step by step.
+    """A robot with its communication, advanced to a given time step by step.
 
-    Owns the robot, the wires, the number of steps made and of commands heard. Does not own a clock: time is told.
+    Owns the robot, the wires, and the numbers of steps and received commands. It has no clock; the caller passes the
+    time.
 
     Args:
         robot: the robot.
@@ -53,15 +54,15 @@ class Hardware:
 
     @property
     def since_command(self) -> float:
-        """Seconds since the last command was heard; infinity where none was."""
+        """Seconds since the last command arrived; infinity before the first one."""
         return self.time - self._heard_at
 
     def send(self, time: float, command: Any) -> None:
-        """Send the robot a command."""
+        """Send a command to the robot."""
         self._commands.send(time, command)
 
     def advance(self, time: float) -> list[Sample]:
-        """Move the robot on to a time in seconds, or some way to it; return the samples that have arrived."""
+        """Advance the robot to a time in seconds, or part of the way; return the samples that have arrived."""
         now = min(time, self.time + MOST_CATCH_UP_S)
         for arrival, command in self._commands.arrived(now):
             self._simulate(arrival)
@@ -72,11 +73,11 @@ class Hardware:
         return [sample for _, sample in self._samples.arrived(now)]
 
     def next_event(self) -> float:
-        """Return when the robot is to be moved on next: to take a sample, or for a message that arrives."""
+        """Return the time of the next event: a sample, or the arrival of a message."""
         return min(self._next_sample, self._commands.next_arrival, self._samples.next_arrival)
 
     def report(self) -> dict[str, object]:
-        """Return the violations by kind, and what was heard and done."""
+        """Return the violations by kind, and the counters of commands, samples and steps."""
         protection = self.robot.state.protection
         return {
             "stopped": protection.is_stopped,
@@ -91,19 +92,19 @@ class Hardware:
 
     @property
     def _next_sample(self) -> float:
-        """When the sensors are read next, by the first step that ends then or later, in seconds."""
+        """Time of the next sample, which is taken at the end of the first step at or after it, seconds."""
         return (self._readings + 1) / self._settings.sensor_rate
 
     def _simulate(self, until: float) -> None:
         while (self.steps + 1) / self._settings.rate <= until:
             self.robot.step()
             self.steps += 1
-            self._look_for_timeout()
+            self._check_timeout()
             if self.time >= self._next_sample:
                 self._readings += 1
                 self._samples.send(self.time, Sample(self.time, self.robot.sample()))
 
-    def _look_for_timeout(self) -> None:
+    def _check_timeout(self) -> None:
         timeout = self._settings.command_timeout
         if timeout and self.robot.state.is_driven and self.since_command > timeout:
             self.robot.trip(COMMAND_TIMEOUT, f"expected a command every {timeout:g} s")

@@ -1,4 +1,4 @@
-"""What a robot's joints read."""
+"""Readings of a robot's joints."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class JointReadings(NamedTuple):
-    """What the sensors of all joints read at a time, as in `sensor_msgs/JointState`.
+    """Readings of all joints at one time, as in `sensor_msgs/JointState`.
 
     Attributes:
         names: of the joints.

@@ -1,4 +1,4 @@
-"""The simulated robots by their names, and what can be set of each."""
+"""The simulated robots by name, and their settings."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def settings_of(name: str, section: Mapping[str, Any]) -> RobotSettings:
     """Return the settings of a robot from a section of a parameter file.
 
     Args:
-        name: the robot's.
-        section: values by name, without that of the robot.
+        name: of the robot.
+        section: settings without the robot's name.
 
     Raises:
-        ValueError: the robot or a key is unknown, or a value does not fit.
+        ValueError: the robot or a key is unknown, or a value is invalid.
     """
     return build(pick(name, SETTINGS, "robot"), section)

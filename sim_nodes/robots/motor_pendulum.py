@@ -1,9 +1,9 @@
-r"""The paper's pendulum with a motor, by the wall clock.
+r"""The paper's pendulum with a motor, in real time.
 
-The task of `sim_nodes.envs.pendulum` makes of an action two steps of 0.05 s of
+In the task of `sim_nodes.envs.pendulum`, an action is two steps of 0.05 s of
 :math:`\theta' = \theta + 0.05\,\omega`, :math:`\omega' = \omega + 0.05\,a`, so 0.1 s of :math:`\ddot\theta = a`:
-a pendulum without gravity, whose motor turns it with a torque of :math:`a` N m against 1 kg m². Here this goes on all
-the time, between stops at :math:`\pm\pi`, which take the velocity away.
+a pendulum without gravity, whose motor turns it with a torque of :math:`a` N m against 1 kg m². Here the same motion is
+continuous, with inelastic stops at :math:`\pm\pi`.
 """
 
 from __future__ import annotations
@@ -21,41 +21,41 @@ from sim_nodes.robots.robot import Robot, RobotSettings
 JOINT = "motor"
 KINDS = ("malformed", "non_finite", "torque", "torque_step", "velocity", SECOND_PUBLISHER, COMMAND_TIMEOUT)
 BRAKE = 60.0  # rad/s²: from the greatest velocity to rest in 0.2 s
-# The task kicks the velocity by 0.04 rad/s in each step of 0.05 s. It kicks the angle as well, by 0.02 rad, which a
-# motor cannot: the angle is kicked by way of the velocity only.
+# The task adds noise of sd 0.04 rad/s to the velocity in each step of 0.05 s. It also adds noise of sd 0.02 rad to the
+# angle, which a motor cannot: here noise affects the angle through the velocity only.
 PAPER_NOISE = 0.04 / math.sqrt(0.05)
 
 
 @dataclass(frozen=True)
 class MotorLimits(Settings):
-    """What the motor's own supervision lets pass; beyond any of it the motor stops."""
+    """Limits of the motor's protective stop."""
 
     torque: float = setting(3.0, "greatest torque, N m", minimum=0.0, maximum=1e3)
-    torque_step: float = setting(6.0, "greatest change from one command to the next, N m", minimum=0.0, maximum=2e3)
+    torque_step: float = setting(6.0, "greatest difference of successive commands, N m", minimum=0.0, maximum=2e3)
     velocity: float = setting(4 * math.pi, "greatest velocity, rad/s", minimum=0.0, maximum=1e3)
 
 
 @dataclass(frozen=True)
 class MotorPendulumSettings(RobotSettings):
-    """The pendulum with a motor."""
+    """Settings of the pendulum with a motor."""
 
     process_noise: float = setting(
-        PAPER_NOISE, "sd of the velocity that the motor's noise adds in a second, rad/s", minimum=0.0, maximum=100.0
+        PAPER_NOISE, "sd of the velocity noise accumulated in one second, rad/s", minimum=0.0, maximum=100.0
     )
     limits: MotorLimits = MotorLimits()
 
 
 @dataclass(frozen=True)
 class MotorPendulum:
-    """The pendulum's state, and that of its motor.
+    """The state of the pendulum and its motor.
 
     Attributes:
         limits: of the motor.
         angle: rad, in [-pi, pi]; 0 is upright.
         velocity: rad/s.
-        torque: that the motor gives, N m.
-        is_driven: the motor is on; else its brake is.
-        protection: what its supervision saw.
+        torque: of the motor, N m.
+        is_driven: whether the motor is on; otherwise its brake is.
+        protection: state of the protective stop.
     """
 
     limits: MotorLimits = MotorLimits()
@@ -67,11 +67,11 @@ class MotorPendulum:
 
     @property
     def energy(self) -> float:
-        """Kinetic energy, J; there is no other."""
+        """Kinetic energy, J; there is no potential energy."""
         return 0.5 * self.velocity**2
 
     def heard(self, command: Sequence[float]) -> MotorPendulum:
-        """Return what becomes of it by a command of one torque: it is given, or trips the protective stop."""
+        """Return the state after a torque command arrives: the motor applies it, or the protective stop triggers."""
         violation = self._violation(command)
         if violation is not None:
             return self.tripped(*violation)
@@ -80,11 +80,11 @@ class MotorPendulum:
         return replace(self, torque=float(command[0]), is_driven=True)
 
     def stepped(self, seconds: float, kick: float = 0.0) -> MotorPendulum:
-        """Return where it is after a time, exactly for a constant torque.
+        """Return the state after a time, exact for a constant torque.
 
         Args:
             seconds: the time.
-            kick: of the motor's noise to the velocity, rad/s; the brake takes none.
+            kick: noise added to the velocity by the motor, rad/s; the brake adds none.
         """
         target = self.velocity + self.torque * seconds + kick if self.is_driven else _braked(self.velocity, seconds)
         angle = self.angle + 0.5 * (self.velocity + target) * seconds
@@ -96,15 +96,15 @@ class MotorPendulum:
         return after
 
     def tripped(self, kind: str, reason: str) -> MotorPendulum:
-        """Return what it is after a violation: the motor off, the brake on."""
+        """Return the state after a violation: the motor is off, the brake is on."""
         return replace(self, torque=0.0, is_driven=False, protection=self.protection.tripped(kind, reason))
 
     def reset(self) -> MotorPendulum:
-        """Return what it is without its protective stop; the brake holds until the next command."""
+        """Return the state without the protective stop; the brake holds until the next command."""
         return replace(self, protection=self.protection.reset())
 
     def _violation(self, command: Sequence[float]) -> tuple[str, str] | None:
-        """Return kind and reason of the first limit that a command breaks."""
+        """Return kind and reason of the first limit that a command exceeds; None if there is none."""
         limits = self.limits
         if len(command) != 1:
             return "malformed", f"expected 1 torque, got {len(command)}"
@@ -113,7 +113,7 @@ class MotorPendulum:
             return "non_finite", f"expected a finite torque, got {torque}"
         if exceeds(torque, limits.torque):
             return "torque", f"expected at most {limits.torque:g} N m, got {torque:g}"
-        # While it is stopped, what the motor gives is no command's, and has no step to the next one.
+        # The torque of a stopped motor is not a command, so there is no step to the next one.
         if not self.protection.is_stopped and exceeds(torque - self.torque, limits.torque_step):
             return "torque_step", f"expected at most {limits.torque_step:g} N m from {self.torque:g}, got {torque:g}"
         return None
@@ -124,12 +124,12 @@ def _braked(velocity: float, seconds: float) -> float:
 
 
 class MotorPendulumRobot(Robot[MotorPendulum]):
-    """The pendulum as a robot.
+    """The pendulum as a simulated robot.
 
     Owns its state and the streams of its noise.
 
     Args:
-        settings: of it.
+        settings: of the robot.
     """
 
     def __init__(self, settings: MotorPendulumSettings) -> None:
@@ -138,16 +138,16 @@ class MotorPendulumRobot(Robot[MotorPendulum]):
         self._kicks, self._noise = (stream(settings.seed, f"motor_pendulum/{name}", 0) for name in ("kicks", "sensor"))
 
     def hear(self, command: Sequence[float]) -> None:
-        """Take a torque in N m."""
+        """Receive a torque in N m."""
         self.state = self.state.heard(command)
 
     def step(self) -> None:
-        """Move by one step of the physics."""
+        """Simulate one step of the physics."""
         kick = self._kick * self._kicks.standard_normal()
         self.state = self.state.stepped(1.0 / self.settings.rate, kick)
 
     def sample(self) -> JointReadings:
-        """Return what the sensors read."""
+        """Return the readings of the sensors."""
         settings, state = self.settings, self.state
         position, velocity = self._noise.standard_normal(2) * (settings.position_noise, settings.velocity_noise)
         return JointReadings((JOINT,), (state.angle + position,), (state.velocity + velocity,), (state.torque,))

@@ -1,4 +1,4 @@
-"""A simulated robot in steps of its physics."""
+"""Base classes of simulated robots."""
 
 from __future__ import annotations
 
@@ -13,59 +13,62 @@ from sim_nodes.robots.protection import Protection
 
 @dataclass(frozen=True)
 class RobotSettings(Settings):
-    """What all simulated robots have.
+    """Settings of all simulated robots.
 
-    All times and rates are in the robot's time, which goes `speed` times as fast as the wall's.
+    All times and rates are in the robot's time, which runs `speed` times as fast as real time.
     """
 
-    seed: int = setting(0, "of the noise, the delays and the losses", minimum=0, maximum=2**63 - 1)
-    speed: float = setting(1.0, "of the robot's time against the wall's", minimum=0.01, maximum=1000.0)
-    rate: float = setting(500.0, "steps of the physics, Hz", minimum=1.0, maximum=10_000.0)
-    sensor_rate: float = setting(200.0, "joint states, Hz; at most the rate", minimum=1.0, maximum=10_000.0)
-    latency: float = setting(0.002, "that each message takes at least, each way, s", minimum=0.0, maximum=10.0)
-    jitter: float = setting(0.002, "that a message takes more at most, each way, s", minimum=0.0, maximum=10.0)
+    seed: int = setting(0, "seed of noise, delays and losses", minimum=0, maximum=2**63 - 1)
+    speed: float = setting(1.0, "speed of the robot's time relative to real time", minimum=0.01, maximum=1000.0)
+    rate: float = setting(500.0, "rate of the physics, Hz", minimum=1.0, maximum=10_000.0)
+    sensor_rate: float = setting(200.0, "rate of joint states, Hz; at most `rate`", minimum=1.0, maximum=10_000.0)
+    latency: float = setting(0.002, "least delay of a message, each way, s", minimum=0.0, maximum=10.0)
+    jitter: float = setting(0.002, "greatest additional delay of a message, each way, s", minimum=0.0, maximum=10.0)
     loss: float = setting(0.0, "probability that a message is lost, each way", minimum=0.0, maximum=0.99)
-    position_noise: float = setting(1e-3, "sd of a sensed position, rad", minimum=0.0, maximum=1.0)
-    velocity_noise: float = setting(1e-2, "sd of a sensed velocity, rad/s", minimum=0.0, maximum=10.0)
+    position_noise: float = setting(1e-3, "sd of the noise of positions, rad", minimum=0.0, maximum=1.0)
+    velocity_noise: float = setting(1e-2, "sd of the noise of velocities, rad/s", minimum=0.0, maximum=10.0)
     command_timeout: float = setting(
-        0.0, "without a command after which the robot stops by itself, s; 0 for never", minimum=0.0, maximum=60.0
+        0.0,
+        "seconds without a command after which the robot makes a protective stop; 0 for never",
+        minimum=0.0,
+        maximum=60.0,
     )
 
     def __post_init__(self) -> None:
-        """Raise ValueError where a value does not fit."""
+        """Raise ValueError if settings are inconsistent."""
         super().__post_init__()
         require(self.sensor_rate <= self.rate, "sensor_rate", f"at most the rate, {self.rate:g}", self.sensor_rate)
 
 
 class State(Protocol):
-    """The state of a robot: a value."""
+    """The state of a robot, an immutable value."""
 
     @property
     def protection(self) -> Protection:
-        """What its supervision saw."""
+        """State of the protective stop."""
 
     @property
     def is_driven(self) -> bool:
         """Whether its motors are on: since the first command, unless it is stopped."""
 
     def tripped(self, kind: str, reason: str) -> Self:
-        """Return what it is after a violation."""
+        """Return the state after a violation."""
 
     def reset(self) -> Self:
-        """Return what it is without its protective stop; the brakes hold until the next command."""
+        """Return the state without the protective stop; the brakes hold until the next command."""
 
 
 AnyState = TypeVar("AnyState", bound=State)
 
 
 class Robot(ABC, Generic[AnyState]):
-    """A robot in steps of its physics.
+    """A simulated robot, advanced in steps of its physics.
 
-    Owns its state; each kind says what else.
+    Owns its state.
 
     Args:
-        settings: of it.
-        state: that it begins in.
+        settings: of the robot.
+        state: initial state.
     """
 
     def __init__(self, settings: RobotSettings, state: AnyState) -> None:
@@ -74,24 +77,24 @@ class Robot(ABC, Generic[AnyState]):
 
     @abstractmethod
     def hear(self, command: Any) -> None:
-        """Take a command."""
+        """Receive a command."""
 
     @abstractmethod
     def step(self) -> None:
-        """Move by one step of the physics."""
+        """Simulate one step of the physics."""
 
     @abstractmethod
     def sample(self) -> Any:
-        """Return what the sensors read."""
+        """Return the readings of the sensors."""
 
     @abstractmethod
     def description(self) -> str:
         """Return the robot's URDF."""
 
     def trip(self, kind: str, reason: str) -> None:
-        """Stop for a violation."""
+        """Make a protective stop for a violation."""
         self.state = self.state.tripped(kind, reason)
 
     def reset(self) -> None:
-        """Leave the protective stop."""
+        """Reset the protective stop."""
         self.state = self.state.reset()

@@ -1,4 +1,4 @@
-"""The node of a simulated robot: a process that behaves as hardware does, by the wall clock."""
+"""The node of a simulated robot, a process that behaves like hardware in real time."""
 
 from __future__ import annotations
 
@@ -26,25 +26,25 @@ from sim_nodes.robots.protection import SECOND_PUBLISHER
 from sim_nodes.robots.topics import ArmTopics, DoorTopics, MotorPendulumTopics, RobotTopics
 
 TOPICS: dict[str, Any] = {"motor_pendulum": MotorPendulumTopics, "arm": ArmTopics, "pr2_door": DoorTopics}
-LEFT_TIMEOUT_S = 4.0  # for who commands the robot to leave it, before it ends
-REPORT_PERIOD_S = 0.1  # between reports of violations, and looks at who publishes commands
+LEFT_TIMEOUT_S = 4.0  # for the senders of commands to exit, before the node exits
+REPORT_PERIOD_S = 0.1  # between reports of violations, and checks of the commands' publishers
 
 
 class SimulatedRobotNode(ReportingNode):
-    """A robot to practise on.
+    """A simulated robot.
 
-    Owns the robot with its wires and the clock by which it moves. Does not own its safety beyond what hardware has: a
-    protective stop, which comes when a limit was passed already, stays until it is reset, and is counted.
+    Owns the robot with its wires, and the clock by which it moves. Like hardware, it only has a protective stop, which
+    triggers when a limit has already been exceeded, latches until it is reset, and is counted.
     """
 
     def __init__(self) -> None:
         super().__init__("simulated_robot")
 
     def open(self) -> None:
-        """Make the robot and open its topics and services.
+        """Create the robot and open its topics and services.
 
         Raises:
-            ValueError: an unknown parameter, or a value that does not fit.
+            ValueError: an unknown parameter, or an invalid value.
         """
         require_section(self.get_fully_qualified_name(), sys.argv)
         tree = given(self)
@@ -54,8 +54,8 @@ class SimulatedRobotNode(ReportingNode):
         declare(self, entries(settings))
         self._speed = settings.speed
         self._report_at = 0.0  # monotonic time, seconds
-        self._told: tuple[object, ...] = ()
-        self._end_at = inf  # monotonic time, seconds; known once the node is to end
+        self._published: tuple[object, ...] = ()
+        self._end_at = inf  # monotonic time, seconds; finite once the node has been asked to exit
         self._crowded = ""
         self._topics: RobotTopics = TOPICS[name](self, settings, self._command)
         self._hardware = Hardware(self._topics.robot)
@@ -65,22 +65,22 @@ class SimulatedRobotNode(ReportingNode):
         self._uniqueness = Uniqueness(self, own_process)
         self.create_service(Trigger, "~/reset_protective_stop", self._reset)
         self._begin, self._begin_ns = now_by_both_clocks()
-        self.get_logger().info(f"{name} is there, at {self._speed:g} times the wall's speed")
+        self.get_logger().info(f"{name} is running, at {self._speed:g} times real time")
 
     def heartbeat(self) -> float:
-        """Move the robot on and publish what its sensors read; return the seconds until its next event."""
+        """Advance the robot and publish the readings of its sensors; return the seconds until its next event."""
         now = self._now()
         for sample in self._hardware.advance(now):
             self._topics.publish(sample.readings, self._stamp(sample))
         self.diagnostics.steps = self._hardware.steps
         self.diagnostics.stuck = self._topics.robot.state.protection.reason
         self._uniqueness.check()
-        self._look_after_commands()
+        self._check_commands()
         wait = max(self._hardware.next_event() - self._now(), 0.0) / self._speed
         return min(wait, self.diagnostics.heartbeat(), REPORT_PERIOD_S)
 
     def may_end(self) -> bool:
-        """Wait for those who command the robot: they bring it to rest first, by what it senses."""
+        """Wait until the senders of commands have exited: they need the sensors to bring the robot to rest."""
         now = time.monotonic()
         self._end_at = min(self._end_at, now + LEFT_TIMEOUT_S)
         is_left = not any(self.count_publishers(topic) for topic in self._topics.command_topics)
@@ -91,30 +91,30 @@ class SimulatedRobotNode(ReportingNode):
         return (time.monotonic() - self._begin) * self._speed
 
     def _stamp(self, sample: Sample) -> Any:
-        """Return when a sample was taken, by the system's clock."""
+        """Return the time of a sample by the system clock."""
         return Time(nanoseconds=self._begin_ns + round(1e9 * sample.time / self._speed)).to_msg()
 
     def _command(self, command: Any) -> None:
         self._hardware.send(self._now(), command)
 
-    def _look_after_commands(self) -> None:
-        """Stop where commands come from two publishers, and tell of violations at once, of the rest now and then."""
+    def _check_commands(self) -> None:
+        """Stop if commands have two publishers; publish violations at once, and other changes periodically."""
         protection = self._topics.robot.state.protection
         now = time.monotonic()
-        if now < self._report_at and self._told == (protection.violations, protection.reason):
+        if now < self._report_at and self._published == (protection.violations, protection.reason):
             return
         before, self._crowded = self._crowded, self._commanders.crowded()
         if self._crowded and not before:
             self._topics.robot.trip(SECOND_PUBLISHER, f"expected one publisher, got {self._crowded}")
-        self._tell()
+        self._publish_report()
         self._report_at = now + REPORT_PERIOD_S
 
-    def _tell(self) -> None:
+    def _publish_report(self) -> None:
         protection = self._topics.robot.state.protection
-        if protection.reason and protection.reason not in self._told:
+        if protection.reason and protection.reason not in self._published:
             self.get_logger().error(f"protective stop: {protection.reason}")
             self.diagnostics.publish_event(STOP, f"protective stop: {protection.reason}")
-        self._told = (protection.violations, protection.reason)
+        self._published = (protection.violations, protection.reason)
         self._violations.publish(
             DiagnosticStatus(
                 level=DiagnosticStatus.ERROR if protection.is_stopped else DiagnosticStatus.OK,

@@ -1,4 +1,4 @@
-"""The topics of each simulated robot: commands to values, readings to messages."""
+"""The topics of each simulated robot: conversion of commands and readings."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ from sim_nodes.robots.robot import Robot
 if TYPE_CHECKING:
     from sim_nodes.robots.door_robot import DoorReadings
 
-SENSOR_QOS = QoSProfile(depth=10)  # as of the controllers of ros2_control
+SENSOR_QOS = QoSProfile(depth=10)  # like the controllers of ros2_control
 Send = Callable[[Any], None]
 
 
 def trajectory(message: JointTrajectory, speed: float) -> JointCommand:
-    """Return what a trajectory asks for, from when it is heard on, whatever its stamp.
+    """Return the command of a trajectory message, which starts on arrival and ignores the stamp.
 
     Args:
         message: the trajectory.
-        speed: by which its times are multiplied.
+        speed: factor of its times.
     """
     durations = [point.time_from_start for point in message.points]
     times = tuple(speed * (duration.sec + 1e-9 * duration.nanosec) for duration in durations)
@@ -44,7 +44,7 @@ def trajectory(message: JointTrajectory, speed: float) -> JointCommand:
 
 
 def serve_episodes(node: Node, begin: Callable[[], None]) -> None:
-    """Offer the service that begins an episode."""
+    """Offer the service that starts an episode."""
 
     def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         begin()
@@ -58,19 +58,19 @@ class RobotTopics(Protocol):
     """The topics of one robot.
 
     Attributes:
-        robot: behind them.
-        command_topics: on which it is commanded.
+        robot: the robot.
+        command_topics: topics of its commands.
     """
 
     robot: Robot[Any]
     command_topics: tuple[str, ...]
 
     def publish(self, readings: Any, stamp: Time) -> None:
-        """Publish what the sensors read at a time."""
+        """Publish the readings of the sensors at a time."""
 
 
 class JointPublisher:
-    """Publishes readings of joints, and once the robot's description.
+    """Publishes the readings of joints, and once the robot's description.
 
     Args:
         node: the robot's node.
@@ -83,7 +83,7 @@ class JointPublisher:
         self._description.publish(String(data=description))
 
     def publish(self, readings: JointReadings, stamp: Time) -> None:
-        """Publish what the sensors read at a time."""
+        """Publish the readings of the sensors at a time."""
         names, *values = readings
         position, velocity, effort = (list(each) for each in values)
         message = JointState(
@@ -98,7 +98,7 @@ class MotorPendulumTopics:
     Args:
         node: the robot's node.
         settings: of the robot.
-        send: sends the robot a command.
+        send: sends a command to the robot.
     """
 
     command_topics: tuple[str, ...] = ("effort_controller/commands",)
@@ -109,7 +109,7 @@ class MotorPendulumTopics:
         node.create_subscription(Float64MultiArray, self.command_topics[0], lambda m: send(m.data), SENSOR_QOS)
 
     def publish(self, readings: JointReadings, stamp: Time) -> None:
-        """Publish what the sensors read at a time."""
+        """Publish the readings of the sensors at a time."""
         self._joints.publish(readings, stamp)
 
 
@@ -119,7 +119,7 @@ class ArmTopics:
     Args:
         node: the robot's node.
         settings: of the robot.
-        send: sends the robot a command.
+        send: sends a command to the robot.
     """
 
     def __init__(self, node: Node, settings: ArmSettings, send: Send) -> None:
@@ -137,7 +137,7 @@ class ArmTopics:
         node.create_subscription(kind, self.command_topics[0], lambda m: send(command(m)), SENSOR_QOS)
 
     def publish(self, readings: ArmReadings, stamp: Time) -> None:
-        """Publish what the sensors read at a time."""
+        """Publish the readings of the sensors at a time."""
         self._joints.publish(readings.joints, stamp)
         header = Header(stamp=stamp, frame_id="panda_link0")
         (x, y, z), turn = readings.tool
@@ -151,16 +151,16 @@ class ArmTopics:
 class DoorTopics:
     """The topics of the PR2's door: trajectories in; joint state, the error of the base's pose and the reward out.
 
-    The times of a trajectory are the robot's: at twice the speed it takes half as long.
+    The times of a trajectory are in the robot's time: at twice the speed it takes half as long.
 
     Args:
         node: the robot's node.
         settings: of the robot.
-        send: sends the robot a command.
+        send: sends a command to the robot.
     """
 
     def __init__(self, node: Node, settings: DoorSettings, send: Send) -> None:
-        from sim_nodes.robots.door_robot import DoorRobot  # here, since the other robots do without PyBullet
+        from sim_nodes.robots.door_robot import DoorRobot  # imported here: the other robots do not need PyBullet
 
         self.robot: Robot[Any] = (pr2 := DoorRobot(settings))
         self.command_topics: tuple[str, ...] = (f"{settings.controller}/joint_trajectory",)
@@ -173,7 +173,7 @@ class DoorTopics:
         )
 
     def publish(self, readings: DoorReadings, stamp: Time) -> None:
-        """Publish what the sensors read at a time."""
+        """Publish the readings of the sensors at a time."""
         self._joints.publish(readings.joints, stamp)
         self._base_error.publish(Float64MultiArray(data=readings.base_error))
         if readings.reward is not None:

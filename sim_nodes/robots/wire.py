@@ -1,4 +1,4 @@
-"""A connection between a robot and others that delays and loses messages."""
+"""A connection to a robot that delays and loses messages."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ T = TypeVar("T")
 
 
 class Wire(Generic[T]):
-    """One direction of a connection: messages come late or not at all, and in the order in which they were sent.
+    """One direction of a connection, which delays or loses messages and preserves their order.
 
-    Owns its random stream, what is under way and how much was lost. What happens to the k-th message follows from the
-    stream and k alone.
+    Owns its random stream, the messages in transit and the number of lost ones. The fate of the k-th message depends
+    only on the stream and k.
 
     Args:
-        stream: two numbers of it are drawn for each message.
-        latency: seconds that each message takes at least.
-        jitter: seconds that it takes more at most, uniformly distributed.
+        stream: source of two random numbers per message.
+        latency: least delay, seconds.
+        jitter: greatest additional delay, uniformly distributed, seconds.
         loss: probability that a message is lost.
     """
 
@@ -34,7 +34,7 @@ class Wire(Generic[T]):
 
     @property
     def next_arrival(self) -> float:
-        """When the next message arrives, in seconds; infinity where none is under way."""
+        """Arrival time of the next message, seconds; infinity if none is in transit."""
         return self._under_way[0][0] if self._under_way else math.inf
 
     def send(self, time: float, message: T) -> None:
@@ -47,6 +47,6 @@ class Wire(Generic[T]):
         self._under_way.append((self._last_arrival, message))
 
     def arrived(self, time: float) -> Iterator[tuple[float, T]]:
-        """Take out the messages that have arrived by a time, each with the time of its arrival."""
+        """Remove and yield the messages that have arrived by a time, each with its arrival time."""
         while self._under_way and self.next_arrival <= time:
             yield self._under_way.popleft()

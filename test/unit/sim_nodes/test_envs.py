@@ -236,5 +236,5 @@ def test_a_bad_angle_is_refused() -> None:
 
 
 def test_seeds_for_another_number_of_rows_are_refused() -> None:
-    with pytest.raises(ValueError, match="seeds: expected 3, one for each row, got 2"):
+    with pytest.raises(ValueError, match="seeds: expected 3, one for each environment, got 2"):
         Toy(3).reset(seed=[1, 2])
