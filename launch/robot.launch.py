@@ -1,7 +1,7 @@
-"""The nodes that learn on a robot: ``ros2 launch rkhs_ros robot.launch.py config:=FILE output:=DIR``.
+"""Launch the nodes that learn on a robot: ``ros2 launch rkhs_ros robot.launch.py config:=FILE output:=DIR``.
 
-The robot's own nodes are not started here, nor is its gate armed: that is for a person to do. With ``simulated:=true``
-the configuration's simulated robot is started, too, and its gate is armed by the robot node.
+Start the robot's own nodes and arm the gate yourself. With ``simulated:=true``, the configuration's simulated robot
+starts as well, and the robot node arms the gate.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from rkhs_ros.runs.config import load_config
 
 ABOUT = {
     "config": "parameter file with the sections /**/robot, /**/gate and /**/learner",
-    "output": "folder for the results and for the episodes that the robot made",
-    "resume": "true: go on with the run in the output folder, if one began there",
-    "simulated": "true: start the simulated robot of the section /**/simulated_robot as well",
-    "namespace": "of all nodes",
+    "output": "folder for the results and the robot's episodes",
+    "resume": "true: resume the run in the output folder, if there is one",
+    "simulated": "true: also start the simulated robot of the section /**/simulated_robot",
+    "namespace": "namespace of all nodes",
 }
 DEFAULTS = {"resume": "false", "simulated": "false", "namespace": ""}
 AGAIN = {"respawn": True, "respawn_delay": 1.0}
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Start gate, robot, policy and learner; all end with the learner, or with the gate.
+    """Start gate, robot, policy and learner nodes; all exit with the learner, or with the gate.
 
-    Robot and policy node are started again where they are killed: the learner brings them back. The gate is not: what
-    it stopped for is for a person to look at.
+    Killed robot and policy nodes are restarted, and the learner continues with them. The gate is not restarted: an
+    operator has to find the cause.
     """
     arguments = [
         DeclareLaunchArgument(
@@ -49,10 +49,10 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def nodes(context: LaunchContext) -> list[Action]:
-    """Return the nodes, by the arguments of the launch file.
+    """Return the nodes for the arguments of the launch file.
 
     Raises:
-        ValueError: an argument is unknown or does not fit, or a section of the configuration does not.
+        ValueError: an argument is unknown or invalid, or a section of the configuration is.
     """
     require_known_arguments(sys.argv, Path(__file__).name, ABOUT)
     given = {name: LaunchConfiguration(name).perform(context) for name in ABOUT}
@@ -61,7 +61,8 @@ def nodes(context: LaunchContext) -> list[Action]:
     config, folder = load_config(Path(given["config"])), Path(given["output"]).expanduser().resolve()
     require(bool(config.environment.nodes), given["config"], "a section /**/robot", "none")
     simulated = given["simulated"] == "true"
-    require(not simulated or "simulated_robot" in config.environment.nodes, "simulated", "its section", "none")
+    expected = "a section /**/simulated_robot in the configuration"
+    require(not simulated or "simulated_robot" in config.environment.nodes, "simulated", expected, "none")
     check_robot(config)
     file = robot_parameters(config, folder, resume=given["resume"] == "true", simulated=simulated)
     more = {"gate": {"on_exit": gate_ended}, "learner": {"on_exit": learner_ended}}
@@ -79,14 +80,14 @@ def nodes(context: LaunchContext) -> list[Action]:
 
 
 def gate_ended(event: ProcessExited, context: LaunchContext) -> list[Action]:
-    """End the run with the gate; what is raised here makes ``ros2 launch`` end with 1."""
+    """End the run with the gate; raising makes ``ros2 launch`` exit with 1."""
     if not context.is_shutdown:
-        raise RuntimeError(f"the gate ended with exit code {event.returncode}; nothing may move without it")
+        raise RuntimeError(f"the gate exited with code {event.returncode}; nothing may move without it")
     return []
 
 
 def learner_ended(event: ProcessExited, context: LaunchContext) -> list[Action]:
-    """End the others with the learner."""
+    """End the other nodes with the learner."""
     if event.returncode != 0 and not context.is_shutdown:
-        raise RuntimeError(f"the learner ended with exit code {event.returncode}")
+        raise RuntimeError(f"the learner exited with code {event.returncode}")
     return [Shutdown(reason="the learner is done")]

@@ -1,4 +1,4 @@
-"""The nodes of a run: ``ros2 launch rkhs_ros train.launch.py config:=FILE``."""
+"""Launch the nodes of a run: ``ros2 launch rkhs_ros train.launch.py config:=FILE``."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from rkhs_ros.runs.config import load_config
 
 ABOUT = {
     "config": "parameter file, see config/",
-    "output": "folder for the results; results/NAME/TIME where empty",
-    "resume": "true: go on with the run in the output folder, if one began there",
-    "simulators": "simulator nodes that share the episodes; as the configuration has it where empty",
-    "namespace": "of all nodes",
+    "output": "folder for the results; empty for results/NAME/TIME",
+    "resume": "true: resume the run in the output folder, if there is one",
+    "simulators": "number of simulator nodes that share the episodes; empty for that of the configuration",
+    "namespace": "namespace of all nodes",
 }
 AGAIN = {"respawn": True, "respawn_delay": 1.0}
 OnExit = Callable[[ProcessExited, LaunchContext], list[Action]]
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Start simulators, policy and learner; all end with the learner, by its exit code.
+    """Start simulator, policy and learner nodes; all exit with the learner, with its exit code.
 
-    Simulators and policy node are started again where they are killed: the learner brings them back.
+    Killed simulator and policy nodes are restarted, and the learner continues with them.
     """
     share = FindPackageShare("rkhs_ros")
     defaults = {"config": PathJoinSubstitution([share, "config", "pendulum_nac.yaml"]), "resume": "false"}
@@ -44,10 +44,10 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def nodes(context: LaunchContext) -> list[Action]:
-    """Return the nodes, by the arguments of the launch file.
+    """Return the nodes for the arguments of the launch file.
 
     Raises:
-        ValueError: an argument is unknown or does not fit.
+        ValueError: an argument is unknown or invalid.
     """
     require_known_arguments(sys.argv, Path(__file__).name, ABOUT)
     given = {name: LaunchConfiguration(name).perform(context) for name in ABOUT}
@@ -87,18 +87,18 @@ def nodes(context: LaunchContext) -> list[Action]:
 
 
 def learner_ended(event: ProcessExited, context: LaunchContext) -> list[Action]:
-    """End the others with the learner; what is raised here makes ``ros2 launch`` end with 1."""
+    """End the other nodes with the learner; raising makes ``ros2 launch`` exit with 1."""
     if event.returncode != 0 and not context.is_shutdown:
-        raise RuntimeError(f"the learner ended with exit code {event.returncode}")
+        raise RuntimeError(f"the learner exited with code {event.returncode}")
     return [Shutdown(reason="the learner is done")]
 
 
 def server_ended(name: str) -> OnExit:
-    """Return what ends the run where a node that was not killed ended before the learner."""
+    """Return a handler that ends the run if a node exits before the learner without being killed."""
 
     def ended(event: ProcessExited, context: LaunchContext) -> list[Action]:
         if event.returncode >= 0 and not context.is_shutdown:
-            raise RuntimeError(f"the {name} node ended before the learner, with exit code {event.returncode}")
+            raise RuntimeError(f"the {name} node exited before the learner, with code {event.returncode}")
         return []
 
     return ended

@@ -1,4 +1,4 @@
-"""Pictures of an episode, drawn without a graphics card."""
+"""Camera images of an episode, rendered in software."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sim_nodes.pr2.robot import Vector
 
 
 class Camera(NamedTuple):
-    """Where a camera is and looks, in metres, and its vertical angle of view in degrees."""
+    """A camera: its position and target in metres, and its vertical field of view in degrees."""
 
     place: Vector
     target: Vector
@@ -24,24 +24,24 @@ CAMERAS = {
 }
 NEAR, FAR = 0.05, 10.0  # m
 LIGHT = (-2.0, -2.0, 4.0)
-TINY_RENDERER = 1 << 16  # PyBullet's, on the processor
+TINY_RENDERER = 1 << 16  # PyBullet's software renderer
 FLOOR_SIZE, FLOOR_COLOUR = (4.0, 4.0, 0.01), (0.80, 0.78, 0.74, 1.0)  # m (half extents), RGBA
 
 
 def add_floor(client: Any) -> None:
-    """Add a floor that is visible but touches nothing, so that the physics stay the same."""
+    """Add a visible floor without contacts, so that the physics do not change."""
     shape = client.createVisualShape(client.GEOM_BOX, halfExtents=FLOOR_SIZE, rgbaColor=FLOOR_COLOUR)
     client.createMultiBody(baseMass=0.0, baseVisualShapeIndex=shape, basePosition=(0.0, 0.0, -FLOOR_SIZE[2]))
 
 
 class Film:
-    """Takes a picture with every camera once in some calls.
+    """Takes an image with every camera once per `every` calls.
 
-    Owns the pictures taken.
+    Owns the images.
 
     Args:
-        size: width and height of a picture.
-        every: calls from one picture to the next.
+        size: width and height of an image.
+        every: calls between images.
     """
 
     def __init__(self, size: tuple[int, int], every: int) -> None:
@@ -51,19 +51,19 @@ class Film:
         self._taken: dict[str, list[NDArray[np.uint8]]] = {name: [] for name in CAMERAS}
 
     def __call__(self, client: Any) -> None:
-        """Take the pictures of a moment, if it is one of those."""
+        """Take the images of the current state, if they are due."""
         if self._calls % self.every == 0:
             for name, camera in CAMERAS.items():
                 self._taken[name].append(picture(client, camera, self.size))
         self._calls += 1
 
     def frames(self) -> dict[str, NDArray[np.uint8]]:
-        """Return the pictures of each camera, shape (frames, height, width, 3)."""
+        """Return the images of each camera, shape (frames, height, width, 3)."""
         return {name: np.array(pictures) for name, pictures in self._taken.items()}
 
 
 def picture(client: Any, camera: Camera, size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return what a camera sees as RGB, shape (height, width, 3)."""
+    """Return the RGB image of a camera, shape (height, width, 3)."""
     width, height = size
     view = client.computeViewMatrix(camera.place, camera.target, (0.0, 0.0, 1.0))
     lens = client.computeProjectionMatrixFOV(camera.view, width / height, NEAR, FAR)

@@ -1,4 +1,4 @@
-"""The robotic manipulation task of section 4.4 of the paper: a PR2 opens a door, one action an episode."""
+"""The robotic manipulation task of section 4.4 of the paper: a PR2 opens a door, with one action per episode."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from sim_nodes.pr2.world import Trajectory, World, in_window, require_display
 
 POSES = ("per_run", "per_episode")
 POSE_SD = np.array([0.015, 0.05, 0.05])  # of the base: x, y (m), yaw (rad)
-START = (0.05, 0.04)  # m: a first guess of where to grip and how wide, which is poor
+START = (0.05, 0.04)  # m: a poor first guess of the grip position and the opening
 TRACKING_SCALE = 0.05  # m
 
 
 class Outcome(NamedTuple):
-    """What came of a change of the demonstration.
+    """Outcome of a changed demonstration.
 
     Attributes:
         reward: from 0 to 1.
-        success: the door ended open.
+        success: whether the door is open at the end.
         door_angle: at the end, rad.
-        tracking_error: the first part of the cost; infinite where the arm cannot reach.
-        trajectory: what was done; None where the arm cannot reach.
+        tracking_error: the first part of the cost; infinite if the arm cannot reach the path.
+        trajectory: the executed motion; None if the arm cannot reach the path.
     """
 
     reward: float
@@ -38,37 +38,37 @@ class Outcome(NamedTuple):
 
 
 class PR2Door(VectorTask):
-    r"""Open a door by changing a demonstration, while the robot does not stand where it stood when that was given.
+    r"""Open a door by changing a demonstration, which was recorded at another pose of the robot's base.
 
     The observation is the error of the base's pose: :math:`(x / 0.015\,m, y / 0.05\,m, yaw / 0.05\,rad)`, standard
-    normal. The action, in metres, is added to ``start``, a poor first guess; the sum, the change, moves the fingers
-    along the lever (to the left), by at most 0.2, and widens their opening, by at most 0.08. The demonstration, so
-    changed, is carried out in the frame of the robot's base:
+    normal. The action, in metres, is added to ``start``, a poor first guess. The sum, the change, shifts the fingers
+    along the lever (to the left) by at most 0.2, and widens their opening by at most 0.08. The robot executes the
+    changed demonstration in the frame of its base:
 
     .. math:: r = \exp(-R_1 - R_2), \qquad R_1 = \frac{\text{mean} \|x - x_{demo}\|^2 +
         \text{mean} (w - w_{demo})^2}{(0.05\,m)^2}
 
-    with the tool's place x in the world and the opening w; :math:`R_2` is 0 if the door ends open beyond 5 degrees,
-    otherwise 1. What the arm cannot reach earns 0. An episode is over after one action. The rows run one after
-    another, each from the same state of the simulator, so no row depends on another.
+    with the tool's position x in the world and the opening w. :math:`R_2` is 0 if the door is open by more than 5
+    degrees at the end, otherwise 1. The reward is 0 if the arm cannot reach the path. An episode has one action. The
+    environments run in sequence, each from the same state of the simulator, so they are independent.
 
-    Owns the simulator, made at the first action, and the trajectories of the last episodes.
+    Owns the simulator, which is created at the first action, and the outcomes of the last episodes.
 
     Args:
-        num_envs: number of rows.
-        max_episode_steps: of no effect, since an episode has one step.
-        pose: the error is drawn once ("per_run") or for each episode from the row's seed ("per_episode").
-        pose_seed: what the error "per_run" follows from.
-        start: the change that the action (0, 0) stands for, two numbers in metres. It is added to an action within its
-            space, and the bounds of that hold for the sum once more.
-        gui: PyBullet's window shows what is done; it is one for the process and stays open until that ends.
+        num_envs: number of environments.
+        max_episode_steps: ignored, because an episode has one step.
+        pose: draw the error once ("per_run"), or for each episode from the environment's seed ("per_episode").
+        pose_seed: seed of the "per_run" error.
+        start: the change for the action (0, 0), two numbers in metres. It is added to the clipped action; the sum is
+            clipped to the same bounds.
+        gui: show the simulation in PyBullet's window. A process has one window, which stays open until it exits.
     """
 
     single_observation_space = Box(-np.inf, np.inf, (3,), np.float64)
     single_action_space = Box(np.array([-0.2, -0.08]), np.array([0.2, 0.08]), dtype=np.float64)
     observation_names: ClassVar[tuple[str, ...]] = ("error in x (sd)", "error in y (sd)", "error in yaw (sd)")
     action_names: ClassVar[tuple[str, ...]] = ("shift along the lever (m)", "change of the opening (m)")
-    success_reward = float(np.exp(-1.0))  # what does not open the door earns at most this
+    success_reward = float(np.exp(-1.0))  # the greatest reward without opening the door
     noise_dim = 0
     step_seconds = demonstration.SECONDS
 
@@ -110,15 +110,15 @@ class PR2Door(VectorTask):
 
     @property
     def filmed(self) -> World:
-        """The simulator that films are taken in, where the robot looks as it does."""
+        """The simulator for films, with the robot's meshes."""
         if self._filmed is None:
             self._filmed = in_window() if self.gui else World(meshes=True)
         return self._filmed
 
-    def initial_states(self, rows: int) -> Array:
-        """Return the errors of the pose: x, y in metres, yaw in radians; shape (rows, 3)."""
+    def initial_states(self, num_envs: int) -> Array:
+        """Return the errors of the pose: x, y in metres, yaw in radians; shape (num_envs, 3)."""
         if self.pose == "per_run":
-            return np.tile(POSE_SD * np.random.default_rng(self.pose_seed).standard_normal(3), (rows, 1))
+            return np.tile(POSE_SD * np.random.default_rng(self.pose_seed).standard_normal(3), (num_envs, 1))
         return np.stack([POSE_SD * stream.standard_normal(3) for stream in self._streams])
 
     def transition(self, states: Array, actions: Array, noise: Array) -> Array:  # noqa: D102
@@ -133,9 +133,9 @@ class PR2Door(VectorTask):
         return states / POSE_SD
 
     def step(self, actions: Array) -> tuple[Array, Any, Any, Any, dict[str, Any]]:
-        """Carry out an action in every row, or start anew in the step after; an action that is not finite is refused.
+        """Execute an action in every environment; the step after that resets them. Non-finite actions are refused.
 
-        The info holds ``success``, ``door_angle`` (rad) and ``tracking_error`` (:math:`R_1`) of each row.
+        The info has ``success``, ``door_angle`` (rad) and ``tracking_error`` (:math:`R_1`) of each environment.
         """
         if not np.all(np.isfinite(actions)):
             raise ValueError(f"action: expected finite numbers, got {np.asarray(actions).tolist()}")
@@ -143,30 +143,30 @@ class PR2Door(VectorTask):
         return observations, rewards, over, np.zeros_like(over), self._info() if over.all() else {}
 
     def change(self, actions: Array) -> Array:
-        """Return by how much actions, shape (2,) or (rows, 2), change the demonstration."""
+        """Return the changes of the demonstration for actions, shape (2,) or (num_envs, 2)."""
         low, high = self.single_action_space.low, self.single_action_space.high
         return clip(self.start + clip(actions, low, high), low, high)
 
     def attempt(self, pose: Array, change: Array) -> Outcome:
-        """Return what comes of a change of the demonstration when the base's pose is off by x, y, yaw.
+        """Return the outcome of a changed demonstration with an error x, y, yaw of the base's pose.
 
-        The change is not the action but its sum with ``start``; (0, 0) is the demonstration. It is clipped.
+        The change is the sum of the action and ``start``, and is clipped; (0, 0) is the demonstration.
         """
         return self._attempt(pose, change, None)
 
     def render_frames(
         self, pose: Array, change: Array, size: tuple[int, int] = (480, 360), every: int = 4
     ) -> dict[str, Any]:
-        """Carry out a change and return what the cameras see: RGB of shape (frames, height, width, 3) by name.
+        """Execute a change, and return the cameras' RGB images, shape (frames, height, width, 3), by camera name.
 
         Args:
             pose: error of the base: x, y, yaw.
             change: of the demonstration, as for `attempt`.
             size: width and height of a frame.
-            every: knots, of 0.05 s, from one frame to the next.
+            every: knots, of 0.05 s, between frames.
 
         Raises:
-            ValueError: the arm cannot reach so far.
+            ValueError: the arm cannot reach the path.
         """
         film = cameras.Film(size, every)
         if self._attempt(pose, change, film).trajectory is None:
@@ -174,14 +174,14 @@ class PR2Door(VectorTask):
         return film.frames()
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Give up the simulator, unless it is the one in the window."""
+        """Close the simulator, unless it is the one in the window."""
         for world in (self._world, self._filmed):
             if world is not None and not self.gui:
                 world.close()
         self._world = self._filmed = None
 
     def joint_states(self) -> JointStates | None:
-        """Return what the joints did in the first row; None before, or where the arm cannot reach."""
+        """Return the motion of the joints in the first environment; None before it, or if the arm cannot reach."""
         trajectory = self.outcomes[0].trajectory if self.outcomes and self._step else None
         return None if trajectory is None else JointStates(*trajectory.joint_states(), 1.0 / demonstration.RATE)
 
@@ -190,7 +190,7 @@ class PR2Door(VectorTask):
         return robot.urdf()
 
     def view_direction(self) -> tuple[float, float, float]:
-        """Return the direction from which it is looked at: behind the robot, on the side of its right arm."""
+        """Return the direction towards the viewer: behind the robot, on the side of its right arm."""
         return (-0.75, -1.0, 0.55)
 
     def bounds(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
@@ -198,11 +198,11 @@ class PR2Door(VectorTask):
         return (-0.4, -0.9, 0.0), (0.9, 1.0, 2.2)
 
     def bodies(self) -> list[Body]:
-        """Return what is seen: the robot, the door and the wall."""
+        """Return the visible bodies: the robot, the door and the wall."""
         return visual_bodies.bodies()
 
     def motion(self, observations: Array, actions: Array) -> BodyTrajectories | None:
-        """Return what comes of an episode's action, carried out once more; None where the arm cannot reach."""
+        """Execute an episode's action again, and return the trajectories; None if the arm cannot reach."""
         pose = observations[0] * POSE_SD
         trajectory = self.attempt(pose, self.change(actions[0])).trajectory
         if trajectory is None:
@@ -227,20 +227,20 @@ class PR2Door(VectorTask):
 
 
 def _numbers(values: Any) -> bool:
-    """Return whether it is a plain row of numbers."""
+    """Return whether a value is a flat sequence of numbers."""
     row = values.tolist() if isinstance(values, np.ndarray) else values
     return isinstance(row, list | tuple) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in row)
 
 
 def tracking_error(trajectory: Trajectory, shown: demonstration.Demonstration) -> float:
-    """Return the squared distance from the demonstration, in the scale of the cost."""
+    """Return the squared distance from the demonstration, in units of the cost's scale."""
     place = np.sum((trajectory.tool - shown.positions) ** 2, axis=1)
     opening = (trajectory.openings - shown.openings) ** 2
     return float((np.mean(place) + np.mean(opening)) / TRACKING_SCALE**2)
 
 
 class SinglePR2Door(SingleTask):
-    """The task as an ordinary Gymnasium environment of one row.
+    """The task as a single Gymnasium environment.
 
     Args:
         options: of `PR2Door`.
@@ -252,10 +252,10 @@ class SinglePR2Door(SingleTask):
         super().__init__(PR2Door(**options))
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """Carry out the action; the episode is then over."""
+        """Execute the action, which ends the episode."""
         observation, reward, _, _, info = super().step(action)
         return observation, reward, True, False, {name: values[0].item() for name, values in info.items()}
 
     def close(self) -> None:
-        """Give up the simulator."""
+        """Close the simulator."""
         self.task.close()

@@ -14,14 +14,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Chain:
-    """Revolute joints one after another, whose frames are parallel at angles of zero.
+    """A chain of revolute joints whose frames are parallel at zero angles.
 
     Attributes:
-        origins: of each joint in the frame before it, shape (n, 3).
+        origins: of each joint in the previous frame, shape (n, 3).
         axes: of each joint, unit vectors, shape (n, 3).
-        lower: limits of the angles, shape (n,).
-        upper: limits of the angles, shape (n,).
-        tool: place of the tool in the last frame, shape (3,).
+        lower: least angles, shape (n,).
+        upper: greatest angles, shape (n,).
+        tool: position of the tool in the last frame, shape (3,).
     """
 
     origins: Array
@@ -44,16 +44,16 @@ class Chain:
 
         .. math:: q \leftarrow q + J^\top (J J^\top + \lambda^2 I)^{-1} e, \qquad \lambda^2 = 10^{-5} + 0.1 \|e\|^2
 
-        Angles are kept within their limits. Every row is computed by itself.
+        Angles stay within their limits. The k problems are independent.
 
         Args:
-            start: angles to begin with, shape (k, n).
+            start: initial angles, shape (k, n).
             position: shape (k, 3).
             rotation: shape (k, 3, 3).
             iterations: at most.
 
         Returns:
-            The angles, shape (k, n), and the norms of the errors left, in metres and radians, shape (k,).
+            The angles, shape (k, n), and the norms of the remaining errors, in metres and radians, shape (k,).
         """
         q = np.clip(start, self.lower, self.upper)
         for _ in range(iterations):
@@ -82,11 +82,11 @@ class Chain:
         return position + rotation @ self.tool, rotation, points, axes
 
 
-TOLERANCE = 1e-6  # at which the search ends: metres and radians
+TOLERANCE = 1e-6  # of the solver, in metres and radians
 
 
 def rotation_about(axis: Array | Vector, angles: Array) -> Array:
-    """Return the matrices, shape (k, 3, 3), of turns by angles of shape (k,) about one unit axis."""
+    """Return the rotation matrices, shape (k, 3, 3), for angles of shape (k,) about one unit axis."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     sine, versine = np.sin(angles)[:, None, None], (1.0 - np.cos(angles))[:, None, None]
@@ -94,7 +94,7 @@ def rotation_about(axis: Array | Vector, angles: Array) -> Array:
 
 
 def arm_chain(torso: float) -> Chain:
-    """Return the right arm from the base's footprint to the tool, with the torso at a height in metres."""
+    """Return the chain of the right arm from the base footprint to the tool, for a torso height in metres."""
     origins = np.array([joint.origin for joint in ARM])
     origins[0] += np.add(fixed_torso(torso).origin, (0.0, 0.0, 0.051))
     return Chain(
@@ -113,5 +113,5 @@ def _damped_step(jacobian: Array, error: Array) -> Array:
 
 
 def _rotation_error(rotation: Array, wanted: Array) -> Array:
-    """Return half the sum of the cross products of the axes: near the solution, the rotation vector between."""
+    """Return half the sum of the cross products of the axes, which approximates the rotation vector between both."""
     return np.asarray(0.5 * np.cross(rotation, wanted, axis=1).sum(axis=2))

@@ -1,4 +1,4 @@
-"""The PR2 as it looks: the meshes of the package example-robot-data in place of boxes, where that is installed."""
+"""Meshes of the PR2 from the package example-robot-data, which replace its boxes if the package is installed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 Array = NDArray[np.float64]
 
 PACKAGE, DESCRIPTION = "example-robot-data", "robots/pr2_description/urdf/pr2.urdf"
-# Of joints that the simulated robot does not have, rad: the left arm is tucked in, the head looks at the hand.
+# Positions of joints that the simulated robot lacks, rad: the left arm is tucked in, the head faces the hand.
 REST = {
     "l_shoulder_pan_joint": 0.06,
     "l_shoulder_lift_joint": 1.25,
@@ -33,7 +33,7 @@ PAINT = {
     "tilt": "0.3 0.31 0.33 1",
     "forearm": "0.62 0.63 0.66 1",
 }
-WHITE = "0.92 0.92 0.9 1"  # of meshes whose names have none of these words
+WHITE = "0.92 0.92 0.9 1"  # of all other meshes
 
 
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -41,22 +41,22 @@ HEADER = 84  # bytes of a binary STL before its triangles
 
 
 def with_meshes(urdf: str, folder: Path) -> str:
-    """Return a URDF whose links look as those of the same names in the package; as it is where that is missing.
+    """Return a URDF whose links have the meshes of the package; return it unchanged if the package is missing.
 
-    Links of the package that it has not are fixed to the one that they are on, as they are at `REST`. What touches and
-    what weighs is as before.
+    Links that the URDF lacks are fixed to their nearest known parent, at the positions `REST`. Contacts and masses do
+    not change.
 
     Args:
         urdf: a robot of boxes.
-        folder: for the meshes.
+        folder: for the mesh files.
     """
     path = _description()
     if path is None:
         return urdf
-    robot, seen = ElementTree.fromstring(urdf), ElementTree.parse(path).getroot()
+    robot, package = ElementTree.fromstring(urdf), ElementTree.parse(path).getroot()
     ours = {link.get("name", ""): link for link in robot.findall("link")}
-    parents = {joint.find("child").get("link"): joint for joint in seen.findall("joint")}  # type: ignore[union-attr]
-    looks = {link.get("name", ""): link.findall("visual") for link in seen.findall("link")}
+    parents = {joint.find("child").get("link"): joint for joint in package.findall("joint")}  # type: ignore[union-attr]
+    looks = {link.get("name", ""): link.findall("visual") for link in package.findall("link")}
     for name in ours.keys() & looks.keys():
         for box in ours[name].findall("visual"):
             ours[name].remove(box)
@@ -70,7 +70,7 @@ def with_meshes(urdf: str, folder: Path) -> str:
 
 @cache
 def _description() -> Path | None:
-    """Return the file that describes the robot in the package; None where that is not installed."""
+    """Return the package's URDF file; None if the package is not installed."""
     try:
         found = [file for file in files(PACKAGE) or () if str(file).endswith(DESCRIPTION)]
     except PackageNotFoundError:
@@ -80,7 +80,7 @@ def _description() -> Path | None:
 
 
 def _on(name: str, ours: dict[str, Element], parents: dict[str | None, Element]) -> tuple[str | None, Array]:
-    """Return the link of ours that one is on, None for none, and its frame in that of ours, shape (4, 4)."""
+    """Return the known link to which a link is attached (or None), and the link's frame in it, shape (4, 4)."""
     place = np.eye(4)
     while name not in ours:
         if name not in parents:
@@ -96,7 +96,7 @@ def _on(name: str, ours: dict[str, Element], parents: dict[str | None, Element])
 
 
 def _placed(visual: Element, place: Array, root: Path, folder: Path) -> Element:
-    """Return a visual in the frame of the link that it is fixed to, with its file, painted."""
+    """Return a visual in the frame of its known link, with its mesh file and colour."""
     mesh: Element = visual.find("geometry/mesh")  # type: ignore[assignment]
     frame = place @ _frame(visual.find("origin"))
     turn = Rotation.from_matrix(frame[:3, :3]).as_euler("xyz")
@@ -114,7 +114,7 @@ def _placed(visual: Element, place: Array, root: Path, folder: Path) -> Element:
 
 
 def _lit(stl: bytes) -> bytes:
-    """Return a mesh with the normals of its triangles, which some files leave at 0: they would be drawn black."""
+    """Return a mesh with computed normals; some files have zero normals, which render black."""
     triangles = np.frombuffer(stl, TRIANGLE, offset=HEADER).copy()
     a, b, c = np.moveaxis(triangles["corners"], 1, 0)
     normal = np.cross(b - a, c - a)

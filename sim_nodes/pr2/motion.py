@@ -1,4 +1,4 @@
-"""What an action makes of the demonstration."""
+"""Changed demonstrations as motions of the arm."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from sim_nodes.pr2.robot import MAX_GAP
 
 Array = NDArray[np.float64]
 
-REACHED = 1e-4  # metres and radians that a solution may be off
+REACHED = 1e-4  # accepted error of a solution, in metres and radians
 
 
 @dataclass(frozen=True)
 class Motion:
-    """What is to be done, at the demonstration's knots.
+    """A motion of the arm and gripper, at the demonstration's knots.
 
     Attributes:
         arm: angles of the arm, shape (k, 7).
@@ -31,12 +31,12 @@ class Motion:
 
 
 def adapted(demonstration: Demonstration, action: Array) -> Motion | None:
-    """Return the demonstration changed by an action, or None where the arm cannot reach that far.
+    """Return the demonstration changed by an action; None if the arm cannot reach it.
 
     Args:
-        demonstration: what was shown.
-        action: metres by which the tool's y is shifted, all along the path and in the frame of the robot's base, and
-            by which the opening is changed; the opening stays within what the gripper can do.
+        demonstration: the original motion.
+        action: shift of the tool's y along the whole path, in the frame of the robot's base, and change of the opening,
+            in metres; the opening is clipped to the gripper's range.
     """
     positions = demonstration.positions + np.array([0.0, action[0], 0.0])
     arm, errors = _chain().solve(demonstration.arm, positions, demonstration.rotations)

@@ -1,7 +1,7 @@
 """The PR2's base, torso, right arm and gripper as data, and as a URDF of primitive shapes.
 
-Facts of the public robot description; metres, radians, kilograms, newtons. All frames are parallel when all joints
-are at zero: x forwards, y to the left, z up.
+The data are facts of the public robot description, in metres, radians, kilograms and newtons. All frames are parallel
+when all joints are at zero: x forwards, y to the left, z up.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ Limits = tuple[float, float, float, float, float]  # lower, upper, effort, veloc
 
 
 class Joint(NamedTuple):
-    """A joint and where it is.
+    """A joint.
 
     Attributes:
-        name: as on the robot.
-        kind: of the URDF: revolute, continuous, prismatic or fixed.
-        parent: link it is on.
-        child: link it moves.
-        origin: its place in the frame of the parent.
-        axis: of the motion, in the frame of the parent.
-        lower: limit of the position, -inf for none.
-        upper: limit of the position, inf for none.
+        name: on the robot.
+        kind: URDF type: revolute, continuous, prismatic or fixed.
+        parent: parent link.
+        child: child link.
+        origin: position in the parent's frame.
+        axis: of the motion, in the parent's frame.
+        lower: least position, -inf for no limit.
+        upper: greatest position, inf for no limit.
         effort: greatest torque (N m) or force (N).
         velocity: greatest speed, in rad/s or m/s.
         damping: torque per speed.
-        mimics: joint that a mechanism makes it follow.
+        mimics: joint that it follows mechanically.
     """
 
     name: str
@@ -53,12 +53,12 @@ class Link(NamedTuple):
     """A rigid body.
 
     Attributes:
-        name: as on the robot.
+        name: on the robot.
         mass: zero for a frame without a body.
         centre: of mass.
-        box: lower and upper corner of what may touch and be seen; None for nothing.
+        box: lower and upper corner of the visible collision box; None for no box.
         colour: key of `COLOURS`.
-        decor: boxes that are only seen, with their colours.
+        decor: visible boxes without contacts, with their colours.
     """
 
     name: str
@@ -78,7 +78,7 @@ FINGER_LENGTH, FINGER_OFFSET = 0.09137, 0.00495  # from a finger's joint to its 
 MAX_GAP = 0.09
 TOOL_FRAME = "r_gripper_tool_frame"
 
-# The head with its face of cameras, the left arm folded away, the wheels: nothing touches them.
+# The head with its cameras, the folded left arm and the wheels, without contacts.
 TORSO_DECOR = (
     ((-0.13, -0.07, 0.314), (0.0, 0.07, 0.42), DARK),
     ((-0.17, -0.16, 0.42), (0.06, 0.16, 0.56), "white"),
@@ -114,7 +114,7 @@ LINKS = (
     Link(TOOL_FRAME),
     Link("r_gripper_l_finger_link", 0.17, (0.04, 0.015, 0.0), ((-0.009, -0.009, -0.028), (0.095, 0.046, 0.028)), DARK),
     Link("r_gripper_r_finger_link", 0.17, (0.04, -0.015, 0.0), ((-0.009, -0.046, -0.028), (0.095, 0.009, 0.028)), DARK),
-    # The faces that hold are where the formula of the gap has them.
+    # The gripping faces match the formula of the gap.
     Link("r_gripper_l_finger_tip_link", 0.044, (0.0, 0.005, 0.0), ((-0.026, -0.01495, -0.011), (0.031, 0.029, 0.011))),
     Link("r_gripper_r_finger_tip_link", 0.044, (0.0, -0.005, 0.0), ((-0.026, -0.029, -0.011), (0.031, 0.01495, 0.011))),
 )
@@ -174,7 +174,7 @@ FIXED = tuple(
         ("r_gripper_tool_joint", "r_gripper_palm_link", TOOL_FRAME, TOOL_OFFSET),
     )
 )
-MOVING = (*ARM, *FINGERS, *TIPS)  # all that move in an episode
+MOVING = (*ARM, *FINGERS, *TIPS)  # joints that move in an episode
 
 
 def gap(angle: ArrayLike) -> Array:
@@ -191,15 +191,15 @@ def finger_angle(opening: ArrayLike) -> Array:
 
 
 def urdf() -> str:
-    """Return the robot's URDF, a tag on every line."""
+    """Return the robot's URDF, with one tag per line."""
     return document("pr2", COLOURS, LINKS, (*FIXED, TORSO, *MOVING))
 
 
 def simulated_urdf(torso: float) -> str:
-    """Return the URDF for the simulator, where all but the fixed root is a body.
+    """Return the URDF for the simulator, with a fixed torso and a mass for the fixed root.
 
     Args:
-        torso: metres at which the torso is fixed.
+        torso: height of the torso in metres.
     """
     root, *links = (link for link in LINKS if link.name != TOOL_FRAME)
     joints = [joint for joint in (*FIXED, fixed_torso(torso), *MOVING) if joint.child != TOOL_FRAME]
@@ -207,13 +207,13 @@ def simulated_urdf(torso: float) -> str:
 
 
 def fixed_torso(height: float) -> Joint:
-    """Return the torso's joint held at a height in metres."""
+    """Return the torso's joint fixed at a height in metres."""
     x, y, z = TORSO.origin
     return Joint(TORSO.name, "fixed", TORSO.parent, TORSO.child, (x, y, z + height))
 
 
 def document(name: str, colours: Mapping[str, str], links: Iterable[Link], joints: Iterable[Joint]) -> str:
-    """Return the URDF of links and joints; colours maps a name to red, green, blue and opacity."""
+    """Return the URDF of links and joints; `colours` maps a name to red, green, blue and opacity."""
     tags = [f'<material name="{colour}"><color rgba="{rgba}"/></material>' for colour, rgba in colours.items()]
     tags += [tag for link in links for tag in _link_tags(link)]
     tags += [tag for joint in joints for tag in _joint_tags(joint)]
@@ -244,7 +244,7 @@ def _joint_tags(joint: Joint) -> list[str]:
 
 
 def _inertial_tags(link: Link) -> list[str]:
-    """Return the mass and inertia: that of the box, or of a small cube."""
+    """Return the inertial tags, with the inertia of the box, or of a small cube if there is none."""
     if link.mass == 0.0:
         return []
     size = np.full(3, 0.08) if link.box is None else np.subtract(link.box[1], link.box[0])
@@ -259,11 +259,11 @@ def _inertial_tags(link: Link) -> list[str]:
 
 
 def _shape_tags(link: Link) -> list[str]:
-    seen = [tag for low, high, colour in link.decor for tag in _visual_tags(_box_tags(low, high), colour)]
+    decor = [tag for low, high, colour in link.decor for tag in _visual_tags(_box_tags(low, high), colour)]
     if link.box is None:
-        return seen
+        return decor
     box = _box_tags(*link.box)
-    return [*_visual_tags(box, link.colour), *seen, "<collision>", *box, "</collision>"]
+    return [*_visual_tags(box, link.colour), *decor, "<collision>", *box, "</collision>"]
 
 
 def _visual_tags(shape: list[str], colour: str) -> list[str]:

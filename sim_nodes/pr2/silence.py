@@ -1,4 +1,4 @@
-"""PyBullet writes greetings past Python, which have no place among a program's results."""
+"""Suppression of PyBullet's banner, which it writes directly to the file descriptors."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from contextlib import contextmanager
 
 @contextmanager
 def silence(descriptor: int) -> Iterator[None]:
-    """Let nothing through to a file descriptor: 1 is the standard output, 2 the standard error."""
+    """Discard all output to a file descriptor: 1 is standard output, 2 is standard error."""
     _flush()
-    kept = os.dup(descriptor)
+    original = os.dup(descriptor)
     nothing = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nothing, descriptor)
     try:
         yield
     finally:
-        _flush()  # what is still in C's buffer would get through later
-        os.dup2(kept, descriptor)
-        os.close(kept)
+        _flush()  # otherwise C's buffer would be written later
+        os.dup2(original, descriptor)
+        os.close(original)
         os.close(nothing)
 
 

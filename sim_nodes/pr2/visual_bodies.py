@@ -1,4 +1,4 @@
-"""The robot and the door as bodies that are seen to move: the boxes of their links, placed by the joints."""
+"""The robot and the door as moving bodies for viewers: the boxes of their links, posed by the joints."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ def bodies() -> list[Body]:
 def motion(
     base: Array, robot_joints: Mapping[str, Array], door_joints: Mapping[str, Array], period: float
 ) -> BodyTrajectories:
-    """Return how the bodies move.
+    """Return the bodies' trajectories.
 
     Args:
-        base: place of the robot, x, y in metres, and its yaw.
-        robot_joints: positions of its joints by name, shape (k,) each.
-        door_joints: angles of the door's hinge and lever, alike.
-        period: seconds from one position to the next.
+        base: pose of the robot, x, y in metres, and its yaw.
+        robot_joints: positions of its joints by name, each of shape (k,).
+        door_joints: angles of the door's hinge and lever by name, each of shape (k,).
+        period: seconds between successive positions.
     """
     count = len(next(iter(robot_joints.values())))
     stand = np.tile([base[0], base[1], 0.0], (count, 1)), rotation_about(robot.Z, np.full(count, base[2]))
@@ -63,7 +63,7 @@ def _placed(
 
 
 def _frame(link: str, joints: Mapping[str, Joint], positions: Mapping[str, Array], frames: dict[str, Frames]) -> Frames:
-    """Return the frame of a link, which that of its parent and the joint between them give."""
+    """Return the frame of a link, computed recursively from its parent's frame and joint."""
     if link not in frames:
         joint = joints[link]
         place, rotation = _frame(joint.parent, joints, positions, frames)
@@ -93,9 +93,10 @@ def _colour(text: str) -> str:
 
 
 def _quaternions(rotations: Array) -> Array:
-    r"""Return unit quaternions w, x, y, z of rotation matrices, shape (k, 3, 3): of four ways that of the largest part.
+    r"""Return unit quaternions w, x, y, z of rotation matrices, shape (k, 3, 3).
 
-    From :math:`4 q q^\top`, whose entries are sums of those of the matrix, its row with the largest diagonal entry.
+    The entries of :math:`4 q q^\top` are sums of entries of the matrix. The quaternion is its normalised row with the
+    largest diagonal entry, which is the most accurate one.
     """
     r = rotations
     xx, yy, zz = r[:, 0, 0], r[:, 1, 1], r[:, 2, 2]

@@ -1,4 +1,4 @@
-"""The robot and the door in PyBullet: a motion of the arm and the gripper, carried out against contacts."""
+"""The robot and the door in PyBullet, which simulates motions of the arm and the gripper with contacts."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ Array = NDArray[np.float64]
 CONTROL_RATE = 60  # Hz
 SIMULATION_RATE = 120  # Hz
 SOLVER_ITERATIONS = 30
-CONTACT_CORRECTION = 0.5  # part of a penetration undone in a step: the fingers then sink less than 1 mm into the lever
-STIFFNESS = 20.0  # 1/s: speed asked of a motor for an error of its position
-GRIP_TORQUE = 7.0  # N m of a finger, about 77 N at its tip, so the lever does not slip; it could bear far more
+CONTACT_CORRECTION = 0.5  # fraction of a penetration corrected per step: the fingers sink less than 1 mm into the lever
+STIFFNESS = 20.0  # 1/s: commanded speed of a motor per position error
+GRIP_TORQUE = 7.0  # N m per finger, about 77 N at its tip, so that the lever does not slip
 FINGER_FRICTION = 1.0
-# The gripper's motor as felt behind its gears, kg m2. Fingers of their bare mass are too light beside the door for
-# the solver, which would then not reach the torque of the grip.
+# Inertia of the gripper's motor behind its gears, kg m2. With their own mass only, the fingers would be too light
+# relative to the door for the solver to reach the grip torque.
 GEARED_INERTIA = 0.01
 JOINT_NAMES = tuple(joint.name for joint in robot.MOVING)
 VELOCITY = np.array([joint.velocity for joint in robot.MOVING])
@@ -52,15 +52,15 @@ _FORCES = EFFORT.tolist()
 
 @dataclass(frozen=True)
 class Trajectory:
-    """What was done, at the knots of a motion.
+    """An executed motion, at its knots.
 
     Attributes:
-        positions: of the joints of `JOINT_NAMES`, shape (k, 11).
+        positions: of the joints `JOINT_NAMES`, shape (k, 11).
         velocities: of these joints, shape (k, 11).
         torques: of their motors, shape (k, 11).
         door: angle of the door, rad, shape (k,).
         lever: angle of the lever, rad, shape (k,).
-        tool: place of the tool in the world, shape (k, 3).
+        tool: position of the tool in the world, shape (k, 3).
         openings: metres between the finger tips, shape (k,).
     """
 
@@ -73,19 +73,19 @@ class Trajectory:
     openings: Array
 
     def joint_states(self) -> tuple[tuple[str, ...], Array]:
-        """Return the names of all joints of the robot that are not fixed, and their positions, shape (k, 12)."""
+        """Return the names of the robot's movable joints, and their positions, shape (k, 12)."""
         torso = np.full((len(self.positions), 1), TORSO)
         return (robot.TORSO.name, *JOINT_NAMES), np.concatenate([torso, self.positions], axis=1)
 
 
 class World:
-    """A PR2 before a door.
+    """A simulated PR2 in front of a door.
 
-    Owns a PyBullet client. An episode does not depend on those before it.
+    Owns a PyBullet client. Episodes are independent of each other.
 
     Args:
-        gui: whether it is in a window; see `in_window`.
-        meshes: whether the robot looks as it does, where its meshes are installed; it moves alike.
+        gui: whether to show a window; see `in_window`.
+        meshes: whether to use the robot's meshes, if they are installed; they do not change the physics.
     """
 
     def __init__(self, *, gui: bool = False, meshes: bool = False) -> None:
@@ -108,17 +108,17 @@ class World:
         self._chain = arm_chain(TORSO)
 
     def close(self) -> None:
-        """Give up the client."""
+        """Disconnect the client."""
         if self.client.isConnected():
             self.client.disconnect()
 
     def run(self, motion: Motion, base: Array, watch: Callable[[Any], None] | None = None) -> Trajectory:
-        """Carry out a motion, from a shut door.
+        """Execute a motion, starting with a shut door.
 
         Args:
             motion: of the arm and the gripper.
-            base: where the robot stands: x, y in metres, yaw in radians.
-            watch: called with the client at every knot.
+            base: pose of the robot: x, y in metres, yaw in radians.
+            watch: callback with the client at every knot.
         """
         self._reset(motion, base)
         targets, speeds = _commands(motion)
@@ -143,11 +143,11 @@ class World:
             client.resetJointState(self._door, index, 0.0)
         self._set_latch(True)
         self._measure()
-        self._torque = [0.0] * len(self._joints)  # what is read is of the motion before
+        self._torque = [0.0] * len(self._joints)  # the measured ones are from the previous motion
 
     def _control(self, targets: Array, speeds: Array) -> None:
-        """Command the motors' speeds, within their limits, and simulate until the next command."""
-        targets[_TIPS], speeds[_TIPS] = self._q[_FINGERS], self._v[_FINGERS]  # as the mechanism has it
+        """Command the motors' speeds within their limits, and simulate until the next command."""
+        targets[_TIPS], speeds[_TIPS] = self._q[_FINGERS], self._v[_FINGERS]  # mechanical coupling
         wanted = np.minimum(np.maximum(speeds + STIFFNESS * (targets - self._q), -VELOCITY), VELOCITY)
         self.client.setJointMotorControlArray(
             self._robot, self._joints, pybullet.VELOCITY_CONTROL, targetVelocities=wanted.tolist(), forces=_FORCES
@@ -162,7 +162,7 @@ class World:
         held = door.latched(self._latched, opened, turned)
         if held != self._latched:
             self._set_latch(held)
-        # A spring as a motor that cannot hold its speed: exact when it is held, and it does not overshoot its stop.
+        # Simulate the spring by a motor with limited force: exact while the lever is held, and without overshoot.
         client.setJointMotorControl2(
             self._door,
             self._lever,
@@ -173,7 +173,7 @@ class World:
         client.stepSimulation()
 
     def _set_latch(self, held: bool) -> None:
-        """Let the hinge be held by the latch, or by friction only."""
+        """Hold the hinge by the latch, or by friction only."""
         self._latched = held
         control = {"controlMode": pybullet.POSITION_CONTROL, "targetPosition": 0.0, "force": door.LATCH_TORQUE}
         free = {"controlMode": pybullet.VELOCITY_CONTROL, "targetVelocity": 0.0, "force": door.HINGE_FRICTION}
@@ -219,12 +219,12 @@ class World:
 
 @cache
 def in_window() -> World:
-    """Return the world in a window: the same one always, since PyBullet opens no second window in a process."""
+    """Return the world with a window, always the same one: PyBullet supports a single window per process."""
     return World(gui=True, meshes=True)
 
 
 def require_display() -> None:
-    """Refuse where no window can be opened; PyBullet would end the process.
+    """Check that a window can be opened; otherwise PyBullet would end the process.
 
     Raises:
         ValueError: there is no display.
@@ -242,7 +242,7 @@ def require_display() -> None:
 
 
 def _commands(motion: Motion) -> tuple[Array, Array]:
-    """Return positions and velocities to be had at the end of each control period, shapes (ticks, 11)."""
+    """Return the desired positions and velocities at the end of each control period, each of shape (ticks, 11)."""
     fingers = robot.finger_angle(motion.openings)[:, None]
     knots = np.concatenate([motion.arm, np.repeat(fingers, 4, axis=1)], axis=1)
     ticks = CONTROL_RATE // RATE
