@@ -1,4 +1,4 @@
-"""Makes the pictures of docs/view.md: the page of a run while it learns, of the pendulum, the PR2 and an arm."""
+"""Make the pictures of docs/view.md: screenshots of the pages of a pendulum, the PR2 and an arm during training."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from rkhs_ros.runs.curve import Curve
 HERE = Path(__file__).parent
 CONFIGS = HERE.parent / "config"
 SIZE = (1280, 800)
-SHARP = "fixedDpr=1"  # without it pictures get coarser where the machine is slow
+SHARP = "fixedDpr=1"  # a full resolution; viser reduces it on slow machines otherwise
 LEARNING_TIMEOUT_S = 300.0
-SETTLE_S = 3.0  # for the browser to draw what it was told
+SETTLE_S = 3.0  # for the browser to draw a change
 
 
 class Shot(NamedTuple):
-    """A picture of a page.
+    """The description of a screenshot.
 
     Attributes:
-        config: of the run.
-        iteration: that is waited for.
-        kind: of the episode that is shown.
-        part: of its time, from 0 to 1.
+        config: configuration of the run.
+        iteration: iteration to wait for.
+        kind: episode to show, as the page lists it.
+        part: position of the time slider, from 0 to 1.
         settings: changes of the configuration.
-        over_topics: whether it is by nodes, as of a robot.
+        over_topics: whether the run uses nodes, as for a robot.
     """
 
     config: str
@@ -54,7 +54,7 @@ SHOTS = {
 
 
 def main(names: Sequence[str]) -> None:
-    """Write the pictures beside this file, or those that are named."""
+    """Write all pictures, or the named ones, beside this file."""
     with browser.started() as chromium:
         for name, shot in SHOTS.items():
             if names and name not in names:
@@ -68,7 +68,7 @@ def main(names: Sequence[str]) -> None:
 
 @contextmanager
 def run_of(shot: Shot) -> Iterator[tuple[Path, str]]:
-    """Let a run learn and yield its folder, and the address of its page."""
+    """Start a run; yield its folder and the address of its page."""
     command = ["train", str(CONFIGS / f"{shot.config}.yaml"), "--view"]
     where = "ros" if shot.over_topics else "inline"
     changes = ["--set", *shot.settings] if shot.settings else []
@@ -79,7 +79,7 @@ def run_of(shot: Shot) -> Iterator[tuple[Path, str]]:
 
 @contextmanager
 def page_of(arguments: Sequence[str], folder: str | Path = ".") -> Iterator[str]:
-    """Run a command of rkhs that serves a page, in a folder; yield the page's address."""
+    """Run an rkhs command that serves a page, in a folder; yield the address of the page."""
     command = [sys.executable, "-m", "rkhs_ros.app.cli", *arguments]
     process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)
     try:
@@ -90,7 +90,7 @@ def page_of(arguments: Sequence[str], folder: str | Path = ".") -> Iterator[str]
 
 
 def wait_for_pause(folder: Path, iteration: int) -> None:
-    """Have a run pause after an iteration, so that nothing moves on while the browser draws, on the same cores."""
+    """Pause a run after an iteration, so that the browser has the cores and the page stays the same."""
     deadline = time.monotonic() + LEARNING_TIMEOUT_S
     while time.monotonic() < deadline and not is_pausing(folder):
         curve = Curve(folder / "curve.csv")
@@ -100,7 +100,7 @@ def wait_for_pause(folder: Path, iteration: int) -> None:
 
 
 def taken(tab: browser.Tab, shot: Shot) -> Image.Image:
-    """Return the page once the run has come to an iteration."""
+    """Take the screenshot once the run has reached its iteration."""
     tab.wait_for(reached(shot.iteration), LEARNING_TIMEOUT_S)
     tab.value("document.querySelector('.mantine-Notification-closeButton')?.click()")
     if tab.value("!!document.querySelector('input[value=\"evaluation 1\"]')") and shot.kind != "evaluation 1":
@@ -112,12 +112,12 @@ def taken(tab: browser.Tab, shot: Shot) -> Image.Image:
 
 
 def reached(iteration: int) -> str:
-    """Return an expression that is true once the page tells of an iteration, or of a later one."""
+    """Return an expression that is true once the page shows an iteration or a later one."""
     return f"+((document.body?.innerText.match(/iteration (\\d+) of/) || [0, 0])[1]) >= {iteration}"
 
 
 def settled(tab: browser.Tab) -> np.ndarray[Any, Any]:
-    """Return a picture of the page once it is still."""
+    """Return a picture of the page once it no longer changes."""
     picture, before = tab.picture(), None
     while before is None or not np.array_equal(picture, before):
         time.sleep(SETTLE_S)
@@ -126,16 +126,16 @@ def settled(tab: browser.Tab) -> np.ndarray[Any, Any]:
 
 
 def slide(tab: browser.Tab, part: float) -> None:
-    """Move the slider of the time to a part of its range, again where the page was not ready for it."""
+    """Move the time slider to a part of its range; retry until the page has taken it."""
     thumb = f"{browser.each('[role=slider]')}[1]"
     while not tab.value(f"(s => Math.abs(s.ariaValueNow / s.ariaValueMax - {part}) < 0.05)({thumb})"):
         click_on_time(tab, part)
         time.sleep(SETTLE_S)
-    tab.ask("Input.dispatchMouseEvent", type="mouseMoved", x=0, y=0)  # what it points at looks different
+    tab.ask("Input.dispatchMouseEvent", type="mouseMoved", x=0, y=0)  # elements under the pointer look different
 
 
 def click_on_time(tab: browser.Tab, part: float) -> None:
-    """Click on a part of the slider of the time."""
+    """Click on the time slider at a part of its range."""
     box = f"{browser.each('.mantine-Slider-track')}[1].getBoundingClientRect()"
     x, y, width = tab.value(f"(b => [b.x, b.y + b.height / 2, b.width])({box})")
     tab.click(x + part * width, y)

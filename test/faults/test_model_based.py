@@ -20,13 +20,13 @@ ARGUMENTS = ("--quiet", "--iterations", 4, "--seed", 3)
 @pytest.fixture(scope="session")
 def model_update(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Train in one process; other tests show that a run over topics is bit-identical."""
-    folder = tmp_path_factory.mktemp("runs") / "practised"
+    folder = tmp_path_factory.mktemp("runs") / "model_based"
     process = Process("rkhs", "train", CONFIG, *ARGUMENTS, "--runner", "inline", "--out", folder, "--set", *LONG)
     assert process.finish()[0] == 0
     return folder
 
 
-def kill_in_practice(run: Process, folder: Path, name: str, draws: np.random.Generator) -> None:
+def kill_during_training(run: Process, folder: Path, name: str, draws: np.random.Generator) -> None:
     """Kill nodes at random times of an iteration, most of which is model-based training."""
     wait_for(lambda: len(curve(folder)) > 1, run)
     for iteration in range(2, 4):
@@ -45,7 +45,7 @@ def test_nodes_killed_during_model_based_training_leave_the_results_bit_identica
 ) -> None:
     folder = tmp_path / "killed"
     run = start("rkhs", "train", CONFIG, *ARGUMENTS, "--simulators", simulators, "--out", folder, "--set", *LONG)
-    kill_in_practice(run, folder, name, np.random.default_rng([len(name), simulators]))
+    kill_during_training(run, folder, name, np.random.default_rng([len(name), simulators]))
     code, _, err = run.finish()
     assert code == 0, err
     assert "Traceback" not in err

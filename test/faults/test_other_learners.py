@@ -106,7 +106,7 @@ def test_ppo_learns_in_four_simulators(start: Start) -> None:
         seconds = learnt(model, 8 * 4 * 256)
         reached[name] = returned(model)
         print(
-            f"PPO {name}, 4 environments, 8192 steps: {seconds:.0f} s, noise-free {before:.1f} to {reached[name]:.1f}"
+            f"PPO {name}, 4 environments, 8192 steps: {seconds:.0f} s, evaluation {before:.1f} to {reached[name]:.1f}"
         )
         environments.close()
     assert reached["over topics"] == reached["direct"] > before

@@ -1,4 +1,4 @@
-"""Model-based training over topics: the same bits as in process, while the other nodes wait for it."""
+"""Model-based training over topics: bit-identical to training in process, while the other nodes wait."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +14,7 @@ SHORT = ("--quiet", "--seed", 7, "--iterations", 2)
 
 
 @pytest.mark.parametrize("simulators", [pytest.param(1, marks=pytest.mark.faults), 2])
-def test_practice_over_topics_has_the_bits_of_that_in_process(start: Start, tmp_path: Path, simulators: int) -> None:
+def test_model_based_training_over_topics_is_bit_identical(start: Start, tmp_path: Path, simulators: int) -> None:
     small = ("horizon=30", "episodes_per_iteration=2", "evaluation_episodes=2", "timeout=60")
     settings = ("algorithm.centres=20", "model.updates=3", "model.rollouts=10", "model.centres=40")
     arguments = (CONFIG, *SHORT, "--simulators", simulators, "--set", *small, *settings)
@@ -27,9 +27,7 @@ def test_practice_over_topics_has_the_bits_of_that_in_process(start: Start, tmp_
 
 
 @pytest.mark.faults
-def test_nobody_is_taken_for_dead_while_the_learner_practises_longer_than_the_timeout(
-    start: Start, tmp_path: Path
-) -> None:
+def test_nodes_wait_while_the_learner_trains_longer_than_the_timeout(start: Start, tmp_path: Path) -> None:
     folder, timeout = tmp_path / "run", 1.0
     small = ("horizon=40", "evaluation_episodes=1", f"timeout={timeout}")
     long = ("model.updates=150", "model.rollouts=40", "model.centres=60", "algorithm.centres=30")
@@ -37,7 +35,7 @@ def test_nobody_is_taken_for_dead_while_the_learner_practises_longer_than_the_ti
     code, _, err = run.finish()
     assert (code, err) == (0, "")  # nor was a node started again
     first, second = (float(row) for row in seconds(folder))
-    assert second - first > timeout, "practice was too short to tell"
+    assert second - first > timeout, "training was too short for the test"
 
 
 def seconds(folder: Path) -> list[str]:

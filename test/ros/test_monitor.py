@@ -1,4 +1,4 @@
-"""What the page of a run hears of its nodes, and what it can tell them: never to arm the gate."""
+"""The page receives the reports of the nodes and sends commands to them, but never arms the gate."""
 
 import subprocess
 import sys
@@ -24,7 +24,7 @@ from test.ros.conftest import Probe
 
 @pytest.fixture
 def monitor(domain: int, tmp_path: Path) -> Iterator[Monitor]:
-    """A monitor of a run in the test's domain, as its folder says."""
+    """A monitor of a run in the test's domain, which its folder stores."""
     (tmp_path / "checkpoints").mkdir()
     (tmp_path / "checkpoints" / "domain").write_text(f"{domain}\n")
     listening = Monitor(lambda: monitor_process(tmp_path))
@@ -33,11 +33,11 @@ def monitor(domain: int, tmp_path: Path) -> Iterator[Monitor]:
 
 
 class Peers:
-    """Gate and robot node of a run, in the test's process: they count what they are asked.
+    """Gate and robot node of a run in the test's process; they store the requests.
 
     Attributes:
         asked: the services that were called, in order.
-        held: futures by service, for which an answer waits.
+        held: futures that delay an answer, by service.
     """
 
     def __init__(self, probe: Probe) -> None:
@@ -66,7 +66,7 @@ class Peers:
         self._diagnostics.publish(DiagnosticArray(status=[well, ill]))
 
 
-def test_gate_and_nodes_are_heard_and_told_what_is_safe(monitor: Monitor, probe: Probe) -> None:
+def test_reports_arrive_and_only_safe_commands_are_sent(monitor: Monitor, probe: Probe) -> None:
     peers = Peers(probe)
 
     def heard() -> bool:
@@ -92,7 +92,7 @@ def test_gate_and_nodes_are_heard_and_told_what_is_safe(monitor: Monitor, probe:
     assert "/gate/arm" not in clients
 
 
-def test_an_answer_to_an_older_word_is_not_shown(monitor: Monitor, probe: Probe) -> None:
+def test_an_answer_to_an_older_command_is_not_shown(monitor: Monitor, probe: Probe) -> None:
     peers = Peers(probe)
     peers.held["gate/stop"] = Future()
     probe.until(lambda: bool(monitor.listen() and monitor._process))
@@ -105,7 +105,7 @@ def test_an_answer_to_an_older_word_is_not_shown(monitor: Monitor, probe: Probe)
     assert monitor.listen().answer == "pause: done"
 
 
-def test_words_said_before_the_nodes_are_found_reach_them_in_order(monitor: Monitor, probe: Probe) -> None:
+def test_commands_sent_before_discovery_arrive_in_order(monitor: Monitor, probe: Probe) -> None:
     probe.until(lambda: bool(monitor.listen() and monitor._process))
     for word in ("stop", "pause", "start"):
         monitor.send(word)
@@ -117,7 +117,7 @@ def test_words_said_before_the_nodes_are_found_reach_them_in_order(monitor: Moni
     assert "gate/stop" in peers.asked
 
 
-def test_a_node_that_falls_silent_is_told(monitor: Monitor, probe: Probe) -> None:
+def test_a_silent_node_is_reported(monitor: Monitor, probe: Probe) -> None:
     peers = Peers(probe)
 
     def heard() -> bool:
@@ -128,11 +128,11 @@ def test_a_node_that_falls_silent_is_told(monitor: Monitor, probe: Probe) -> Non
     probe.until(lambda: {node.level for node in monitor.listen().nodes} == {"silent"})
 
 
-def test_the_buttons_are_all_words_but_that_which_arms() -> None:
+def test_the_buttons_are_all_commands_except_arming() -> None:
     assert {STOP, *EPISODES.values()} == set(COMMANDS) == set(SERVICES) - {"arm"}
 
 
-def test_it_ends_with_the_page(monitor: Monitor, probe: Probe) -> None:
+def test_the_process_ends_with_the_page(monitor: Monitor, probe: Probe) -> None:
     probe.until(lambda: monitor.listen().nodes is not None and "monitor" in probe.get_node_names())
     process = monitor._process
     assert process is not None

@@ -1,4 +1,4 @@
-"""A simulator node as a Gymnasium environment: the same steps to the bit, its ends, and what is left of it."""
+"""A simulator node as a Gymnasium environment: bit-identical steps, episode ends, and cleanup."""
 
 import os
 import signal

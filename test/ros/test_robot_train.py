@@ -58,7 +58,7 @@ def test_what_was_learnt_is_measured_on_the_robot_without_exploration(start: Sta
     assert spaces is not None
     assert spaces.observation_names == ("motor position (rad)", "motor velocity (rad/s)")
     mean = policy.mean(policy.inputs.features(episodes.observations.reshape(-1, 2))).reshape(episodes.actions.shape)
-    np.testing.assert_allclose(episodes.actions, mean)  # noise-free
+    np.testing.assert_allclose(episodes.actions, mean)  # without exploration noise
     assert {file.name for file in folder.glob("checkpoints/episodes/*")} == journal
     code, _, err = start("rkhs", "render", folder).finish()
     assert (code, len(err.splitlines())) == (2, 1)

@@ -1,4 +1,4 @@
-"""Over topics and in process: the same curve and the same policy, to the last bit."""
+"""Runs over topics and in process have bit-identical curves and policies."""
 
 import csv
 from collections.abc import Callable, Iterator

@@ -336,7 +336,7 @@ def test_actions_that_are_not_finite_are_refused(bad: float) -> None:
         task.step(np.array([[0.0, 0.0], [bad, 0.0]]))
 
 
-# The same bits
+# Determinism
 
 
 def test_an_episode_is_the_same_to_the_last_bit_after_others_and_in_a_new_world(task: PR2Door) -> None:

@@ -1,4 +1,4 @@
-"""The practice arm without ROS: drives, their protective stops, the mark, and the body in PyBullet."""
+"""The simulated arm without ROS: drives, protective stops, the mark, and the body in PyBullet."""
 
 import math
 from dataclasses import replace
