@@ -81,7 +81,7 @@ def test_one_robot_learns_over_topics_as_in_process(
     assert np.isfinite(episodes.final_observations).all()
 
 
-def test_a_robot_that_is_open_once_only_learns_over_topics_and_is_closed(
+def test_an_environment_that_can_be_opened_once_is_closed(
     start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

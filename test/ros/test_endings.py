@@ -59,7 +59,7 @@ def run(start: Start, tmp_path: Path, probe: Probe) -> Process:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_run_keeps_what_it_learnt_and_leaves_no_process(
+def test_an_interrupted_run_saves_its_policy_and_leaves_no_process(
     run: Process, tmp_path: Path, number: signal.Signals
 ) -> None:
     nodes = children(run)
@@ -76,7 +76,7 @@ def test_an_interrupted_run_keeps_what_it_learnt_and_leaves_no_process(
 
 
 @pytest.mark.parametrize("name", ["learner", pytest.param("simulator", marks=pytest.mark.faults)])
-def test_one_interrupt_ends_a_run_of_which_a_node_is_stopped(start: Start, tmp_path: Path, name: str) -> None:
+def test_an_interrupt_ends_a_run_with_a_suspended_node(start: Start, tmp_path: Path, name: str) -> None:
     run = start("rkhs", "train", ROOT / "config" / "toy_nac.yaml", "--quiet", "--out", tmp_path / "run")
     while not (tmp_path / "run" / "curve.csv").is_file():
         assert run.popen.poll() is None
@@ -103,7 +103,7 @@ def test_a_run_interrupted_before_its_first_iteration_can_be_resumed(start: Star
 
 
 @pytest.mark.parametrize("name", [pytest.param("simulator", marks=pytest.mark.faults), "policy"])
-def test_a_node_that_stalls_ends_the_run_by_name(run: Process, name: str) -> None:
+def test_a_stalled_node_ends_the_run_and_is_named(run: Process, name: str) -> None:
     nodes = children(run)
     (victim,) = [p for p in nodes if f"{name}_node" in Path(f"/proc/{p}/cmdline").read_text()]
     os.kill(victim, signal.SIGSTOP)
@@ -116,7 +116,7 @@ def test_a_node_that_stalls_ends_the_run_by_name(run: Process, name: str) -> Non
 
 
 @pytest.mark.faults
-def test_a_learner_alone_names_who_is_missing(start: Start, parameters: Parameters, tmp_path: Path) -> None:
+def test_a_learner_without_peers_names_the_missing_node(start: Start, parameters: Parameters, tmp_path: Path) -> None:
     out = f"output:={tmp_path / 'out'}"
     file = parameters("toy_nac", "timeout=1")
     code, _, err = start("learner", "--ros-args", "--params-file", file, "-p", out).finish()
@@ -129,7 +129,7 @@ def test_a_learner_alone_names_who_is_missing(start: Start, parameters: Paramete
     assert not (tmp_path / "out").exists()
 
 
-def test_a_second_node_of_a_name_ends_and_the_first_goes_on(
+def test_a_second_node_of_a_name_exits_and_the_first_continues(
     start: Start, parameters: Parameters, probe: Probe, tmp_path: Path
 ) -> None:
     file = parameters("toy_nac", "iterations=10000")
@@ -152,7 +152,7 @@ def test_a_second_node_of_a_name_ends_and_the_first_goes_on(
 
 
 @pytest.mark.faults
-def test_two_runs_at_once_on_the_same_names_leave_the_first_one_its_bits(start: Start, tmp_path: Path) -> None:
+def test_a_second_run_with_the_same_names_leaves_the_first_bit_identical(start: Start, tmp_path: Path) -> None:
     def begin(out: str, config: str, *more: object) -> Process:
         return start("rkhs", "train", ROOT / "config" / config, "--quiet", "--out", tmp_path / out, *more)
 
@@ -172,7 +172,7 @@ def test_two_runs_at_once_on_the_same_names_leave_the_first_one_its_bits(start: 
 
 
 @pytest.mark.faults
-def test_of_two_runs_begun_at_once_in_a_domain_one_at_least_learns(start: Start, tmp_path: Path) -> None:
+def test_of_two_simultaneous_runs_in_a_domain_at_least_one_learns(start: Start, tmp_path: Path) -> None:
     config = ROOT / "config" / "toy_nac.yaml"
     runs = [start("rkhs", "train", config, "--quiet", "--out", tmp_path / name) for name in "ab"]
     ends = [run.finish() for run in runs]
@@ -183,7 +183,7 @@ def test_of_two_runs_begun_at_once_in_a_domain_one_at_least_learns(start: Start,
 
 
 @pytest.mark.faults
-def test_runs_choose_domains_of_their_own(start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_runs_choose_separate_domains(start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ROS_DOMAIN_ID")
     monkeypatch.setenv("COLUMNS", "250")
     config = ROOT / "config" / "toy_nac.yaml"
@@ -208,7 +208,7 @@ def test_runs_choose_domains_of_their_own(start: Start, tmp_path: Path, monkeypa
 
 @pytest.mark.faults
 @pytest.mark.parametrize("stream", ["2>/dev/full", "2>&-"])
-def test_a_kill_is_got_over_without_standard_error(domain: int, tmp_path: Path, stream: str) -> None:
+def test_a_run_without_standard_error_survives_a_kill(domain: int, tmp_path: Path, stream: str) -> None:
     command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", str(ROOT / "config" / "toy_nac.yaml")]
     command += ["--out", str(tmp_path / "out"), "--iterations", "60"]
     run = subprocess.Popen(["bash", "-c", f'exec "$@" {stream}', "bash", *command], stdout=subprocess.DEVNULL)
@@ -232,7 +232,7 @@ def test_a_kill_is_got_over_without_standard_error(domain: int, tmp_path: Path, 
         ("policy", "policy_fil:=x", "did you mean 'policy_file'?"),
     ],
 )
-def test_bad_parameters_end_a_node_with_one_line(
+def test_invalid_parameters_end_a_node_with_one_line(
     start: Start, domain: int, name: str, assignment: str, reason: str
 ) -> None:
     code, _, err = start(name, "--ros-args", "-p", assignment).finish()

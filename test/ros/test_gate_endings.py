@@ -128,14 +128,16 @@ def assert_left_at_rest(hardware: Hardware, ended_at: float) -> None:
 
 
 @pytest.mark.parametrize(("how", "moment", "kind"), ALL)
-def test_it_leaves_the_robot_at_rest(trial: Callable[[str], Trial], how: str, moment: str, kind: str) -> None:
+def test_a_gate_that_exits_leaves_the_hardware_at_rest(
+    trial: Callable[[str], Trial], how: str, moment: str, kind: str
+) -> None:
     here = trial(kind)
     here.end(how, moment)
     assert_left_at_rest(here.hardware, here.ended_at)
 
 
 @pytest.mark.parametrize("fault", [pytest.param("exit", marks=pytest.mark.faults), "check", "exits", "executor"])
-def test_it_brakes_whatever_fails_again_and_again(trial: Callable[[str], Trial], fault: str) -> None:
+def test_the_gate_brakes_despite_repeated_failures(trial: Callable[[str], Trial], fault: str) -> None:
     here = trial("velocity")
     here.hardware.arm()
     here.hardware.at(IN_MOTION, lambda: here.fail(fault))
@@ -144,7 +146,7 @@ def test_it_brakes_whatever_fails_again_and_again(trial: Callable[[str], Trial],
     assert here.gate.finish()[0] != 0
 
 
-def test_it_passes_over_signals_of_no_meaning_and_ends_by_one_from_the_keyboard(
+def test_the_gate_ignores_user_signals_and_exits_on_keyboard_signals(
     trial: Callable[[str], Trial],
 ) -> None:
     here = trial("velocity")

@@ -27,7 +27,7 @@ def begin(start: Callable[..., Process], probe: Probe, tmp_path: Path) -> Iterat
     yield from gates(start, probe, tmp_path)
 
 
-def test_a_second_sender_is_refused_while_the_stream_of_the_first_is_on(begin: Begin) -> None:
+def test_a_second_sender_is_refused_during_the_stream_of_the_first(begin: Begin) -> None:
     _, robot = begin(POSITION)
     robot.until("disarmed")
     assert robot.arm() == "holding"
@@ -40,7 +40,7 @@ def test_a_second_sender_is_refused_while_the_stream_of_the_first_is_on(begin: B
     assert min(each.message.data[0] for each in robot.sent) > -0.1
 
 
-def test_it_runs_dry_until_armed_then_passes_clamps_and_holds(begin: Begin) -> None:
+def test_the_gate_dry_runs_until_armed_then_clamps_and_holds(begin: Begin) -> None:
     gate, robot = begin(POSITION)
     robot.until("disarmed")
     robot.probe.until(lambda: robot.commands.get_subscription_count() > 0)
@@ -79,7 +79,7 @@ def test_it_runs_dry_until_armed_then_passes_clamps_and_holds(begin: Begin) -> N
 
 
 @pytest.mark.parametrize("number", [signal.SIGSTOP, pytest.param(signal.SIGKILL, marks=pytest.mark.faults)])
-def test_commands_stop_when_their_sender_does(begin: Begin, start: Callable[..., Process], number: int) -> None:
+def test_the_robot_stops_when_the_sender_stops(begin: Begin, start: Callable[..., Process], number: int) -> None:
     _, robot = begin(POSITION | {"limits": POSITION["limits"] | {"velocity": [0.4]}})  # it does not arrive before
     assert robot.arm() == "holding"
     first = start("sender", 0.9, 7)
@@ -104,9 +104,7 @@ def test_commands_stop_when_their_sender_does(begin: Begin, start: Callable[...,
     again.popen.terminate()
 
 
-def test_a_stop_that_is_asked_for_holds_until_a_person_arms_it_after_it(
-    begin: Begin, start: Callable[..., Process]
-) -> None:
+def test_a_requested_stop_holds_until_the_gate_is_armed(begin: Begin, start: Callable[..., Process]) -> None:
     _, robot = begin(POSITION)
     robot.stops.publish(Bool(data=False))
     robot.arm()
@@ -129,7 +127,7 @@ def test_a_stop_that_is_asked_for_holds_until_a_person_arms_it_after_it(
     assert "no usable joint state" in robot.arm()
 
 
-def test_a_gate_that_is_told_to_end_stops_the_robot_first(begin: Begin, start: Callable[..., Process]) -> None:
+def test_a_gate_that_is_asked_to_exit_stops_the_robot_first(begin: Begin, start: Callable[..., Process]) -> None:
     slow = POSITION | {"limits": POSITION["limits"] | {"acceleration": [4.0]}, "command_timeout": TIMEOUT}
     gate, robot = begin(slow | {"command": {"topic": "commands", "kind": "position", "type": TRAJECTORY}})
     assert robot.arm() == "holding"
@@ -167,7 +165,7 @@ def changes_of_speed(sent: list[Output]) -> list[float]:
     return [abs(last - 2 * middle + first) / PERIOD**2 for first, middle, last in threes if None not in (middle, last)]
 
 
-def test_a_base_is_given_twists(begin: Begin, probe: Probe) -> None:
+def test_a_mobile_base_receives_twists(begin: Begin, probe: Probe) -> None:
     _, robot = begin(BASE)
     robot.is_sensed = False
     assert robot.arm() == "holding"
@@ -185,7 +183,7 @@ def test_a_base_is_given_twists(begin: Begin, probe: Probe) -> None:
     assert "std_msgs/msg/Float64MultiArray" in kind.additional_constraints
 
 
-def test_another_publisher_stops_a_robot_that_moves(begin: Begin, start: Callable[..., Process]) -> None:
+def test_another_publisher_stops_a_moving_robot(begin: Begin, start: Callable[..., Process]) -> None:
     _, robot = begin(POSITION | {"limits": POSITION["limits"] | {"velocity": [0.1]}})
     assert robot.arm() == "holding"
     start("sender", 0.9, 7)
@@ -199,7 +197,7 @@ def test_another_publisher_stops_a_robot_that_moves(begin: Begin, start: Callabl
     robot.probe.until(lambda: robot.arm() in ("holding", "moving"))
 
 
-def test_a_robot_that_another_publisher_commands_is_not_armed(begin: Begin) -> None:
+def test_another_publisher_prevents_arming(begin: Begin) -> None:
     _, robot = begin(POSITION)
     robot.probe.create_publisher(Float64MultiArray, "commands", 1)
     robot.probe.settle(0.5)
@@ -217,7 +215,7 @@ def test_a_robot_that_another_publisher_commands_is_not_armed(begin: Begin) -> N
         ({**POSITION, "limit": 1}, "unknown key 'limit', did you mean 'limits'?"),
     ],
 )
-def test_bad_parameters_are_refused_in_one_line(
+def test_invalid_parameters_are_refused_in_one_line(
     start: Callable[..., Process], tmp_path: Path, tree: dict[str, Any], message: str
 ) -> None:
     gate = start("gate", "--ros-args", "--params-file", written(tmp_path, tree))
@@ -248,7 +246,7 @@ def reports(robot: Robot) -> list[DiagnosticArray]:
         ),
     ],
 )
-def test_what_is_wrong_with_the_source_of_the_joints_is_told_before_and_when_it_is_armed(
+def test_problems_of_the_joint_source_are_reported_before_and_when_arming(
     begin: Begin, changes: dict[str, Any], line: str
 ) -> None:
     _, robot = begin(POSITION | changes)
@@ -265,7 +263,7 @@ def test_what_is_wrong_with_the_source_of_the_joints_is_told_before_and_when_it_
     assert answer.message.endswith(line)
 
 
-def test_a_robot_node_that_cannot_use_its_sensors_keeps_the_gate_from_being_armed(begin: Begin) -> None:
+def test_unusable_sensors_of_the_robot_node_prevent_arming(begin: Begin) -> None:
     _, robot = begin(CALM)
     obstacles = robot.probe.create_publisher(String, "robot/obstacle", LATCHED_QOS)
     robot.probe.until(lambda: obstacles.get_subscription_count() > 0)

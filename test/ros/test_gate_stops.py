@@ -55,7 +55,7 @@ def armed_at_last(robot: Robot) -> bool:
 
 @pytest.mark.parametrize("reliability", [RELIABLE, BEST_EFFORT])
 @pytest.mark.parametrize("durability", [VOLATILE, LATCHED])
-def test_a_stop_is_heard_whatever_its_publisher_offers(
+def test_a_stop_is_received_for_any_quality_of_service(
     begin: Begin, panel: Callable[..., Publisher], reliability: ReliabilityPolicy, durability: DurabilityPolicy
 ) -> None:
     _, robot = begin(CALM)
@@ -68,9 +68,7 @@ def test_a_stop_is_heard_whatever_its_publisher_offers(
     robot.probe.until(lambda: armed_at_last(robot))
 
 
-def test_a_stop_is_cleared_by_the_publisher_that_requested_it_alone(
-    begin: Begin, panel: Callable[..., Publisher]
-) -> None:
+def test_only_the_requesting_publisher_clears_a_stop(begin: Begin, panel: Callable[..., Publisher]) -> None:
     latched = [panel(name) for name in ("first", "second")]
     latched[0].publish(Bool(data=True))  # before the gate is there
     latched[1].publish(Bool(data=False))
@@ -88,7 +86,7 @@ def test_a_stop_is_cleared_by_the_publisher_that_requested_it_alone(
     robot.probe.until(lambda: armed_at_last(robot))
 
 
-def test_a_publisher_that_dies_neither_clears_its_stop_nor_locks_the_robot(
+def test_a_dead_publisher_neither_clears_its_stop_nor_blocks_the_robot(
     begin: Begin, start: Callable[..., Process], panel: Callable[..., Publisher]
 ) -> None:
     _, robot = begin(CALM)

@@ -69,7 +69,7 @@ def run(start: Start, tmp_path: Path) -> Process:
     return start("rkhs", "train", PENDULUM, "--quiet", "--iterations", 10_000, "--out", tmp_path / "out")
 
 
-def test_every_node_reports_and_says_how_often_it_was_started_again(run: Process, probe: Probe) -> None:
+def test_every_node_reports_its_status_and_restarts(run: Process, probe: Probe) -> None:
     hearing = Hearing(probe)
     nodes = ("/simulator", "/policy", "/learner")
     probe.until(lambda: set(nodes) <= set(hearing.reports))
@@ -87,7 +87,7 @@ def test_every_node_reports_and_says_how_often_it_was_started_again(run: Process
 
 
 @pytest.mark.faults
-def test_a_learner_that_is_stuck_says_so_and_at_its_end_why(start: Start, probe: Probe, tmp_path: Path) -> None:
+def test_a_stuck_learner_reports_it_and_the_reason_of_its_exit(start: Start, probe: Probe, tmp_path: Path) -> None:
     hearing = Hearing(probe)
     arguments = ("--quiet", "--iterations", 10_000, "--out", tmp_path / "out", "--set", "timeout=8")
     run = start("rkhs", "train", PENDULUM, *arguments)
@@ -101,7 +101,7 @@ def test_a_learner_that_is_stuck_says_so_and_at_its_end_why(start: Start, probe:
     assert f"error: {reason}\n" in run.finish()[2]
 
 
-def test_a_refusal_is_counted_and_told(run: Process, probe: Probe) -> None:
+def test_a_refusal_is_counted_and_reported(run: Process, probe: Probe) -> None:
     hearing = Hearing(probe)
     probe.until(lambda: len(probe.heard["episodes"]) > 1)
 
@@ -114,7 +114,7 @@ def test_a_refusal_is_counted_and_told(run: Process, probe: Probe) -> None:
 
 
 @pytest.mark.faults
-def test_status_shows_the_nodes_and_says_where_there_are_none(
+def test_status_prints_the_nodes_and_an_error_without_nodes(
     run: Process, probe: Probe, start: Start, domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ordinary = probe.create_publisher(DiagnosticArray, "/diagnostics", 10)  # no node is to warn of it
@@ -134,7 +134,7 @@ def test_status_shows_the_nodes_and_says_where_there_are_none(
     assert err == "error: expected running nodes, got none within 3 s; pass the run's folder, or set ROS_DOMAIN_ID\n"
 
 
-def test_status_shows_a_refusal_to_the_letter() -> None:
+def test_status_prints_a_refusal_literally() -> None:
     refusal = KeyValue(key="last refusal", value="unknown kernel '[/red]'")
     console = Console(width=250, record=True, file=StringIO())
     console.print(*reasons({"/policy": DiagnosticStatus(level=DiagnosticStatus.OK, values=[refusal])}))
@@ -155,7 +155,7 @@ def test_the_clock_never_goes_back(run: Process, probe: Probe, victim: str) -> N
     assert sum(after == before + 1 for before, after in pairwise(steps)) > 0.9 * len(steps)
 
 
-def test_who_listens_to_the_clock_after_a_batch_began_hears_it(start: Start, probe: Probe) -> None:
+def test_a_late_subscriber_receives_the_clock(start: Start, probe: Probe) -> None:
     start("simulator", "--ros-args", "--params-file", PENDULUM)
     probe.meet("observation")
     probe.until(lambda: probe.ask("describe_task", DescribeTask.Request()).connected)
@@ -194,7 +194,7 @@ class Namesake:
 @pytest.mark.parametrize(
     ("name", "age", "ends"), [("policy", 0.0, False), ("forger", 1e6, False), ("policy", 1e6, True)]
 )
-def test_a_node_ends_only_for_an_older_one_that_is_there(
+def test_a_node_exits_only_for_an_existing_older_one(
     start: Start, probe: Probe, name: str, age: float, ends: bool
 ) -> None:
     other = Namesake(probe, name)
@@ -211,7 +211,7 @@ def test_a_node_ends_only_for_an_older_one_that_is_there(
     other.node.destroy_node()
 
 
-def test_of_nodes_started_at_once_one_stays(start: Start, probe: Probe) -> None:
+def test_one_of_simultaneously_started_nodes_stays(start: Start, probe: Probe) -> None:
     policies = [start("policy") for _ in range(3)]
     probe.until(lambda: sum(each.popen.poll() is None for each in policies) == 1)
     probe.settle(1.0)
@@ -219,7 +219,7 @@ def test_of_nodes_started_at_once_one_stays(start: Start, probe: Probe) -> None:
     assert [each.finish()[0] for each in policies if each is not last] == [1, 1]
 
 
-def test_a_node_of_an_older_run_stays_though_it_started_later(start: Start, probe: Probe) -> None:
+def test_a_later_node_of_an_older_run_stays(start: Start, probe: Probe) -> None:
     hearing = Hearing(probe)
     younger = start("policy", "--ros-args", "-p", "instance:=1")
     probe.until(lambda: hearing.instances["/policy"] == [1])

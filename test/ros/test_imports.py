@@ -26,7 +26,7 @@ def imported(start: Callable[..., Process], parameters: Callable[..., Path], tmp
     return {name: {line.partition(".")[0] for line in (tmp_path / name).read_text().splitlines()} for name in nodes}
 
 
-def test_policy_and_learner_node_import_no_task_no_pictures_and_no_recordings(imported: dict[str, set[str]]) -> None:
+def test_policy_and_learner_nodes_do_not_import_tasks_figures_or_recordings(imported: dict[str, set[str]]) -> None:
     assert {name: packages & FOREIGN for name, packages in imported.items()} == {
         "simulator": {"gymnasium", "sim_nodes"},
         "policy": set(),

@@ -43,7 +43,7 @@ def learn(start: Callable[..., Process], parameters: Callable[..., Path], tmp_pa
     return begin
 
 
-def test_a_refusal_ends_the_run_only_if_it_stands(learn: Learner, probe: Probe) -> None:
+def test_only_a_persistent_refusal_ends_the_run(learn: Learner, probe: Probe) -> None:
     policy = IdlePolicyNode(probe, refusals=10**6)
     learner = learn(timeout=20)
     probe.until(lambda: learner.popen.poll() is not None)
@@ -53,7 +53,7 @@ def test_a_refusal_ends_the_run_only_if_it_stands(learn: Learner, probe: Probe) 
     assert len(set(policy.asked)) == 1
 
 
-def test_a_refusal_that_does_not_stand_is_got_over(learn: Learner, probe: Probe) -> None:
+def test_a_run_survives_a_transient_refusal(learn: Learner, probe: Probe) -> None:
     policy = IdlePolicyNode(probe, refusals=3)
     learn(timeout=20)
     probe.until(lambda: probe.heard["observation"] != [])
@@ -61,7 +61,7 @@ def test_a_refusal_that_does_not_stand_is_got_over(learn: Learner, probe: Probe)
 
 
 @pytest.mark.faults
-def test_a_batch_without_a_step_is_begun_anew_before_it_ends_the_run(learn: Learner, probe: Probe) -> None:
+def test_a_batch_without_progress_restarts_before_it_ends_the_run(learn: Learner, probe: Probe) -> None:
     states: set[tuple[bytes, str]] = set()
 
     def hear(message: DiagnosticArray) -> None:
@@ -78,7 +78,7 @@ def test_a_batch_without_a_step_is_begun_anew_before_it_ends_the_run(learn: Lear
 
 
 @pytest.mark.parametrize("interrupted", [False, True])
-def test_a_learner_by_hand_draws_its_run_and_says_how_it_goes_on(
+def test_a_manually_started_learner_draws_figures_and_prints_next_steps(
     start: Callable[..., Process], parameters: Callable[..., Path], probe: Probe, tmp_path: Path, interrupted: bool
 ) -> None:
     folder, iterations = tmp_path / "out", 100_000 if interrupted else 2
@@ -97,5 +97,5 @@ def test_a_learner_by_hand_draws_its_run_and_says_how_it_goes_on(
     assert ("interrupted after" in said) == interrupted
 
 
-def test_ros_is_given_the_learner_that_draws() -> None:
+def test_the_ros_executable_is_the_learner_that_draws_figures() -> None:
     assert '"learner = rkhs_ros.app.learner:main"' in (ROOT / "setup.py").read_text()

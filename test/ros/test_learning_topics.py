@@ -58,7 +58,7 @@ def lasting(start: Start, folder: Path) -> Process:
     return start("rkhs", "train", TOY, "--quiet", "--iterations", 5000, "--out", folder)
 
 
-def test_progress_is_what_the_curve_says_and_changes_no_bit(run: Process, probe: Probe, folder: Path) -> None:
+def test_progress_equals_the_curve_and_the_run_stays_bit_identical(run: Process, probe: Probe, folder: Path) -> None:
     heard = hear(probe, LearningProgress, "progress")
     more = [hear(probe, *what) for what in ((MarkerArray, "learning_markers"), (Policy, "policy_in_service"))]
     stamps: list[float] = []
@@ -88,7 +88,7 @@ def test_progress_is_what_the_curve_says_and_changes_no_bit(run: Process, probe:
 
 
 @pytest.mark.faults
-def test_who_comes_later_learns_how_it_stands(lasting: Process, probe: Probe, folder: Path) -> None:
+def test_late_subscribers_receive_the_progress(lasting: Process, probe: Probe, folder: Path) -> None:
     probe.until(lambda: len(curve(folder)) > 1)
     ask(folder, "pause")
     probe.until(lambda: is_pausing(folder))
@@ -121,7 +121,7 @@ def check_markers(markers: list[Any], centres: int) -> None:
 
 
 @pytest.mark.faults
-def test_events_tell_of_a_node_that_was_started_again(lasting: Process, probe: Probe, folder: Path) -> None:
+def test_events_report_a_restarted_node(lasting: Process, probe: Probe, folder: Path) -> None:
     probe.until(lambda: len(curve(folder)) > 1)
     events = hear(probe, LearningEvent, EVENTS_TOPIC, EVENTS_QOS)
     deaths = 0

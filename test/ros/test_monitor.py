@@ -140,7 +140,7 @@ def test_the_process_ends_with_the_page(monitor: Monitor, probe: Probe) -> None:
     assert process.poll() is not None
 
 
-def test_there_is_none_of_a_run_that_is_over_or_without_ros(tmp_path: Path) -> None:
+def test_there_is_no_monitor_of_a_finished_run_or_without_ros(tmp_path: Path) -> None:
     assert monitor_process(tmp_path) is None
     code = (
         "import sys; sys.modules['rclpy'] = None; from pathlib import Path; import rkhs_ros.app.commands.view as v; "

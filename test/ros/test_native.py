@@ -27,7 +27,7 @@ def refusal(process: Process) -> str:
     return err
 
 
-def test_help_says_how_a_node_is_started(start: Start) -> None:
+def test_help_prints_the_usage_of_a_node(start: Start) -> None:
     code, out, err = start("simulator", "--help").finish()
     assert (code, err) == (0, "")
     assert "ros2 run rkhs_ros simulator --ros-args" in out
@@ -45,7 +45,7 @@ def test_arguments_that_are_not_for_ros_are_refused(start: Start) -> None:
         ("simulator", "3", "expected sections"),
     ],
 )
-def test_a_parameter_file_that_cannot_be_read_is_refused_in_one_line(
+def test_an_unreadable_parameter_file_is_refused_in_one_line(
     start: Start, tmp_path: Path, name: str, content: str | None, reason: str
 ) -> None:
     file = tmp_path / "run.yaml"
@@ -54,12 +54,12 @@ def test_a_parameter_file_that_cannot_be_read_is_refused_in_one_line(
     assert f"error: {file}: {reason}" in refusal(start(name, "--ros-args", "--params-file", file))
 
 
-def test_what_ros_refuses_is_refused_in_one_line(start: Start) -> None:
+def test_invalid_ros_arguments_are_refused_in_one_line(start: Start) -> None:
     assert "error: arguments: expected" in refusal(start("policy", "--ros-args", "--bogus"))
 
 
 @pytest.mark.parametrize("name", ["simulator", "learner"])
-def test_a_node_without_a_section_does_not_go_with_defaults(start: Start, tmp_path: Path, name: str) -> None:
+def test_a_node_without_a_section_exits_with_an_error(start: Start, tmp_path: Path, name: str) -> None:
     file = tmp_path / "run.yaml"
     file.write_text(TOY.read_text().replace("/**/", "/b/"))
     process = start(name, "--ros-args", "--params-file", file, "-r", "__ns:=/a", "-p", "quiet:=true")
@@ -72,7 +72,7 @@ def home(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_two_simulators_in_a_namespace_learn_by_one_file(start: Start, home: Path) -> None:
+def test_two_simulators_in_a_namespace_share_one_file(start: Start, home: Path) -> None:
     def begin(name: str, namespace: str, *more: object) -> Process:
         return start(name, "--ros-args", "--params-file", TOY, "-r", f"__ns:={namespace}", *more)
 
@@ -87,7 +87,7 @@ def test_two_simulators_in_a_namespace_learn_by_one_file(start: Start, home: Pat
     assert f"learns rkhs/Toy-v0; the results are in {home / 'run'}\n" in told
 
 
-def test_a_node_says_when_it_is_ready_and_for_what(start: Start, probe: Probe) -> None:
+def test_a_node_logs_when_it_is_ready(start: Start, probe: Probe) -> None:
     nodes = {
         "ready for episodes of rkhs/Toy-v0": start("simulator", "--ros-args", "--params-file", TOY),
         "ready for a learner's policy; serves 1 simulator": start("policy"),
@@ -101,7 +101,7 @@ def test_a_node_says_when_it_is_ready_and_for_what(start: Start, probe: Probe) -
 
 
 @pytest.mark.parametrize("failure", ["parameter", "peer"])
-def test_why_a_node_ended_is_in_the_log_of_all(start: Start, probe: Probe, tmp_path: Path, failure: str) -> None:
+def test_the_reason_of_an_exit_is_on_rosout(start: Start, probe: Probe, tmp_path: Path, failure: str) -> None:
     logs: list[Any] = []
     qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     probe.create_subscription(Log, "/rosout", logs.append, qos)
@@ -124,7 +124,7 @@ def bound(pid: int) -> set[str]:
 
 
 @pytest.mark.parametrize("given", [{}, {RANGE: "LOCALHOST"}], ids=["nothing", "LOCALHOST"])
-def test_a_node_by_hand_keeps_to_the_loopback_interface(
+def test_a_manually_started_node_uses_the_loopback_interface(
     start: Start, probe: Probe, monkeypatch: pytest.MonkeyPatch, given: dict[str, str]
 ) -> None:
     for name in (RANGE, *PROFILES):

@@ -23,7 +23,7 @@ def names(probe: Probe, node: str) -> set[str]:
     return {name for name, _ in found if not re.fullmatch(OF_EVERY_ROS_NODE, name)}
 
 
-def test_each_topic_and_service_of_the_nodes_is_on_their_page(
+def test_the_page_lists_all_topics_and_services(
     start: Callable[..., Process], parameters: Callable[..., Path], probe: Probe, tmp_path: Path
 ) -> None:
     page = (ROOT / "docs" / "nodes.md").read_text()

@@ -38,9 +38,7 @@ class Server:
 
 
 @pytest.mark.parametrize("word", REPEATED)
-def test_a_word_that_makes_the_robot_safer_is_repeated_until_it_is_answered(
-    start: Start, probe: Probe, word: str
-) -> None:
+def test_stop_and_pause_are_repeated_until_answered(start: Start, probe: Probe, word: str) -> None:
     server, process = Server(probe, word), start("rkhs", "robot", word)
     probe.until(lambda: process.popen.poll() is not None)
     assert process.finish() == (0, f"{word}: done\n", "")
@@ -48,7 +46,7 @@ def test_a_word_that_makes_the_robot_safer_is_repeated_until_it_is_answered(
 
 
 @pytest.mark.parametrize("word", [word for word in SERVICES if word not in REPEATED])
-def test_any_other_word_is_sent_once_and_its_answer_awaited(start: Start, probe: Probe, word: str) -> None:
+def test_other_commands_are_sent_once(start: Start, probe: Probe, word: str) -> None:
     server, process = Server(probe, word), start("rkhs", "robot", word)
     probe.until(lambda: server.asked > 0)
     probe.settle(2.0)
@@ -58,7 +56,7 @@ def test_any_other_word_is_sent_once_and_its_answer_awaited(start: Start, probe:
     assert server.asked == 1
 
 
-def test_what_lets_a_robot_move_is_not_asked_of_a_node_that_has_not_answered(start: Start, probe: Probe) -> None:
+def test_arm_is_not_sent_to_a_node_that_has_not_answered(start: Start, probe: Probe) -> None:
     server, process = Server(probe, "arm", parameters=False), start("rkhs", "robot", "arm")
     probe.until(lambda: process.popen.poll() is not None)
     code, _, err = process.finish()

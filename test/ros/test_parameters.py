@@ -38,7 +38,7 @@ def test_every_setting_is_described_and_read_only(learner: Probe) -> None:
     assert "trajectory" in described["algorithm.critic"].additional_constraints
 
 
-def test_the_environments_options_are_described_and_cannot_be_changed_in_a_run(
+def test_environment_options_are_described_and_read_only(
     start: Callable[..., Process], parameters: Callable[..., Path], probe: Probe
 ) -> None:
     file = parameters("pendulum_wrap_nac")
@@ -70,7 +70,7 @@ def test_no_parameter_can_be_set_while_a_node_runs(
     assert not result.successful
 
 
-def test_settings_have_the_values_of_the_file_and_cannot_be_changed_in_a_run(learner: Probe) -> None:
+def test_settings_have_the_values_of_the_file_and_are_read_only(learner: Probe) -> None:
     answer = learner.ask("learner/get_parameters", GetParameters.Request(names=["algorithm.ridge", "seed"]))
     assert [answer.values[0].double_value, answer.values[1].integer_value] == [0.25, 11]
     change = Parameter("algorithm.ridge", value=0.5).to_parameter_msg()

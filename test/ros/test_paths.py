@@ -18,7 +18,7 @@ def lines(folder: Path) -> int:
 
 @pytest.mark.faults
 @pytest.mark.parametrize("name", NAMES)
-def test_a_run_over_topics_is_where_it_was_asked_for(
+def test_a_run_over_topics_writes_to_the_requested_folder(
     start: Callable[..., Process], tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -88,7 +88,7 @@ SERVED = [
 ]
 
 
-def test_any_policy_acts_over_topics_as_in_process(node: Process, probe: Probe) -> None:
+def test_any_policy_acts_identically_over_topics_and_in_process(node: Process, probe: Probe) -> None:
     for number, (variance, inputs, noise) in enumerate(SERVED, 2):
         served = replace(policy(4, variance, inputs), noise=noise)
         assert policy_of(set_policy_request(served, number).policy).noise == noise
@@ -102,7 +102,7 @@ def test_any_policy_acts_over_topics_as_in_process(node: Process, probe: Probe) 
             np.testing.assert_array_equal(actions, acting(step, seen[step]))
 
 
-def test_a_swap_never_lands_inside_a_batch(node: Process, probe: Probe) -> None:
+def test_a_policy_never_changes_within_a_batch(node: Process, probe: Probe) -> None:
     np.testing.assert_array_equal(answer(probe, observation(0))[1], expected(policy(0), 0))
     assert probe.ask("set_policy", set_policy_request(policy(1), 2)).accepted
     for message in (observation(1), observation(0), observation(2), observation(3)):  # the second is a duplicate
@@ -114,7 +114,7 @@ def test_a_swap_never_lands_inside_a_batch(node: Process, probe: Probe) -> None:
     np.testing.assert_array_equal(actions, expected(policy(1), 0))
 
 
-def test_a_duplicate_is_answered_alike_and_a_late_batch_not_at_all(node: Process, probe: Probe) -> None:
+def test_a_duplicate_gets_the_same_answer_and_a_late_batch_none(node: Process, probe: Probe) -> None:
     answer(probe, observation(0, batch=4))
     answer(probe, observation(0, batch=5))
     first, again = answer(probe, observation(1, batch=5)), answer(probe, observation(1, batch=5))
@@ -136,7 +136,7 @@ def test_a_duplicate_is_answered_alike_and_a_late_batch_not_at_all(node: Process
     ],
     ids=["angle beyond", "angle beyond in a window", "window", "monomials"],
 )
-def test_a_policy_of_other_points_than_are_seen_is_silent_and_the_next_one_acts(
+def test_a_policy_of_the_wrong_dimension_does_not_answer_and_the_next_one_acts(
     node: Process, probe: Probe, misfit: GaussianPolicy
 ) -> None:
     assert probe.ask("set_policy", set_policy_request(misfit, 2)).accepted  # it was not yet seen what is observed
@@ -237,7 +237,7 @@ REFUSED = {
 }
 
 
-def test_a_refused_policy_leaves_the_old_one_serving(node: Process, probe: Probe) -> None:
+def test_after_a_refused_policy_the_old_one_stays_in_service(node: Process, probe: Probe) -> None:
     for batch, (name, reason) in enumerate(REFUSED.items(), 1):
         response = probe.ask("set_policy", spoil(name))
         assert not response.accepted, name
@@ -248,13 +248,13 @@ def test_a_refused_policy_leaves_the_old_one_serving(node: Process, probe: Probe
         np.testing.assert_array_equal(actions, expected(policy(0), 0))
 
 
-def test_a_version_is_the_name_of_one_policy(node: Process, probe: Probe) -> None:
+def test_a_version_identifies_one_policy(node: Process, probe: Probe) -> None:
     assert probe.ask("set_policy", set_policy_request(policy(0), 1)).accepted
     assert "version: expected another one" in probe.ask("set_policy", set_policy_request(policy(1), 1)).message
     np.testing.assert_array_equal(answer(probe, observation(0))[1], expected(policy(0), 0))
 
 
-def test_a_saved_policy_is_served_alone_without_noise(start: Start, probe: Probe, tmp_path: Path) -> None:
+def test_a_saved_policy_is_served_without_exploration_noise(start: Start, probe: Probe, tmp_path: Path) -> None:
     saved = policy(2, inputs=WINDOW)
     save_policy(tmp_path / "policy.npz", saved, Task("rkhs/Pendulum-v0", {}, 4, 0.99))
     start("policy", "--ros-args", "-p", f"policy_file:={tmp_path / 'policy.npz'}")

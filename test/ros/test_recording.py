@@ -15,7 +15,7 @@ SHORT = ("--iterations", 3, "--set", "episodes_per_iteration=4", "horizon=10", "
 
 
 @pytest.mark.faults
-def test_the_same_is_recorded_over_topics_as_in_process(start: Callable[..., Process], tmp_path: Path) -> None:
+def test_recordings_over_topics_equal_those_in_process(start: Callable[..., Process], tmp_path: Path) -> None:
     arguments = ("train", ROOT / "config" / "toy_nac.yaml", *SHORT)
     runs = {
         runner: start("rkhs", *arguments, *more, "--runner", runner, "--out", tmp_path / runner)
@@ -31,7 +31,7 @@ def test_the_same_is_recorded_over_topics_as_in_process(start: Callable[..., Pro
 
 
 @pytest.mark.faults
-def test_all_topics_are_recorded_beside_it(start: Callable[..., Process], tmp_path: Path) -> None:
+def test_all_topics_can_be_recorded_as_well(start: Callable[..., Process], tmp_path: Path) -> None:
     more = ("raw", "--runner", "ros", "--out", tmp_path / "run", "--iterations", 40)  # it may begin a little late
     assert start("rkhs", "train", ROOT / "config" / "toy_nac.yaml", *SHORT, *more).finish()[0] == 0
     found = read_messages(tmp_path / "run" / "raw.mcap")

@@ -69,7 +69,7 @@ def assert_same(ours: Any, theirs: Any) -> None:
 
 
 @pytest.mark.parametrize("task", ["rkhs/Pendulum-v0", pytest.param(UNEVEN, marks=pytest.mark.faults)])
-def test_a_thousand_steps_are_those_of_the_environment_itself(simulator: Simulate, make: Make, task: str) -> None:
+def test_a_thousand_steps_equal_those_of_the_environment(simulator: Simulate, make: Make, task: str) -> None:
     simulator(task)
     remote, direct = make(gymnasium.make, "rkhs/Remote-v0"), make(gymnasium.make, task)
     assert remote.observation_space == direct.observation_space
@@ -88,7 +88,7 @@ def test_a_thousand_steps_are_those_of_the_environment_itself(simulator: Simulat
     assert over >= STEPS // 100
 
 
-def test_rows_end_and_begin_anew_as_those_of_gymnasium(simulator: Simulate, make: Make) -> None:
+def test_automatic_resets_equal_those_of_gymnasium(simulator: Simulate, make: Make) -> None:
     simulator(UNEVEN)
     for mode in AutoresetMode:
         check_autoreset(make, mode)
@@ -117,7 +117,7 @@ def check_autoreset(make: Make, mode: AutoresetMode) -> None:
 
 
 @pytest.mark.faults
-def test_many_rows_of_a_vector_task_are_single_ones(simulator: Simulate, make: Make) -> None:
+def test_a_vector_task_equals_single_environments(simulator: Simulate, make: Make) -> None:
     simulator("rkhs/PendulumPOMDP-v0")
     remote = make(gymnasium.make_vec, "rkhs/Remote-v0", 3)
     direct = make(SyncVectorEnv, [partial(gymnasium.make, "rkhs/PendulumPOMDP-v0")] * 3)
@@ -128,12 +128,12 @@ def test_many_rows_of_a_vector_task_are_single_ones(simulator: Simulate, make: M
         assert_same(remote.step(actions), direct.step(actions))
 
 
-def test_gymnasium_finds_nothing_wrong(simulator: Simulate, make: Make) -> None:
+def test_gymnasiums_checker_accepts_the_remote_environment(simulator: Simulate, make: Make) -> None:
     simulator("rkhs/Pendulum-v0")
     check_env(make(gymnasium.make, "rkhs/Remote-v0").unwrapped)
 
 
-def test_what_does_not_fit_is_refused_and_the_episode_goes_on(simulator: Simulate, make: Make) -> None:
+def test_invalid_input_is_refused_and_the_episode_continues(simulator: Simulate, make: Make) -> None:
     simulator("rkhs/Toy-v0")
     remote = make(RemoteEnv, horizon=2)
     with pytest.raises(RunError, match="step: expected a reset first"):
@@ -163,7 +163,7 @@ def test_what_does_not_fit_is_refused_and_the_episode_goes_on(simulator: Simulat
 
 
 @pytest.mark.faults
-def test_a_killed_simulator_is_named_in_time_and_its_successor_used(simulator: Simulate, make: Make) -> None:
+def test_a_killed_simulator_is_reported_in_time_and_its_successor_used(simulator: Simulate, make: Make) -> None:
     first = simulator("rkhs/Pendulum-v0")
     remote = make(RemoteEnv, timeout=3.0)
     before, _ = remote.reset(seed=4)
@@ -187,7 +187,7 @@ def play(remote: Any, steps: int) -> None:
             remote.reset()
 
 
-def test_an_environment_that_fails_is_named_and_begins_anew(simulator: Simulate, make: Make) -> None:
+def test_a_failing_environment_is_named_and_can_be_reset(simulator: Simulate, make: Make) -> None:
     simulator("test.faults.bad_tasks:Bad-v0", fault="nan reward")
     remote = make(RemoteEnv)
     remote.reset(seed=1)
@@ -198,13 +198,13 @@ def test_an_environment_that_fails_is_named_and_begins_anew(simulator: Simulate,
     remote.reset(seed=1)
 
 
-def test_nobody_there_is_named(make: Make) -> None:
+def test_a_missing_simulator_is_named(make: Make) -> None:
     with pytest.raises(PeerError, match=r"the /nowhere/simulator node did not answer within 0\.5 s"):
         make(RemoteEnv, namespace="nowhere", timeout=0.5)
 
 
 @pytest.mark.faults
-def test_one_who_takes_the_simulator_away_is_told_of(simulator: Simulate, make: Make) -> None:
+def test_a_client_that_takes_over_the_simulator_is_reported(simulator: Simulate, make: Make) -> None:
     simulator("rkhs/Pendulum-v0")
     first, second = make(RemoteEnv), make(RemoteEnv)
     first.reset()
@@ -240,7 +240,7 @@ def threads() -> int:
     return len(os.listdir("/proc/self/task"))
 
 
-def test_nothing_is_left_of_one_that_is_closed(simulator: Simulate, make: Make, domain: int) -> None:
+def test_a_closed_environment_leaves_nothing_behind(simulator: Simulate, make: Make, domain: int) -> None:
     simulator("rkhs/Toy-v0")
     rclpy.init(domain_id=domain)  # as who uses ROS beside it
     make(RemoteEnv).close()  # the first one loads libraries
@@ -261,7 +261,7 @@ def test_nothing_is_left_of_one_that_is_closed(simulator: Simulate, make: Make, 
 
 
 @pytest.mark.faults
-def test_simulate_runs_a_task_again_where_it_dies(start: Start, make: Make) -> None:
+def test_simulate_restarts_a_task_that_dies(start: Start, make: Make) -> None:
     run = start("rkhs", "simulate", "--env", "rkhs/Toy-v0", "--simulators", 2)
     remotes = [make(RemoteEnv, namespace=f"simulator_{k}", timeout=30.0) for k in (1, 2)]
     first = [remote.reset(seed=1)[0] for remote in remotes]
@@ -307,7 +307,7 @@ def test_a_function_is_served(
 
 
 @pytest.mark.clock
-def test_a_robot_is_stepped_by_the_clock_and_says_what_spoilt_an_episode(start: Start, make: Make) -> None:
+def test_a_remote_robot_is_stepped_in_real_time_and_reports_discarded_episodes(start: Start, make: Make) -> None:
     period, patient = 0.05, "robot.learner_timeout=60"
     start("rkhs", "simulate", Path(__file__).parents[2] / "config" / "robot_pendulum.yaml", "--set", patient)
     remote = make(gymnasium.make, "rkhs/Remote-v0", horizon=20, timeout=60.0)

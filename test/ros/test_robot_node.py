@@ -44,7 +44,7 @@ def reason(message: object) -> str:
     return str(message.executions[0].discard_reason)  # type: ignore[attr-defined]
 
 
-def test_an_episode_is_what_was_observed_drawn_and_executed_by_the_clock(
+def test_an_episode_has_the_observed_drawn_and_executed_values(
     begin: Callable[..., Process], bench: Bench, tmp_path: Path
 ) -> None:
     begin()
@@ -65,7 +65,7 @@ def test_an_episode_is_what_was_observed_drawn_and_executed_by_the_clock(
     assert [path.name for path in (tmp_path / "journal").iterdir()] == ["training_seed_3_episode_0000000_steps_5.npz"]
 
 
-def test_what_was_finished_is_told_again_and_not_run_again_whoever_died(
+def test_a_completed_episode_is_published_again_but_not_rerun_after_a_kill(
     begin: Callable[..., Process], bench: Bench
 ) -> None:
     process = begin()
@@ -85,9 +85,7 @@ def test_what_was_finished_is_told_again_and_not_run_again_whoever_died(
     assert len(bench.moves) > commands  # as many again, less what came too late on a busy machine
 
 
-def test_a_learner_that_asks_for_the_episode_under_way_is_given_that_one(
-    begin: Callable[..., Process], bench: Bench
-) -> None:
+def test_a_repeated_request_continues_the_running_episode(begin: Callable[..., Process], bench: Bench) -> None:
     begin()
     bench.start()
     bench.until_moving()
@@ -106,7 +104,7 @@ def test_a_learner_that_asks_for_the_episode_under_way_is_given_that_one(
         ("gate", {}, "the gate did not report 4 commands"),
     ],
 )
-def test_whoever_falls_silent_the_robot_comes_to_rest_and_the_episode_is_discarded(
+def test_a_silent_peer_stops_the_robot_and_discards_the_episode(
     begin: Callable[..., Process], bench: Bench, tmp_path: Path, part: str, limit: dict[str, object], words: str
 ) -> None:
     begin(**PATIENT | limit)
@@ -130,9 +128,7 @@ def test_whoever_falls_silent_the_robot_comes_to_rest_and_the_episode_is_discard
     assert reason(bench.play(horizon=HORIZON)) == ""
 
 
-def test_nothing_moves_before_the_gate_is_armed_nor_after_it_stopped(
-    begin: Callable[..., Process], bench: Bench
-) -> None:
+def test_nothing_moves_while_the_gate_is_disarmed_or_stopped(begin: Callable[..., Process], bench: Bench) -> None:
     bench.gate_state("disarmed")
     begin()
     identity = bench.start(horizon=200)
@@ -153,7 +149,7 @@ def test_nothing_moves_before_the_gate_is_armed_nor_after_it_stopped(
     assert reason(bench.ended(identity)) == ""
 
 
-def test_a_person_stops_and_lets_it_go_on(begin: Callable[..., Process], bench: Bench) -> None:
+def test_an_operator_can_stop_and_continue(begin: Callable[..., Process], bench: Bench) -> None:
     begin()
     identity = bench.start(horizon=200)
     bench.until_moving()
@@ -168,7 +164,7 @@ def test_a_person_stops_and_lets_it_go_on(begin: Callable[..., Process], bench: 
     assert reason(bench.ended(identity)) == ""
 
 
-def test_a_finished_episode_can_be_vetoed_until_the_learner_may_have_learnt_from_it(
+def test_a_completed_episode_can_be_vetoed_until_the_learner_uses_it(
     begin: Callable[..., Process], bench: Bench
 ) -> None:
     begin()
@@ -185,9 +181,7 @@ def test_a_finished_episode_can_be_vetoed_until_the_learner_may_have_learnt_from
     assert len(bench.moves) > commands  # it was run again
 
 
-def test_an_episode_held_back_can_be_vetoed_before_anybody_hears_of_it(
-    begin: Callable[..., Process], bench: Bench
-) -> None:
+def test_an_episode_held_back_can_be_vetoed_before_publication(begin: Callable[..., Process], bench: Bench) -> None:
     begin(veto_window=30.0)
     identity = bench.start()
     bench.until_moving(HORIZON)
@@ -197,7 +191,7 @@ def test_an_episode_held_back_can_be_vetoed_before_anybody_hears_of_it(
     assert reason(bench.ended(identity)) == "vetoed by the operator"
 
 
-def test_steps_of_the_reset_follow_each_other_before_each_episode(begin: Callable[..., Process], bench: Bench) -> None:
+def test_the_reset_steps_run_in_order_before_each_episode(begin: Callable[..., Process], bench: Bench) -> None:
     begin(reset={"steps": ["person"]})
     identity = bench.start()
     bench.probe.until(lambda: "prepare the scene" in bench.describe().waiting)
@@ -206,7 +200,7 @@ def test_steps_of_the_reset_follow_each_other_before_each_episode(begin: Callabl
     assert reason(bench.ended(identity)) == ""
 
 
-def test_a_reward_that_fails_is_told_and_the_robot_holds(begin: Callable[..., Process], bench: Bench) -> None:
+def test_a_failing_reward_is_reported_and_the_robot_holds(begin: Callable[..., Process], bench: Bench) -> None:
     begin(reward={"function": "math:gcd"})
     bench.start()
     bench.probe.until(lambda: bench.describe().failure != "")
@@ -233,7 +227,7 @@ def test_a_reward_that_fails_is_told_and_the_robot_holds(begin: Callable[..., Pr
         ),
     ],
 )
-def test_what_is_missing_is_named_and_nothing_moves(
+def test_missing_peers_are_named_and_nothing_moves(
     begin: Callable[..., Process], bench: Bench, silent: set[str], changes: dict[str, Any], failure: str
 ) -> None:
     bench.silent = silent
@@ -244,9 +238,7 @@ def test_what_is_missing_is_named_and_nothing_moves(
     assert not bench.moves
 
 
-def test_a_gate_that_hangs_is_noticed_in_time_however_many_actions_may_be_missed(
-    begin: Callable[..., Process], bench: Bench
-) -> None:
+def test_a_hanging_gate_is_detected_in_time(begin: Callable[..., Process], bench: Bench) -> None:
     begin(misses_allowed=1000)
     identity = bench.start(horizon=1000)
     bench.until_moving(3)
@@ -277,7 +269,7 @@ SENSORS = {"position": {"topic": "position", "type": "std_msgs/msg/Float64", "fi
         ),
     ],
 )
-def test_a_bad_section_ends_the_node_with_one_line(
+def test_an_invalid_section_ends_the_node_with_one_line(
     start: Start, tmp_path: Path, changes: dict[str, object], line: str
 ) -> None:
     code, _, err = start(
@@ -292,7 +284,7 @@ def test_a_bad_section_ends_the_node_with_one_line(
     ("changes", "words"),
     [({"num_envs": 2}, "num_envs: expected 1"), ({"environment": "rkhs/Toy-v0"}, "task: expected slider")],
 )
-def test_what_no_robot_can_do_is_refused(
+def test_requests_that_a_robot_cannot_serve_are_refused(
     begin: Callable[..., Process], bench: Bench, changes: dict[str, object], words: str
 ) -> None:
     begin()
@@ -301,7 +293,7 @@ def test_what_no_robot_can_do_is_refused(
     assert not bench.commands
 
 
-def test_a_node_that_is_told_to_end_has_the_robot_hold(begin: Callable[..., Process], bench: Bench) -> None:
+def test_a_node_that_shuts_down_makes_the_robot_hold(begin: Callable[..., Process], bench: Bench) -> None:
     process = begin()
     identity = bench.start(horizon=500)
     bench.until_moving()
@@ -311,7 +303,7 @@ def test_a_node_that_is_told_to_end_has_the_robot_hold(begin: Callable[..., Proc
     assert process.finish()[0] == 0
 
 
-def test_a_persons_word_is_passed_on_and_a_refusal_is_told(
+def test_an_operators_command_is_forwarded_and_a_refusal_reported(
     begin: Callable[..., Process], bench: Bench, start: Start
 ) -> None:
     begin()
@@ -331,15 +323,13 @@ def test_a_persons_word_is_passed_on_and_a_refusal_is_told(
     bench.probe.until(lambda: "paused" in bench.describe().waiting)
 
 
-def test_a_word_that_no_node_hears_is_told_soon(start: Start) -> None:
+def test_a_command_without_a_node_fails_soon(start: Start) -> None:
     code, _, err = start("rkhs", "robot", "stop").finish()
     assert (code, len(err.splitlines())) == (1, 1)
     assert "gate/stop: the node is not running; pass the run's folder, or set ROS_DOMAIN_ID" in err
 
 
-def test_sensors_that_cannot_be_used_are_told_before_a_person_arms(
-    begin: Callable[..., Process], bench: Bench, probe: Probe
-) -> None:
+def test_unusable_sensors_are_reported_before_arming(begin: Callable[..., Process], bench: Bench, probe: Probe) -> None:
     names = ["shoulder"]
     joints = probe.create_publisher(JointState, "joint_states", 1)
     probe.create_timer(SENSOR_PERIOD_S, lambda: joints.publish(JointState(name=names, position=[0.5] * len(names))))

@@ -58,7 +58,7 @@ def stamps(states: list[Any]) -> np.ndarray:
     return np.array([m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in states])
 
 
-def test_the_robot_is_described_and_motions_are_shown_when_they_happen(start: Start, probe: Probe) -> None:
+def test_the_robots_description_and_motions_are_published(start: Start, probe: Probe) -> None:
     early = Viewer(probe)
     begin(start, probe, "robot_state:=true")
     probe.until(lambda: all(probe.count_publishers(listener.topic_name) == 1 for listener in early.listeners))
@@ -94,7 +94,7 @@ def test_the_robot_is_described_and_motions_are_shown_when_they_happen(start: St
 
 
 @pytest.mark.parametrize("parameters", [(), ("robot_state:=false",)], ids=["not asked", "declined"])
-def test_nothing_is_shown_unless_asked_for(start: Start, probe: Probe, parameters: tuple[str, ...]) -> None:
+def test_no_robot_state_is_published_by_default(start: Start, probe: Probe, parameters: tuple[str, ...]) -> None:
     viewer = Viewer(probe)
     begin(start, probe, *parameters)
     play(probe, batch=1)
@@ -117,7 +117,9 @@ def test_nothing_is_shown_unless_asked_for(start: Start, probe: Probe, parameter
         ((f"environment.id:={TASK}", "robot_state:=7"), "robot_state: expected bool, got 7"),
     ],
 )
-def test_a_robot_that_cannot_be_shown_is_refused(start: Start, parameters: tuple[str, ...], message: str) -> None:
+def test_robot_state_of_a_task_without_a_robot_is_refused(
+    start: Start, parameters: tuple[str, ...], message: str
+) -> None:
     given = [word for parameter in parameters for word in ("-p", parameter)]
     code, _, err = start("simulator", "--ros-args", *given).finish()
     assert code == 2

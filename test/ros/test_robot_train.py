@@ -44,7 +44,7 @@ def test_the_nodes_of_the_launch_file_learn_on_a_simulated_robot(start: Start, t
     assert len(list((folder / "checkpoints" / "episodes").glob("*_steps_40.npz"))) == 2
 
 
-def test_what_was_learnt_is_measured_on_the_robot_without_exploration(start: Start, tmp_path: Path) -> None:
+def test_a_policy_is_evaluated_on_the_robot_without_exploration(start: Start, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     code, _, err = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *QUICK, "iterations=1").finish()
     assert code == 0, err
@@ -65,7 +65,7 @@ def test_what_was_learnt_is_measured_on_the_robot_without_exploration(start: Sta
     assert f"rkhs evaluate {folder} moves it" in err
 
 
-def test_it_learns_on_a_simulated_robot_and_goes_on_where_it_was_left(start: Start, tmp_path: Path) -> None:
+def test_a_run_on_a_simulated_robot_can_be_resumed(start: Start, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     command = ("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *QUICK, "iterations=1")
     code, out, err = start(*command).finish()
@@ -81,7 +81,7 @@ def test_it_learns_on_a_simulated_robot_and_goes_on_where_it_was_left(start: Sta
     assert {name: (journal / name).read_bytes() for name in first} == first
 
 
-def test_a_real_robot_waits_for_a_person_to_arm_it(start: Start, tmp_path: Path, probe: Probe) -> None:
+def test_a_real_robot_waits_for_the_operator_to_arm_it(start: Start, tmp_path: Path, probe: Probe) -> None:
     document = load_config(CONFIG, (*QUICK, "iterations=1")).parameters()
     settings = tmp_path / "model.yaml"
     settings.write_text(dumped({"/**/simulated_robot": document.pop("/**/simulated_robot")}))
@@ -105,7 +105,7 @@ def test_a_real_robot_waits_for_a_person_to_arm_it(start: Start, tmp_path: Path,
     )
 
 
-def test_a_simulated_robot_that_stops_by_itself_teaches_nothing(start: Start, tmp_path: Path) -> None:
+def test_episodes_with_a_protective_stop_are_discarded(start: Start, tmp_path: Path) -> None:
     weak = ("iterations=1", "simulated_robot.limits.torque=1.0")  # less than its gate lets through
     code, _, err = start("rkhs", "train", CONFIG, "--quiet", "--out", tmp_path / "run", "--set", *QUICK, *weak).finish()
     assert code == 1

@@ -82,7 +82,7 @@ def pairs() -> Iterator[Any]:
 
 
 @pytest.mark.parametrize(("algorithm", "task"), pairs())
-def test_an_algorithm_on_a_task_learns_the_same_over_topics_as_in_process(
+def test_training_over_topics_is_bit_identical_to_in_process(
     start: Start, tmp_path: Path, algorithm: str, task: str
 ) -> None:
     config = tmp_path / "run.yaml"
@@ -108,14 +108,16 @@ def test_a_run_over_topics_equals_the_run_in_process(
     assert_same_bits(start, tmp_path, (ROOT / "config" / f"{config}.yaml", *SHORT, "--set", *changes), 3)
 
 
-def test_simulator_and_policy_node_in_one_process_change_no_bit(start: Start, tmp_path: Path) -> None:
+def test_composed_nodes_leave_the_results_bit_identical(start: Start, tmp_path: Path) -> None:
     config = ROOT / "config" / "pendulum_pomdp_nac.yaml"
     small = ("algorithm.centres=20", "horizon=20", "episodes_per_iteration=5", "evaluation_episodes=2", "timeout=60")
     assert_same_bits(start, tmp_path, (config, *SHORT, "--set", *small), 3, runner="composed")
 
 
 @pytest.mark.parametrize("simulators", [pytest.param(2, marks=pytest.mark.faults), 3])
-def test_the_number_of_simulators_changes_no_bit(start: Start, tmp_path: Path, simulators: int) -> None:
+def test_the_number_of_simulators_leaves_the_results_bit_identical(
+    start: Start, tmp_path: Path, simulators: int
+) -> None:
     config = ROOT / "config" / "pendulum_pomdp_nac.yaml"
     small = ("algorithm.centres=20", "horizon=20", "episodes_per_iteration=5", "evaluation_episodes=2", "timeout=60")
     # With 3 simulators and 2 evaluation episodes one has nothing to do.
@@ -123,7 +125,7 @@ def test_the_number_of_simulators_changes_no_bit(start: Start, tmp_path: Path, s
 
 
 @pytest.mark.parametrize("simulators", [pytest.param(1, marks=pytest.mark.faults), 2])
-def test_the_robot_does_the_same_over_topics_and_in_process(start: Start, tmp_path: Path, simulators: int) -> None:
+def test_the_pr2_moves_identically_over_topics_and_in_process(start: Start, tmp_path: Path, simulators: int) -> None:
     pytest.importorskip("pybullet", reason="the PR2 needs PyBullet")
     config = ROOT / "config" / "pr2_door_contextual.yaml"
     small = ("episodes_per_iteration=4", "evaluation_episodes=2", "timeout=60")
@@ -131,7 +133,7 @@ def test_the_robot_does_the_same_over_topics_and_in_process(start: Start, tmp_pa
 
 
 @pytest.mark.faults
-def test_runs_side_by_side_in_different_domains_do_not_meet(
+def test_parallel_runs_in_different_domains_are_isolated(
     start: Start, tmp_path: Path, domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     config = ROOT / "config" / "toy_nac.yaml"

@@ -92,7 +92,7 @@ def robot(start: Start, probe: Probe, tmp_path: Path) -> Callable[..., Operator]
     return begin
 
 
-def test_the_pendulum_moves_by_the_wall_clock(robot: Callable[..., Operator]) -> None:
+def test_the_pendulum_moves_in_real_time(robot: Callable[..., Operator]) -> None:
     operator = robot(sensor_rate=100.0, process_noise=0.0)
     still = operator.move_on()
     assert (list(still.name), still.position[0], still.velocity[0]) == (["motor"], -math.pi, 0.0)
@@ -109,7 +109,7 @@ def test_the_pendulum_moves_by_the_wall_clock(robot: Callable[..., Operator]) ->
     assert operator.violations == {}
 
 
-def test_with_a_speed_factor_all_goes_faster(robot: Callable[..., Operator]) -> None:
+def test_a_speed_factor_speeds_up_everything(robot: Callable[..., Operator]) -> None:
     operator = robot(speed=10.0, sensor_rate=20.0, process_noise=0.0)
     operator.command(0.002)  # so little that the stop is 8 s of the wall's time away
     first = operator.move_on()
@@ -119,7 +119,7 @@ def test_with_a_speed_factor_all_goes_faster(robot: Callable[..., Operator]) -> 
     assert last.velocity[0] - first.velocity[0] == pytest.approx(0.002 * 10.0 * seconds, abs=0.0001)
 
 
-def test_a_robot_that_was_held_up_moves_as_if_it_had_not_been(robot: Callable[..., Operator]) -> None:
+def test_a_delayed_robot_moves_as_without_the_delay(robot: Callable[..., Operator]) -> None:
     operator = robot(process_noise=0.0)
     operator.command(1.0)
     first = operator.move_on()
@@ -139,7 +139,7 @@ def bad(kind: str) -> Sequence[float]:
     return {"malformed": (0.0, 0.0), "non_finite": (math.nan,), "torque": (3.5,), "torque_step": (-1.0,)}[kind]
 
 
-def test_bad_commands_stop_the_robot_until_it_is_reset(robot: Callable[..., Operator]) -> None:
+def test_invalid_commands_stop_the_robot_until_it_is_reset(robot: Callable[..., Operator]) -> None:
     operator = robot(**{"limits.torque_step": 1.5})
     expected = {}
     for kind in ("non_finite", "malformed", "torque", "torque_step"):
@@ -175,7 +175,7 @@ def test_a_second_publisher_of_commands_stops_the_robot(robot: Callable[..., Ope
     other.destroy_node()
 
 
-def test_a_robot_that_watches_the_time_stops_by_itself(robot: Callable[..., Operator]) -> None:
+def test_a_command_timeout_makes_a_protective_stop(robot: Callable[..., Operator]) -> None:
     operator = robot(command_timeout=0.3)
     operator.command(0.1)
     operator.probe.until(lambda: operator.violations == {"command_timeout": 1})
@@ -183,7 +183,7 @@ def test_a_robot_that_watches_the_time_stops_by_itself(robot: Callable[..., Oper
     assert operator.told[-1].message.startswith("command_timeout")
 
 
-def test_viewers_are_given_the_robots_description(robot: Callable[..., Operator]) -> None:
+def test_viewers_receive_the_robots_description(robot: Callable[..., Operator]) -> None:
     operator = robot()
     found: list[String] = []
     operator.probe.create_subscription(String, "robot_description", found.append, LATCHED_QOS)
@@ -211,7 +211,7 @@ def place(message: PointStamped | PoseStamped) -> np.ndarray:
     return np.array([point.x, point.y, point.z])
 
 
-def test_the_arm_takes_positions_and_shows_its_tool_and_the_mark(arm: Callable[..., Operator]) -> None:
+def test_the_arm_receives_positions_and_publishes_its_tool_and_the_mark(arm: Callable[..., Operator]) -> None:
     operator = arm(topic="position_controller/commands")
     np.testing.assert_allclose(operator.move_on().position, HOME, atol=0.01)
     tool = hear(operator, "end_effector", PoseStamped)
@@ -250,7 +250,7 @@ def test_the_arm_follows_a_trajectory_and_holds_at_its_end(arm: Callable[..., Op
     assert operator.violations == {"malformed": 1}
 
 
-def test_a_trajectory_is_an_attempt_at_the_door(robot: Callable[..., Operator]) -> None:
+def test_a_trajectory_is_one_attempt_at_the_door(robot: Callable[..., Operator]) -> None:
     pytest.importorskip("pybullet")
     operator = robot(
         robot="pr2_door",
@@ -278,7 +278,7 @@ def test_a_trajectory_is_an_attempt_at_the_door(robot: Callable[..., Operator]) 
     assert operator.violations == {}
 
 
-def test_an_episode_begins_with_the_mark_elsewhere(arm: Callable[..., Operator]) -> None:
+def test_each_episode_starts_with_another_mark(arm: Callable[..., Operator]) -> None:
     operator = arm(topic="position_controller/commands")
     operator.probe.add_service(EPISODE, Trigger)
     before = place(hear(operator, "mark", PointStamped))
@@ -301,7 +301,7 @@ def test_an_episode_begins_with_the_mark_elsewhere(arm: Callable[..., Operator])
         ({"limits": {"torque": "much"}}, "limits.torque: expected a number, got 'much'"),
     ],
 )
-def test_parameters_that_do_not_fit_are_refused(
+def test_invalid_robot_parameters_are_refused(
     start: Start, domain: int, tmp_path: Path, parameters: dict[str, Any], message: str
 ) -> None:
     file = tmp_path / "robot.yaml"

@@ -64,7 +64,7 @@ def play(probe: Probe) -> None:
     probe.until(lambda: len(probe.heard["episodes"]) == 1)
 
 
-def test_a_batch_over_topics_is_the_simulation_itself(simulator: Process, probe: Probe) -> None:
+def test_a_batch_over_topics_equals_the_simulation(simulator: Process, probe: Probe) -> None:
     play(probe)
     simulation = Simulation("rkhs/Toy-v0")
     frames = [simulation.start(BATCH), *(simulation.step(np.array([[0.5], [-0.25]])) for _ in range(4))]
@@ -84,7 +84,7 @@ INTRUDERS = {
 }
 
 
-def test_an_action_that_is_not_awaited_is_ignored(simulator: Process, probe: Probe) -> None:
+def test_an_unexpected_action_is_ignored(simulator: Process, probe: Probe) -> None:
     begin(probe)
     probe.say("action", action(0))
     probe.until(lambda: len(seen(probe)) == 2)
@@ -102,7 +102,7 @@ def test_an_action_that_is_not_awaited_is_ignored(simulator: Process, probe: Pro
     np.testing.assert_array_equal(seen(probe)[2], frame.observations)
 
 
-def test_late_actions_of_an_abandoned_batch_do_not_touch_the_next(simulator: Process, probe: Probe) -> None:
+def test_late_actions_of_an_abandoned_batch_do_not_affect_the_next(simulator: Process, probe: Probe) -> None:
     begin(probe, batch=9)
     probe.say("action", action(0))
     probe.until(lambda: len(seen(probe)) == 2)
@@ -120,7 +120,7 @@ REFUSED: list[tuple[dict[str, object], str]] = [
 ]
 
 
-def test_a_refused_request_leaves_the_batch_under_way(simulator: Process, probe: Probe) -> None:
+def test_a_refused_request_does_not_affect_the_running_batch(simulator: Process, probe: Probe) -> None:
     begin(probe)
     for step, (changes, reason) in enumerate(REFUSED):
         response = probe.ask("start_episodes", request(10, **changes))
@@ -130,7 +130,7 @@ def test_a_refused_request_leaves_the_batch_under_way(simulator: Process, probe:
         probe.until(lambda: len(seen(probe)) == step + 2)  # noqa: B023  # awaited in this step
 
 
-def test_the_request_for_the_batch_under_way_repeats_what_was_said_last(simulator: Process, probe: Probe) -> None:
+def test_a_repeated_request_repeats_the_last_message(simulator: Process, probe: Probe) -> None:
     play(probe)
     for count in (2, 3):
         assert probe.ask("start_episodes", request()).accepted

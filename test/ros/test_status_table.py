@@ -16,7 +16,7 @@ from rkhs_ros.nodes.watch.status_node import COLUMNS, LAST_REFUSAL, MODE, headin
 @pytest.mark.parametrize(
     "text", ["[/red]", "[bold]x", "a\x1b[31mb\x1b]0;title\x07", "two\nlines", "x" * 10_000, ":smile:"]
 )
-def test_markup_and_escapes_of_others_are_shown_as_text(text: str) -> None:
+def test_markup_and_escapes_are_printed_as_text(text: str) -> None:
     status = DiagnosticStatus(name=text, message=text, level=b"\x07")
     status.values = [KeyValue(key=key, value=text) for key in (*COLUMNS, LAST_REFUSAL)]
     out = StringIO()
@@ -27,7 +27,7 @@ def test_markup_and_escapes_of_others_are_shown_as_text(text: str) -> None:
     assert len(shown.splitlines()) == 3  # headers, the node, its reason
 
 
-def test_a_run_of_two_simulators_in_a_namespace_is_shown_whole_in_80_characters() -> None:
+def test_a_run_of_two_simulators_fits_into_80_characters() -> None:
     random, values = "1234567890123456789", dict.fromkeys(COLUMNS, "1000")
     alone = values | {"serving version": random, "batch": random}
     both = values | {"serving version": random, "batch": f"{random} {random}", "step": "100 100"}
@@ -51,7 +51,7 @@ def printed(*parts: object, width: int = 80) -> list[str]:
     return out.getvalue().splitlines()
 
 
-def test_what_is_the_matter_stands_below_the_table_of_a_robots_nodes() -> None:
+def test_problems_are_listed_below_the_table() -> None:
     why = "no simulator makes a step, and much more is to be said of this than any column has room for"
     values = dict.fromkeys(COLUMNS, "1000")
     source = "/joint_sates: no messages, no publishers; topics of sensor_msgs/msg/JointState: /joint_states"
@@ -81,7 +81,7 @@ def test_what_is_the_matter_stands_below_the_table_of_a_robots_nodes() -> None:
     ]
 
 
-def test_the_heading_says_how_far_the_run_is() -> None:
+def test_the_heading_states_the_progress_of_the_run() -> None:
     progress = LearningProgress(run="mine", folder="/results/" + 30 * "long/" + "mine", iteration=3, iterations=40)
     progress.exploration_return, progress.seconds_left = 1.5, 12.0
     progress.last_evaluation_returns = [2.0, 2.5, float("nan")]  # the last iteration was not measured
@@ -92,7 +92,7 @@ def test_the_heading_says_how_far_the_run_is() -> None:
     assert "".join(rest) == f"in {progress.folder}"
 
 
-def test_before_the_first_iteration_the_heading_shows_no_return() -> None:
+def test_the_heading_has_no_return_before_the_first_iteration() -> None:
     progress = progress_message(Time(), "mine", Path("/results/mine"), 40, [])
     lines = printed(heading(progress))
     assert lines == ["mine: iteration 0 of 40, 0 episodes, 0 centres", "no return yet", "in /results/mine"]

@@ -81,7 +81,7 @@ def once_at_step(probe: Probe, step: int, act: Callable[[], None]) -> Observatio
     return probe.heard["observation"][-1]
 
 
-def test_a_forged_action_is_found_and_its_batch_taken_again(
+def test_a_forged_action_is_detected_and_its_batch_restarted(
     nodes: Nodes, probe: Probe, tmp_path: Path, in_process: Path
 ) -> None:
     probe.say("action", Action())  # the simulator has met it
@@ -149,7 +149,7 @@ def test_a_simulator_of_another_task_is_refused_by_name(
 
 
 @pytest.mark.faults
-def test_a_resumed_run_refuses_another_task_and_is_left_as_it_was(
+def test_a_resumed_run_refuses_another_task_and_is_unchanged(
     start: Start, parameters: Parameters, tmp_path: Path
 ) -> None:
     folder = tmp_path / "out"
@@ -169,7 +169,7 @@ def test_a_resumed_run_refuses_another_task_and_is_left_as_it_was(
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
 
-def test_a_learner_without_environment_learns_in_the_simulators_and_says_so(
+def test_a_learner_without_an_environment_uses_the_simulators(
     start: Start, parameters: Parameters, tmp_path: Path
 ) -> None:
     file = parameters("toy_nac", *SHORT)

@@ -78,7 +78,7 @@ def written(parameters: Mapping[str, Any]) -> str:
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(st.lists(values, min_size=10, max_size=40))
-def test_ros_reads_what_was_written(file: Path, domain: int, these: list[Any]) -> None:
+def test_ros_reads_written_files(file: Path, domain: int, these: list[Any]) -> None:
     tree = {f"p{i}": value for i, value in enumerate(these)}
     file.write_text(written(tree))
     assert read_by_ros(file, domain) == tree

@@ -23,7 +23,7 @@ class BusyMachine:
         return round(1e9 * (EPOCH_S + self.monotonic()))
 
 
-def test_times_by_both_clocks_agree_though_the_process_is_held_up_between(
+def test_times_by_both_clocks_agree_despite_preemption(
     monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
 ) -> None:
     monkeypatch.setattr(clocks, "time", BusyMachine(rng))

@@ -18,7 +18,7 @@ KNOWN = dict.fromkeys(("config", "output", "namespace"))
         ["a", "program"],
     ],
 )
-def test_known_arguments_and_those_of_other_launch_files_pass(words: list[str]) -> None:
+def test_known_arguments_and_those_of_other_launch_files_are_accepted(words: list[str]) -> None:
     require_known_arguments(words, FILE, KNOWN)
 
 

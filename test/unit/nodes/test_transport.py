@@ -6,7 +6,7 @@ from rkhs_ros.nodes.core.transport import LOOPBACK, PROFILES, RANGE, by_udp
 
 
 @pytest.mark.parametrize("given", [{}, {RANGE: "LOCALHOST"}, {RANGE: "", PROFILES[0]: ""}])
-def test_nodes_keep_to_this_machine_unless_told_otherwise(given: dict[str, str]) -> None:
+def test_nodes_use_this_machine_by_default(given: dict[str, str]) -> None:
     environment = {**given, "HOME": "/home"}
     assert by_udp(environment) == {RANGE: "SUBNET", PROFILES[0]: str(LOOPBACK), "HOME": "/home"}
     assert environment == {**given, "HOME": "/home"}
@@ -14,7 +14,7 @@ def test_nodes_keep_to_this_machine_unless_told_otherwise(given: dict[str, str])
 
 
 @pytest.mark.parametrize("given", [{RANGE: "SUBNET"}, {RANGE: "OFF"}, {"ROS_STATIC_PEERS": "192.168.0.7"}])
-def test_nodes_of_several_machines_find_each_other(given: dict[str, str]) -> None:
+def test_nodes_of_several_machines_discover_each_other(given: dict[str, str]) -> None:
     assert by_udp(given) == {**given, "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
 
 
@@ -28,16 +28,16 @@ def test_nodes_of_several_machines_find_each_other(given: dict[str, str]) -> Non
         {"FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT"},
     ],
 )
-def test_what_was_chosen_otherwise_stays(given: dict[str, str]) -> None:
+def test_existing_transport_settings_are_preserved(given: dict[str, str]) -> None:
     assert by_udp(given) == given
 
 
 @pytest.mark.parametrize("domain", ["abc", "-1", "233", "1.5", "\u0663", "9" * 30])
-def test_a_domain_that_is_none_is_refused(domain: str) -> None:
+def test_an_invalid_domain_is_refused(domain: str) -> None:
     with pytest.raises(ValueError, match="ROS_DOMAIN_ID: expected a whole number from 0 to 232, got"):
         by_udp({"ROS_DOMAIN_ID": domain})
 
 
 @pytest.mark.parametrize("domain", ["", "0", "232"])
-def test_a_domain_stays(domain: str) -> None:
+def test_a_valid_domain_is_preserved(domain: str) -> None:
     assert by_udp({"ROS_DOMAIN_ID": domain})["ROS_DOMAIN_ID"] == domain

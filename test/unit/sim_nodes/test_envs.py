@@ -37,7 +37,7 @@ def play(task: VectorTask, actions: np.ndarray, seed: list[int]) -> tuple[np.nda
 
 
 @over_tasks
-def test_gymnasiums_checker_finds_nothing(task: str) -> None:
+def test_gymnasiums_checker_passes(task: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message=".*symmetric and normalized")  # the actions are the paper's
@@ -46,7 +46,7 @@ def test_gymnasiums_checker_finds_nothing(task: str) -> None:
 
 
 @over_tasks
-def test_a_task_is_made_by_its_id_with_its_horizon(task: str) -> None:
+def test_gymnasium_makes_a_task_by_id_with_its_horizon(task: str) -> None:
     cls, horizon = TASKS[task]
     vector = gymnasium.make_vec(task, 3, vectorization_mode="vector_entry_point")
     assert type(vector.unwrapped) is cls
@@ -57,7 +57,7 @@ def test_a_task_is_made_by_its_id_with_its_horizon(task: str) -> None:
 
 
 @over_tasks
-def test_a_single_environment_is_a_row_of_the_vector_environment(task: str, rng: np.random.Generator) -> None:
+def test_a_single_environment_equals_one_of_the_vector_environment(task: str, rng: np.random.Generator) -> None:
     cls, horizon = TASKS[task]
     single, vector = gymnasium.make(task), cls(num_envs=4, max_episode_steps=horizon)
     n = vector.single_action_space.shape[0]
@@ -74,7 +74,7 @@ def test_a_single_environment_is_a_row_of_the_vector_environment(task: str, rng:
 
 @over_variants
 @given(rows=st.integers(1, 6), seed=st.integers(0, 999))
-def test_a_row_does_not_depend_on_the_rows_beside_it(
+def test_environments_of_a_batch_are_independent(
     cls: type[VectorTask], options: dict[str, Any], rows: int, seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -87,7 +87,7 @@ def test_a_row_does_not_depend_on_the_rows_beside_it(
 
 
 @over_variants
-def test_the_same_seed_repeats_an_episode_and_another_does_not(
+def test_only_the_same_seed_repeats_an_episode(
     cls: type[VectorTask], options: dict[str, Any], rng: np.random.Generator
 ) -> None:
     task, actions = cls(2, **options), rng.normal(size=(9, 2, 1))
@@ -97,7 +97,7 @@ def test_the_same_seed_repeats_an_episode_and_another_does_not(
 
 
 @over_variants
-def test_without_a_seed_the_streams_go_on(cls: type[VectorTask], options: dict[str, Any]) -> None:
+def test_without_a_seed_the_streams_continue(cls: type[VectorTask], options: dict[str, Any]) -> None:
     task = cls(1, **options)
     starts = []
     for seed in ([5], None, None):
@@ -127,7 +127,7 @@ def test_a_step_of_the_pendulum_is_the_papers_formula_twice(angle: str) -> None:
 
 
 @over_variants
-def test_each_step_takes_the_next_draws_of_its_rows_stream(
+def test_each_step_uses_the_next_draws_of_its_stream(
     cls: type[VectorTask], options: dict[str, Any], rng: np.random.Generator
 ) -> None:
     task, actions, seeds = cls(2, **options), rng.uniform(-1, 1, (300, 2, 1)), [11, 12]  # past two blocks of draws
@@ -144,7 +144,7 @@ def test_each_step_takes_the_next_draws_of_its_rows_stream(
             assert np.array_equal(observations[t + 1, row], seen)
 
 
-def test_of_the_hidden_state_the_angle_is_seen_with_the_papers_noise() -> None:
+def test_the_angle_is_observed_with_the_papers_noise() -> None:
     observations = play(PendulumPOMDP(5000), np.zeros((0, 5000, 1)), list(range(5000)))[0][0]
     assert observations.shape == (5000, 1)
     # Standard errors: 0.0006 of the mean, 0.0004 of the deviation; the margins are four of them.
@@ -153,7 +153,7 @@ def test_of_the_hidden_state_the_angle_is_seen_with_the_papers_noise() -> None:
     assert (observations < -np.pi).any()  # the noise is not clipped
 
 
-def test_what_is_seen_does_not_change_what_happens() -> None:
+def test_observations_do_not_change_the_dynamics() -> None:
     states, noise = np.array([[0.4, -1.2], [3.1, 12.0]]), np.ones((2, 4))
     hidden, full = PendulumPOMDP(2), Pendulum(2)
     assert np.array_equal(
@@ -169,7 +169,7 @@ draws = st.lists(st.floats(-5, 5), min_size=4, max_size=4)
 
 
 @given(theta=angles, omega=velocities, torque=st.floats(-3, 3), noise=draws)
-def test_the_wrapped_angle_is_the_free_angle_but_for_whole_turns(
+def test_the_wrapped_angle_equals_the_free_angle_modulo_whole_turns(
     theta: float, omega: float, torque: float, noise: list[float]
 ) -> None:
     step = np.array([[theta, omega]]), np.array([[torque]]), np.array([noise])
@@ -185,7 +185,7 @@ def test_the_wrapped_angle_is_the_free_angle_but_for_whole_turns(
 @pytest.mark.parametrize("edge", [-np.pi, np.pi])
 @pytest.mark.parametrize("step", [-1e-15, -5e-16, 0.0, 5e-16, 1e-15])
 @pytest.mark.parametrize("half", [0, 2], ids=["first half", "second half"])
-def test_the_wrapped_angle_is_below_pi_at_the_very_edge(edge: float, step: float, half: int) -> None:
+def test_the_wrapped_angle_is_below_pi_at_the_boundary(edge: float, step: float, half: int) -> None:
     noise = np.zeros((1, 4))
     noise[0, half] = step / Pendulum.noise_sd
     after = Pendulum(angle="wrap").transition(np.array([[edge, 0.0]]), np.zeros((1, 1)), noise)
@@ -211,7 +211,7 @@ def test_actions_are_clipped_to_their_space(rng: np.random.Generator) -> None:
         assert np.array_equal(beyond[0], at_most[0])
 
 
-def test_a_truncated_row_starts_anew_at_the_next_step() -> None:
+def test_a_truncated_environment_is_reset_at_the_next_step() -> None:
     task = Toy(2, max_episode_steps=3)
     task.reset(seed=0)
     truncated = [task.step(np.ones((2, 1)))[3] for _ in range(3)]
@@ -222,7 +222,7 @@ def test_a_truncated_row_starts_anew_at_the_next_step() -> None:
     assert task.step(np.ones((2, 1)))[0].min() > 0.0
 
 
-def test_what_a_step_returned_does_not_change_with_the_next() -> None:
+def test_returned_arrays_do_not_change_with_the_next_step() -> None:
     task = Pendulum(2)
     kept = task.reset(seed=0)[0]
     before = kept.copy()
@@ -235,6 +235,6 @@ def test_a_bad_angle_is_refused() -> None:
         Pendulum(angle="warp")
 
 
-def test_seeds_for_another_number_of_rows_are_refused() -> None:
+def test_a_wrong_number_of_seeds_is_refused() -> None:
     with pytest.raises(ValueError, match="seeds: expected 3, one for each environment, got 2"):
         Toy(3).reset(seed=[1, 2])

@@ -79,7 +79,7 @@ def hold(seconds: float = 1.0) -> Motion:
 # Kinematics
 
 
-def test_the_arm_is_where_turning_joint_by_joint_puts_it(angles: np.ndarray) -> None:
+def test_forward_kinematics_equals_rotating_joint_by_joint(angles: np.ndarray) -> None:
     position, rotation = CHAIN.forward(angles)
     for q, p, r in zip(angles, position, rotation, strict=True):
         place, turn = np.array([-0.05, 0.0, 0.051 + 0.739675 + TORSO]), Rotation.identity()
@@ -89,7 +89,7 @@ def test_the_arm_is_where_turning_joint_by_joint_puts_it(angles: np.ndarray) -> 
         np.testing.assert_allclose(r, turn.as_matrix(), atol=1e-12)
 
 
-def test_the_jacobian_is_the_derivative(angles: np.ndarray) -> None:
+def test_the_jacobian_equals_the_derivative(angles: np.ndarray) -> None:
     jacobian, h = CHAIN.jacobian(angles), 1e-6
     for joint, step in enumerate(h * np.eye(7)):
         (ahead, turned_ahead), (behind, turned_behind) = CHAIN.forward(angles + step), CHAIN.forward(angles - step)
@@ -98,7 +98,7 @@ def test_the_jacobian_is_the_derivative(angles: np.ndarray) -> None:
         np.testing.assert_allclose(jacobian[:, 3:, joint], turned, atol=1e-8)
 
 
-def test_the_tool_is_where_the_solution_was_to_put_it(rng: np.random.Generator) -> None:
+def test_solutions_reach_the_requested_pose(rng: np.random.Generator) -> None:
     goal = demonstration.load()
     q, errors = CHAIN.solve(goal.arm + rng.normal(scale=0.2, size=goal.arm.shape), goal.positions, goal.rotations)
     position, rotation = CHAIN.forward(q)
@@ -108,14 +108,14 @@ def test_the_tool_is_where_the_solution_was_to_put_it(rng: np.random.Generator) 
     assert np.all((q >= CHAIN.lower) & (q <= CHAIN.upper))
 
 
-def test_a_solution_does_not_depend_on_the_rows_beside_it() -> None:
+def test_solutions_of_a_batch_are_independent() -> None:
     goal = demonstration.load()
     shifted = goal.positions + np.array([0.0, 0.1, 0.0])
     alone = CHAIN.solve(goal.arm[50:51], shifted[50:51], goal.rotations[50:51])[0]
     np.testing.assert_allclose(CHAIN.solve(goal.arm, shifted, goal.rotations)[0][50:51], alone, atol=1e-5)
 
 
-def test_the_error_left_tells_what_is_out_of_reach() -> None:
+def test_the_remaining_error_shows_unreachable_poses() -> None:
     goal = demonstration.load()
     errors = CHAIN.solve(goal.arm[:1], goal.positions[:1] + np.array([1.0, 0.0, 0.0]), goal.rotations[:1])[1]
     assert errors[0] > 0.3
@@ -125,7 +125,7 @@ def test_the_error_left_tells_what_is_out_of_reach() -> None:
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.1, 0.3, 0.548])
-def test_the_gap_is_the_distance_of_the_faces_that_hold(angle: float) -> None:
+def test_the_gap_is_the_distance_of_the_gripping_faces(angle: float) -> None:
     expected = 2 * (0.09137 * np.sin(angle) + 0.00495 * np.cos(angle) - 0.00495)
     assert robot.gap(angle) == pytest.approx(expected, rel=1e-12)
     assert robot.finger_angle(robot.gap(angle)) == pytest.approx(angle, abs=1e-12)
@@ -136,13 +136,13 @@ def test_the_gap_is_the_distance_of_the_faces_that_hold(angle: float) -> None:
     assert 2 * (place[1] + box[0][1]) == pytest.approx(expected, abs=1e-12)
 
 
-def test_the_gripper_opens_as_far_as_it_is_said_to() -> None:
+def test_the_gripper_opens_to_its_documented_width() -> None:
     assert robot.gap(0.0) == 0.0
     assert robot.gap(0.548) == pytest.approx(robot.MAX_GAP, abs=0.006)
 
 
 @pytest.mark.parametrize("text", [robot.urdf(), robot.simulated_urdf(0.15), door.urdf()], ids=["pr2", "fixed", "door"])
-def test_a_urdf_is_a_tree_with_a_tag_on_every_line(text: str) -> None:
+def test_a_urdf_is_a_tree_with_one_tag_per_line(text: str) -> None:
     tree = ET.fromstring(text)
     links = {link.get("name") for link in tree.findall("link")}
     children = [joint.find("child").get("link") for joint in tree.findall("joint")]  # type: ignore[union-attr]
@@ -152,7 +152,7 @@ def test_a_urdf_is_a_tree_with_a_tag_on_every_line(text: str) -> None:
     assert max(map(len, text.splitlines())) < 150
 
 
-def test_the_demonstration_is_what_its_script_makes() -> None:
+def test_the_stored_demonstration_equals_the_scripts_output() -> None:
     kept, made = demonstration.load(), demonstration.make()
     for field in fields(made):
         np.testing.assert_allclose(getattr(kept, field.name), getattr(made, field.name), atol=1e-9)
@@ -172,7 +172,7 @@ def test_the_demonstration_turns_the_lever_on_its_arc_and_the_door_on_its_hinge(
 
 
 @pytest.mark.parametrize(("phase", "way"), [(-1.0, 0.0), (0.0, 0.0), (0.5, 0.5), (1.0, 1.0), (3.0, 1.0)])
-def test_a_motion_of_minimum_jerk_goes_from_nought_to_one(phase: float, way: float) -> None:
+def test_a_minimum_jerk_motion_goes_from_0_to_1(phase: float, way: float) -> None:
     assert minimum_jerk(np.array([phase]))[0] == way
 
 
@@ -186,7 +186,7 @@ def test_a_motion_of_minimum_jerk_goes_from_nought_to_one(phase: float, way: flo
         (False, 0.0, 31.0, False),
     ],
 )
-def test_the_latch_lets_go_past_30_degrees_and_catches_below_half_a_degree(
+def test_the_latch_releases_above_30_degrees_and_engages_below_half_a_degree(
     before: bool, opened: float, turned: float, after: bool
 ) -> None:
     assert door.latched(before, math.radians(opened), math.radians(turned)) is after
@@ -195,7 +195,7 @@ def test_the_latch_lets_go_past_30_degrees_and_catches_below_half_a_degree(
 # Physics
 
 
-def test_the_lever_returns_when_it_is_let_go(task: PR2Door) -> None:
+def test_the_released_lever_returns(task: PR2Door) -> None:
     world, motion, angles = task.world, hold(), []
 
     def watch(client: Any) -> None:
@@ -232,7 +232,7 @@ def test_the_torques_and_the_speeds_of_free_motion_are_within_the_limits(task: P
     assert np.any(np.abs(jammed.torques) > 0.99 * EFFORT)  # so they do bound
 
 
-def test_the_motors_do_not_go_faster_than_they_can(task: PR2Door) -> None:
+def test_the_motors_respect_their_velocity_limits(task: PR2Door) -> None:
     motion = hold()
     rushed = Motion(motion.arm.copy(), motion.openings.copy())
     rushed.arm[10:, -1] += 3.0  # at once
@@ -248,7 +248,7 @@ def test_the_fingers_stop_at_the_lever(shown: Trajectory) -> None:
     assert np.all((closed > 0.0190) & (closed < 0.0210))  # the lever's 0.020; 0.016 is asked for
 
 
-def test_the_robot_is_simulated_where_the_kinematics_has_it(task: PR2Door) -> None:
+def test_the_simulated_robot_matches_the_kinematics(task: PR2Door) -> None:
     seen: list[np.ndarray] = []
     world, pose = task.world, np.array([0.02, -0.03, 0.1])
     palm = world._indices(world._robot, ["r_gripper_palm_joint"])[0]
@@ -264,7 +264,7 @@ def test_the_robot_is_simulated_where_the_kinematics_has_it(task: PR2Door) -> No
 # Episodes
 
 
-def test_the_demonstration_opens_the_door_and_earns_nearly_all(task: PR2Door) -> None:
+def test_the_demonstration_opens_the_door_with_nearly_the_greatest_reward(task: PR2Door) -> None:
     outcome = task.attempt(STRAIGHT, np.zeros(2))
     assert outcome.reward >= 0.98
     assert outcome.success
@@ -273,7 +273,7 @@ def test_the_demonstration_opens_the_door_and_earns_nearly_all(task: PR2Door) ->
 
 
 @pytest.mark.parametrize("action", [[0.15, 0.0], [-0.15, 0.0], [0.12, -0.08], [0.0, 0.08], [0.0, -0.07]])
-def test_far_misses_earn_little_and_leave_the_door_shut(task: PR2Door, action: list[float]) -> None:
+def test_large_errors_leave_the_door_shut_with_little_reward(task: PR2Door, action: list[float]) -> None:
     outcome = task.attempt(STRAIGHT, np.array(action))
     assert not outcome.success
     assert abs(outcome.door_angle) < np.deg2rad(0.5)
@@ -282,7 +282,7 @@ def test_far_misses_earn_little_and_leave_the_door_shut(task: PR2Door, action: l
 
 
 @pytest.mark.parametrize("sd", [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [-1.0, -1.0, -1.0], [1.0, -1.0, 1.0]])
-def test_the_actions_that_open_the_door_lie_together_away_from_the_ends(task: PR2Door, sd: list[float]) -> None:
+def test_actions_that_open_the_door_are_contiguous_and_inside_the_bounds(task: PR2Door, sd: list[float]) -> None:
     shifts = np.linspace(-0.2, 0.2, 17)
     opened = [task.attempt(np.array(sd) * POSE_SD, np.array([shift, -0.015])).success for shift in shifts]
     assert 1 <= sum(opened) <= 6
@@ -292,7 +292,7 @@ def test_the_actions_that_open_the_door_lie_together_away_from_the_ends(task: PR
 
 
 @pytest.mark.parametrize("sd", [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
-def test_a_gripper_that_stays_wide_open_does_not_drag_the_door_with_one_finger(task: PR2Door, sd: list[float]) -> None:
+def test_an_open_gripper_does_not_drag_the_door_with_one_finger(task: PR2Door, sd: list[float]) -> None:
     pose, widest = np.array(sd) * POSE_SD, task.single_action_space.high[1]
     tried = [task.attempt(pose, np.array([shift, widest])) for shift in np.linspace(-0.2, 0.2, 15)]
     turned = [outcome.trajectory is not None and outcome.trajectory.lever.max() > door.UNLATCHED for outcome in tried]
@@ -309,7 +309,7 @@ def test_an_error_of_the_pose_is_corrected_by_the_action(task: PR2Door, pose: li
     assert uncorrected.reward < corrected.reward - 0.3
 
 
-def test_what_the_arm_cannot_reach_earns_nothing(task: PR2Door, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unreachable_motion_has_no_reward(task: PR2Door, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(task, "single_action_space", gymnasium.spaces.Box(-2.0, 2.0, (2,), np.float64))
     outcome = task.attempt(STRAIGHT, np.array([0.9, 0.0]))
     assert adapted(demonstration.load(), np.array([0.9, 0.0])) is None
@@ -319,7 +319,7 @@ def test_what_the_arm_cannot_reach_earns_nothing(task: PR2Door, monkeypatch: pyt
         task.render_frames(STRAIGHT, np.array([0.9, 0.0]))
 
 
-def test_changes_are_clipped_to_the_bounds_of_the_actions(task: PR2Door) -> None:
+def test_changes_are_clipped_to_the_action_bounds(task: PR2Door) -> None:
     high = PR2Door.single_action_space.high
     beyond, at_most = (digest(trajectory(task, STRAIGHT, list(a))) for a in (high + 3.0, high))
     assert beyond == at_most
@@ -329,7 +329,7 @@ def test_changes_are_clipped_to_the_bounds_of_the_actions(task: PR2Door) -> None
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_actions_that_are_not_finite_are_refused(bad: float) -> None:
+def test_non_finite_actions_are_refused(bad: float) -> None:
     task = PR2Door(2)
     task.reset(seed=0)
     with pytest.raises(ValueError, match="action: expected finite numbers, got"):
@@ -339,7 +339,7 @@ def test_actions_that_are_not_finite_are_refused(bad: float) -> None:
 # Determinism
 
 
-def test_an_episode_is_the_same_to_the_last_bit_after_others_and_in_a_new_world(task: PR2Door) -> None:
+def test_an_episode_is_bit_identical_after_others_and_in_a_new_world(task: PR2Door) -> None:
     first = digests_of_some_episodes(task)
     assert len(set(first)) == 3
     assert digests_of_some_episodes(task) == first
@@ -350,7 +350,7 @@ def test_an_episode_is_the_same_to_the_last_bit_after_others_and_in_a_new_world(
     other.close()
 
 
-def test_an_episode_is_the_same_to_the_last_bit_in_another_process(task: PR2Door) -> None:
+def test_an_episode_is_bit_identical_in_another_process(task: PR2Door) -> None:
     code = "import test_pr2; print(*test_pr2.digests_of_some_episodes(test_pr2.PR2Door()))"
     path = [*sys.path, str(Path(__file__).parent)]
     setup = f"import sys; sys.path[:] = {path!r}; "
@@ -358,7 +358,7 @@ def test_an_episode_is_the_same_to_the_last_bit_in_another_process(task: PR2Door
     assert ended.stdout.split("\n")[-2].split() == digests_of_some_episodes(task)
 
 
-def test_watching_changes_nothing(task: PR2Door, shown: Trajectory) -> None:
+def test_a_watch_callback_changes_nothing(task: PR2Door, shown: Trajectory) -> None:
     frames = task.render_frames(STRAIGHT, np.zeros(2), size=(48, 32), every=40)
     assert {pictures.shape for pictures in frames.values()} == {(3, 32, 48, 3)}
     for pictures in frames.values():
@@ -384,7 +384,7 @@ def play(task: PR2Door, actions: np.ndarray, seed: list[int]) -> tuple[np.ndarra
         ([-9.0, -9.0], [-0.15, -0.04]),
     ],
 )
-def test_an_action_is_added_to_the_start_both_within_the_bounds(action: list[float], change: list[float]) -> None:
+def test_an_action_is_added_to_the_start_and_both_are_clipped(action: list[float], change: list[float]) -> None:
     np.testing.assert_allclose(PR2Door().change(np.array(action)), change, atol=1e-15)
     assert np.array_equal(PR2Door(start=[0.0, 0.0]).change(np.array([0.18, -0.06])), [0.18, -0.06])
 
@@ -400,7 +400,7 @@ def test_the_action_against_the_start_is_the_demonstration(task: PR2Door, start:
 
 
 @pytest.mark.parametrize("pose", ["per_run", "per_episode"])
-def test_a_row_does_not_depend_on_the_rows_beside_it(pose: str) -> None:
+def test_environments_of_a_batch_are_independent(pose: str) -> None:
     actions, seeds = np.array([[0.0, 0.0], [-0.04, 0.01], [0.02, -0.03]]), [5, 6, 7]
     together = play(PR2Door(3, pose=pose, pose_seed=3), actions, seeds)
     for row in range(3):
@@ -409,7 +409,7 @@ def test_a_row_does_not_depend_on_the_rows_beside_it(pose: str) -> None:
             assert np.array_equal(a[0], b[row])
 
 
-def test_a_pose_is_kept_for_a_run_or_drawn_for_an_episode_from_the_rows_seed() -> None:
+def test_a_pose_is_drawn_per_run_or_per_episode_from_the_seed() -> None:
     kept, same, other = (PR2Door(2, pose_seed=s) for s in (1, 1, 2))
     first = kept.reset(seed=[3, 4])[0]
     assert np.array_equal(first[0], first[1])
@@ -423,14 +423,14 @@ def test_a_pose_is_kept_for_a_run_or_drawn_for_an_episode_from_the_rows_seed() -
     assert not np.any(drawn.reset()[0] == poses)
 
 
-def test_the_poses_have_the_deviations_they_are_said_to_have() -> None:
+def test_poses_have_the_documented_deviations() -> None:
     drawn = PR2Door(4000, pose="per_episode")
     np.testing.assert_allclose(drawn.reset(seed=0)[0].std(axis=0), 1.0, atol=0.05)  # standard error 0.011
     np.testing.assert_allclose(drawn._states.std(axis=0), [0.015, 0.05, 0.05], rtol=0.05)
     assert POSE_SD.tolist() == [0.015, 0.05, 0.05]
 
 
-def test_an_episode_is_over_after_one_action_and_the_next_step_starts_another() -> None:
+def test_an_episode_has_one_action_and_the_next_step_resets() -> None:
     task = PR2Door(2, max_episode_steps=12, pose="per_episode")
     first = task.reset(seed=[0, 1])[0]
     seen, rewards, terminated, truncated, info = task.step(np.zeros((2, 2)))
@@ -446,7 +446,7 @@ def test_an_episode_is_over_after_one_action_and_the_next_step_starts_another() 
     assert info == {}
 
 
-def test_a_single_environment_is_a_row_of_the_vector_environment() -> None:
+def test_a_single_environment_equals_one_of_the_vector_environment() -> None:
     single = gymnasium.make(TASK, pose="per_episode")
     action = np.array([-0.02, 0.01])
     observations, rewards = play(PR2Door(2, pose="per_episode"), np.tile(action, (2, 1)), [3, 4])
@@ -458,7 +458,7 @@ def test_a_single_environment_is_a_row_of_the_vector_environment() -> None:
     single.close()
 
 
-def test_gymnasiums_checker_finds_nothing() -> None:
+def test_gymnasiums_checker_passes() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message=".*symmetric and normalized")  # the actions are in metres
@@ -466,7 +466,7 @@ def test_gymnasiums_checker_finds_nothing() -> None:
         check_env(gymnasium.make(TASK).unwrapped, skip_render_check=True)
 
 
-def test_the_task_runs_as_any_other() -> None:
+def test_the_task_runs_like_other_tasks() -> None:
     simulation = Simulation(TASK, {"pose": "per_episode"})
     batch = Batch(0, 0, 2, 1, explore=True)
     assert simulation.start(batch).observations.shape == (2, 3)
@@ -475,7 +475,7 @@ def test_the_task_runs_as_any_other() -> None:
     assert np.all((frame.rewards > 0.0) & (frame.rewards <= 1.0))
 
 
-def test_the_positions_of_all_joints_are_given_by_name(shown: Trajectory) -> None:
+def test_joint_states_name_all_joints(shown: Trajectory) -> None:
     names, positions = shown.joint_states()
     tree = ET.fromstring(robot.urdf())
     assert set(names) == {joint.get("name") for joint in tree.findall("joint") if joint.get("type") != "fixed"}
@@ -495,12 +495,12 @@ def test_the_positions_of_all_joints_are_given_by_name(shown: Trajectory) -> Non
         ({"start": "ab"}, "start: expected two finite numbers, got 'ab'"),
     ],
 )
-def test_options_that_do_not_fit_are_refused(options: dict[str, Any], message: str) -> None:
+def test_invalid_options_are_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         PR2Door(**options)
 
 
-def test_without_pybullet_the_task_is_known_and_says_what_to_install() -> None:
+def test_without_pybullet_the_task_is_registered_and_names_what_to_install() -> None:
     code = (
         f"import sys; sys.path[:] = {sys.path!r}; sys.modules['pybullet'] = None\n"
         "import gymnasium, sim_nodes.envs\n"
@@ -517,7 +517,7 @@ def test_without_pybullet_the_task_is_known_and_says_what_to_install() -> None:
     assert all("pip install pybullet==3.2.7" in line for line in lines)
 
 
-def test_a_world_can_be_given_up_and_made_again() -> None:
+def test_a_world_can_be_closed_and_recreated() -> None:
     task = PR2Door()
     before = digest(trajectory(task, STRAIGHT, [0.0, 0.0]))
     task.close_extras()

@@ -15,7 +15,7 @@ from sim_nodes.pr2.motion import adapted
 SHOWN = ("torso_lift_link", "r_forearm_link", "r_gripper_palm_link", "r_gripper_l_finger_tip_link", "panel", "lever")
 
 
-def test_the_boxes_are_where_the_simulator_has_them() -> None:
+def test_the_boxes_match_the_simulator() -> None:
     task = PR2Door()
     observation, action = np.array([0.5, -1.0, 1.0]), -task.start
     motion = task.motion(observation[None], action[None])

@@ -53,7 +53,7 @@ def links(urdf: str) -> dict[str | None, ElementTree.Element]:
     return {link.get("name"): link for link in ElementTree.fromstring(urdf).findall("link")}
 
 
-def test_meshes_take_the_place_of_boxes_where_the_chain_has_them(package: Path, tmp_path: Path) -> None:
+def test_meshes_replace_boxes_at_the_poses_of_the_chain(package: Path, tmp_path: Path) -> None:
     plain = robot.simulated_urdf(TORSO)
     seen = links(meshes.with_meshes(plain, tmp_path))
     body, finger = seen["torso_lift_link"].findall("visual")
@@ -72,7 +72,7 @@ def test_meshes_take_the_place_of_boxes_where_the_chain_has_them(package: Path, 
     assert seen["r_forearm_link"].find("visual/geometry/box") is not None  # of which the package has none
 
 
-def test_what_touches_and_weighs_is_as_before(package: Path, tmp_path: Path) -> None:
+def test_meshes_do_not_change_contacts_and_masses(package: Path, tmp_path: Path) -> None:
     plain = robot.simulated_urdf(TORSO)
     for name, link in links(meshes.with_meshes(plain, tmp_path)).items():
         for part in ("collision", "inertial"):
@@ -80,14 +80,14 @@ def test_what_touches_and_weighs_is_as_before(package: Path, tmp_path: Path) -> 
             assert [ElementTree.tostring(e) for e in before] == [ElementTree.tostring(e) for e in after]
 
 
-def test_without_the_package_boxes_are_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_package_the_robot_has_boxes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(meshes, "PACKAGE", "no-such-package")
     meshes._description.cache_clear()
     assert meshes.with_meshes(robot.simulated_urdf(TORSO), tmp_path) == robot.simulated_urdf(TORSO)
     meshes._description.cache_clear()
 
 
-def test_the_robot_moves_alike_whatever_it_looks_like(package: Path) -> None:
+def test_meshes_do_not_change_the_motion(package: Path) -> None:
     pytest.importorskip("pybullet", reason="PyBullet is not installed: make pr2")
     from sim_nodes.pr2 import demonstration
     from sim_nodes.pr2.motion import adapted

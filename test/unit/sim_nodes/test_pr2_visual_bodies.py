@@ -51,7 +51,7 @@ def play(simulation: Simulation, actions: list[list[float]]) -> None:
     simulation.step(np.array(actions))
 
 
-def test_the_film_shows_with_every_camera_what_the_action_does() -> None:
+def test_the_film_has_images_of_every_camera() -> None:
     action, options = [-0.03, -0.02], {"pose": "per_episode"}
     mean = Function(RBF((1e4,)), np.zeros((1, 3)), np.array([action]))
     policy = GaussianPolicy(mean, ConstantVariance(np.full(2, 0.01)))
@@ -70,7 +70,7 @@ def test_the_film_shows_with_every_camera_what_the_action_does() -> None:
     task.close()
 
 
-def test_the_joints_of_the_first_row_are_told_after_the_step() -> None:
+def test_joint_states_of_the_first_environment_are_available_after_a_step() -> None:
     simulation = Simulation(TASK)
     assert simulation.robot_description() == robot.urdf()
     simulation.start(Batch(0, 0, 2, 1, explore=True))
@@ -87,7 +87,7 @@ def test_the_joints_of_the_first_row_are_told_after_the_step() -> None:
     assert simulation.joint_states() is None
 
 
-def test_tasks_without_a_robot_have_nothing_to_tell() -> None:
+def test_tasks_without_a_robot_have_no_joint_states() -> None:
     for environment_id in ("rkhs/Toy-v0", "Pendulum-v1"):
         simulation = Simulation(environment_id)
         play(simulation, [[0.1], [0.2]])
@@ -95,12 +95,12 @@ def test_tasks_without_a_robot_have_nothing_to_tell() -> None:
         assert simulation.robot_description() is None
 
 
-def test_no_window_opens_unless_asked_for(display: list[bool]) -> None:
+def test_no_window_opens_by_default(display: list[bool]) -> None:
     play(Simulation(TASK), [[0.0, 0.0]])
     assert display == [False]
 
 
-def test_all_tasks_of_a_process_share_a_window_that_outlives_them(display: list[bool]) -> None:
+def test_all_tasks_of_a_process_share_one_window(display: list[bool]) -> None:
     simulation = Simulation(TASK, {"gui": True})
     play(simulation, [[-0.03, -0.02]])
     shown = simulation.joint_states()
@@ -119,7 +119,7 @@ def test_all_tasks_of_a_process_share_a_window_that_outlives_them(display: list[
 
 @pytest.mark.skipif(sys.platform != "linux", reason="X11 is asked on Linux only")
 @pytest.mark.parametrize("name", [None, "", ":98765"])
-def test_without_a_display_a_window_is_refused_with_one_line(name: str | None) -> None:
+def test_a_window_without_a_display_is_refused_in_one_line(name: str | None) -> None:
     variables = {k: v for k, v in os.environ.items() if k != "DISPLAY"} | ({} if name is None else {"DISPLAY": name})
     code = (
         f"import sys; sys.path[:] = {sys.path!r}\n"
@@ -133,6 +133,6 @@ def test_without_a_display_a_window_is_refused_with_one_line(name: str | None) -
     assert "gui: expected a display, got none (" in ended.stdout
 
 
-def test_a_gui_that_is_neither_true_nor_false_is_refused() -> None:
+def test_a_gui_option_that_is_not_a_boolean_is_refused() -> None:
     with pytest.raises(ValueError, match="gui: expected true or false, got 'yes'"):
         PR2Door(gui="yes")  # type: ignore[arg-type]

@@ -31,7 +31,7 @@ def at(*positions: float) -> JointCommand:
 
 
 @given(st.floats(-0.1, 0.1), st.floats(-0.05, 0.05))
-def test_the_drives_come_to_their_set_points_without_passing_them(first: float, second: float) -> None:
+def test_the_drives_reach_their_set_points_without_overshoot(first: float, second: float) -> None:
     drives, goal = STILL.heard(at(first, second)), np.array([first, second])
     for _ in range(240):
         before, drives = drives, drives.stepped(STEP)
@@ -40,7 +40,7 @@ def test_the_drives_come_to_their_set_points_without_passing_them(first: float, 
     assert drives.protection.counts == NONE
 
 
-def test_the_motion_is_that_of_a_critically_damped_filter() -> None:
+def test_the_motion_equals_a_critically_damped_filter() -> None:
     drives = STILL.heard(at(0.1, 0.05))
     for number in range(1, 100):
         drives = drives.stepped(STEP)
@@ -50,20 +50,20 @@ def test_the_motion_is_that_of_a_critically_damped_filter() -> None:
 
 
 @given(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
-def test_the_brakes_bring_the_drives_to_rest_where_they_stay(first: float, second: float) -> None:
+def test_the_brakes_bring_the_drives_to_rest_and_hold_them(first: float, second: float) -> None:
     drives = moved(replace(STILL, velocity=np.array([first, second])), 2.0 / BRAKE + STEP)
     assert not drives.velocity.any()
     assert (np.abs(drives.position) <= (2.0**2 / BRAKE / 2 + 2.0 * STEP)).all()
     np.testing.assert_array_equal(moved(drives, 0.1).position, drives.position)
 
 
-def test_set_points_are_passed_on_straight_lines_and_held_at_the_last() -> None:
+def test_set_points_are_interpolated_linearly_and_the_last_one_is_held() -> None:
     points = SetPoints(np.array([0.0, 0.0, 1.0, 3.0]), np.array([[9.0], [0.0], [1.0], [-1.0]]))
     times, expected = (0.0, 0.25, 1.0, 2.0, 3.0, 99.0), (0.0, 0.25, 1.0, 0.0, -1.0, -1.0)
     assert [points.at(time)[0] for time in times] == pytest.approx(expected)
 
 
-def test_a_trajectory_is_followed_from_where_the_drives_are_to_be() -> None:
+def test_a_trajectory_starts_at_the_current_set_point() -> None:
     drives = STILL.heard(JointCommand(("b", "a"), (0.5, 1.0), ((0.5, 0.25), (0.5, 0.5))))
     np.testing.assert_allclose(moved(drives, 0.25).target, [0.125, 0.25])
     np.testing.assert_allclose(moved(drives, 1.0).target, [0.5, 0.5])
@@ -73,7 +73,7 @@ def test_a_trajectory_is_followed_from_where_the_drives_are_to_be() -> None:
     assert turned.protection.counts == NONE
 
 
-def test_joints_that_a_trajectory_does_not_name_stay_where_they_are_to_be() -> None:
+def test_joints_missing_from_a_trajectory_keep_their_set_points() -> None:
     turned = moved(STILL.heard(at(0.0, 0.04)), 1.0)
     both = moved(turned.heard(JointCommand(("b",), (0.5,), ((0.1,),))), 1.0)
     np.testing.assert_allclose(both.target, [0.0, 0.1])
@@ -109,7 +109,7 @@ def test_a_bad_command_stops_the_arm_and_is_counted(kind: str, command: JointCom
     assert not moved(stopped, 0.2).velocity.any()
 
 
-def test_a_stop_is_latched_until_it_is_reset() -> None:
+def test_a_stop_latches_until_reset() -> None:
     stopped = STILL.heard(at(math.nan, 0.0)).heard(at(0.1, 0.0))
     assert not stopped.is_driven
     again = stopped.reset().heard(at(0.1, 0.0))
@@ -118,7 +118,7 @@ def test_a_stop_is_latched_until_it_is_reset() -> None:
 
 
 @pytest.mark.parametrize("kind", ["velocity", "acceleration"])
-def test_too_fast_a_motion_stops_the_arm_once(kind: str) -> None:
+def test_an_excessive_velocity_stops_the_arm_once(kind: str) -> None:
     limits = replace(LIMITS, velocity=np.full(2, 9.0), acceleration=np.full(2, 900.0))
     drives = replace(STILL, limits=replace(limits, **{kind: np.full(2, 0.5)}))
     stopped = moved(drives.heard(JointCommand((), (0.1,), ((0.1, 0.0),))), 1.0)
@@ -128,7 +128,7 @@ def test_too_fast_a_motion_stops_the_arm_once(kind: str) -> None:
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=40))
-def test_commands_within_the_limits_of_a_step_are_no_violation(parts: list[float]) -> None:
+def test_commands_within_the_step_limits_are_accepted(parts: list[float]) -> None:
     """A stream at 50 Hz of bounded velocity and acceleration, as a gate makes it."""
     drives, target, speed = STILL, 0.0, 0.0
     for part in parts:
@@ -146,7 +146,7 @@ def test_the_mark_is_slow_and_within_reach() -> None:
     np.testing.assert_allclose(mark_at(1.2, 0.0), mark_at(0.0, 0.1))
 
 
-def test_where_the_mark_begins_follows_from_seed_and_episode() -> None:
+def test_the_marks_start_follows_from_seed_and_episode() -> None:
     phases = [first_phase(0, episode) for episode in range(100)]
     assert phases == [first_phase(0, episode) for episode in range(100)]
     assert len({*phases, *(first_phase(1, episode) for episode in range(100))}) == 200
@@ -154,7 +154,7 @@ def test_where_the_mark_begins_follows_from_seed_and_episode() -> None:
 
 
 @pytest.mark.parametrize("size", [2, 6, 8])
-def test_limits_are_of_all_joints_or_of_each(size: int) -> None:
+def test_limits_are_common_or_per_joint(size: int) -> None:
     with pytest.raises(ValueError, match=r"limits.step: expected 1 or 7 numbers, got"):
         build(ArmSettings, {"limits": {"step": [0.1] * size}})
 
@@ -180,7 +180,7 @@ def test_the_body_holds_against_gravity_and_follows_its_drives(arm: ArmRobot) ->
     assert hardware.report()["violations"] == 0
 
 
-def test_the_arm_that_stopped_stands_still(arm: ArmRobot) -> None:
+def test_a_stopped_arm_stands_still(arm: ArmRobot) -> None:
     hardware = Hardware(arm)
     for number in range(1, 21):
         hardware.send(0.02 * (number - 1), at(*(HOME + 0.01 * number)))
@@ -192,7 +192,7 @@ def test_the_arm_that_stopped_stands_still(arm: ArmRobot) -> None:
     assert hardware.report()["non_finite"] == 1
 
 
-def test_the_mark_begins_anew_with_an_episode(arm: ArmRobot) -> None:
+def test_the_mark_restarts_with_each_episode(arm: ArmRobot) -> None:
     hardware = Hardware(arm)
     hardware.advance(0.3)
     arm.begin_episode()

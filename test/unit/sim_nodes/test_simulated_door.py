@@ -51,7 +51,7 @@ def with_value(value: float, knot: int = 30, joint: int = 1) -> JointCommand:
     return changed(positions=tuple(map(tuple, rows)))
 
 
-def test_a_trajectory_is_the_motion_that_it_was_made_of() -> None:
+def test_a_trajectory_converts_to_its_original_motion() -> None:
     motion, shown = motion_of(SHOWN), demonstration.load()
     np.testing.assert_allclose(motion.arm, shown.arm, atol=1e-4)
     np.testing.assert_allclose(motion.openings, shown.openings, atol=1e-12)
@@ -61,11 +61,11 @@ def test_a_trajectory_is_the_motion_that_it_was_made_of() -> None:
     np.testing.assert_array_equal(motion_of(mixed).arm, motion.arm)
 
 
-def test_no_trajectory_reaches_too_far() -> None:
+def test_there_is_no_trajectory_for_an_unreachable_change() -> None:
     assert adapted_trajectory(np.array([2.0, 0.0])) is None
 
 
-def test_an_attempt_ends_as_in_the_task(hardware: Hardware, robot: DoorRobot) -> None:
+def test_an_attempt_ends_like_an_episode_of_the_task(hardware: Hardware, robot: DoorRobot) -> None:
     change = np.array([0.02, 0.01])
     begin = hardware.advance(1.0)[-1].readings
     assert begin.reward is None
@@ -97,14 +97,14 @@ BAD = {
 
 
 @pytest.mark.parametrize(("kind", "command"), BAD.values(), ids=BAD)
-def test_a_bad_trajectory_is_counted_and_not_begun(kind: str, command: JointCommand) -> None:
+def test_an_invalid_trajectory_is_counted_and_not_executed(kind: str, command: JointCommand) -> None:
     stopped = Doorway().heard(command, carry_out=lambda motion: pytest.fail("carried out"))
     assert stopped.protection.counts == {**NONE, kind: 1}
     assert not stopped.is_driven
     assert not stopped.heard(SHOWN, carry_out=lambda motion: pytest.fail("carried out")).is_driven
 
 
-def test_each_attempt_needs_the_door_shut(hardware: Hardware, robot: DoorRobot) -> None:
+def test_each_attempt_requires_a_reset_of_the_door(hardware: Hardware, robot: DoorRobot) -> None:
     hardware.send(0.0, SHOWN)
     hardware.advance(1.0)
     hardware.send(1.0, SHOWN)
@@ -120,7 +120,7 @@ def test_each_attempt_needs_the_door_shut(hardware: Hardware, robot: DoorRobot) 
 
 
 @pytest.mark.parametrize(("pose", "poses"), [("per_run", 1), ("per_episode", 3)])
-def test_the_pose_is_drawn_as_asked_for(robot: DoorRobot, pose: str, poses: int) -> None:
+def test_the_pose_is_drawn_as_configured(robot: DoorRobot, pose: str, poses: int) -> None:
     fresh = DoorRobot(replace(EXACT, pose=pose))
     drawn = []
     for _ in range(3):
@@ -130,7 +130,7 @@ def test_the_pose_is_drawn_as_asked_for(robot: DoorRobot, pose: str, poses: int)
     assert drawn[0] == tuple(robot.base_error)
 
 
-def test_a_choice_opens_the_door_where_it_comes_to_rest_once_after_each_reset() -> None:
+def test_a_resting_choice_opens_the_door_once_per_reset() -> None:
     robot = DoorRobot(replace(EXACT, controller=CHOICES))
 
     def hear(*choices: tuple[float, float]) -> None:

@@ -64,7 +64,7 @@ def test_the_work_of_the_torque_is_the_change_of_energy(angle: float, velocity: 
 
 
 @given(st.floats(-math.pi, math.pi), st.floats(-12.0, 12.0))
-def test_without_a_torque_the_energy_is_kept_between_the_stops_and_lost_at_them(angle: float, velocity: float) -> None:
+def test_without_torque_energy_is_lost_only_at_the_stops(angle: float, velocity: float) -> None:
     before = driven(angle=angle, velocity=velocity)
     for _ in range(400):
         after = before.stepped(STEP)
@@ -75,7 +75,7 @@ def test_without_a_torque_the_energy_is_kept_between_the_stops_and_lost_at_them(
 
 
 @given(st.floats(-12.0, 12.0))
-def test_the_brake_brings_the_pendulum_to_rest_in_the_time_it_takes(velocity: float) -> None:
+def test_the_brake_brings_the_pendulum_to_rest_in_the_expected_time(velocity: float) -> None:
     pendulum = MotorPendulum(angle=0.0, velocity=velocity)
     needed = math.ceil(abs(velocity) / BRAKE / STEP)
     energies = [pendulum.energy] + [(pendulum := pendulum.stepped(STEP, kick=1.0)).energy for _ in range(needed)]
@@ -83,7 +83,7 @@ def test_the_brake_brings_the_pendulum_to_rest_in_the_time_it_takes(velocity: fl
     assert (pendulum.velocity, pendulum.stepped(STEP).angle) == (0.0, pendulum.angle)
 
 
-def test_an_action_does_what_it_does_in_the_task_of_the_paper() -> None:
+def test_an_action_has_the_same_effect_as_in_the_papers_task() -> None:
     task, pendulum = Pendulum(), MotorPendulum()
     states = task.initial_states(1)
     for torque in (3.0, 3.0, 1.5, -2.0, 0.5, -3.0):
@@ -93,7 +93,7 @@ def test_an_action_does_what_it_does_in_the_task_of_the_paper() -> None:
         assert pendulum.angle == pytest.approx(states[0, 0], abs=6 * 2 * 0.5 * 3.0 * 0.05**2)  # of Euler's steps
 
 
-def test_the_motor_kicks_the_velocity_as_the_task_of_the_paper_does() -> None:
+def test_the_motors_noise_equals_that_of_the_papers_task() -> None:
     ends = []
     for seed in range(200):
         robot = MotorPendulumRobot(MotorPendulumSettings(seed=seed))
@@ -125,13 +125,13 @@ def test_a_bad_command_stops_the_motor_and_is_counted(kind: str, command: list[f
     assert steps(stopped, 100).velocity == 0.0
 
 
-def test_too_much_velocity_stops_the_motor_once() -> None:
+def test_an_excessive_velocity_stops_the_motor_once() -> None:
     pendulum = steps(MotorPendulum(LIMITS, angle=-1.0, velocity=2.99).heard([1.0]), 200)
     assert pendulum.protection.counts == {**dict.fromkeys(KINDS, 0), "velocity": 1}
     assert pendulum.velocity == 0.0
 
 
-def test_a_stop_is_latched_until_it_is_reset_and_the_counts_stay() -> None:
+def test_a_stop_latches_until_reset_and_preserves_the_counts() -> None:
     stopped = MotorPendulum(LIMITS).heard([math.nan])
     still = stopped.heard([0.5])
     assert not still.is_driven
@@ -149,7 +149,7 @@ def test_after_a_stop_the_torque_starts_from_zero() -> None:
     assert pendulum.reset().heard([2.0]).protection.counts["torque_step"] == 1
 
 
-def test_limits_are_reached_but_not_passed() -> None:
+def test_limits_can_be_reached_but_not_exceeded() -> None:
     for value in (2.0, 2.0 * (1 + TOLERANCE / 2)):
         assert MotorPendulum(replace(LIMITS, torque_step=9.0)).heard([value]).is_driven
     assert not MotorPendulum(replace(LIMITS, torque_step=9.0)).heard([2.0 * (1 + 2 * TOLERANCE)]).is_driven
@@ -200,7 +200,7 @@ def test_nothing_arrives_early() -> None:
     assert list(wire.arrived(1.5)) == [(1.5, "a")]
 
 
-def test_which_messages_are_lost_follows_from_the_stream_alone() -> None:
+def test_lost_messages_depend_on_the_stream_only() -> None:
     def kept(gap: float, seed: int) -> list[int]:
         wire = Wire[int](stream(seed, "wire", 0), 0.0, 0.01, 0.3)
         for number in range(1000):
@@ -226,16 +226,16 @@ def run(settings: MotorPendulumSettings, looks: list[float], end: float = 1.0) -
 
 
 @given(times)
-def test_a_late_loop_catches_up_to_the_bit(looks: list[float]) -> None:
+def test_a_late_loop_catches_up_bit_identically(looks: list[float]) -> None:
     assert run(NOISY, looks)[0] == run(NOISY, [])[0]
 
 
-def test_draws_follow_from_the_seed() -> None:
+def test_random_draws_follow_from_the_seed() -> None:
     assert run(NOISY, [])[0] != run(replace(NOISY, seed=6), [])[0]
 
 
 @pytest.mark.parametrize("sensor_rate", [500.0, 200.0, 77.0, 1.0])
-def test_samples_come_at_their_rate_with_the_times_at_which_they_were_taken(sensor_rate: float) -> None:
+def test_samples_arrive_at_their_rate_with_their_times(sensor_rate: float) -> None:
     samples, hardware = run(replace(EXACT, sensor_rate=sensor_rate), [])
     assert hardware.steps == 500
     assert len(samples) == sensor_rate
@@ -252,7 +252,7 @@ def test_the_next_event_is_the_next_sample_or_arrival() -> None:
     assert hardware.commands == 1
 
 
-def test_a_long_pause_is_caught_up_in_parts() -> None:
+def test_a_long_delay_is_caught_up_in_parts() -> None:
     hardware = Hardware(MotorPendulumRobot(EXACT))
     hardware.advance(3.5)
     assert hardware.time == MOST_CATCH_UP_S
@@ -260,14 +260,14 @@ def test_a_long_pause_is_caught_up_in_parts() -> None:
 
 
 @pytest.mark.parametrize(("timeout", "violations"), [(0.0, 0), (0.2, 1), (0.6, 0)])
-def test_a_robot_that_watches_the_time_stops_without_commands(timeout: float, violations: int) -> None:
+def test_a_command_timeout_stops_the_robot(timeout: float, violations: int) -> None:
     _, hardware = run(replace(EXACT, command_timeout=timeout), [], end=0.9)
     assert hardware.report()["command_timeout"] == violations
     assert hardware.robot.state.is_driven == (not violations)
     assert hardware.since_command == pytest.approx(0.5)
 
 
-def test_it_reports_what_it_heard() -> None:
+def test_the_report_counts_commands_and_losses() -> None:
     _, hardware = run(NOISY, [])
     report = hardware.report()
     assert report["commands"] + report["commands lost"] == 5
@@ -284,7 +284,7 @@ def test_it_reports_what_it_heard() -> None:
         ({"limits": {"torqe": 2.0}}, r"unknown key 'limits.torqe', did you mean 'limits.torque'"),
     ],
 )
-def test_settings_that_do_not_fit_are_refused(values: dict[str, object], message: str) -> None:
+def test_invalid_settings_of_robots_are_refused(values: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         settings_of("motor_pendulum", values)
 
@@ -293,12 +293,12 @@ KINDS_OF = {"motor_pendulum": KINDS, "arm": drives.KINDS, "pr2_door": door.KINDS
 
 
 @pytest.mark.parametrize("robot", SETTINGS)
-def test_the_page_names_all_parameters_and_violations(robot: str) -> None:
+def test_the_page_documents_all_parameters_and_violations(robot: str) -> None:
     names = [*KINDS_OF[robot], *(entry.name for entry in entries(SETTINGS[robot]()))]
     assert [name for name in names if f"`{name}`" not in PAGE] == []
 
 
-def test_the_examples_of_the_page_can_be_used() -> None:
+def test_the_examples_of_the_page_are_valid() -> None:
     examples = re.findall(r"```yaml\n(.*?)```", PAGE, flags=re.DOTALL)
     trees = [yaml.safe_load(example)["/**/simulated_robot"]["ros__parameters"] for example in examples]
     robots = [tree.pop("robot") for tree in trees]
