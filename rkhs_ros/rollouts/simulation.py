@@ -151,7 +151,7 @@ class Simulation:
         continued = self._continued(batch, seeds)
         self._batch = None  # until all environments are reset
         observations = self._called("reset", self._envs.reset, list(seeds) or batch.environment_seeds(), batch.horizon)
-        begun = Frame(
+        frame = Frame(
             observations=observations,
             rewards=np.zeros(0),
             active=np.ones(batch.num_envs, dtype=bool),
@@ -161,16 +161,16 @@ class Simulation:
         lasts = np.full(batch.num_envs, batch.horizon)
         if continued.any():
             before, lasts[continued] = self._frame, self._lasts[continued] - self._step
-            begun = Frame(
+            frame = Frame(
                 observations=np.where(continued[:, None], before.observations, observations),
-                rewards=begun.rewards,
+                rewards=frame.rewards,
                 active=~continued | before.active,
                 terminated=continued & before.terminated,
                 truncated=continued & before.truncated,
             )
-        self._batch, self._step, self._lasts, self._frame = batch, 0, lasts, begun
+        self._batch, self._step, self._lasts, self._frame = batch, 0, lasts, frame
         self._cuts = frozenset(lasts.tolist())
-        return self._checked(begun)
+        return self._checked(frame)
 
     def _continued(self, batch: Batch, seeds: Sequence[int]) -> Flags:
         """Return which environments continue their episode.

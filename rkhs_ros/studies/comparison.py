@@ -117,9 +117,9 @@ def _is_run(folder: Path) -> bool:
 
 def _with_rows(runs: list[Run]) -> tuple[list[Run], list[str]]:
     """Return the runs with at least one iteration, and a note on each of the others."""
-    begun = [run for run in runs if run.rows]
-    require(len(begun) > 0, f"{runs[0].folder}", "a run with at least one iteration", "none")
-    return begun, [f"Omitted, since it has no finished iteration: {run.folder}." for run in runs if not run.rows]
+    started = [run for run in runs if run.rows]
+    require(len(started) > 0, f"{runs[0].folder}", "a run with at least one iteration", "none")
+    return started, [f"Omitted, since it has no finished iteration: {run.folder}." for run in runs if not run.rows]
 
 
 def _grouped(runs: list[Run]) -> list[list[Run]]:

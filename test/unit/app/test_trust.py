@@ -42,7 +42,7 @@ def fresh(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.fixture
-def begun(rkhs: Rkhs, monkeypatch: pytest.MonkeyPatch) -> Path:
+def foreign_run(rkhs: Rkhs, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a foreign run whose environment is in a module beside it, which reports its import."""
     Path("theirs.py").write_text(MODULE)
     train = ("train", "--env", "theirs:Slide-v0", *INLINE, "--iterations", 1, "--out", "run", "--record")
@@ -64,7 +64,7 @@ def begun(rkhs: Rkhs, monkeypatch: pytest.MonkeyPatch) -> Path:
     ],
     ids=" ".join,
 )
-@pytest.mark.usefixtures("begun")
+@pytest.mark.usefixtures("foreign_run")
 def test_data_files_cannot_import_modules_from_the_current_folder(rkhs: Rkhs, command: tuple[str, ...]) -> None:
     assert_refused(rkhs(*command), REFUSAL)
     assert not Path("imported").exists()
@@ -73,14 +73,14 @@ def test_data_files_cannot_import_modules_from_the_current_folder(rkhs: Rkhs, co
     assert TRUSTED not in os.environ
 
 
-@pytest.mark.usefixtures("begun")
+@pytest.mark.usefixtures("foreign_run")
 def test_commands_without_an_environment_import_no_named_module(rkhs: Rkhs) -> None:
     for command in (("plot", "run"), ("replay", "run", "--quiet"), ("compare", "run"), ("offline", "run", "--quiet")):
         assert rkhs(*command).code == 0, command
     assert not Path("imported").exists()
 
 
-@pytest.mark.usefixtures("begun")
+@pytest.mark.usefixtures("foreign_run")
 def test_an_environment_on_the_command_line_is_imported(rkhs: Rkhs) -> None:
     evaluated = rkhs("evaluate", "run/policy.npz", "--env", "theirs:Slide-v0", "--episodes", 1)
     assert json.loads(evaluated.out)["environment"] == "theirs:Slide-v0"
@@ -88,8 +88,11 @@ def test_an_environment_on_the_command_line_is_imported(rkhs: Rkhs) -> None:
     assert_refused(other, "--env: expected theirs:Slide-v0, the environment of run/policy.npz, got Pendulum-v1")
 
 
-def test_the_resume_hint_contains_trust(begun: Path) -> None:
-    assert resume_hint(begun, load_config(begun / "config.yaml")) == "resume with: rkhs train --resume run --trust"
+def test_the_resume_hint_contains_trust(foreign_run: Path) -> None:
+    assert (
+        resume_hint(foreign_run, load_config(foreign_run / "config.yaml"))
+        == "resume with: rkhs train --resume run --trust"
+    )
 
 
 @pytest.mark.parametrize("place", [".", "sub"])

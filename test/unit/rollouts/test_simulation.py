@@ -243,9 +243,9 @@ def test_episodes_continue_while_other_environments_are_reset(walk: Simulation) 
     walk.step(pace)
     walk.step(pace)
     single.reset(seed=4)
-    begun = walk.start(batch(2, 6), [CONTINUE_STREAM, CONTINUE_EPISODE])
-    assert begun.observations[0].tolist() == single.reset()[0].ravel().tolist()
-    assert begun.observations[1, 0] == 1.0
+    frame = walk.start(batch(2, 6), [CONTINUE_STREAM, CONTINUE_EPISODE])
+    assert frame.observations[0].tolist() == single.reset()[0].ravel().tolist()
+    assert frame.observations[1, 0] == 1.0
     frames = [walk.step(pace) for _ in range(4)]
     assert [frame.truncated.tolist() for frame in frames] == [[False, False]] * 3 + [[False, True]]
     assert [frame.terminated.tolist() for frame in frames] == [[False, False]] * 3 + [[True, False]]

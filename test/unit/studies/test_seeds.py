@@ -84,7 +84,7 @@ def test_invalid_seeds_are_rejected(text: str, message: str) -> None:
 
 
 @pytest.fixture
-def begun(rkhs: Run, tmp_path: Path) -> Path:
+def started_runs(rkhs: Run, tmp_path: Path) -> Path:
     result = rkhs("train", CONFIG, *SHORT, "--seeds", "1,10,2", "--jobs", 1, "--quiet", "--out", "many")
     assert (result.code, result.err) == (0, "")
     return tmp_path / "many"
@@ -112,9 +112,9 @@ def test_the_default_folder_of_several_seeds_is_in_results(rkhs: Run, tmp_path: 
     assert [path.name for path in folder.iterdir()] == ["seed_3"]
 
 
-def test_resume_runs_only_missing_or_unfinished_seeds(rkhs: Run, begun: Path) -> None:
-    whole = {path: results(path) for path in seed_folders(begun)}
-    finished, unfinished, missing = seed_folders(begun)
+def test_resume_runs_only_missing_or_unfinished_seeds(rkhs: Run, started_runs: Path) -> None:
+    whole = {path: results(path) for path in seed_folders(started_runs)}
+    finished, unfinished, missing = seed_folders(started_runs)
     Curve(unfinished / "curve.csv").begin(Curve(unfinished / "curve.csv").rows()[:1])
     (unfinished / "checkpoints" / "0000002.npz").unlink()
     for path in missing.rglob("*"):
@@ -123,19 +123,19 @@ def test_resume_runs_only_missing_or_unfinished_seeds(rkhs: Run, begun: Path) ->
     before = times(finished)
     result = rkhs("train", "--resume", "many", "--quiet", "--jobs", 1)
     assert (result.code, result.err) == (0, "")
-    assert {path: results(path) for path in seed_folders(begun)} == whole
+    assert {path: results(path) for path in seed_folders(started_runs)} == whole
     assert times(finished) == before
 
 
-def test_resume_extends_the_runs_of_several_seeds(rkhs: Run, begun: Path) -> None:
+def test_resume_extends_the_runs_of_several_seeds(rkhs: Run, started_runs: Path) -> None:
     assert rkhs("train", "--resume", "many", "--iterations", 3, "--jobs", 1).code == 0
-    for path in seed_folders(begun):
+    for path in seed_folders(started_runs):
         assert len(Curve(path / "curve.csv").rows()) == 3
         assert load_config(path / "config.yaml").training.iterations == 3
 
 
-def test_outdated_pictures_are_redrawn(rkhs: Run, begun: Path) -> None:
-    first, *_ = seed_folders(begun)
+def test_outdated_pictures_are_redrawn(rkhs: Run, started_runs: Path) -> None:
+    first, *_ = seed_folders(started_runs)
     before = (first / "policy.png").stat().st_mtime_ns
     (first / "curve.csv").write_bytes((first / "curve.csv").read_bytes())
     assert rkhs("train", "--resume", "many", "--jobs", 1).code == 0
@@ -143,8 +143,8 @@ def test_outdated_pictures_are_redrawn(rkhs: Run, begun: Path) -> None:
 
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_a_failed_seed_is_reported_and_the_others_continue(rkhs: Run, begun: Path, jobs: int) -> None:
-    first, bad, last = seed_folders(begun)
+def test_a_failed_seed_is_reported_and_the_others_continue(rkhs: Run, started_runs: Path, jobs: int) -> None:
+    first, bad, last = seed_folders(started_runs)
     (bad / "policy.png").unlink()
     (bad / "policy.png").mkdir()
     code, out, err = rkhs("train", "--resume", "many", "--iterations", 3, "--jobs", jobs, "--quiet")
@@ -155,8 +155,8 @@ def test_a_failed_seed_is_reported_and_the_others_continue(rkhs: Run, begun: Pat
     assert [len(Curve(path / "curve.csv").rows()) for path in (first, last)] == [3, 3]
 
 
-def test_all_failed_seeds_are_reported(rkhs: Run, begun: Path) -> None:
-    for path in seed_folders(begun):
+def test_all_failed_seeds_are_reported(rkhs: Run, started_runs: Path) -> None:
+    for path in seed_folders(started_runs):
         (path / "policy.png").unlink()
         (path / "policy.png").mkdir()
     code, out, err = rkhs("train", "--resume", "many", "--jobs", 1, "--quiet")
@@ -244,8 +244,8 @@ def test_invalid_options_are_rejected_once_and_nothing_starts(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_resume_with_other_seeds_is_rejected(rkhs: Run, begun: Path) -> None:
-    before = times(begun)
+def test_resume_with_other_seeds_is_rejected(rkhs: Run, started_runs: Path) -> None:
+    before = times(started_runs)
     assert_refused(rkhs("train", "--resume", "many", "--seeds", "0-3"), "folder of the run, got --seeds")
     assert_refused(rkhs("train", CONFIG, "--seeds", "0", "--out", "many"), "many: expected a new or empty folder")
-    assert times(begun) == before
+    assert times(started_runs) == before
