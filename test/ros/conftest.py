@@ -1,4 +1,4 @@
-"""Real nodes in real processes over real DDS, each test in a ROS domain of its own."""
+"""Real nodes in separate processes over DDS, with a ROS domain for each test."""
 
 import os
 import signal

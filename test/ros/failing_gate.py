@@ -1,4 +1,4 @@
-"""A gate in which something fails when it is told to on a topic: a callback, a check, or the executor."""
+"""A gate with injected failures of a callback, a check or the executor, triggered by a topic."""
 
 from rclpy.executors import Executor
 from std_msgs.msg import String

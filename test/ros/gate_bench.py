@@ -1,4 +1,4 @@
-"""A gate's commander and its hardware, in one node of the test's."""
+"""A commander of a gate and its hardware, in one test node."""
 
 import threading
 import time

@@ -1,4 +1,4 @@
-"""Sends a gate commands of a number, 50 a second, until it is killed or stopped."""
+"""Sends numbered commands to a gate at 50 Hz until it is killed or stopped."""
 
 import sys
 import time

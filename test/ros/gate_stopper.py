@@ -1,4 +1,4 @@
-"""A process that requests a stop, and lives on."""
+"""A process that requests a stop and keeps running."""
 
 import rclpy
 from std_msgs.msg import Bool

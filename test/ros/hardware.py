@@ -1,4 +1,4 @@
-"""A robot of one joint that keeps the newest command for ever, and whoever commands it through a gate."""
+"""A robot with one joint that keeps the newest command for ever, and a sender of commands to its gate."""
 
 import threading
 import time

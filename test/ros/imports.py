@@ -1,4 +1,4 @@
-"""Runs a node, and at its end writes the names of the modules that its process imported to a file."""
+"""Runs a node, and at its exit writes the names of its imported modules to a file."""
 
 import importlib
 import sys

@@ -1,4 +1,4 @@
-"""All that a robot node talks to, in one node of the test's: sensor, gate, policy and learner; each may fail."""
+"""All peers of a robot node in one test node: sensor, gate, policy and learner, each of which may fail."""
 
 import json
 import time

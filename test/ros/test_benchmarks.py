@@ -1,4 +1,4 @@
-"""Every script of benchmarks/ runs, with --quick in seconds, and `make bench` runs them all."""
+"""Every script of benchmarks/ runs in seconds with --quick, and `make bench` runs all of them."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""Signals, silent or dead peers, and bad input: every process ends, says why in one line, and leaves nothing behind."""
+"""Signals, silent or dead peers, and bad input: processes exit with one line and leave nothing behind."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""However a gate ends, it leaves at rest a robot that keeps the newest command for ever."""
+"""Whatever ends a gate, the robot is at rest afterwards, although it keeps the newest command for ever."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""The gate as a process: it commands a robot over real topics, within limits, and stops it whoever is killed."""
+"""The gate process: it commands a robot within limits, and stops it whichever node is killed."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""Stops that are requested on a topic: of whatever quality, by each publisher for itself, and by silence."""
+"""Stops requested on a topic: any quality of service, per publisher, and by silence."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What nodes say of themselves, and the time that the simulator tells."""
+"""Status reports of nodes, and the simulator's clock."""
 
 import os
 import signal
@@ -22,7 +22,7 @@ from rkhs_interfaces.msg import Action, NodeInstance
 from rkhs_interfaces.srv import DescribeTask
 from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, start_request
-from rkhs_ros.nodes.core.uniqueness import HEARER_QOS, SENDER_QOS, TOPIC
+from rkhs_ros.nodes.core.uniqueness import RECEIVER_QOS, SENDER_QOS, TOPIC
 from rkhs_ros.nodes.watch.status_node import reasons
 from rkhs_ros.policies.messages import doubles
 from rkhs_ros.policies.streams import Batch
@@ -44,7 +44,7 @@ class Hearing:
         self.times: list[float] = []
         self.listeners = [
             probe.create_subscription(DiagnosticArray, "/diagnostics", self._report, DIAGNOSTICS_QOS),
-            probe.create_subscription(NodeInstance, TOPIC, self._meet, HEARER_QOS),
+            probe.create_subscription(NodeInstance, TOPIC, self._meet, RECEIVER_QOS),
             probe.create_subscription(Clock, clock, self._tick, LOCKSTEP_QOS),
         ]
 
@@ -181,7 +181,7 @@ class Namesake:
     def __init__(self, probe: Probe, name: str) -> None:
         self.node = Node(name, context=probe.context)
         self.said = self.node.create_publisher(NodeInstance, TOPIC, SENDER_QOS)
-        probe.create_subscription(NodeInstance, TOPIC, self._hear, HEARER_QOS)
+        probe.create_subscription(NodeInstance, TOPIC, self._hear, RECEIVER_QOS)
         self.heard: list[Any] = []
 
     def _hear(self, message: NodeInstance) -> None:

@@ -1,4 +1,4 @@
-"""What the processes of a run import: policy and learner node need no task, no pictures and no recordings."""
+"""Imports of the processes of a run: policy and learner nodes need no tasks, figures or recordings."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The learner node bears with its peers for a while, and says at the end which one it waited for."""
+"""The learner node waits for its peers for a limited time, and names the missing one."""
 
 from collections.abc import Callable
 from pathlib import Path

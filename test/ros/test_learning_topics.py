@@ -1,4 +1,4 @@
-"""What a run tells of its learning on topics, to those who look on from the beginning and to those who come later."""
+"""Monitoring topics of a run, for early and late subscribers."""
 
 import csv
 import time

@@ -1,4 +1,4 @@
-"""Nodes started by hand, as on an installation of ROS: their arguments, parameter files, namespaces and sockets."""
+"""Manually started nodes: arguments, parameter files, namespaces and sockets."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""Every topic and service that the nodes offer or use is on the page of the nodes."""
+"""The page of the nodes lists every topic and service that they offer or use."""
 
 import re
 from collections.abc import Callable

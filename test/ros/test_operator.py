@@ -1,4 +1,4 @@
-"""What ``rkhs robot`` makes of nodes that answer late, never, or that it has only just met."""
+"""``rkhs robot`` with nodes that answer late, never, or have just been discovered."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""All settings are ROS parameters with a description, and with a range where they are bounded."""
+"""All settings are ROS parameters with a description, and with a range if they are bounded."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Folders of any name: what is asked for is written and gone on with, and nothing else."""
+"""Folders with any name: a run writes to and resumes exactly the requested folder."""
 
 from collections.abc import Callable
 from pathlib import Path

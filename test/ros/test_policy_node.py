@@ -1,4 +1,4 @@
-"""The policy node serves one policy from the first step of a batch to its last, and refuses what is none."""
+"""The policy node serves one policy throughout a batch, and refuses invalid ones."""
 
 from array import array
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The robot node between a sensor, a gate, a policy and a learner, each of which may fall silent."""
+"""The robot node with a sensor, a gate, a policy and a learner, each of which may fall silent."""
 
 from collections.abc import Callable
 from pathlib import Path

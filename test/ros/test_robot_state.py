@@ -1,4 +1,4 @@
-"""The simulator node shows the robot of a task to viewers, when it is asked to."""
+"""The simulator node publishes a task's robot for viewers, if requested."""
 
 import xml.etree.ElementTree as ET
 from array import array

@@ -1,4 +1,4 @@
-"""``rkhs train`` of a simulated robot, with all its nodes, and what it leaves to go on from."""
+"""``rkhs train`` with a simulated robot and all its nodes, and resuming it."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""A simulated robot over topics behaves as hardware: by the wall clock, with a protective stop that counts."""
+"""A simulated robot over topics behaves like hardware: in real time, with a counted protective stop."""
 
 import math
 import signal

@@ -1,4 +1,4 @@
-"""The simulator node takes the action it waits for and no other."""
+"""The simulator node accepts only the action that it waits for."""
 
 from array import array
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What others report is shown as it is, whatever is in it."""
+"""The status table prints the reports of other nodes literally, whatever they contain."""
 
 from io import StringIO
 from pathlib import Path

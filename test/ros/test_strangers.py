@@ -1,4 +1,4 @@
-"""Strangers in the domain, who can say what they like: no bit changes, or the run ends and says by whom."""
+"""Foreign nodes in the domain: results stay bit-identical, or the run ends and names the node."""
 
 import os
 import re

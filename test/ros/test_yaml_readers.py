@@ -1,4 +1,4 @@
-"""A file of parameters says the same to ROS's own reader as to ours."""
+"""ROS's reader and ours read the same values from a parameter file."""
 
 from collections.abc import Mapping
 from pathlib import Path

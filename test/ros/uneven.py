@@ -1,4 +1,4 @@
-"""An environment whose episodes end after some steps each, by the task or cut off."""
+"""An environment whose episodes differ in length, terminated or truncated."""
 
 from typing import Any
 

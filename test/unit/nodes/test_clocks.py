@@ -1,4 +1,4 @@
-"""Both clocks at once, however busy the machine is."""
+"""Reading both clocks at once, even on a busy machine."""
 
 import numpy as np
 import pytest

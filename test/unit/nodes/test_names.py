@@ -1,4 +1,4 @@
-"""What a launch file is started with."""
+"""Arguments of launch files."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Nodes of a run talk by UDP, and only as far as they were allowed to."""
+"""The nodes of a run communicate by UDP, within the configured range."""
 
 import pytest
 

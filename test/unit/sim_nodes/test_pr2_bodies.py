@@ -1,4 +1,4 @@
-"""The boxes of the robot and of the door on the page are where the simulator has them."""
+"""The boxes of the robot and the door on the page match the simulator."""
 
 from typing import Any
 

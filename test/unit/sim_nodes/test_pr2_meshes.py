@@ -1,4 +1,4 @@
-"""The PR2's meshes are only seen: links that the simulated robot has not are fixed to those that it has."""
+"""The PR2's meshes are visual only; links that the simulated robot lacks are fixed to known ones."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The PR2's door by the wall clock: one trajectory, one attempt."""
+"""The PR2's door in real time: each trajectory is one attempt."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Simulated robots without ROS: physics, wires, protective stops, and what they count."""
+"""Simulated robots without ROS: physics, wires, protective stops and their counters."""
 
 import math
 import re
