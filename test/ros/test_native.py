@@ -40,7 +40,7 @@ def test_arguments_that_are_not_for_ros_are_refused(start: Start) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "reason"),
     [
-        ("learner", None, "expected a parameter file, got: No such file"),
+        ("learner", None, "cannot read the parameter file: No such file"),
         ("policy", "a: [1", "expected a YAML file"),
         ("simulator", "3", "expected sections"),
     ],
@@ -84,7 +84,7 @@ def test_two_simulators_in_a_namespace_share_one_file(start: Start, home: Path) 
     assert learner.finish() == (0, "", "")
     assert (home / "run" / "policy.npz").is_file()
     told = "".join(learner.told)
-    assert f"learns rkhs/Toy-v0; the results are in {home / 'run'}\n" in told
+    assert f"learning rkhs/Toy-v0; the results are in {home / 'run'}\n" in told
 
 
 def test_a_node_logs_when_it_is_ready(start: Start, probe: Probe) -> None:
