@@ -42,7 +42,7 @@ SECTION: dict[str, Any] = {
     "learner_timeout": 0.5,
     "sensors": {"position": {"topic": "position", "type": "std_msgs/msg/Float64", "fields": ["data"]}},
     "action": {"minimum": [-1.0], "maximum": [1.0], "scale": [2.0]},
-    "reward": {"function": "test.unit.robot.robot_rules:told"},
+    "reward": {"function": "test.unit.robot.robot_rules:encoded"},
 }
 
 
