@@ -250,7 +250,7 @@ def test_after_a_refused_policy_the_old_one_stays_in_service(node: Process, prob
 
 def test_a_version_identifies_one_policy(node: Process, probe: Probe) -> None:
     assert probe.ask("set_policy", set_policy_request(policy(0), 1)).accepted
-    assert "version: expected another one" in probe.ask("set_policy", set_policy_request(policy(1), 1)).message
+    assert "version: expected a new version" in probe.ask("set_policy", set_policy_request(policy(1), 1)).message
     np.testing.assert_array_equal(answer(probe, observation(0))[1], expected(policy(0), 0))
 
 

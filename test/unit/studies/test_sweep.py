@@ -139,7 +139,7 @@ def test_a_failed_run_is_reported_and_the_others_are_tabulated(rkhs: Run, swept:
             "--set: expected each setting once, got seed in both --set and --seeds",
         ),
         (("--vary", "algorithm.ridge=1,2", "--thresholds", "nan"), "--thresholds: expected finite numbers, got [nan]"),
-        (("--vary", "algorithm.ridge=1,2", "--set", "name=../../x"), "name: expected a plain name, for a folder is"),
+        (("--vary", "algorithm.ridge=1,2", "--set", "name=../../x"), "name: expected a valid folder name"),
         (("--vary", "algorithm.ridge=1,2", "--out", CONFIG), f"--out: expected a folder, got the file {CONFIG}"),
         (("--vary", "algorithm.ridge=1,2", "--out", CONFIG / "x"), f"--out: expected a folder, got the file {CONFIG}"),
     ],
