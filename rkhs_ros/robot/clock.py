@@ -11,8 +11,8 @@ SLACK = 0.1  # fraction of the period by which a tick may be late without shifti
 class ElasticClock:
     """A periodic clock that tolerates late ticks.
 
-    A slightly late tick does not shift those after it, which preserves the mean period. A very late tick shifts them
-    all: a shortened step would execute its action for less time than the policy expects.
+    A slightly late tick does not shift later ticks, which preserves the mean period. A very late tick shifts all later
+    ticks: otherwise the next step would be too short, and its action would act for less time than the policy expects.
 
     Attributes:
         period: seconds.

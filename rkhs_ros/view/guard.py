@@ -62,7 +62,7 @@ def is_local(host: str | None) -> bool:
 
 
 def is_fitting(control: Any, updates: Any) -> bool:
-    """Return whether a user of the control could make this update."""
+    """Return whether a user could make this update with the control."""
     if not isinstance(updates, dict) or set(updates) != {"value"}:
         return False
     value, now = updates["value"], control.value

@@ -113,5 +113,5 @@ def _damped_step(jacobian: Array, error: Array) -> Array:
 
 
 def _rotation_error(rotation: Array, wanted: Array) -> Array:
-    """Return half the sum of the cross products of the axes, which approximates the rotation vector between both."""
+    """Return half the sum of the cross products of the axes, an approximation of the rotation vector."""
     return np.asarray(0.5 * np.cross(rotation, wanted, axis=1).sum(axis=2))

@@ -1,4 +1,4 @@
-"""Changed demonstrations as motions of the arm."""
+"""Motions of the arm that modify the demonstration."""
 
 from __future__ import annotations
 

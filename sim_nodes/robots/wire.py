@@ -38,7 +38,7 @@ class Wire(Generic[T]):
         return self._under_way[0][0] if self._under_way else math.inf
 
     def send(self, time: float, message: T) -> None:
-        """Send a message at a time in seconds."""
+        """Send a message at the given time in seconds; it may be lost."""
         fate, delay = self._stream.random(2)
         if fate < self._loss:
             self.lost += 1

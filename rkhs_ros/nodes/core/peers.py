@@ -149,11 +149,11 @@ class Peers:
         return response
 
     def check_progress(self, since: float, what: str) -> bool:
-        """Return whether there is time left to wait; report the node as stuck if it has stalled.
+        """Return whether waiting has not timed out yet; after half of the timeout, report this node as stuck.
 
         Args:
             since: monotonic time of the last progress, in seconds.
-            what: the obstacle.
+            what: obstacle to report.
         """
         self._node.diagnostics.stuck = what if self.stalled(since) else ""
         return time.monotonic() - since <= self.timeout_s

@@ -29,8 +29,8 @@ def check_domain(environment: Mapping[str, str]) -> None:
 def by_udp(environment: Mapping[str, str]) -> dict[str, str]:
     """Return the environment for nodes that use UDP only, on this machine unless configured otherwise.
 
-    ROS's own settings for one machine include shared memory. They are replaced by a profile that confines nodes to this
-    machine without it.
+    ROS's own settings for one machine include shared memory. This function replaces them with a profile that confines
+    nodes to this machine without shared memory.
 
     Args:
         environment: of this process; its settings of the discovery range and of Fast DDS are preserved.

@@ -80,7 +80,7 @@ class LearnerNode(ReportingNode):
         return environment
 
     def heartbeat(self) -> float:
-        """Report, and send due heartbeats; return the seconds until the next one."""
+        """Publish the status, progress and heartbeats that are due; return the seconds until the next ones."""
         self._uniqueness.check()
         return min(self.diagnostics.heartbeat(), self.runner.heartbeat(), self.topics.heartbeat())
 

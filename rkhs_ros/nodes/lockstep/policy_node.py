@@ -136,7 +136,7 @@ class PolicyNode(ReportingNode):
         self.get_logger().info(f"ready {source}; serves {simulators} simulator{'s' * (simulators > 1)}")
 
     def heartbeat(self) -> float:
-        """Report, and publish the policy in service; return the seconds until more is due."""
+        """Publish the status and the policy in service if due; return the seconds until the next ones."""
         self._uniqueness.check()
         return min(self.diagnostics.heartbeat(), self._in_service.heartbeat())
 

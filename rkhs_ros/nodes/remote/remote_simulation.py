@@ -78,7 +78,7 @@ class RemoteNode(ReportingNode):
         self.link = SimulatorLink(self, self.peers, f"/{place}/" if place else "", num_envs, self.diagnostics.refuse)
 
     def heartbeat(self) -> float:
-        """Report, and send due heartbeats to a robot; return the seconds until more is due."""
+        """Publish the status, and heartbeats to a robot, if due; return the seconds until the next ones."""
         return min(self.diagnostics.heartbeat(), self.link.heartbeat())
 
     def close(self) -> None:

@@ -58,7 +58,7 @@ class Loop:
     missed: int = 0
 
     def tick(self, now: float) -> None:
-        """Count a tick."""
+        """Count a tick at a monotonic time in seconds."""
         if self.last is not None:
             wait = now - self.last
             self.seconds, self.ticks, self.worst = self.seconds + wait, self.ticks + 1, max(self.worst, wait)
