@@ -192,7 +192,7 @@ class Drives:
         return positions
 
     def _violation(self, times: Array, positions: Array) -> tuple[str, str] | None:
-        """Return the kind and the reason of the first violation by the set points; None if there is none."""
+        """Return the kind and the reason of the first limit that the set points violate; None if there is none."""
         limits = self.limits
         if not np.isfinite(positions).all():
             return "non_finite", "expected finite positions, got nan or infinity"

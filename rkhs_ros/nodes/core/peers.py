@@ -149,7 +149,7 @@ class Peers:
         return response
 
     def check_progress(self, since: float, what: str) -> bool:
-        """Return whether waiting has not timed out yet; after half of the timeout, report this node as stuck.
+        """Return True until the timeout has passed; after half of it, report this node as stuck.
 
         Args:
             since: monotonic time of the last progress, in seconds.
