@@ -1,1 +1,1 @@
-"""Command line with one module per command, the library functions, and the launcher of a run's nodes."""
+"""The command line (one module per command), the library functions, and the launcher of a run's nodes."""

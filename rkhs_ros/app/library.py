@@ -107,7 +107,7 @@ def train(
     Args:
         environment: a Gymnasium id (``module:Id-v0`` imports the module that registers it), an environment, a vector
             environment, or a function or class that returns one. Observations and actions must be continuous. `train`
-            closes the environments that it creates; an environment that is passed stays open.
+            closes the environments that it creates, and leaves a passed environment open.
         algorithm: an algorithm such as ``RKHSNAC(centres=80)``, or its name; None stands for RKHS-NAC. Settings that
             are not given have the defaults of `rkhs_ros.runs.defaults`.
         progress: show a progress bar on standard error.

@@ -34,7 +34,7 @@ def workers_of(options: argparse.Namespace) -> Workers:
     """Return the workers that the options choose.
 
     Raises:
-        ValueError: the options exclude each other, or a library is not installed.
+        ValueError: the options conflict, or a library is not installed.
     """
     return Workers(ALL_CORES if options.jobs is None else options.jobs, options.scheduler, options.ray)
 

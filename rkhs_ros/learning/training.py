@@ -76,7 +76,7 @@ class Iteration:
 
     @property
     def exploration_return(self) -> float:
-        """Mean return of the exploring episodes."""
+        """Mean return of the exploration episodes."""
         return float(self.exploration_returns.mean())
 
     @property

@@ -19,7 +19,7 @@ from rkhs_ros.rkhs.kernels import Array
 class Inputs(Settings):
     r"""The map from a history :math:`(o_0, a_0, \dots, o_t)` to the input of the policy's functions.
 
-    The acting policy calls it step by step, the learner for all steps at once.
+    The policy evaluates it step by step; the learner evaluates all steps at once.
     """
 
     history: int = setting(

@@ -94,7 +94,7 @@ class Batch:
         return replace(self, num_envs=self.num_envs + count, num_evaluation=count, first_evaluation=first)
 
     def part(self, begin: int, end: int) -> Batch:
-        """Return the episodes of environments ``begin`` to ``end - 1``, at least one, as a batch."""
+        """Return a batch with the episodes of environments ``begin`` to ``end - 1``, where ``begin < end``."""
         first_kind = self.num_envs - self.num_evaluation
         if begin >= first_kind:
             first = self.first_evaluation + begin - first_kind

@@ -323,13 +323,13 @@ def subsample(rows: Array, most: int) -> Array:
 def median_bandwidth(points: ArrayLike, most: int = 1000) -> tuple[float, ...]:
     """Return the median distance between pairs of points along each dimension (the median trick).
 
-    If the standard deviation is larger, it is returned instead: when many points coincide, for example at the end of a
-    joint's range, the median says nothing about the others. For normally distributed points the median is 0.95 standard
+    If the standard deviation is larger, return that instead: when many points coincide, for example at the end of a
+    joint's range, the median ignores the remaining points. For normally distributed points the median is 0.95 standard
     deviations. If all points coincide up to rounding, the bandwidth is 1.
 
     Args:
         points: shape (n, d), n at least 1.
-        most: maximum number of evenly spaced points that are paired.
+        most: maximum number of points, evenly spaced, from which pairs are formed.
     """
     array = np.asarray(points, dtype=float)
     array = subsample(array, most)

@@ -157,7 +157,7 @@ def _reduce(blocks: Iterable[Array], m: int, k: int, ridge: float) -> tuple[Arra
 
 
 class _Columns:
-    """The columns of a dictionary with the residual that each could explain, in blocks that fit into the cache."""
+    """Columns of a dictionary, with the part of the residual that each explains; processed in cache-sized blocks."""
 
     def __init__(self, dictionary: Array, target: Array, fitting: Fitting) -> None:
         self._dictionary = dictionary

@@ -23,7 +23,8 @@ LEAST_SQUARED_LENGTH = 1e-12  # avoids division by zero, because features vanish
 class PoWER(GridSettings, WeightedExploration):
     r"""PoWER on a grid of centres, with reuse of the best episodes so far.
 
-    The exploration of the action represents that of the parameters, :math:`\epsilon_t = \phi(s_t)^\top \varepsilon_t`.
+    Exploration noise of the actions stands for exploration noise of the parameters,
+    :math:`\epsilon_t = \phi(s_t)^\top \varepsilon_t`.
     The solution ``full`` uses the matrix :math:`W = \phi \phi^\top / g` of Kober and Peters:
 
     .. math:: \theta' = \theta + \Big(\sum_t q_t W_t + \lambda I\Big)^{-1} \sum_t q_t W_t\, \varepsilon_t

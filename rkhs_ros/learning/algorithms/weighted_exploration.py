@@ -101,7 +101,7 @@ class WeightedExploration(Algorithm):
         return ValueBaseline(self.value_ridge)
 
     def weights(self, samples: Samples, discount: float) -> Array:
-        """Return q of each sample, shape (samples,), non-negative with mean 1."""
+        """Return the weight q of each sample, shape (samples,); weights are non-negative and have mean 1."""
         return normalised(WEIGHTINGS[self.weighting](samples, discount, self.value_baseline))
 
     def advance(
