@@ -21,11 +21,12 @@ HEAD = """\
 
 <!-- Made by docs/make_settings.py from the code; do not edit. -->
 
-Every setting of the learner, by its dotted name. Use these names in the files of `config/`, after `--set` on the
-command line, and as ROS parameters of the learner node. The `config.yaml` of a run lists all of them.
+This page lists all settings of the learner by their dotted names. Use these names in the files of `config/`, after
+`--set` on the command line, and as ROS parameters of the learner node. The `config.yaml` of a run contains all
+of their values.
 
-A single number is accepted for a list of numbers. A setting that is unknown, of another type or out of its range is
-rejected with a one-line error. `environment.id` and `environment.options` select the task, see
+A setting that takes a list of numbers also accepts a single number. A setting that is unknown, has the wrong type or is
+out of range is rejected with a one-line error. `environment.id` and `environment.options` select the task: see
 [a custom task](custom_task.md).
 """
 TABLE = "| Setting | Default | Description | Values |\n|---|---|---|---|"
@@ -35,18 +36,18 @@ def page() -> str:
     """Return the page."""
     training = list(entries(Training()))
     sections = [
-        section("## Run", "Settings of every run, with any algorithm.", apart(training, "")),
+        section("## Run", "Settings of all runs, for any algorithm.", apart(training, "")),
         section(
             "## Inputs", "The inputs of the policy, computed from observations and actions.", apart(training, "inputs.")
         ),
         section("## Kernel", "The kernel of the policy mean.", apart(training, "kernel.")),
-        f"## Algorithms\n\n`algorithm.name` selects one: {names(ALGORITHMS)}. Their mathematics: "
-        "[algorithms](algorithms/index.md).\n",
+        f"## Algorithms\n\n`algorithm.name` selects one: {names(ALGORITHMS)}. For their mathematics, "
+        "see [algorithms](algorithms/index.md).\n",
         *of_classes(ALGORITHMS, "algorithm."),
         f"## Step rules\n\n`algorithm.step.rule` selects one: {names(STEP_RULES)}.\n",
         *of_classes(STEP_RULES, "algorithm.step."),
-        f"## Model\n\n`model.form` selects one: {names(MODELS)}. When to use a model: "
-        "[model-based training](model_based.md).\n",
+        f"## Model\n\n`model.form` selects one: {names(MODELS)}. For when to use a model, "
+        "see [model-based training](model_based.md).\n",
         *of_classes(MODELS, "model."),
     ]
     return "\n".join([HEAD, *sections])

@@ -81,7 +81,7 @@ def write_whole(path: Path, content: bytes, *, sync: bool = True) -> None:
 
     Raises:
         OSError: the file cannot be written; the message names it.
-        ValueError: the path is neither free nor a file.
+        ValueError: the path exists but is not a file.
     """
     require_replaceable(path)
     aside = path.with_name(path.name + ".part")

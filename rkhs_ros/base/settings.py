@@ -39,7 +39,7 @@ class Settings(NamedFields):
         return set()
 
     def with_defaults(self, defaults: object) -> Self:
-        """Return these settings with the fields that were not given replaced by those of ``defaults``.
+        """Return these settings, with unset fields taken from ``defaults``.
 
         Args:
             defaults: settings of the same class; an object of another class is ignored.
@@ -151,7 +151,7 @@ def _convert(f: Field[Any], kind: Any, value: Any, name: str) -> Any:
 
 
 def _checked(f: Field[Any], kind: Any, value: Any, name: str) -> Any:
-    """Return the value of a setting converted to its type, after a check of its range."""
+    """Convert the value of a setting to its type and check its range."""
     if "table" in f.metadata or is_dataclass(kind):
         require(isinstance(value, kind), name, f"{_named(kind)}", f"{value!r}")
         return value

@@ -10,10 +10,10 @@ from typing import Any, TextIO
 
 
 class Lossy:
-    """A text stream that discards its output after the reader has gone or the disk is full.
+    """Text stream that discards output once its reader is gone or the disk is full.
 
     Args:
-        stream: the stream; None, which is Python's value for a closed stream, discards all output.
+        stream: stream to write to; None, Python's value for a closed stream, discards all output.
         losses: errors to ignore; other errors are raised.
     """
 
@@ -72,7 +72,7 @@ def tolerate_lost_stderr() -> Iterator[None]:
 
 @contextmanager
 def tolerate_closed_stdout() -> Iterator[None]:
-    """Ignore a closed pipe on standard output, such as the pipe of ``head`` after its last line.
+    """Ignore a closed pipe on standard output, such as a pipe to ``head`` after it exits.
 
     Raises:
         OSError: the output is lost for another reason, for example a full disk.

@@ -102,7 +102,7 @@ def numbers(*counts: int) -> str:
 
 
 def all_finite(array: NDArray[np.float64]) -> bool:
-    """Return whether all numbers are finite; one pass if the sum of their squares is finite."""
+    """Return whether all numbers are finite, in one pass if the sum of their squares is finite."""
     return isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
 
 

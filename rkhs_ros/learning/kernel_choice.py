@@ -21,7 +21,7 @@ class KernelChoice(Settings):
     form: str = setting("rbf", "kernel names joined by + and *, such as 'rbf + polynomial'")
     bandwidth: str | tuple[float, ...] = setting(
         "median",
-        "bandwidths of rbf in the inputs' units: one, one per input, or one per number of a time step of the window; "
+        "bandwidths of rbf in the inputs' units: one, one per input, or one per component of a time step; "
         "or 'median': per dimension, the larger of the median distance between pairs of points and their standard "
         "deviation; or 'dimension': the standard deviation times sqrt(d / 2), which keeps the kernel between typical "
         "points independent of the dimension d. The points are the inputs of the first iteration",

@@ -25,15 +25,15 @@ class Training(Settings):
     name: str = setting("run", "name of the run and of its results folder")
     seed: int = setting(0, "seed of all random numbers", minimum=0, maximum=2**63 - 1)
     iterations: int = setting(40, "number of training iterations", minimum=1, maximum=10**6)
-    episodes_per_iteration: int = setting(10, "exploring episodes per iteration", minimum=1, maximum=10_000)
+    episodes_per_iteration: int = setting(10, "exploration episodes per iteration", minimum=1, maximum=10_000)
     evaluation_episodes: int = setting(10, "episodes per evaluation", minimum=1, maximum=10_000)
     evaluate_every: int = setting(1, "iterations between evaluations; 0: no evaluation", minimum=0, maximum=10**6)
     horizon: int = setting(100, "maximum number of steps per episode", minimum=1, maximum=10**6)
     discount: float = setting(0.99, "discount factor of the return, per step", minimum=0.0, maximum=1.0)
     exploration_sd: str | tuple[float, ...] = setting(
         (1.0,),
-        "initial standard deviation of the actions, one or one per dimension; or 'range': half the range of each "
-        "action, 1 if it is unbounded",
+        "initial standard deviation of the actions, one number or one per dimension; or 'range': half the range of "
+        "each action, 1 if the action is unbounded",
         minimum=1e-6,
         maximum=1e6,
         choices=("range",),

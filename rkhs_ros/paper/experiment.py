@@ -29,7 +29,7 @@ class Curve:
     changes: tuple[str, ...]
 
     def run(self, number: int) -> Config:
-        """Return the configuration of a run; its number is its seed."""
+        """Return the configuration of a run, whose number is also its seed."""
         changes = [change.replace("{run}", str(number)) for change in self.changes]
         return load_config(self.config, [*changes, f"name={self.label!r}", f"seed={number}"])
 

@@ -1,4 +1,4 @@
-"""The page of results: the paper's claims, checked against the tables of the reproduced figures."""
+"""Page of results: the paper's claims, checked against the tables of the reproduced figures."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from rkhs_ros.paper.table import Table, load_table
 
 HEAD = """# Results: the paper's claims
 
-`rkhs results` made this page from the tables of the [reproduced figures](paper.md); do not edit it. Returns are
-discounted evaluation returns (policy mean, no exploration noise) unless stated otherwise, as means over the runs.
+`rkhs results` generated this page from the tables of the [reproduced figures](paper.md); do not edit it. Unless stated
+otherwise, returns are discounted evaluation returns (policy mean, no exploration noise), averaged over the runs.
 
-The runs of a curve have the seeds 0, 1, 2 and so on. Settings were chosen on some of these seeds:
-[configurations](configurations.md#what-they-reach) has results on held-out seeds. The step sizes are ours, since the
-paper does not state the units of its own.
+The runs of a curve have the seeds 0, 1, 2 and so on. Settings were chosen on some of these seeds. For results on
+held-out seeds, see [configurations](configurations.md#what-they-reach). The paper does not state the units of its step
+sizes, so this project chose its own.
 
 | Figure | Claim of the paper | Holds | Result |
 |---|---|---|---|
@@ -27,7 +27,7 @@ CORRECTED = (
     ("---", "---", "---"),
     (
         "RBF kernel with the norm not squared",
-        "not the RBF kernel of the text, and not smooth at the centre",
+        "not the RBF kernel that the text names, and not smooth at the centre",
         "the norm squared",
     ),
     (
@@ -43,7 +43,7 @@ CORRECTED = (
     (
         "E-step: p' proportional to p",
         "the return is missing",
-        "proportional to p R, R not negative",
+        "proportional to p R, with nonnegative R",
     ),
     (
         "Eq 23: signed advantages as weights",
@@ -57,18 +57,19 @@ CORRECTED = (
     ),
     (
         "Eq 24: squared exploration in numerator and denominator",
-        "it cancels, and the value is not a variance",
+        "the squared exploration cancels, and the result is not a variance",
         "a weighted mean of squared exploration, within bounds; `variance: as_published` for the original",
     ),
     (
         "Section 3.1: the natural gradient is covariant",
-        "the ridge of Eq 18 uses the kernel's own norm, which changes with the kernel",
+        "the ridge of Eq 18 penalises the RKHS norm, which depends on the kernel",
         "`ridge_norm: scale_free`",
     ),
 )
 NOTE = """
-With `scale_free`, covariance is exact for the offset of the polynomial kernel, which leaves the space of functions the
-same. Another bandwidth of the RBF kernel is another space, so insensitivity to it is an observation, not a theorem.
+With `scale_free`, covariance is exact for the offset of the polynomial kernel, because the offset does not change the
+function space. The bandwidth of the RBF kernel does change it, so insensitivity to the bandwidth is an observation, not
+a theorem.
 """
 
 

@@ -55,7 +55,7 @@ def attempts_figure(
 
 
 def _plane(axes: Axes, tried: Array, rewards: Array, succeeded: Flags) -> None:
-    """Draw the attempts in the plane of two action components; better ones cover the others."""
+    """Draw the attempts over two action components, those with higher rewards on top."""
     norm = Normalize(min(float(rewards.min()), 0.0), float(rewards.max()) or 1.0)
     for marker, edge, name, which in (
         ("X", "none", "attempt", ~succeeded),

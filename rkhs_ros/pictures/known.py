@@ -17,7 +17,7 @@ REFERENCE_DISCOUNT = 0.99
 
 
 def references(task: Task) -> dict[str, float]:
-    """Return the reference returns of a task, by name; none for another horizon or discount than the registered one."""
+    """Return the reference returns of a task by name; empty if its horizon or discount is not the registered one."""
     spec = gymnasium.registry.get(task.environment.rpartition(":")[2])
     if spec is None or (task.horizon, task.discount) != (spec.max_episode_steps, REFERENCE_DISCOUNT):
         return {}

@@ -15,8 +15,8 @@ class EpisodeTiming:
 
     Attributes:
         seconds: time per episode; 0 if unknown.
-        waits: number of batches without this simulator since then.
-        patience: number of such batches until the time is discarded; doubles each time.
+        waits: number of batches since the last measurement, none of which used this simulator.
+        patience: number of such batches after which the time is discarded; doubles each time.
     """
 
     seconds: float = 0.0

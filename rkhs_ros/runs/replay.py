@@ -71,7 +71,7 @@ class RecordedRunner:
         return recorded.episodes
 
     def check_policy(self, policy: GaussianPolicy, version: int, where: str) -> None:
-        """Raise DifferenceError unless a recomputed policy is bit-identical to the recorded one of a version."""
+        """Raise DifferenceError unless a recomputed policy is bit-identical to the recorded policy of a version."""
         if version not in self._recording.policies:
             raise ValueError(f"{where}: expected policy {version} in the recording, got none")
         recorded, again = (

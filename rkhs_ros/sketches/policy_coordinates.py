@@ -61,7 +61,7 @@ class PolicyCoordinates:
         return across, up
 
     def centres(self) -> Array | None:
-        """Return the centres of the mean, shape (centres, coordinates); None if they are not points in them."""
+        """Return the centres of the mean, shape (centres, coordinates); None if they have other coordinates."""
         if self.policy is None:
             return None
         centres, inputs = self.policy.mean.centres, self._inputs

@@ -48,8 +48,8 @@ class _Points(NamedTuple):
 class Sketcher:
     """Creates sketches of a run.
 
-    Owns the last episodes, the ranges so far, and the pair of coordinates along x and y. This is the pair with the
-    most information about the action, and is updated whenever the number of iterations has doubled.
+    Owns the last episodes, the ranges so far, and the coordinates along x and y. These are the two coordinates that are
+    most informative about the action. They are updated each time the number of iterations doubles.
 
     Args:
         spaces: spaces of the task.

@@ -67,7 +67,7 @@ def _varied(text: str) -> Variation:
 
 
 def require_comparable(name: str, what: str) -> None:
-    """Raise ValueError if a setting changes the task, so that returns are not comparable, or not how a run learns."""
+    """Raise ValueError if a setting changes the task, which makes returns incomparable, or does not affect learning."""
     require(name not in OF_THE_COUNT, what, "settings of the learner (use --seeds for seeds)", name)
     same_task = name not in OF_THE_TASK and not name.startswith("environment")
     require(same_task, what, "settings that do not change the task, so that the returns are comparable", name)

@@ -1,4 +1,4 @@
-"""Index of runs by their settings and provenance, so that a change of either leads to another run."""
+"""Index of runs by their settings and provenance, so that changing either creates a new run."""
 
 from __future__ import annotations
 

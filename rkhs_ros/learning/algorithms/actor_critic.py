@@ -24,16 +24,20 @@ EQUATIONS = ("step", "trajectory")
 class ActorCritic(Algorithm):
     """An algorithm whose update direction follows from the estimate of a critic."""
 
-    critic: str = setting("step", "the critic has one equation per step or per episode (trajectory)", choices=EQUATIONS)
+    critic: str = setting(
+        "step", "equations of the critic: one per step, or one per episode (trajectory)", choices=EQUATIONS
+    )
     regression: str = setting(
         "ridge",
         "how the critic solves its equations: ridge regression, or kernel matching pursuit after subtracting the value",
         choices=("ridge", "pursuit"),
     )
-    ridge: float = setting(0.01, "penalty on the squared RKHS norm of w", minimum=1e-12, maximum=1e6)
+    ridge: float = setting(
+        0.01, "penalty on the squared RKHS norm of the critic's weight w", minimum=1e-12, maximum=1e6
+    )
     value_ridge: float = setting(0.01, "penalty on the squared RKHS norm of the value", minimum=1e-12, maximum=1e6)
     trace: float = setting(
-        1.0, "lambda of the returns that the step critic fits; 1: rewards to go", minimum=0.0, maximum=1.0
+        1.0, "lambda of the lambda-returns that the step critic fits; 1: rewards to go", minimum=0.0, maximum=1.0
     )
     ridge_norm: str = setting(
         "norm",

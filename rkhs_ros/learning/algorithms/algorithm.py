@@ -81,7 +81,7 @@ class Algorithm(Settings, ABC):
         1.0, "factor on a constant standard deviation after each iteration", minimum=0.0, maximum=1.0
     )
     exploration_minimum: float = setting(
-        0.05, "minimum standard deviation of the decay, in units of the action", minimum=1e-6, maximum=1e6
+        0.05, "minimum of a decaying standard deviation, in units of the action", minimum=1e-6, maximum=1e6
     )
 
     @property

@@ -13,18 +13,19 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 
 @dataclass(frozen=True)
 class ENAC(GridSettings, ActorCritic):
-    r"""The natural actor-critic on a grid of centres, with one equation per episode.
+    r"""The natural actor-critic on a grid of centres, whose critic has one equation per episode.
 
     .. math:: \theta \leftarrow \theta + \alpha w, \qquad
         R(\xi) = \langle w, \sum_t \gamma^t \phi(s_t)\, u_t \rangle + V(s_0)
     """
 
     critic: str = setting(
-        "trajectory", "the critic has one equation per step or per episode (trajectory)", choices=EQUATIONS
+        "trajectory", "equations of the critic: one per step, or one per episode (trajectory)", choices=EQUATIONS
     )
     ridge: float = setting(
         0.1,
-        "penalty on the critic's weights; for equations per episode relative to the mean diagonal of the Gram matrix",
+        "penalty on the critic's weights; with one equation per episode, relative to the mean diagonal of the Gram "
+        "matrix",
         minimum=1e-12,
         maximum=1e6,
     )

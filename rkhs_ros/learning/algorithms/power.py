@@ -30,7 +30,7 @@ class PoWER(GridSettings, WeightedExploration):
     .. math:: \theta' = \theta + \Big(\sum_t q_t W_t + \lambda I\Big)^{-1} \sum_t q_t W_t\, \varepsilon_t
     """
 
-    weighting: str = setting("returns", "weighting of the exploration of a step", choices=tuple(WEIGHTINGS))
+    weighting: str = setting("returns", "how the exploration of a step is weighted", choices=tuple(WEIGHTINGS))
     reuse: int = setting(5, "number of best episodes so far that the next update reuses", minimum=0, maximum=10_000)
     solution: str = setting(
         "full", "the matrix W of Kober and Peters, or its diagonal (Eq 6)", choices=("full", "diagonal")

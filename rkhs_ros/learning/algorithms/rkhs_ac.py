@@ -14,7 +14,7 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 
 @dataclass(frozen=True)
 class RKHSAC(SparseSettings, ActorCritic):
-    r"""The actor-critic in the RKHS: ascent along the plain gradient, with the advantage by kernel matching pursuit.
+    r"""The actor-critic in the RKHS: ascent along the plain gradient; matching pursuit fits the advantage.
 
     .. math:: h \leftarrow h + \frac{\alpha}{N} \sum_{i,t} A(s_{it}, a_{it})\, K(s_{it}, \cdot)\, u_{it}, \qquad
         u = \Sigma^{-1} (a - h(s))

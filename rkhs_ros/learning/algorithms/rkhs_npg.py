@@ -34,7 +34,9 @@ class RKHSNPG(SparseSettings, Algorithm):
         "state; or as_published, no baseline",
         choices=("intercept", "value", "as_published"),
     )
-    ridge: float = setting(0.1, "lambda N relative to the mean diagonal of the Gram matrix", minimum=1e-12, maximum=1e6)
+    ridge: float = setting(
+        0.1, "ridge lambda N, relative to the mean diagonal of the Gram matrix", minimum=1e-12, maximum=1e6
+    )
     value_ridge: float = setting(0.01, "penalty on the squared RKHS norm of the value", minimum=1e-12, maximum=1e6)
     step: StepRule = variant(KLStep(), STEP_RULES, "rule")
 

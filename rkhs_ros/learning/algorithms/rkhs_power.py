@@ -25,7 +25,7 @@ class RKHSPoWER(SparseSettings, WeightedExploration):
     """
 
     weighting: str = setting(
-        "positive", "weighting of the exploration of a step", choices=(*WEIGHTINGS, "as_published")
+        "positive", "how the exploration of a step is weighted", choices=(*WEIGHTINGS, "as_published")
     )
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:

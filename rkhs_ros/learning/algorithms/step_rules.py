@@ -31,15 +31,13 @@ class KLStep(Settings):
     .. math:: \alpha = \min\Big(cap, \sqrt{2 \delta \Big/ \tfrac1n \textstyle\sum_t |w(s_t) / \sigma(s_t)|^2}\Big),
         \qquad \delta = \delta_0 / (1 + c k)
 
-    Annealing by c over the iterations k stops the random walk of equally long steps when w is mostly noise.
+    Once w is mostly noise, steps of constant length become a random walk. Annealing (c > 0) ends this walk.
     """
 
     divergence: float = setting(0.02, "mean divergence of the first update, in nats", minimum=0.0, maximum=10.0)
-    cap: float = setting(
-        1e300, "maximum step size; its units depend on those of the direction", minimum=0.0, maximum=1e300
-    )
+    cap: float = setting(1e300, "maximum step size, in units that depend on the direction", minimum=0.0, maximum=1e300)
     annealing: float = setting(
-        0.0, "annealing rate c: the divergence of iteration k has the factor 1 / (1 + c k)", minimum=0.0, maximum=1e6
+        0.0, "annealing rate c: iteration k divides the divergence by 1 + c k", minimum=0.0, maximum=1e6
     )
 
     def step_size(self, direction: Array, variance: Array, mean_return: MeanReturn, iteration: int = 0) -> float:
@@ -58,7 +56,7 @@ class LineSearch(Settings):
     """
 
     choices: int = setting(50, "number of step sizes to try", minimum=2, maximum=1000)
-    episodes: int = setting(1, "exploring episodes per step size", minimum=1, maximum=1000)
+    episodes: int = setting(1, "exploration episodes per step size", minimum=1, maximum=1000)
     shortest: float = setting(0.01, "shortest step, in standard deviations of the action", minimum=1e-9, maximum=1e6)
     longest: float = setting(3.0, "longest step, in standard deviations of the action", minimum=1e-9, maximum=1e6)
 

@@ -49,12 +49,12 @@ def weighted_regression(samples: Samples, weights: Array, ridge: float, unit: st
 class WeightedExploration(Algorithm):
     """An EM-inspired update without a step size that moves the mean towards successful exploration."""
 
-    weighting: str = setting("positive", "weighting of the exploration of a step", choices=tuple(WEIGHTINGS))
+    weighting: str = setting("positive", "how the exploration of a step is weighted", choices=tuple(WEIGHTINGS))
     ridge: float = setting(1.0, "penalty lambda on the squared RKHS norm of the step", minimum=1e-12, maximum=1e6)
     ridge_unit: str = setting(
         "action",
-        "unit of the ridge: action, as in Eq 23; or variance, relative to the policy's variance, which makes it "
-        "independent of the units of actions",
+        "unit of the ridge: action, as in Eq 23; or variance, relative to the policy's variance and so independent of "
+        "the units of actions",
         choices=RIDGE_UNITS,
     )
     value_ridge: float = setting(0.01, "penalty on the squared RKHS norm of the value", minimum=1e-12, maximum=1e6)

@@ -31,7 +31,7 @@ from rkhs_ros.rkhs.kernels import Array, subsample
 MOST_COMPARED = 300  # maximum number of points at which two kernels are compared
 SAME_KERNEL = 0.95  # alignment above which the policy keeps its kernel
 AS_NEEDED = "as_needed"
-FUNCTION = "MODULE:FUNCTION that replaces the learnt part, empty for none; maps batches of"
+FUNCTION = "MODULE:FUNCTION to use instead of a learnt function, empty for none; maps batches of"
 FROM_THE_START = 2  # number of the first of three consecutive rollouts that start from initial observations
 HORIZONS_AHEAD = 3.0  # times 1 / (1 - discount); later steps contribute 5 % of the return
 
@@ -46,17 +46,17 @@ class ModelBased(Settings):
     """Model-based training: each iteration fits a model to all real episodes and updates the policy in it."""
 
     updates: int = setting(30, "policy updates in the model per real iteration", minimum=1, maximum=1000)
-    rollouts: int = setting(50, "exploring model rollouts per update", minimum=1, maximum=10_000)
+    rollouts: int = setting(50, "model rollouts with exploration noise per update", minimum=1, maximum=10_000)
     centres: int = setting(200, "maximum number of centres of the model", minimum=1, maximum=2000)
     exploration_noise: str = setting(
         AS_NEEDED,
         "exploration noise of real episodes: white; pink, which is correlated over time and reaches further; or "
-        "as_needed, which is pink while a cost of the actions explains all rewards, else white",
+        "as_needed, which is pink as long as a cost of the actions explains all rewards, and white otherwise",
         choices=(*NOISES, AS_NEEDED),
     )
     evaluation_noise_scale: float = setting(
         0.3,
-        "factor on the standard deviation in every second real iteration, which visits the states of the policy itself",
+        "factor on the standard deviation in every second real iteration, to visit the states of the policy mean",
         minimum=0.01,
         maximum=1.0,
     )
@@ -65,13 +65,13 @@ class ModelBased(Settings):
     )
     restart_decay: float = setting(
         1.0,
-        "factor on the initial standard deviation of the model rollouts for each earlier iteration with a lower return "
-        "than the newest one",
+        "factor on the initial standard deviation of the model rollouts, once for each earlier iteration with a lower "
+        "return than the newest iteration",
         minimum=0.0,
         maximum=1.0,
     )
     exploration_minimum: float = setting(
-        0.1, "minimum standard deviation of the model rollouts, relative to the first one", minimum=1e-6, maximum=1.0
+        0.1, "minimum standard deviation of the model rollouts, relative to the initial one", minimum=1e-6, maximum=1.0
     )
     reward_fn: str = setting("", f"{FUNCTION} observations, actions and next observations to rewards")
     termination_fn: str = setting("", f"{FUNCTION} observations to whether they terminate the episode")
