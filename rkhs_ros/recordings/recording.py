@@ -227,14 +227,14 @@ def _whole(path: Path) -> Found:
 
 
 def _ours(messages: Iterable[Stored]) -> Iterator[tuple[str, int, Any]]:
-    """Yield type, time and content of our messages."""
+    """Yield the type, the time and the content of each message of this project."""
     for stored in messages:
         if stored.kind.startswith(PACKAGE):
             yield stored.kind, stored.time, decoded(stored.content, stored.kind, stored.definition)
 
 
 def _bag_messages(folder: Path) -> Iterator[tuple[str, int, Any]]:
-    """Yield type, time and content of our messages in a bag."""
+    """Yield the type, the time and the content of each message of this project in a bag."""
     files = sorted(folder.glob("*.mcap"))
     if files:  # our reader limits the size
         yield from _ours(sorted((each for file in files for each in _whole(file).messages), key=lambda each: each.time))

@@ -142,7 +142,7 @@ class Gate:
         mode: of the gate.
         reason: why it is stopped; else empty.
         counts: its counters.
-        motion: the newest output, or of a disarmed gate the hypothetical one; None while positions are unknown.
+        motion: the newest output; while disarmed, the one that it would send; None while positions are unknown.
         goal: the command to move to, shape (joints,); None while no command is expected.
         anchor: position to hold by effort, shape (joints,).
         swing: velocities with which joints that hold by effort reached their anchor, shape (joints,); 0 for a joint

@@ -48,7 +48,7 @@ class Uniqueness:
         self._announce()
 
     def stay(self) -> None:
-        """Exit for no other process from now on."""
+        """Never exit because of a node of the same name from now on."""
         self._yields_until = -inf
 
     def check(self) -> None:
@@ -87,7 +87,7 @@ class Uniqueness:
         self._publisher.publish(NodeInstance(node=self._name, instance=self.instance, age=self._age))
 
     def _hear(self, message: NodeInstance) -> None:
-        """Compare ages; announcements of this process itself have no effect."""
+        """Compare the ages of both processes; ignore announcements of this process itself."""
         if message.node != self._name:
             return
         older = message.age - self._age
