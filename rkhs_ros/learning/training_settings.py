@@ -27,7 +27,7 @@ class Training(Settings):
     iterations: int = setting(40, "number of training iterations", minimum=1, maximum=10**6)
     episodes_per_iteration: int = setting(10, "exploration episodes per iteration", minimum=1, maximum=10_000)
     evaluation_episodes: int = setting(10, "episodes per evaluation", minimum=1, maximum=10_000)
-    evaluate_every: int = setting(1, "iterations between evaluations; 0: no evaluation", minimum=0, maximum=10**6)
+    evaluate_every: int = setting(1, "number of iterations per evaluation; 0: no evaluation", minimum=0, maximum=10**6)
     horizon: int = setting(100, "maximum number of steps per episode", minimum=1, maximum=10**6)
     discount: float = setting(0.99, "discount factor of the return, per step", minimum=0.0, maximum=1.0)
     exploration_sd: str | tuple[float, ...] = setting(

@@ -117,17 +117,17 @@ def _power_stable(table: Table) -> Verdict:
 def _pendulum_fast(table: Table) -> Verdict:
     keys = [(RKHS, "RKHS-NAC"), (RKHS, "RKHS-PoWER"), (GRID, "eNAC")]
     after = {curve: float(table[panel, curve].exploration[:, 19].mean()) for panel, curve in keys}
-    observed = ", ".join(f"{curve} {value:.1f}" for curve, value in after.items())
+    observed = ", ".join(f"{curve}: {value:.1f}" for curve, value in after.items())
     return Verdict(
-        min(after.values()) > 25, f"exploration return, iteration 20: {observed} (an untrained policy: about 11)"
+        min(after.values()) > 25, f"{observed} (exploration return at iteration 20; an untrained policy: about 11)"
     )
 
 
 def _pendulum_struggle(table: Table) -> Verdict:
     keys = [(RKHS, "RKHS-AC"), (GRID, "AC"), (GRID, "PoWER"), (GRID, "PoWER, Eq 6")]
     ends = {curve: (table[panel, curve].at(40), table[panel, curve].end()) for panel, curve in keys}
-    observed = ", ".join(f"{curve} {a:.1f} / {b:.1f}" for curve, (a, b) in ends.items())
-    return Verdict(max(b for _, b in ends.values()) < 46, f"iteration 40 / 200: {observed}")
+    observed = ", ".join(f"{curve}: {a:.1f} / {b:.1f}" for curve, (a, b) in ends.items())
+    return Verdict(max(b for _, b in ends.values()) < 46, f"{observed} (return at iteration 40 / 200)")
 
 
 def _pendulum_optimal(table: Table) -> Verdict:
@@ -144,8 +144,10 @@ def _published_stalls(table: Table) -> Verdict:
 def _pomdp_best(table: Table) -> Verdict:
     methods = ("RKHS-NAC", "RKHS-PoWER", "RKHS-AC", "eNAC")
     at = {method: table[POMDP, method].at(40) for method in methods}
-    observed = ", ".join(f"{method} {value:.1f} / {table[POMDP, method].end():.1f}" for method, value in at.items())
-    return Verdict(max(at, key=lambda method: at[method]) == "RKHS-NAC", f"iteration 40 / last: {observed}")
+    observed = ", ".join(f"{method}: {value:.1f} / {table[POMDP, method].end():.1f}" for method, value in at.items())
+    return Verdict(
+        max(at, key=lambda method: at[method]) == "RKHS-NAC", f"{observed} (return at iteration 40 / at the end)"
+    )
 
 
 def _pomdp_parametric(table: Table) -> Verdict:
@@ -158,15 +160,15 @@ def _pomdp_parametric(table: Table) -> Verdict:
 def _pr2_improves(table: Table) -> Verdict:
     begin = {method: float(table[PR2, method].exploration[:, 0].mean()) for method in PR2_METHODS}
     end = {method: table[PR2, method].end() for method in PR2_METHODS}
-    observed = ", ".join(f"{method} {begin[method]:.2f} / {end[method]:.2f}" for method in PR2_METHODS)
+    observed = ", ".join(f"{method}: {begin[method]:.2f} / {end[method]:.2f}" for method in PR2_METHODS)
     improved = all(end[method] > begin[method] + 0.2 for method in PR2_METHODS)
-    return Verdict(improved, f"exploration return at the start / evaluation return at the end: {observed}")
+    return Verdict(improved, f"{observed} (exploration return at the start / evaluation return at the end)")
 
 
 def _pr2_power_stable(table: Table) -> Verdict:
     drops = {method: _drop(table[PR2, method].evaluation.mean(axis=0)) for method in PR2_METHODS}
-    observed = ", ".join(f"{method} {drop:.2f}" for method, drop in drops.items())
-    return Verdict(drops["RKHS-PoWER"] == min(drops.values()), f"largest drop of the mean curve: {observed}")
+    observed = ", ".join(f"{method}: {drop:.2f}" for method, drop in drops.items())
+    return Verdict(drops["RKHS-PoWER"] == min(drops.values()), f"{observed} (largest drop of the mean curve)")
 
 
 CLAIMS = (

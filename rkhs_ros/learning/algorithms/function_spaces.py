@@ -143,13 +143,13 @@ class GridSettings:
     """Settings of algorithms that search the weights on a grid of centres."""
 
     grid_low: tuple[float, ...] = setting(
-        (-1.0,), "lower corner of the grid of centres, one or one per input", minimum=-1e9, maximum=1e9
+        (-1.0,), "lower corner of the grid of centres, one number or one per input", minimum=-1e9, maximum=1e9
     )
     grid_high: tuple[float, ...] = setting(
-        (1.0,), "upper corner of the grid of centres, one or one per input", minimum=-1e9, maximum=1e9
+        (1.0,), "upper corner of the grid of centres, one number or one per input", minimum=-1e9, maximum=1e9
     )
     grid_counts: tuple[float, ...] = setting(
-        (5.0,), "number of centres along each dimension, one or one per input", minimum=1, maximum=10_000
+        (5.0,), "number of centres along each dimension, one number or one per input", minimum=1, maximum=10_000
     )
 
     @property

@@ -31,7 +31,7 @@ from rkhs_ros.rkhs.kernels import Array, subsample
 MOST_COMPARED = 300  # maximum number of points at which two kernels are compared
 SAME_KERNEL = 0.95  # alignment above which the policy keeps its kernel
 AS_NEEDED = "as_needed"
-FUNCTION = "MODULE:FUNCTION to use instead of a learnt function, empty for none; maps batches of"
+FUNCTION = "MODULE:FUNCTION, or empty to learn the function; maps batches of"
 FROM_THE_START = 2  # number of the first of three consecutive rollouts that start from initial observations
 HORIZONS_AHEAD = 3.0  # times 1 / (1 - discount); later steps contribute 5 % of the return
 
@@ -75,7 +75,7 @@ class ModelBased(Settings):
     )
     reward_fn: str = setting("", f"{FUNCTION} observations, actions and next observations to rewards")
     termination_fn: str = setting("", f"{FUNCTION} observations to whether they terminate the episode")
-    dynamics_fn: str = setting("", f"{FUNCTION} observations and actions to a part of the change; the rest is learnt")
+    dynamics_fn: str = setting("", f"{FUNCTION} observations and actions to a part of the change, whose rest is learnt")
 
     def exploration_policy(
         self, policy: GaussianPolicy, variance: Array, iteration: int, *, reward_depends_on_action_only: bool
