@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import chdir, contextmanager, nullcontext
 from importlib import import_module
-from importlib.util import find_spec
 from types import FrameType, ModuleType
 from typing import Any
 
@@ -64,11 +63,9 @@ def is_trusted(module: str) -> bool:
 
 def is_installed(module: str) -> bool:
     """Return whether a module's top-level package is installed, without importing it."""
-    with _installed_only():
-        try:
-            return find_spec(module.partition(".")[0]) is not None
-        except ValueError:  # a module without a specification, such as __main__
-            return False
+    name = module.partition(".")[0]
+    with _installed_only():  # not importlib's find_spec, which finds every module that has been imported already
+        return name.isidentifier() and any(finder.find_spec(name, None) is not None for finder in sys.meta_path)
 
 
 def user_module(module: str) -> ModuleType:
@@ -82,7 +79,7 @@ def user_module(module: str) -> ModuleType:
         sys.path.append(os.getcwd())
     expected = f"expected an importable module '{truncated(module)}', installed"
     if not trusted and module.partition(".")[0] not in sys.modules and not is_installed(module):
-        raise ValueError(f"{expected}, got none. A data file names it; --trust allows modules that are not installed")
+        raise ValueError(f"{expected}, got none. A data file names it; to import it from this folder, add --trust")
     try:
         with isolated_from_user_code(), nullcontext() if trusted else _installed_only():
             return import_module(module)

@@ -19,7 +19,7 @@ from test.unit.rollouts.test_custom_environment import MODULE
 Rkhs = Callable[..., Result]
 INLINE = ("--runner", "inline", "--quiet")
 SHORT = ("episodes_per_iteration=2", "evaluation_episodes=1", "horizon=3")
-REFUSAL = "expected an importable module 'theirs', installed, got none. A data file names it; --trust allows"
+REFUSAL = "expected an importable module 'theirs', installed, got none. A data file names it; to import"
 CONFIGURED = {
     "list",
     "reproduce",
@@ -86,6 +86,12 @@ def test_an_environment_on_the_command_line_is_imported(rkhs: Rkhs) -> None:
     assert json.loads(evaluated.out)["environment"] == "theirs:Slide-v0"
     other = rkhs("evaluate", "run/policy.npz", "--env", "Pendulum-v1")
     assert_refused(other, "--env: expected theirs:Slide-v0, the environment of run/policy.npz, got Pendulum-v1")
+
+
+def test_a_finished_run_prints_trust_for_an_imported_module(rkhs: Rkhs) -> None:
+    Path("theirs.py").write_text(MODULE)
+    train = ("train", "--env", "theirs:Slide-v0", *INLINE, "--iterations", 1, "--out", "run", "--set", *SHORT)
+    assert "rkhs train --resume run --trust --iterations 2" in rkhs(*train).out
 
 
 def test_the_resume_hint_contains_trust(foreign_run: Path) -> None:
