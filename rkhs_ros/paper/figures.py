@@ -48,10 +48,16 @@ def experiment_figure(experiment: Experiment, table: Table) -> Figure:
 
 
 def styles_of(experiment: Experiment) -> dict[str, tuple[str, str, str]]:
-    """Return the style of each curve by label; a method has one style in all panels, in the RKHS and on a grid."""
-    methods = dict.fromkeys(_method(curve.label) for panel in experiment.panels for curve in panel.curves)
-    by_method = dict(zip(methods, looks(len(methods)), strict=True))
-    return {curve.label: by_method[_method(curve.label)] for panel in experiment.panels for curve in panel.curves}
+    """Return the style of each curve by label; a method has one style in all panels, in the RKHS and on a grid.
+
+    If a panel shows a method in both spaces, each has a style of its own.
+    """
+    panels = [[curve.label for curve in panel.curves] for panel in experiment.panels]
+    is_unique = all(len(set(map(_method, labels))) == len(labels) for labels in panels)
+    methods = {each: _method(each) if is_unique else each for labels in panels for each in labels}
+    distinct = dict.fromkeys(methods.values())
+    by_method = dict(zip(distinct, looks(len(distinct)), strict=True))
+    return {each: by_method[method] for each, method in methods.items()}
 
 
 def _method(label: str) -> str:

@@ -13,7 +13,7 @@ from rkhs_ros.base.endings import RunError
 from rkhs_ros.learning.training import train
 from rkhs_ros.paper.claims import CLAIMS
 from rkhs_ros.paper.experiment import Curve, Experiment, Panel, known, load_experiment
-from rkhs_ros.paper.figures import draw_experiment
+from rkhs_ros.paper.figures import draw_experiment, styles_of
 from rkhs_ros.paper.reproduce import reproduce
 from rkhs_ros.paper.results import results
 from rkhs_ros.paper.table import load_table
@@ -191,6 +191,13 @@ def test_a_claim_fails_if_its_returns_do_not_support_it() -> None:
     returns = table[panel, curve]
     worse = replace(returns, evaluation=returns.evaluation - np.linspace(0, 1, returns.evaluation.shape[1]))
     assert not claim.judge({**table, (panel, curve): worse}).holds
+
+
+def test_curves_of_a_panel_have_different_styles() -> None:
+    for experiment in map(load_experiment, known()):
+        styles = styles_of(experiment)
+        for panel in experiment.panels:
+            assert len({styles[curve.label] for curve in panel.curves}) == len(panel.curves), panel.title
 
 
 @pytest.mark.parametrize(
