@@ -20,7 +20,7 @@ class LearnSettings(TypedDict, total=False):
         name: name of the run.
         seed: seed of all randomness.
         iterations: number of policy updates.
-        episodes_per_iteration: exploring episodes before each update.
+        episodes_per_iteration: exploration episodes before each update.
         evaluation_episodes: episodes of an evaluation.
         evaluate_every: iterations from one evaluation to the next; 0 for none.
         horizon: steps of an episode; by default the environment's time limit, or 100 if it has none.

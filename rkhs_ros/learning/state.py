@@ -28,7 +28,7 @@ class State:
         iterations: number of completed iterations.
         policy: the policy after them.
         memory: episodes that the algorithm stores, or all episodes for model-based training; empty at first.
-        explored: number of exploring episodes so far, which is the number of the next one.
+        explored: number of exploration episodes so far, which is the number of the next one.
         evaluated: number of evaluation episodes so far.
     """
 

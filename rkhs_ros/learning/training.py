@@ -16,7 +16,7 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 
-MOST_SAMPLES_AHEAD = 10**5  # largest batch that may run exploring episodes ahead; larger ones only cost memory
+MOST_SAMPLES_AHEAD = 10**5  # largest batch that may run exploration episodes ahead; larger ones only cost memory
 
 
 class Runner(Protocol):
@@ -39,12 +39,12 @@ class Iteration:
 
     Attributes:
         state: state of the run after the iteration.
-        exploration: exploring episodes before the update.
+        exploration: exploration episodes before the update.
         exploration_returns: returns of these episodes, shape (N,).
         evaluation: evaluation episodes after the update; empty in an iteration without evaluation.
         evaluation_returns: returns of these episodes.
         metrics: metrics of the update; with a model, of its last update.
-        model_return: mean return of the last exploring model rollouts; nan without a model.
+        model_return: mean return of the last model rollouts; nan without a model.
         model_error: error of the previous model on this iteration's episodes; nan if there was none.
         tried: episodes in which the line search tried step sizes, in the order of collection.
     """
@@ -66,7 +66,7 @@ class Iteration:
 
     @property
     def episodes_used(self) -> int:
-        """Number of exploring episodes so far, including this iteration."""
+        """Number of exploration episodes so far, including this iteration."""
         return self.state.explored
 
     @property
@@ -88,7 +88,7 @@ class Iteration:
 class Collector:
     """Collects episodes and counts them.
 
-    The evaluation episodes after an update and the exploring episodes of the next iteration use the same policy. If
+    The evaluation episodes after an update and the exploration episodes of the next iteration use the same policy. If
     there is capacity for both, they run in parallel in one batch, which halves the number of steps.
 
     Args:
@@ -106,14 +106,14 @@ class Collector:
         self._ahead: Episodes | None = None
 
     def explore(self, policy: GaussianPolicy) -> Episodes:
-        """Return the exploring episodes of an iteration, which may have run ahead with the last evaluation."""
+        """Return the exploration episodes of an iteration, which may have run ahead with the last evaluation."""
         ahead, self._ahead = self._ahead, None
         batch = self._exploring(self._training.episodes_per_iteration)
         self.explored += batch.num_envs
         return self._runner.collect(policy, batch) if ahead is None else ahead
 
     def try_out(self, policy: GaussianPolicy, episodes: int) -> Episodes:
-        """Run exploring episodes to try a step size; return them with the policy's inputs as observations."""
+        """Run exploration episodes to try a step size; return them with the policy's inputs as observations."""
         batch = self._exploring(episodes)
         self.explored += episodes
         self._tried.append(self._runner.collect(policy, batch))

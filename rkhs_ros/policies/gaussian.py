@@ -57,7 +57,7 @@ class GaussianPolicy:
         return actions
 
     def exploration(self, batch: Batch) -> Array:
-        """Return the noise of all exploring episodes, each draw N(0, 1), shape (exploring, horizon, n)."""
+        """Return the noise of all exploration episodes, each draw N(0, 1), shape (exploring, horizon, n)."""
         return FILTERS[self.noise](batch.exploration(self.mean.output_dim))
 
     def score(self, observations: Array, actions: Array) -> Array:
@@ -91,7 +91,7 @@ class Acting:
     Args:
         policy: the policy for the whole batch.
         batch: the episodes.
-        explore: whether exploring episodes sample their actions; otherwise all episodes use the mean.
+        explore: whether exploration episodes sample their actions; otherwise all episodes use the mean.
     """
 
     def __init__(self, policy: GaussianPolicy, batch: Batch, *, explore: bool) -> None:

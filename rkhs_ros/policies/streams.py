@@ -85,7 +85,7 @@ class Batch:
         return [(self.part(begin, end), slice(begin, end)) for begin, end in pairwise(ends) if end > begin]
 
     def with_evaluation(self, evaluation: Batch) -> Batch:
-        """Return a batch of these exploring episodes followed by evaluation episodes of the same run.
+        """Return a batch of these exploration episodes followed by evaluation episodes of the same run.
 
         Raises:
             ValueError: the batch is too large.
@@ -126,7 +126,7 @@ class Batch:
         return [stream_seed(self.seed, _name("environment", explore), number) for explore, number in self.keys]
 
     def exploration(self, action_dim: int) -> NDArray[np.float64]:
-        """Return the standard normal draws of all exploring episodes, shape (exploring, horizon, action_dim)."""
+        """Return the standard normal draws of all exploration episodes, shape (exploring, horizon, action_dim)."""
         numbers = [number for explore, number in self.keys if explore]
         draws = np.empty((len(numbers), self.horizon, action_dim))
         for row, number in enumerate(numbers):

@@ -43,10 +43,10 @@ class Experience:
     """The data of an update; the observations of its episodes are the policy's inputs.
 
     Attributes:
-        episodes: exploring episodes of the policy, N at least 1.
+        episodes: exploration episodes of the policy, N at least 1.
         discount: discount factor of the return.
         memory: earlier episodes that the algorithm stored; empty at first.
-        collect: runs a number of new exploring episodes with a policy; they count as episodes used.
+        collect: runs a number of new exploration episodes with a policy; they count as episodes used.
         first_variance: variance of the first policy, shape (n,); it determines the bounds of a learnt variance.
         iteration: number of previous updates.
     """

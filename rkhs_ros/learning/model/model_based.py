@@ -142,7 +142,7 @@ class ModelUpdate:
     Attributes:
         policy: the new policy with the exploration of the next real episodes.
         metrics: metrics of the last update.
-        model_return: mean return of the exploring rollouts before the last update.
+        model_return: mean return of the model rollouts before the last update.
         model_error: error of the previous model on the newest real episodes; nan in the first iteration.
     """
 

@@ -18,7 +18,7 @@ numbers = st.integers(0, 2**63 - 100)  # the numbers of all parts must stay belo
 
 @st.composite
 def batches(draw: st.DrawFn) -> Batch:
-    """Draw a batch of exploring episodes, evaluation episodes or both."""
+    """Draw a batch of exploration episodes, evaluation episodes or both."""
     exploring = Batch(5, draw(numbers), draw(st.integers(1, 20)), 3, explore=True)
     evaluation = Batch(5, draw(numbers), draw(st.integers(1, 20)), 3, explore=False)
     return draw(st.sampled_from([exploring, evaluation, exploring.with_evaluation(evaluation)]))
