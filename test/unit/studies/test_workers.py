@@ -4,6 +4,7 @@ import os
 import signal
 from collections.abc import Callable
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -73,10 +74,11 @@ def ended_by_signal(number: int) -> int:
 
 @pytest.mark.slow
 def test_killed_processes_are_reported_once_and_get_no_more_calls() -> None:
-    numbers = iter(range(1000))
+    numbers = (
+        count()
+    )  # without an end: the other process completes calls until the loss is noticed, on a busy machine many
     with Workers(2).opened(2) as pool, pytest.raises(WorkerLostError, match="run the same command to continue"):
         list(pool.results(ended_by_signal, lambda: (next(numbers),), most=pool.width))
-    assert next(numbers) < 1000
 
 
 @pytest.mark.parametrize(
