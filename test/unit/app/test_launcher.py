@@ -65,8 +65,9 @@ def signalled_at(code: CodeType, instruction: int, enter: Callable[[], AbstractC
         nonlocal executed
         if frame.f_code is code:
             frame.f_trace_opcodes = True
-            executed += event == "opcode"
-            if event == "opcode" and executed == instruction:
+            is_next = event in ("opcode", "line")  # Python 3.12 reports lines only
+            executed += is_next
+            if is_next and executed == instruction:
                 signal.raise_signal(signal.SIGTERM)
         return trace
 
