@@ -119,7 +119,10 @@ def trial(start: Callable[..., Process], domain: int, tmp_path: Path) -> Iterato
 
 def assert_left_at_rest(hardware: Hardware, ended_at: float) -> None:
     """No motion a second after the end, and none that grew faster since."""
-    time.sleep(1.1)
+    deadline = time.monotonic() + PATIENCE
+    while hardware.track[-1][0] < ended_at + 1.1:  # its thread may be late on a busy machine
+        assert time.monotonic() < deadline, "the robot no longer moves on in time"
+        time.sleep(0.005)
     speeds, later = hardware.speed_after(ended_at), hardware.speed_after(ended_at + 1.0)
     print(f"{hardware.kind}: {speeds[0]:.4f} at the end, then at most {max(speeds):.4f}, 1 s after {max(later):.4f}")
     assert max(speeds) <= speeds[0] + 0.01, f"{speeds[0]:.3f} rose to {max(speeds):.3f}"
