@@ -117,9 +117,8 @@ class NodeProcess:
             more += [f"instance:={self._began.stamp + self._restarts}", f"run_age:={age:.6f}"]
         more += ["resume:=true"] if self._restarts and kind == "learner" else []
         loggers = self.name.replace("/", ".").split("+")
-        quiet = [
-            word for name in loggers for word in ("--log-level", f"{name}:=warn")
-        ]  # the launcher prints the progress
+        # The launcher prints the progress.
+        quiet = [word for name in loggers for word in ("--log-level", f"{name}:=warn")]
         ros = ["--ros-args", *quiet, "-r", f"__ns:=/{namespace}", *self._arguments, *assigned(more)]
         with deferred_signals():  # Python loses an exception that a handler raises during the fork
             return subprocess.Popen(

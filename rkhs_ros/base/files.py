@@ -51,7 +51,7 @@ def require_expansion(size: int, packed: int, what: str) -> None:
     Args:
         size: unpacked size in bytes.
         packed: packed size in bytes.
-        what: name of the content, for the message.
+        what: name of the content, used in the message.
 
     Raises:
         ValueError: the unpacked content is too large for its packed size.

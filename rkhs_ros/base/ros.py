@@ -15,9 +15,8 @@ EXPECTED = "ROS 2 Jazzy and the built interfaces"
 def missing_ros() -> str:
     """Return why this Python cannot run nodes, with a remedy; empty if it can."""
     rclpy, interfaces = find_spec("rclpy"), find_spec("rkhs_interfaces")
-    origin = (
-        interfaces.origin if interfaces else None
-    )  # None for the source folder, which counts as a namespace package
+    # The origin is None for the source folder, which counts as a namespace package.
+    origin = interfaces.origin if interfaces else None
     built_for = re.search(r"/python(\d+\.\d+)/", origin or "")
     version = f"{sys.version_info.major}.{sys.version_info.minor}"
     if origin and not rclpy:
@@ -44,7 +43,7 @@ def require_ros(what: str) -> None:
     """Raise ValueError with a remedy if this Python cannot run nodes.
 
     Args:
-        what: the feature that needs nodes, for the message.
+        what: name of the feature that needs nodes, used in the message.
     """
     missing = missing_ros()
     if missing:

@@ -104,13 +104,13 @@ def _size(axes: Axes) -> tuple[float, float]:
 
 
 def folded(text: str, inches: float, size: float = LABEL_SIZE) -> str:
-    """Wrap a text to lines of a width in inches, for a font size in points."""
+    """Wrap a text to a width in inches at a font size in points."""
     count = SPARE * inches / max(width_of(text, size), 1e-9) * len(text)
     return text if count >= len(text) else "\n".join(wrap(text, max(int(count), 8)))
 
 
 def width_of(text: str, size: float) -> float:
-    """Return the width in inches of the longest line of a text, for a font size in points."""
+    """Return the width in inches of the longest line of a text at a font size in points."""
     font = FontProperties(size=size)
     measured = (text_to_path.get_text_width_height_descent(line, font, ismath=False) for line in text.splitlines())
     return max((float(width) for width, _, _ in measured), default=0.0) / POINTS

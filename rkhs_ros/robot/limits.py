@@ -143,11 +143,6 @@ class SensedLimits:
                 yield f"{name} of joint {joint}: expected {limits} {UNITS[name]}, got {values[joint]:g}"
 
 
-def no_limits(joints: int) -> Array:
-    """Return the array that means no limit, shape (joints,)."""
-    return np.full(joints, np.inf)
-
-
 def _array(values: Array, joints: int, what: str) -> Array:
     array = np.array(values, dtype=np.float64)
     require(array.ndim == 1 and array.size == joints >= 1, what, f"{max(joints, 1)} numbers, one per joint", array.size)

@@ -15,9 +15,8 @@ from rkhs_ros.base.threads import use_one_thread
 
 CODE = tuple(f"rkhs_ros.{floor}" for floor in ("base", "rkhs", "policies", "learning", "rollouts", "runs"))
 TASKS = ("sim_nodes",)  # package of the project's tasks, which this package must not import
-LIBRARIES = {
-    name: version(name) for name in ("numpy", "scipy", "gymnasium")
-}  # by name, since the learner does not import Gymnasium
+# Looked up by name, since the learner does not import Gymnasium.
+LIBRARIES = {name: version(name) for name in ("numpy", "scipy", "gymnasium")}
 
 
 def provenance(*packages: str) -> dict[str, str]:

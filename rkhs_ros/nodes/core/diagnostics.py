@@ -82,7 +82,7 @@ class Diagnostics:
 
         Args:
             response: of the service, with ``accepted`` and ``message``.
-            what: the request, for the log.
+            what: description of the request, used in the log.
         """
         try:
             yield

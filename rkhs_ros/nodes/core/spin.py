@@ -61,7 +61,7 @@ class ReportingNode(Node):
 
     Args:
         name: of the node.
-        context: ROS context, for a node in a shared process; None for the default context.
+        context: ROS context of a node that shares its process; None selects the default context.
         namespace: of the node.
 
     Attributes:

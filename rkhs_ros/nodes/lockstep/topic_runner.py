@@ -45,7 +45,7 @@ class TopicRunner:
         node: the learner node.
         peers: the learner's calls to other nodes.
         simulators: number of simulator nodes.
-        num_envs: environments in the coming batches, for the simulators' capacity.
+        num_envs: number of environments of the coming batches; the simulators report their capacity for it.
         kind: name of their nodes, simulator or robot, until they describe themselves.
 
     Attributes:

@@ -19,7 +19,7 @@ from rkhs_ros.paper.results import results
 from rkhs_ros.paper.table import load_table
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from rkhs_ros.runs import provenance as provenance
+from rkhs_ros.runs import provenance
 from rkhs_ros.runs.curve import Curve as LearningCurve
 from rkhs_ros.studies.workers import Workers
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rkhs_ros.rkhs import metric_learning as metric_learning
+from rkhs_ros.rkhs import metric_learning
 from rkhs_ros.rkhs.evidence import best_fit
 from rkhs_ros.rkhs.metric_learning import fit_metric, slopes
 from rkhs_ros.rkhs.posterior import Posterior

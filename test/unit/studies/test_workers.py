@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from rkhs_ros.runs import provenance as provenance
+from rkhs_ros.runs import provenance
 from rkhs_ros.studies.workers import WorkerLostError, Workers
 from test.unit.conftest import Result, assert_refused
 
@@ -74,9 +74,8 @@ def ended_by_signal(number: int) -> int:
 
 @pytest.mark.slow
 def test_killed_processes_are_reported_once_and_get_no_more_calls() -> None:
-    numbers = (
-        count()
-    )  # without an end: the other process completes calls until the loss is noticed, on a busy machine many
+    # Without an end: on a busy machine, the other process completes many calls before the loss is noticed.
+    numbers = count()
     with Workers(2).opened(2) as pool, pytest.raises(WorkerLostError, match="run the same command to continue"):
         list(pool.results(ended_by_signal, lambda: (next(numbers),), most=pool.width))
 
