@@ -67,7 +67,7 @@ def first_variance(training: Training, spaces: Spaces) -> Array:
 
 
 def _check_kernel(training: Training, input_dim: int) -> None:
-    """Raise ValueError if the kernel cannot match the inputs or the algorithm for any data."""
+    """Raise ValueError if the kernel does not fit the inputs or the algorithm, whatever the data."""
     origin = np.zeros((1, input_dim))
     kernel = training.kernel.fit(origin, training.inputs.ages)
     kernel(origin, origin)

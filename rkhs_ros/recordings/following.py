@@ -83,7 +83,7 @@ class Following:
                 self._offset = file.tell()
 
     def _scanned(self, code: int, content: bytes) -> list[tuple[Stored, Any]]:
-        """Return our messages in a record, stored and deserialised; none if the record is damaged."""
+        """Return pairs of a stored and a deserialised message, for our messages in a record; none if it is damaged."""
         try:
             ours = [each for each in self._scan.messages(code, content) if each.kind.startswith(PACKAGE)]
             return [(each, decoded(each.content, each.kind, each.definition)) for each in ours]

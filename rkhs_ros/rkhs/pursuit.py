@@ -105,7 +105,9 @@ def pursue_atoms(
     ridge: float = 0.0,
     fitting: Fitting = "back_fitting",
 ) -> tuple[np.ndarray, Array]:
-    """Fit targets by linear functionals of rows that combine at most ``budget`` atoms.
+    """Fit targets by combinations of at most ``budget`` atoms.
+
+    The fit of all targets is ``rows @ atoms[chosen].T @ weights``.
 
     Args:
         rows: returns a slice of the rows, as coordinates in an orthonormal basis, shape (rows, m).
@@ -215,9 +217,10 @@ def _orthogonal(
 
 
 def _orthogonalise(column: Array, frame: Array) -> tuple[Array, Array, float]:
-    """Return the unit vector that the column adds to the rows of the frame, and the column's coordinates in both.
+    """Split a column into a part in the span of the frame's rows and a part orthogonal to them.
 
-    Gram-Schmidt runs twice, because a single pass loses digits.
+    Returns the unit vector of the orthogonal part, the coordinates of the first part, and the length of the orthogonal
+    part. Gram-Schmidt runs twice, because a single pass loses digits.
     """
     first = frame @ column
     rest = column - first @ frame

@@ -158,14 +158,14 @@ def rules(settings: GateSettings) -> Rules:
 
 
 def require_own_topic(settings: GateSettings, resolved: Callable[[str], str]) -> None:
-    """Check that the hardware has a topic of its own: a gate must not receive its own commands.
+    """Check that the gate uses the command topic for nothing else, so that it does not receive its own commands.
 
     Args:
         settings: of the gate.
         resolved: returns the full name of a topic.
 
     Raises:
-        ValueError: the gate uses the topic for another purpose.
+        ValueError: the gate also uses the command topic for another purpose.
     """
     topic, others = settings.command.topic, [*OWN_TOPICS, settings.sensor.topic]
     taken = {resolved(name) for name in others if name}

@@ -233,7 +233,7 @@ def _numbers(values: Any) -> bool:
 
 
 def tracking_error(trajectory: Trajectory, shown: demonstration.Demonstration) -> float:
-    """Return the squared distance from the demonstration, in units of the cost's scale."""
+    """Return the mean squared distance of tool and gripper opening from the demonstration, over TRACKING_SCALE**2."""
     place = np.sum((trajectory.tool - shown.positions) ** 2, axis=1)
     opening = (trajectory.openings - shown.openings) ** 2
     return float((np.mean(place) + np.mean(opening)) / TRACKING_SCALE**2)

@@ -49,7 +49,7 @@ class State(Protocol):
 
     @property
     def is_driven(self) -> bool:
-        """Whether its motors are on: since the first command, unless it is stopped."""
+        """Whether the motors are on: a command turns them on, and a protective stop turns them off."""
 
     def tripped(self, kind: str, reason: str) -> Self:
         """Return the state after a violation."""

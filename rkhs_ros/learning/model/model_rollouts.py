@@ -67,7 +67,12 @@ class ModelRunner:
     def _roll_out(
         self, policy: GaussianPolicy, batch: Batch, starts: Array, changes: DrawnFunctions, noise: Array
     ) -> tuple[Array, Array, Array]:
-        """Return observations, shape (N, H + 1, d), actions and points, shape (N, H, .), ignoring termination."""
+        """Run the rollouts to the horizon, even if they terminate earlier.
+
+        Returns:
+            The observations, shape (N, H + 1, d); the actions, shape (N, H, n); and the inputs of the model (policy
+            inputs and clipped actions), shape (N, H, p).
+        """
         model, inputs = self._model, policy.inputs
         acting = Acting(policy, batch, explore=batch.explore)
         rows, horizon, n = batch.num_envs, batch.horizon, policy.mean.output_dim

@@ -251,7 +251,7 @@ class SimulatorLink:
 
     @contextmanager
     def _naming_place(self) -> Iterator[None]:
-        """Add the last step of the environment to a PeerError, because the environment may be what hangs."""
+        """Add the last observed step to the message of a PeerError, because the environment may have hung in it."""
         try:
             yield
         except PeerError as error:

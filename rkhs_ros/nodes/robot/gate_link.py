@@ -29,7 +29,7 @@ class GateLink:
 
     Args:
         node: the robot node.
-        instance: of its process, by which the gate distinguishes senders.
+        instance: number of its process, by which the gate distinguishes senders.
         timeout: seconds without a report of a command after which the gate counts as dead.
         report: callback for each report, with the command's number, the executed command and the flags.
     """

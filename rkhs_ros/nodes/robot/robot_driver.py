@@ -38,9 +38,9 @@ class EpisodeDriver:
     Args:
         node: the robot node.
         task: the robot's task.
-        instance: of the node's process.
-        arms: whether the robot is simulated and prepared automatically.
-        ended: callback for each episode that has ended, with the robot commanded to hold.
+        instance: number of the node's process, by which the gate distinguishes senders.
+        arms: whether to arm the gate and to end protective stops automatically; for simulated robots only.
+        ended: called with each episode that has ended, after the command to hold.
 
     Attributes:
         episode: the current episode, also during the reset before it.
