@@ -25,6 +25,7 @@ class LearnSettings(TypedDict, total=False):
         evaluate_every: iterations from one evaluation to the next; 0 for none.
         horizon: steps of an episode; by default the environment's time limit, or 100 if it has none.
         discount: discount factor of the return, per step.
+        action_repeat: number of steps for which the policy holds an action, or "auto".
         exploration_sd: first standard deviation of the actions, one or one per dimension, in units of the action; or
             "range" for half the range of each action.
         inputs: what the policy observes: history, angles, polynomial features.
@@ -43,6 +44,7 @@ class LearnSettings(TypedDict, total=False):
     evaluate_every: int
     horizon: int
     discount: float
+    action_repeat: str | int
     exploration_sd: str | Sequence[float]
     inputs: Inputs
     kernel: Kernel | KernelChoice | str

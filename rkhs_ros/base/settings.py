@@ -178,6 +178,9 @@ def _of_type(kind: Any, value: Any, name: str) -> Any:
         return kind(value)
     if text and kind != tuple[float, ...]:
         return value
+    if kind == str | int:
+        require(whole, name, "a whole number or one of the choices", repr(value))
+        return int(value)
     require(numbers or number, name, "a list of numbers", repr(value))
     return tuple(map(float, value)) if numbers else (float(value),)
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rkhs_ros.base.validation import require
 from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 
 
@@ -82,8 +84,8 @@ class Episodes:
         return cls(*(np.concatenate([getattr(part, f.name) for part in joined]) for f in fields(cls)))
 
     def __add__(self, other: Episodes) -> Episodes:
-        """Concatenate two sets of episodes, without a copy if the other one is empty."""
-        return Episodes.concatenate([self, other]) if len(other) else self
+        """Concatenate two sets of episodes, without a copy if one is empty."""
+        return Episodes.concatenate([self, other]) if len(self) and len(other) else self if len(self) else other
 
     def take(self, indices: NDArray[np.int_] | slice) -> Episodes:
         """Return a subset of the episodes."""
@@ -92,6 +94,48 @@ class Episodes:
     def with_inputs(self, inputs: Inputs) -> Episodes:
         """Return the episodes with the policy's inputs instead of the raw observations."""
         return replace(self, observations=inputs.unfold(self.observations, self.actions))
+
+    def decisions(self, action_repeat: int, discount: float, spaces: Spaces) -> Episodes:
+        r"""Return the episodes with one step per decision of a policy that holds each action for N steps.
+
+        .. math:: R_k = \sum_{i<N} \gamma^i r_{kN+i}
+
+        so that the return with the discount :math:`\gamma^N` per decision is the return with gamma per step. If the
+        actions of a decision differ, because another policy took them, their clipped mean replaces them. A truncated
+        episode ends with its last whole decision, except if it is shorter than one.
+
+        Args:
+            action_repeat: N.
+            discount: gamma.
+            spaces: spaces of the task.
+        """
+        if action_repeat == 1:
+            return self
+        repeat, count = action_repeat, -(-self.horizon // action_repeat)
+        lengths = self.mask.sum(axis=1)
+        whole = np.where(self.terminated | (lengths < repeat), lengths, lengths // repeat * repeat)
+        mask = np.arange(self.horizon) < whole[:, None]
+        pad = count * repeat - self.horizon
+
+        def grouped(values: NDArray[Any]) -> NDArray[Any]:
+            padded = np.pad(values, [(0, 0), (0, pad), *[(0, 0)] * (values.ndim - 2)])
+            return padded.reshape(len(values), count, repeat, *values.shape[2:])
+
+        steps, actions = grouped(mask), grouped(self.actions)
+        held = ((actions == actions[:, :, :1]).all(axis=3) | ~steps).all(axis=2)[:, :, None]
+        clipped = np.where(steps[..., None], spaces.clip(actions), 0.0).sum(axis=2)
+        mean = clipped / np.maximum(steps.sum(axis=2), 1)[:, :, None]
+        rows, cut = np.arange(len(self)), whole < lengths
+        final = self.final_observations.copy()
+        final[cut] = self.observations[rows[cut], whole[cut]]
+        return Episodes(
+            observations=self.observations[:, ::repeat],
+            actions=np.where(held, actions[:, :, 0], mean),
+            rewards=np.where(steps, grouped(self.rewards), 0.0) @ discount ** np.arange(repeat),
+            mask=steps[:, :, 0],
+            final_observations=final,
+            terminated=self.terminated,
+        )
 
     @property
     def horizon(self) -> int:

@@ -22,23 +22,25 @@ def check_actions(episodes: Episodes, policy: GaussianPolicy, batch: Batch) -> N
     Raises:
         ValueError: an action differs; the message names the first such environment and step.
     """
-    envs, steps = np.nonzero(episodes.mask)
-    points = policy.inputs.unfold(episodes.observations, episodes.actions)[envs, steps]
+    repeat = policy.action_repeat
+    envs, decisions = np.nonzero(episodes.mask[:, ::repeat])
+    decided = episodes.actions[:, ::repeat]
+    points = policy.inputs.unfold(episodes.observations[:, ::repeat], decided)[envs, decisions]
     draws = policy.exploration(batch)  # of the first environments
     exploring = envs < len(draws)
-    exploration = draws[envs[exploring], steps[exploring]]
-    actions = episodes.actions[envs, steps]
+    exploration = draws[envs[exploring], decisions[exploring]]
+    expected = np.zeros_like(decided)
     for begin in range(0, len(points), SAMPLES_AT_ONCE):
         part = slice(begin, begin + SAMPLES_AT_ONCE)
-        expected = policy.act(points[part], exploration[part])
-        wrong = (expected != actions[part]).any(axis=1)
-        if wrong.any():
-            first = int(wrong.argmax())
-            env, step = envs[begin + first], steps[begin + first]
-            raise ValueError(
-                f"environment {env} (episode {batch.episodes[env]}), step {step}: "
-                f"expected the policy's action {_text(expected[first])}, got {_text(actions[begin + first])}"
-            )
+        expected[envs[part], decisions[part]] = policy.act(points[part], exploration[part])
+    held = np.repeat(expected, repeat, axis=1)[:, : episodes.horizon]
+    wrong = (held != episodes.actions).any(axis=2) & episodes.mask
+    if wrong.any():
+        env, step = np.argwhere(wrong)[0]
+        raise ValueError(
+            f"environment {env} (episode {batch.episodes[env]}), step {step}: "
+            f"expected the policy's action {_text(held[env, step])}, got {_text(episodes.actions[env, step])}"
+        )
 
 
 def _text(action: Array) -> str:

@@ -50,7 +50,8 @@ def first_policy(training: Training, spaces: Spaces) -> GaussianPolicy:
     input_dim = training.inputs.dimension(spaces.observation_dim, action_dim)
     _check_kernel(training, input_dim)
     mean = Function.zero(RBF((1.0,)), input_dim, action_dim)
-    policy = GaussianPolicy(mean, ConstantVariance(variance), training.inputs)
+    repeat = training.action_repeat if isinstance(training.action_repeat, int) else 1  # until it is chosen
+    policy = GaussianPolicy(mean, ConstantVariance(variance), training.inputs, action_repeat=repeat)
     if not isinstance(training.model, ModelBased):
         return policy
     training.model.priors(spaces.observation_dim)

@@ -6,11 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+from rkhs_ros.learning.action_repeat import choose_action_repeat
 from rkhs_ros.learning.algorithms.algorithm import Experience, Metrics
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.model_based import ModelBased, ModelUpdate, RealExperience, train_in_model
 from rkhs_ros.learning.state import State, first_state, first_variance
-from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.learning.training_settings import AUTO, Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
@@ -116,8 +117,10 @@ class Collector:
         """Run exploration episodes to try a step size; return them with the policy's inputs as observations."""
         batch = self._exploring(episodes)
         self.explored += episodes
-        self._tried.append(self._runner.collect(policy, batch))
-        return self._tried[-1].with_inputs(policy.inputs)
+        tried = self._runner.collect(policy, batch)
+        self._tried.append(tried)
+        discount, spaces = self._training.discount, self._runner.spaces
+        return tried.decisions(policy.action_repeat, discount, spaces).with_inputs(policy.inputs)
 
     def take_tried(self) -> tuple[Episodes, ...]:
         """Return the episodes of `try_out` since the last call."""
@@ -170,20 +173,21 @@ def train(training: Training, runner: Runner, state: State | None = None) -> Ite
 
 def _iteration_after(state: State, training: Training, collector: Collector, spaces: Spaces) -> Iteration:
     exploration = collector.explore(state.policy)
-    policy = state.policy
+    policy = _with_action_repeat(state, training, exploration)
     if isinstance(training.model, ModelBased):
         memory = state.memory + exploration
         model_update = _train_in_model(training.model, training, policy, memory, spaces, state.iterations)
         policy, metrics = model_update.policy, model_update.metrics
         model_return, model_error = model_update.model_return, model_update.model_error
     else:
-        episodes = exploration.with_inputs(policy.inputs)
+        repeat = policy.action_repeat
+        episodes = exploration.decisions(repeat, training.discount, spaces).with_inputs(policy.inputs)
         if state.iterations == 0 and len(policy.mean.centres) == 0:  # an initial policy brings its kernel
             kernel = training.kernel.fit(episodes.flat(episodes.observations), policy.inputs.ages)
             policy = policy.with_mean(replace(policy.mean, kernel=kernel))
         variance = first_variance(training, spaces)
         experience = Experience(
-            episodes, training.discount, state.memory, collector.try_out, variance, state.iterations
+            episodes, training.discount**repeat, state.memory, collector.try_out, variance, state.iterations
         )
         policy, metrics, memory = training.algorithm.update(policy, experience)
         model_return = model_error = float("nan")
@@ -204,6 +208,15 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
     )
 
 
+def _with_action_repeat(state: State, training: Training, exploration: Episodes) -> GaussianPolicy:
+    """Return the policy with the action repeat, which the first episodes determine unless a policy was given."""
+    policy = state.policy
+    if training.action_repeat != AUTO or state.iterations > 0 or len(policy.mean.centres) > 0:
+        return policy
+    features = replace(exploration, observations=policy.inputs.features(exploration.observations))
+    return replace(policy, action_repeat=choose_action_repeat(features))
+
+
 def _train_in_model(
     settings: ModelBased,
     training: Training,
@@ -214,9 +227,9 @@ def _train_in_model(
 ) -> ModelUpdate:
     """Update the policy in a model of all real episodes so far."""
     experience = RealExperience(
-        episodes=episodes,
+        episodes=episodes.decisions(policy.action_repeat, training.discount, spaces),
         newest=training.episodes_per_iteration,
-        discount=training.discount,
+        discount=training.discount**policy.action_repeat,
         spaces=spaces,
         kernel=training.kernel,
         first_variance=first_variance(training, spaces),

@@ -15,7 +15,10 @@ from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.algorithms.step_rules import LineSearch
 from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.model.model_based import MODELS, ModelBased, ModelSettings, NoModel
+from rkhs_ros.policies.gaussian import MOST_REPEAT
 from rkhs_ros.policies.inputs import Inputs
+
+AUTO = "auto"
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,14 @@ class Training(Settings):
     evaluate_every: int = setting(1, "number of iterations per evaluation; 0: no evaluation", minimum=0, maximum=10**6)
     horizon: int = setting(100, "maximum number of steps per episode", minimum=1, maximum=10**6)
     discount: float = setting(0.99, "discount factor of the return, per step", minimum=0.0, maximum=1.0)
+    action_repeat: str | int = setting(
+        1,
+        "number of steps for which the policy holds an action; or 'auto': chosen from the first iteration's episodes, "
+        "such that what is observed changes by 0.3 of its standard deviation per decision",
+        minimum=1,
+        maximum=MOST_REPEAT,
+        choices=(AUTO,),
+    )
     exploration_sd: str | tuple[float, ...] = setting(
         (1.0,),
         "initial standard deviation of the actions, one number or one per dimension; or 'range': half the range of "

@@ -17,6 +17,7 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array
 
 MOST_NUMBERS = 10**8  # numbers stored for a batch; limits the memory that a message can request
+MOST_REPEAT = 1000  # steps for which an action is held
 
 
 @dataclass(frozen=True)
@@ -29,16 +30,20 @@ class GaussianPolicy:
         inputs: computes the inputs of mean and variance from the history; the methods take them as ``observations``.
         noise: correlation of the exploration over an episode, one of ``NOISES``; it does not change the marginal
             distribution of a single action.
+        action_repeat: number of steps for which the policy holds an action; it decides at steps 0, N, 2 N, ...
     """
 
     mean: Function
     variance: Variance
     inputs: Inputs = Inputs()
     noise: str = "white"
+    action_repeat: int = 1
 
     def __post_init__(self) -> None:
-        """Raise ValueError if the dimensions of mean and variance differ, or the noise is unknown."""
+        """Raise ValueError if the dimensions of mean and variance differ, or another value is invalid."""
         pick(self.noise, FILTERS, "noise")
+        repeat = self.action_repeat
+        require(type(repeat) is int and 1 <= repeat <= MOST_REPEAT, "action_repeat", f"1 to {MOST_REPEAT}", repeat)
         require(
             self.mean.output_dim == self.variance.output_dim,
             "variance",
@@ -57,8 +62,12 @@ class GaussianPolicy:
         return actions
 
     def exploration(self, batch: Batch) -> Array:
-        """Return the noise of all exploration episodes, each draw N(0, 1), shape (exploring, horizon, n)."""
-        return FILTERS[self.noise](batch.exploration(self.mean.output_dim))
+        """Return the noise of all exploration episodes, each draw N(0, 1), shape (exploring, decisions, n)."""
+        return FILTERS[self.noise](batch.exploration(self.mean.output_dim, self.decisions(batch.horizon)))
+
+    def decisions(self, steps: int) -> int:
+        """Return the number of decisions in a number of steps."""
+        return -(-steps // self.action_repeat)
 
     def score(self, observations: Array, actions: Array) -> Array:
         r"""Return the coefficients :math:`u = \Sigma^{-1}(a - h(s))`, shape (batch, n), of Eq 8."""
@@ -86,7 +95,7 @@ def mean_kl(mean: Array, before: Array, new: GaussianPolicy, observations: Array
 class Acting:
     """A policy that acts in one batch of episodes.
 
-    It stores the history by step, so that repeating a step returns the same actions.
+    It stores the history and the held actions by decision, so that repeating a step returns the same actions.
 
     Args:
         policy: the policy for the whole batch.
@@ -103,7 +112,8 @@ class Acting:
         variance = policy.variance
         self._constant_sd = np.sqrt(variance.values) if isinstance(variance, ConstantVariance) else None
         self._columns = 0  # of the observations, not known yet
-        self._observations = self._actions = np.zeros((batch.num_envs, batch.horizon, 0))
+        self._decisions = policy.decisions(batch.horizon)
+        self._observations = self._actions = np.zeros((batch.num_envs, self._decisions, 0))
 
     def __call__(self, step: int, observations: Array) -> Array:
         """Return the actions of a step, shape (num_envs, n), for observations of shape (num_envs, d).
@@ -113,24 +123,34 @@ class Acting:
             RunError: an action is not finite.
         """
         inputs = self.policy.inputs
+        decision, held = divmod(step, self.policy.action_repeat)
         if observations.shape[1] != self._columns:
             self._prepare(observations.shape[1])
+        if held:
+            return self._actions[:, decision].copy()
         if inputs.history == 1:
-            return self._act(step, inputs.features(observations))
-        self._observations[:, step] = observations
-        actions = self._act(step, inputs.at(np.array([step]), self._observations, self._actions)[:, 0])
-        self._actions[:, step] = actions
+            actions = self._act(step, inputs.features(observations))
+        else:
+            self._observations[:, decision] = observations
+            actions = self._act(step, inputs.at(np.array([decision]), self._observations, self._actions)[:, 0])
+        if self._stores_actions:
+            self._actions[:, decision] = actions
         return actions
+
+    @property
+    def _stores_actions(self) -> bool:
+        return self.policy.inputs.history > 1 or self.policy.action_repeat > 1
 
     def _prepare(self, columns: int) -> None:
         """Check the dimension of the observations and allocate the history."""
-        mean, num_envs, horizon = self.policy.mean, self.batch.num_envs, self.batch.horizon
+        mean, shape = self.policy.mean, (self.batch.num_envs, self._decisions)
         size = self.policy.inputs.dimension(columns, mean.output_dim)
         require(size == mean.input_dim, "points", f"{mean.input_dim} columns", size)
         if self.policy.inputs.history > 1:
-            self._require_capacity(horizon * max(columns, mean.output_dim))
-            self._observations = np.zeros((num_envs, horizon, columns))
-            self._actions = np.zeros((num_envs, horizon, mean.output_dim))
+            self._require_capacity(self._decisions * max(columns, mean.output_dim))
+            self._observations = np.zeros((*shape, columns))
+        if self._stores_actions:
+            self._actions = np.zeros((*shape, mean.output_dim))
         self._columns = columns
 
     def _require_capacity(self, per_episode: int) -> None:
@@ -140,7 +160,7 @@ class Acting:
     @np.errstate(over="ignore", invalid="ignore")  # the check below reports environment and step
     def _act(self, step: int, points: Array) -> Array:
         actions = self._mean(points)
-        noise = self._exploration[:, step]
+        noise = self._exploration[:, step // self.policy.action_repeat]
         exploring = len(noise)
         if exploring:
             if self._constant_sd is None:
@@ -160,8 +180,8 @@ class Acting:
 
         It is drawn on first use, after the observations were checked.
         """
-        policy, horizon = self.policy, self.batch.horizon
+        policy = self.policy
         if not self._explore:
-            return np.zeros((0, horizon, policy.mean.output_dim))
+            return np.zeros((0, self._decisions, policy.mean.output_dim))
         draws = policy.exploration(self.batch)
         return draws if self._constant_sd is None else self._constant_sd * draws

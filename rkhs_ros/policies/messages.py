@@ -119,6 +119,7 @@ def policy_message(types: Any, policy: GaussianPolicy, version: int) -> Any:
         variance=types.Variance(**_variance_fields(types, policy.variance)),
         inputs=types.Inputs(history=inputs.history, angles=inputs.columns, degree=inputs.degree, offset=inputs.offset),
         noise=policy.noise,
+        action_repeat=policy.action_repeat,
     )
 
 
@@ -135,7 +136,9 @@ def policy_of(message: Any) -> GaussianPolicy:
     m = len(message.centres) // d
     kernel = _kernel(message.kernel, d)
     mean = Function(kernel, matrix(message.centres, m, d, "centres"), matrix(message.weights, m, n, "weights"))
-    return GaussianPolicy(mean, _variance_of(message.variance, d, n), _inputs_of(message.inputs, d), message.noise)
+    variance, inputs = _variance_of(message.variance, d, n), _inputs_of(message.inputs, d)
+    # Old recordings have no action repeat.
+    return GaussianPolicy(mean, variance, inputs, message.noise, int(getattr(message, "action_repeat", 1)))
 
 
 def _terms(types: Any, kernel: Kernel) -> list[Any]:

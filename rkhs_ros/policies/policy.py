@@ -46,6 +46,8 @@ class Policy:
         self.spaces = spaces
         self._observations: deque[Array] = deque(maxlen=gaussian.inputs.history + 1)
         self._actions: deque[Array] = deque(maxlen=gaussian.inputs.history + 1)
+        self._held: Array | None = None  # mean actions of the last decision
+        self._steps_held = 0
 
     def __call__(self, observation: Any) -> NDArray[np.floating[Any]]:
         """Return the action, clipped to its bounds, in the task's shape and type.
@@ -59,7 +61,13 @@ class Policy:
         """
         rows, one = self.spaces.rows(observation)
         require(bool(np.isfinite(rows).all()), "observation", "finite numbers", rows)
-        actions = self.spaces.shaped(self._mean(rows))
+        if self._held is not None and self._has_memory:
+            expected = f"a batch of {len(self._held)} as before, or reset() first"
+            require(len(self._held) == len(rows), "observation", expected, len(rows))
+        if self._held is None or self._steps_held >= self.gaussian.action_repeat:
+            self._held, self._steps_held = self._mean(rows), 0
+        self._steps_held += 1
+        actions = self.spaces.shaped(self._held)
         return actions[0, ...] if one else actions
 
     def __repr__(self) -> str:
@@ -72,6 +80,7 @@ class Policy:
         """Clear the window for a new episode."""
         self._observations.clear()
         self._actions.clear()
+        self._held = None
 
     def save(self, path: str | Path) -> None:
         """Write the policy to a file for `load` and the nodes.
@@ -81,13 +90,14 @@ class Policy:
         """
         save_policy(Path(path), self.gaussian, self.task, self.spaces)
 
+    @property
+    def _has_memory(self) -> bool:
+        return self.gaussian.inputs.history > 1 or self.gaussian.action_repeat > 1
+
     def _mean(self, rows: Array) -> Array:
         """Return the unclipped mean actions, shape (batch, action_dim)."""
         if self.gaussian.inputs.history == 1:
             return self.gaussian.mean(self.gaussian.inputs.features(rows))
-        if self._observations and len(self._observations[0]) != len(rows):
-            expected = f"a batch of {len(self._observations[0])} as before, or reset() first"
-            raise ValueError(f"observation: expected {expected}, got {len(rows)}")
         self._observations.append(rows)
         self._actions.append(np.zeros((len(rows), self.spaces.action_dim)))  # placeholder for the action of this step
         newest = np.array([len(self._observations) - 1])

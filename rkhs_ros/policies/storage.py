@@ -175,6 +175,7 @@ def policy_arrays(policy: GaussianPolicy) -> Arrays:
         **_variance_arrays(policy.variance),
         "inputs": np.array(json.dumps(asdict(policy.inputs))),
         "noise": np.array(policy.noise),
+        "action_repeat": np.array(policy.action_repeat),
     }
 
 
@@ -187,7 +188,8 @@ def policy_of(arrays: Arrays) -> GaussianPolicy:
     """
     mean = Function(_kernel(arrays, "kernel"), arrays["centres"], arrays["weights"])
     inputs = build(Inputs, json.loads(str(arrays["inputs"])), "inputs.")
-    return GaussianPolicy(mean, _variance(arrays), inputs, str(arrays.get("noise", "white")))
+    (action_repeat,) = whole_numbers(np.reshape(arrays.get("action_repeat", 1), 1), "action_repeat")
+    return GaussianPolicy(mean, _variance(arrays), inputs, str(arrays.get("noise", "white")), action_repeat)
 
 
 def _kernel_arrays(prefix: str, kernel: Kernel) -> Arrays:

@@ -125,10 +125,15 @@ class Batch:
         """Return the seed of each environment."""
         return [stream_seed(self.seed, _name("environment", explore), number) for explore, number in self.keys]
 
-    def exploration(self, action_dim: int) -> NDArray[np.float64]:
-        """Return the standard normal draws of all exploration episodes, shape (exploring, horizon, action_dim)."""
+    def exploration(self, action_dim: int, decisions: int | None = None) -> NDArray[np.float64]:
+        """Return the standard normal draws of all exploration episodes, shape (exploring, decisions, action_dim).
+
+        Args:
+            action_dim: dimension n of an action.
+            decisions: number of decisions of an episode; None for one per step.
+        """
         numbers = [number for explore, number in self.keys if explore]
-        draws = np.empty((len(numbers), self.horizon, action_dim))
+        draws = np.empty((len(numbers), self.horizon if decisions is None else decisions, action_dim))
         for row, number in enumerate(numbers):
             stream(self.seed, _name("exploration", True), number).standard_normal(out=draws[row])
         return draws

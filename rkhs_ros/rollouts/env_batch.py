@@ -25,6 +25,7 @@ AnyVectorEnv = VectorEnv[Any, Any, Any]
 # Instead of a seed: reset the environment without a new seed, or continue its episode.
 CONTINUE_STREAM, CONTINUE_EPISODE = -1, -2
 MOST_COPIES = 32  # of an environment in a batch; more copies do not save time
+MOST_SEEDS = 2**32  # of environments with an old random generator
 MOST_VECTORS = 8  # cached vector environments; more than a run has kinds of batches
 
 
@@ -138,7 +139,7 @@ class SeparateEnvs:
                 first.append(self._observations[self.current])
             else:
                 given = None if seed == CONTINUE_STREAM else seed
-                first.append(self._real(self._copies[self.current].reset(seed=given)[0]))
+                first.append(self._real(_reset(self._copies[self.current], given)))
         self._observations = np.stack(first)
         return self._observations.copy()
 
@@ -267,6 +268,20 @@ class VectorEnvBatch:
             self.observed = made.single_observation_space
             self._vectors[key] = _flat_vector(made)
         return self._vectors[key]
+
+
+def _reset(env: AnyEnv, seed: int | None) -> Any:
+    """Reset an environment; return its observation.
+
+    An environment that rejects the seed gets its last 32 bits, because the seeds of `numpy.random.RandomState`, which
+    for example dm_control uses, have no more.
+    """
+    try:
+        return env.reset(seed=seed)[0]
+    except ValueError:
+        if seed is None or seed < MOST_SEEDS:
+            raise
+        return env.reset(seed=seed % MOST_SEEDS)[0]
 
 
 def _real(observation: Any, kind: Any) -> NDArray[Any]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from rkhs_ros.learning.training_settings import AUTO
+
 LONG_STEPS = {"rule": "kl", "divergence": 0.05, "annealing": 0.05}
 ALGORITHMS: Mapping[str, Mapping[str, Any]] = {
     "rkhs_nac": {"centres": 80, "value_ridge": 0.001, "trace": 0.95, "step": LONG_STEPS},
@@ -38,6 +40,7 @@ def settings_for(algorithm: str = "rkhs_nac", model: str = "gaussian_process") -
     form, batches, few = ("rbf", MODEL_BASED, {}) if is_model_based else ("rbf + linear", WITHOUT_MODEL, FEW_SAMPLES)
     return {
         **batches,
+        "action_repeat": AUTO,
         "exploration_sd": "range",
         "kernel": {"form": form, "bandwidth": "dimension"},
         "model": {"form": "gaussian_process" if is_model_based else "none"},

@@ -170,7 +170,8 @@ def train_in_model(
     least = settings.exploration_minimum * np.sqrt(experience.first_variance)
     share = max(settings.restart_decay**experience.outperformed_iterations, settings.exploration_minimum)
     deviation = share * np.sqrt(experience.first_variance)
-    policy = replace(policy, variance=ConstantVariance(deviation**2), noise="white")
+    repeat = policy.action_repeat
+    policy = replace(policy, variance=ConstantVariance(deviation**2), noise="white", action_repeat=1)
     memory = Episodes.none(_horizon(experience), spaces.observation_dim, spaces.action_dim).with_inputs(inputs)
     for number in range(rounds):
         rollouts = runner.collect(policy, _batch(settings, experience, number)).with_inputs(inputs)
@@ -183,7 +184,7 @@ def train_in_model(
             policy = replace(policy, variance=ConstantVariance(deviation**2))
     last = float(rollouts.returns(experience.discount).mean())
     policy = settings.exploration_policy(
-        policy,
+        replace(policy, action_repeat=repeat),
         experience.first_variance,
         experience.iteration + 1,
         reward_depends_on_action_only=reward_depends_on_action_only(episodes, spaces),

@@ -1,0 +1,49 @@
+r"""The number of steps for which the policy holds an action, chosen from the first episodes.
+
+A decision must change what is observed. If the observation changes little between two decisions, white exploration
+noise averages out, the learnt model's small errors add up over many steps, and the return depends little on a single
+action. If it changes much, the policy cannot react.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.rkhs.kernels import Array
+
+CHANGE = 0.3  # root mean square of an observation's change per decision, in its standard deviations
+NOISE = 1.0  # a column that changes more than this in a step is noise, and does not count
+FEWEST_DECISIONS = 20  # in the longest episode
+MOST_REPEAT = 100
+
+
+def choose_action_repeat(episodes: Episodes) -> int:
+    """Return the action repeat whose change per decision is the nearest to `CHANGE`, by ratio.
+
+    Args:
+        episodes: exploration episodes, with the features of the observations.
+    """
+    longest = int(episodes.mask.sum(axis=1).max())
+    most = max(1, min(MOST_REPEAT, longest // FEWEST_DECISIONS))
+    changes = [change_per_decision(episodes, repeat) for repeat in range(1, most + 1)]
+    distances = [abs(np.log(change / CHANGE)) if change > 0 else np.inf for change in changes]
+    return 1 + int(np.argmin(distances))
+
+
+def change_per_decision(episodes: Episodes, repeat: int) -> float:
+    """Return the median over columns of the change of an observation in ``repeat`` steps; 0 if nothing changes."""
+    deviations = episodes.flat(episodes.observations).std(axis=0)
+    moving = deviations > 0
+    relative = [_changes(episodes, steps)[moving] / deviations[moving] for steps in (1, repeat)]
+    signals = relative[0] < NOISE
+    return float(np.median(relative[1][signals] if signals.any() else relative[1])) if moving.any() else 0.0
+
+
+def _changes(episodes: Episodes, steps: int) -> Array:
+    """Return the root mean square of the changes of the observations in a number of steps, shape (d,)."""
+    both = episodes.mask[:, steps:]
+    changes = (episodes.observations[:, steps:] - episodes.observations[:, :-steps])[both]
+    return (
+        np.asarray(np.sqrt(np.mean(changes**2, axis=0))) if len(changes) else np.zeros(episodes.observations.shape[2])
+    )
