@@ -46,10 +46,7 @@ if TYPE_CHECKING:
 MOST_STEPS = 2**40  # on a clock
 Value = TypeVar("Value")
 LISTENERS_PERIOD_S = 0.5  # between checks for subscribers of the clock
-FIRST_RETRY_S, LONGEST_RETRY_S = (
-    0.02,
-    1.0,
-)  # seconds without an action before an observation is message_out again, twice as many each
+FIRST_RETRY_S, LONGEST_RETRY_S = 0.02, 1.0  # before an unanswered observation is repeated; exponential back-off
 
 
 class SimulatorNode(ReportingNode):

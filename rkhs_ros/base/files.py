@@ -62,7 +62,7 @@ def require_expansion(size: int, packed: int, what: str) -> None:
 
 
 def _regular(path: str, flags: int) -> int:
-    """Return the descriptor of a file, or of a folder, which Python itself rejects."""
+    """Open a regular file and return its descriptor; folders also pass, because `open` rejects them itself."""
     descriptor = os.open(path, flags | os.O_NONBLOCK)  # without it, opening a pipe waits for a writer
     mode = os.fstat(descriptor).st_mode
     if stat.S_ISREG(mode) or stat.S_ISDIR(mode):

@@ -184,11 +184,11 @@ def resolved(config: Config) -> str:
 
 
 def _noted(file: Path, content: str, done: int) -> str:
-    """Return the content of a configuration file, including earlier versions that differ from the current ones.
+    """Return the content of a configuration file, with a comment line for each change of code or library versions.
 
     Args:
         file: configuration file of the run so far.
-        content: configuration with the current versions.
+        content: configuration; its first line is a comment with the current versions.
         done: number of finished iterations.
     """
     lines = read_whole(file).decode(errors="replace").splitlines() if done and file.is_file() else []

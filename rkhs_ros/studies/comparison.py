@@ -76,7 +76,7 @@ def compare(places: Sequence[Path], labels: Mapping[Path, str] | None = None) ->
 
     Args:
         places: folders of runs, or folders that contain such folders.
-        labels: labels of the curves by the folders of their runs; None stands for names that distinguish the curves.
+        labels: label of each run's curve, by the run's folder; if None, the curves get distinct names.
 
     Raises:
         ValueError: a place contains no run, or the runs cannot be compared.

@@ -139,7 +139,7 @@ class TopicRunner:
         return [each.batch for each in self._simulators if each.is_gone and each.batch is not None]
 
     def _record_vetoes(self) -> None:
-        """Record completed episodes that the operator has vetoed since; they will run again."""
+        """Record episodes that the operator has vetoed after their completion; they will run again."""
         for simulator in self._simulators:
             for ended in simulator.vetoed:
                 self._report_discarded(ended)
