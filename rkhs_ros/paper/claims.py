@@ -17,8 +17,8 @@ POLYNOMIAL, RBF, FIXED = (
     "RBF kernel, fixed steps (NAC 0.4, AC 0.01)",
 )
 RKHS, GRID = "in the RKHS", "on a grid of features"
-POMDP = "window of 20 and 150 centres; eNAC of 3 and 4096 features"
-PR2, PR2_METHODS = "one pose in a run, another in each", ("RKHS-PoWER", "RKHS-NAC", "RKHS-AC")
+POMDP = "window of 20 steps and 150 centres (eNAC: 3 steps and 4096 features)"
+PR2, PR2_METHODS = "a different pose in each run", ("RKHS-PoWER", "RKHS-NAC", "RKHS-AC")
 OFFSETS, VARIANCES = ("c = 0.01", "c = 0.2", "c = 1"), ("var = 0.01", "var = 0.1", "var = 2")
 
 
@@ -39,13 +39,13 @@ class Claim:
 
 
 def _difference(table: Table, panel: str, method: str, settings: tuple[str, ...]) -> float:
-    """Return the maximum over the iterations of the difference between the mean curves of a method."""
+    """Return the largest spread of the mean curves, one per setting, of a method at an iteration."""
     means = np.array([table[panel, f"{method} {setting}"].evaluation.mean(axis=0) for setting in settings])
     return float(np.ptp(means, axis=0).max())
 
 
 def _spread(table: Table, panel: str, method: str, settings: tuple[str, ...]) -> float:
-    """Return the mean over the iterations of the difference between the mean curves of a method."""
+    """Return the spread of the mean curves, one per setting, of a method, averaged over the iterations."""
     means = np.array([table[panel, f"{method} {setting}"].evaluation.mean(axis=0) for setting in settings])
     return float(np.ptp(means, axis=0).mean())
 

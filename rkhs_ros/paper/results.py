@@ -53,7 +53,7 @@ CORRECTED = (
     (
         "Eq 23: the inverse of the advantages",
         "infinite if an advantage is 0",
-        "an equal form without that inverse",
+        "an equivalent form without that inverse",
     ),
     (
         "Eq 24: squared exploration in numerator and denominator",
