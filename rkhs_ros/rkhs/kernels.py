@@ -321,7 +321,7 @@ def subsample(rows: Array, most: int) -> Array:
 
 
 def median_bandwidth(points: ArrayLike, most: int = 1000) -> tuple[float, ...]:
-    """Return the median distance between pairs of points along each dimension (the median trick).
+    """Return the median distance between pairs of points along each dimension (the median heuristic).
 
     If the standard deviation is larger, return that instead: when many points coincide, for example at the end of a
     joint's range, the median ignores the remaining points. For normally distributed points the median is 0.95 standard

@@ -42,7 +42,7 @@ class ActorCritic(Algorithm):
     ridge_norm: str = setting(
         "norm",
         "what the ridge penalises: the norms of functions (norm); or each coefficient, weighted by the mean square of "
-        "its column, so that the scale of the coordinates does not matter (scale_free)",
+        "the regression's column for it, so that the scale of the coordinates does not matter (scale_free)",
         choices=RIDGE_NORMS,
     )
     step: StepRule = variant(KLStep(), STEP_RULES, "rule")

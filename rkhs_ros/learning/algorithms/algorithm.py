@@ -78,7 +78,7 @@ class Algorithm(Settings, ABC):
     """A policy search in function space; each subclass is one algorithm, its fields are the hyper-parameters."""
 
     exploration_decay: float = setting(
-        1.0, "factor on a constant standard deviation after each iteration", minimum=0.0, maximum=1.0
+        1.0, "factor on the standard deviation after each iteration, if it is not learnt", minimum=0.0, maximum=1.0
     )
     exploration_minimum: float = setting(
         0.05, "minimum of a decaying standard deviation, in units of the action", minimum=1e-6, maximum=1e6

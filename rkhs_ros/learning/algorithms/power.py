@@ -33,7 +33,9 @@ class PoWER(GridSettings, WeightedExploration):
     weighting: str = setting("returns", "how the exploration of a step is weighted", choices=tuple(WEIGHTINGS))
     reuse: int = setting(5, "number of best episodes so far that the next update reuses", minimum=0, maximum=10_000)
     solution: str = setting(
-        "full", "the matrix W of Kober and Peters, or its diagonal (Eq 6)", choices=("full", "diagonal")
+        "full",
+        "how the update solves for the weights: with the matrix W of Kober and Peters, or per weight (Eq 6)",
+        choices=("full", "diagonal"),
     )
 
     def unused(self) -> set[str]:

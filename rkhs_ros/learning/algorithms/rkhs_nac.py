@@ -58,7 +58,10 @@ class RKHSNAC(SparseSettings, ActorCritic):
         return update._replace(memory=episodes.take(slice(self.reuse)))
 
     def _spread(self, samples: Samples, w: Array, experience: Experience) -> Array:
-        """Return v, shape (n,), from the advantages that w does not explain, in coordinates of Fisher information 1."""
+        """Return the natural gradient v of the standard deviation, shape (n,).
+
+        It uses the part of the advantages that w does not explain. The Fisher information of its coordinates is 1.
+        """
         newest = slice(experience.episodes.mask.sum())  # reused episodes explored with another standard deviation
         advantages = self.value_baseline.advantages(samples, experience.discount) - samples.compatible_advantages(w)
         return np.asarray(advantages[newest] @ samples.deviation_scores[newest] / len(advantages[newest]))

@@ -50,7 +50,9 @@ class WeightedExploration(Algorithm):
     """An EM-inspired update without a step size that moves the mean towards successful exploration."""
 
     weighting: str = setting("positive", "how the exploration of a step is weighted", choices=tuple(WEIGHTINGS))
-    ridge: float = setting(1.0, "penalty lambda on the squared RKHS norm of the step", minimum=1e-12, maximum=1e6)
+    ridge: float = setting(
+        1.0, "penalty lambda on the squared norm of the change in the mean", minimum=1e-12, maximum=1e6
+    )
     ridge_unit: str = setting(
         "action",
         "unit of the ridge: action, as in Eq 23; or variance, relative to the policy's variance and so independent of "

@@ -134,7 +134,7 @@ class DynamicsModel:
         """Fit a Gaussian-process dynamics model to episodes.
 
         Args:
-            episodes: N at least 1, with raw observations.
+            episodes: at least one episode, with raw observations.
             inputs: inputs of the policy.
             spaces: spaces of the task.
             centres: maximum number of centres of each posterior.

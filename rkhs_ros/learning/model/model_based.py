@@ -51,7 +51,7 @@ class ModelBased(Settings):
     exploration_noise: str = setting(
         AS_NEEDED,
         "exploration noise of real episodes: white; pink, which is correlated over time and reaches further; or "
-        "as_needed, which is pink as long as a cost of the actions explains all rewards, and white otherwise",
+        "as_needed: pink while the actions alone explain all rewards and the task has ended no episode, then white",
         choices=(*NOISES, AS_NEEDED),
     )
     evaluation_noise_scale: float = setting(
@@ -65,8 +65,8 @@ class ModelBased(Settings):
     )
     restart_decay: float = setting(
         1.0,
-        "factor on the initial standard deviation of the model rollouts, once for each earlier iteration with a lower "
-        "return than the newest iteration",
+        "factor on the initial standard deviation of the model rollouts, applied k times; k is the number of earlier "
+        "iterations with a lower return than the newest one",
         minimum=0.0,
         maximum=1.0,
     )
@@ -75,7 +75,9 @@ class ModelBased(Settings):
     )
     reward_fn: str = setting("", f"{FUNCTION} observations, actions and next observations to rewards")
     termination_fn: str = setting("", f"{FUNCTION} observations to whether they terminate the episode")
-    dynamics_fn: str = setting("", f"{FUNCTION} observations and actions to a part of the change, whose rest is learnt")
+    dynamics_fn: str = setting(
+        "", f"{FUNCTION} observations and actions to a known part of the change; the rest is learnt"
+    )
 
     def exploration_policy(
         self, policy: GaussianPolicy, variance: Array, iteration: int, *, reward_depends_on_action_only: bool
