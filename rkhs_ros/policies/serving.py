@@ -152,7 +152,7 @@ class Session:
         )
 
     def _begin(self, observation: Observation, served: ServedPolicy) -> Answer:
-        """Start a batch; the previous batch is abandoned only after the policy has answered this one."""
+        """Start a batch; if the policy fails at its first step, the session stays with the previous batch."""
         batch = observation.batch
         acting = Acting(served.policy, batch, explore=batch.explore and served.explores)
         answer = _act(acting, observation)

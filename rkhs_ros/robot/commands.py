@@ -61,7 +61,7 @@ class Commands(Settings):
     def names(self, joints: Sequence[str]) -> tuple[str, ...]:
         """Return the name of each action that commands a joint, for example "elbow position (rad)".
 
-        The unit of a scaled action is the command for the action 1.
+        If the scale is not 1, the unit contains it, for example "elbow position (2 rad)".
         """
         count = self.dimension
         units, scales = _each(self.unit or (UNITS[self.kind],), count), _each(self.scale, count)

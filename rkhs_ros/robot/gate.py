@@ -254,7 +254,7 @@ def _watch(state: Gate, rules: Rules, now: float) -> Gate:
 
 
 def _next_motion(state: Gate, rules: Rules, now: float) -> Setpoint | None:
-    """Return the next output; while disarmed and without a goal, the first output of an armed gate."""
+    """Return the next output; while disarmed and without a goal, return the output with which arming would begin."""
     if state.motion is None or (not state.is_armed and state.goal is None):
         return _start(state.sensed, rules.limits)
     goal = state.goal

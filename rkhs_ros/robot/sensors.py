@@ -95,10 +95,10 @@ class Sensor(Settings):
         return sum(_size(parts_of(field)) for field in self.fields)
 
     def names(self, name: str) -> list[str]:
-        """Return the names of its values with their units, such as "elbow position (rad)" or "tip position.x (m)".
+        """Return the names of a sensor's values with units, such as "elbow position (rad)" or "tip position.x (m)".
 
         Args:
-            name: of the sensor.
+            name: name of the sensor.
         """
         if self.joints:
             units = self.units or [UNITS[field] for field in self.fields]
@@ -163,7 +163,11 @@ def _size(parts: list[Part]) -> int:
 
 
 def check_field(message: Any, path: str) -> None:
-    """Check that messages have a field, as far as an empty message can show.
+    """Check that a type of message has a field; the entries of a sequence cannot be checked.
+
+    Args:
+        message: an empty message of the type.
+        path: path of the field.
 
     Raises:
         ValueError: the field does not exist.

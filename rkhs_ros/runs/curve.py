@@ -156,7 +156,7 @@ def _line(values: Iterable[object]) -> str:
 
 
 def _row(line: str) -> Row | None:
-    """Return the values of a line; None if they would be written differently."""
+    """Return the values of a line; None if `_line` would not write these values as the same line."""
     try:
         row = Row(*(kind(word) for kind, word in zip(KINDS, line.split(","), strict=True)))
     except ValueError:

@@ -98,7 +98,7 @@ class Report:
         folder: an empty folder, or the folder of the run that resumes.
         config: configuration of the run.
         spaces: spaces of its task.
-        done: number of finished iterations, whose lines of the curve stay.
+        done: number of finished iterations; their lines stay in curve.csv, later lines are removed.
 
     Attributes:
         recent: the last lines of the learning curve.

@@ -34,7 +34,7 @@ class RobotScene:
         bodies: bodies of the robot.
         task: task of the robot: its sensors and its action.
         gate: settings of the gate: the commanded joints and their velocity limits.
-        observations: observations of an episode, which determines the bounds, shape (steps, d).
+        observations: observations of the episode whose motion determines the bounds, shape (steps, d).
         actions: actions of that episode, shape (steps, n).
     """
 

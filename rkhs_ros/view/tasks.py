@@ -51,7 +51,7 @@ def appearance_of(
 
 
 def scene_of(task: Task) -> ShowsBodies | None:
-    """Return the task if its class defines a 3D scene; return None without creating it otherwise."""
+    """Create and return the task if its class defines a 3D scene; otherwise return None without creating the task."""
     with suppress(Exception):  # user code that the page can do without
         for maker in _makers(task):
             if all(hasattr(maker, name) for name in ("view_direction", "bounds", "bodies", "motion")):

@@ -121,7 +121,7 @@ class ArmRobot(Robot[Drives]):
         return ArmReadings(joints, self._body.tool(), _row(mark))
 
     def begin_episode(self) -> None:
-        """Move the mark to its start in the next episode."""
+        """Begin the next episode, and move the mark to the start position of that episode."""
         self._episode += 1
         self._phase = first_phase(self.settings.seed, self._episode)
         self._began = self.state.time

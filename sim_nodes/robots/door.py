@@ -133,7 +133,7 @@ class Doorway:
 
 
 def motion_of(command: JointCommand) -> Motion:
-    """Return the motion of a trajectory, at the knots of the demonstration's rate."""
+    """Return the motion of a trajectory, resampled at the rate of the demonstration."""
     times, positions = np.array(command.times), _ordered(command)
     knots = np.arange(round(demonstration.RATE * times[-1]) + 1) / demonstration.RATE
     columns = np.stack([np.interp(knots, times, column) for column in positions.T], axis=1)

@@ -66,14 +66,14 @@ class Call:
     """The service call of one operator command.
 
     A stop and a pause are repeated until they are answered. The others are sent once: a repeated `arm` could arm a gate
-    that has stopped in the meantime, and a repeated `start` or `veto` could affect the next episode. To make sure that
-    the answer arrives, a harmless request to the same node is sent first: a node discovers clients in the order of
-    their creation, so a node that can answer the later client can also answer the earlier one.
+    that has stopped in the meantime, and a repeated `start` or `veto` could affect the next episode. Before such a
+    command, the call sends a harmless request from a second client, which was created later. A node discovers clients
+    in the order of their creation. If it answers the second client, it can therefore also answer the first one.
 
     Args:
         command: a key of `SERVICES`.
-        client: of its service.
-        greeter: client of the same node's ``list_parameters``, created after the other.
+        client: client of the command's service.
+        greeter: client of the same node's ``list_parameters`` service, created after ``client``.
 
     Attributes:
         command: as above.
