@@ -21,7 +21,7 @@ def parse_seeds(text: str) -> tuple[int, ...]:
     """Return the distinct seeds of a text such as "0-9", "0,2,5" or "0-3,7", in ascending order.
 
     Raises:
-        ValueError: the text has another form, a range is descending, or there are too many seeds.
+        ValueError: the text is not a list of numbers and ranges, a range is descending, or there are too many seeds.
     """
     seeds: set[int] = set()
     for part in text.split(","):

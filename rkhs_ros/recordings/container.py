@@ -209,10 +209,10 @@ def read_messages(path: Path) -> Found:
 
 
 def records(file: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
-    """Yield the opcode and content of each complete record, up to the end of the data or of the file.
+    """Yield the opcode and content of each complete record, up to the `DATA_END` record or the end of the file.
 
     Raises:
-        ValueError: a record is too large for the memory.
+        ValueError: a record is too large for memory.
     """
     while file.tell() + HEADER_BYTES <= size:
         begin = file.tell()

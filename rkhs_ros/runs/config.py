@@ -269,11 +269,11 @@ def tree_of(changes: Iterable[str], tree: Mapping[str, Any] | None = None) -> di
     """Return a tree of settings with some of them replaced.
 
     Args:
-        changes: settings, such as ``algorithm.ridge=0.1``.
+        changes: new values, such as ``algorithm.ridge=0.1``.
         tree: the settings to change; None for an empty tree.
 
     Raises:
-        ValueError: a change has another form.
+        ValueError: a change is not ``KEY=VALUE`` with a value in YAML.
     """
     changed = dict(tree or {})
     for change in changes:

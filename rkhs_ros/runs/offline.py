@@ -90,7 +90,7 @@ def _task(recording: Recording, episodes: Episodes) -> tuple[Any, ...]:
 
 
 def offline_settings(head: Head, changes: Iterable[str]) -> Training:
-    """Return the settings of a recording with some changes, and with model-based training in any case.
+    """Return the settings of a recording with model-based training, without evaluation, and with some changes.
 
     Raises:
         ValueError: a setting is unknown or invalid.

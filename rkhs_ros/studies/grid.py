@@ -41,8 +41,8 @@ def parse_variations(texts: Iterable[str]) -> tuple[Variation, ...]:
     """Parse texts such as ``algorithm.ridge=1e-3,1e-2``; the values are YAML.
 
     Raises:
-        ValueError: a text has another form, a setting makes the returns incomparable, a setting is given twice, or
-            the grid has too many points.
+        ValueError: a text is not ``KEY=VALUE,VALUE ...``, a setting makes the returns incomparable, a setting is given
+            twice, or the grid has too many points.
     """
     varied = tuple(map(_varied, texts))
     names = [each.name for each in varied]

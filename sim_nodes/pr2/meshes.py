@@ -80,7 +80,7 @@ def _description() -> Path | None:
 
 
 def _on(name: str, ours: dict[str, Element], parents: dict[str | None, Element]) -> tuple[str | None, Array]:
-    """Return the known link to which a link is attached (or None), and the link's frame in it, shape (4, 4)."""
+    """Return the link of `ours` to which a link is attached (or None), and the link's frame in it, shape (4, 4)."""
     place = np.eye(4)
     while name not in ours:
         if name not in parents:
@@ -96,7 +96,14 @@ def _on(name: str, ours: dict[str, Element], parents: dict[str | None, Element])
 
 
 def _placed(visual: Element, place: Array, root: Path, folder: Path) -> Element:
-    """Return a visual in the frame of its known link, with its mesh file and colour."""
+    """Return a visual with its mesh file and colour, placed in the frame of the robot's link to which it is attached.
+
+    Args:
+        visual: visual of a link of the package.
+        place: frame of that link in the robot's link, shape (4, 4).
+        root: folder of the package.
+        folder: for the mesh file.
+    """
     mesh: Element = visual.find("geometry/mesh")  # type: ignore[assignment]
     frame = place @ _frame(visual.find("origin"))
     turn = Rotation.from_matrix(frame[:3, :3]).as_euler("xyz")

@@ -71,7 +71,7 @@ class LearnerNode(ReportingNode):
         self.topics = LearningTopics(self, self.training)
 
     def _environment_from(self, tree: dict[str, Any]) -> Environment | None:
-        """Remove the environment from the node's tree, and return it; None to use the simulator's."""
+        """Remove the environment from the tree of parameters, and return it; return None if the tree has none."""
         if "environment" not in tree:
             return None
         environment = environment_from(tree.pop("environment"))

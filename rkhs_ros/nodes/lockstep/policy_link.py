@@ -39,7 +39,11 @@ class PolicyLink:
         self._set_policy = node.create_client(SetPolicy, "set_policy")
 
     def wait(self) -> None:
-        """Wait for the policy node."""
+        """Wait until the policy node offers its service.
+
+        Raises:
+            PeerError: the node does not offer it in time.
+        """
         self._peers.wait_for_service(self._set_policy, NAME)
 
     def serve(self, policy: GaussianPolicy) -> None:

@@ -101,7 +101,11 @@ class SimulatorLink:
         node.create_subscription(EpisodesMessage, f"{namespace}episodes", self._hear, LOCKSTEP_QOS)
 
     def wait(self) -> None:
-        """Wait for the simulator."""
+        """Wait until the simulator node offers its service.
+
+        Raises:
+            PeerError: the node does not offer it in time.
+        """
         self._peers.wait_for_service(self._describe, self.name)
 
     def connect(self, expected: Environment | None) -> Environment:
