@@ -1,28 +1,37 @@
 """Make the film of an arm that learns to follow a mark: `python docs/make_arm_film.py RUN`.
 
-RUN is the folder of a run of config/robot_arm.yaml. The frames are screenshots of its page.
+RUN is the folder of a run of config/robot_arm.yaml after `rkhs evaluate RUN`. An observation contains no joint
+positions: the film shows those at which the tool is where it was sensed.
 """
 
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import browser
 import numpy as np
-from make_screenshots import HERE, SETTLE_S, SHARP, SIZE, click_on_time, page_of
-from PIL import Image, ImageDraw, ImageFont
-from side_by_side_film import write_gif
+from lit_scene import LitScene
+from scipy.optimize import least_squares
+from side_by_side_film import PICTURE_SIZE, Chart, Label, Moment, Scene, frames, write_gif
 
-from rkhs_ros.runs.curve import Curve, Row
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.pictures.style import COLOURS
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.runs.episode_files import load_episodes
+from sim_nodes.envs.vector_task import DARK, ORANGE, Body
+from sim_nodes.pr2.cameras import Camera
+from sim_nodes.robots.arm import HOME
+from sim_nodes.robots.arm_body import FILE, JOINTS, TOOL
+from sim_nodes.robots.mark import CENTRE
+from sim_nodes.robots.rewards import distance
 
-ITERATION, MOMENT = 0, 1  # sliders
-SCENE = (40, 200, 350, 560)  # of the page: left, top, right, bottom
-HEADING_PX, LETTERS_PX = 30, 18
-DRAWN_S = 0.7  # time for the browser to draw a frame
+HERE = Path(__file__).parent
+CAMERA = Camera((1.75, -1.35, 1.0), (0.22, 0.0, 0.42), 36.0)
+MARK = Body("ball", (0.07, 0.07, 0.07), ORANGE)
+UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+COMMANDED = [0, 1, 3]  # of the joints
+PERIOD_S, FRAME_MS = 0.2, 150
+CHART = Chart("time (s)", "distance from the mark (cm)", PERIOD_S, 40.0, 5.0, "aim 5 cm", " cm")
 
 
 def main() -> None:
@@ -30,36 +39,57 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("run", type=Path)
     run = parser.parse_args().run
-    first, *_, last = Curve(run / "curve.csv").rows()
-    with browser.started() as chromium, page_of(["view", str(run), "--port", "0"]) as address:
-        tab = chromium.open(f"{address}?{SHARP}", *SIZE)
-        tab.wait_for(f"{browser.each('[role=slider]')}[{MOMENT}]?.ariaValueMax > 1")
-        tab.value("document.querySelector('.mantine-Notification-closeButton')?.click()")
-        play = f"{browser.each('input[type=checkbox]')}[0]"
-        tab.click_on(play)
-        tab.wait_for(f"!{play}.checked")
-        scenes = [list(_episode(tab, end, row)) for end, row in (("Home", first), ("End", last))]
-    pairs = zip(*scenes, strict=True)
-    write_gif(HERE / "robot_arm.gif", [Image.fromarray(np.concatenate(pair, axis=1)) for pair in pairs])
+    first = min((run / "checkpoints" / "episodes").glob("training_*.npz"))
+    scenes = [
+        _scene("first episode: random exploration", COLOURS[1], load_episodes(first).episodes),
+        _scene("after twelve episodes", COLOURS[0], load_episodes(run / "evaluation.npz").episodes),
+    ]
+    write_gif(HERE / "robot_arm.gif", list(frames(scenes, CHART)), FRAME_MS)
 
 
-def _episode(tab: browser.Tab, end: str, row: Row) -> Iterator[np.ndarray[Any, Any]]:
-    """Yield the frames of the exploration episode of the first or the last iteration."""
-    tab.press(f"{browser.each('[role=slider]')}[{ITERATION}]", end)
-    time.sleep(SETTLE_S)
-    most = int(tab.value(f"{browser.each('[role=slider]')}[{MOMENT}].ariaValueMax"))
-    for moment in range(most + 1):
-        click_on_time(tab, moment / most)  # arrow keys would move the camera
-        time.sleep(DRAWN_S)
-        yield _titled(tab.picture(), f"episode {row.episodes}: return {row.exploration_return:.1f}")
+def _scene(title: str, colour: str, episodes: Episodes) -> Scene:
+    """Return the first of several episodes as a scene."""
+    observations = episodes.observations[0]
+    return Scene(title, colour, _Stage(observations).moment, 100.0 * distance(observations))
 
 
-def _titled(picture: np.ndarray[Any, Any], title: str) -> np.ndarray[Any, Any]:
-    left, top, right, bottom = SCENE
-    image = Image.new("RGB", (right - left, bottom - top + HEADING_PX), "white")
-    image.paste(Image.fromarray(picture[top:bottom, left:right]), (0, HEADING_PX))
-    ImageDraw.Draw(image).text((10, 5), title, "black", ImageFont.load_default(LETTERS_PX))
-    return np.asarray(image)
+class _Stage:
+    """An episode of the arm in a scene.
+
+    Args:
+        observations: y and z of the mark, then x, y and z of the tool, in metres, shape (H, 5).
+    """
+
+    def __init__(self, observations: Array) -> None:
+        self._scene, self._observations = LitScene(CAMERA, PICTURE_SIZE), observations
+        self._mark = self._scene.add(MARK)
+        client = self._scene.client
+        self._arm = client.loadURDF(str(FILE), useFixedBase=True)
+        infos = [client.getJointInfo(self._arm, k) for k in range(client.getNumJoints(self._arm))]
+        self._joints = [next(k for k, info in enumerate(infos) if info[1].decode() == joint) for joint in JOINTS]
+        self._tool = next(k for k, info in enumerate(infos) if info[12].decode() == TOOL)
+
+    def moment(self, step: int) -> Moment:
+        """Return the picture of a step with its labels and the distance."""
+        mark, tool = np.array([CENTRE[0], *self._observations[step, :2]]), self._observations[step, 2:]
+        self._scene.move(self._mark, mark, UPRIGHT)
+        solved = least_squares(lambda angles: self._tool_at(angles) - tool, HOME[COMMANDED], diff_step=1e-4)
+        self._tool_at(solved.x)
+        note = f"{100.0 * distance(self._observations[step]):.1f} cm from the mark"
+        labels = (
+            Label("mark", COLOURS[1], self._scene.pixel(mark), (55.0, 30.0)),
+            Label("tool", DARK, self._scene.pixel(tool), (-60.0, 45.0)),
+        )
+        return Moment(self._scene.picture(), labels, note)
+
+    def _tool_at(self, angles: Array) -> Array:
+        """Move the commanded joints to angles, and return the position of the tool."""
+        positions = HOME.copy()
+        positions[COMMANDED] = angles
+        for joint, angle in zip(self._joints, positions, strict=True):
+            self._scene.client.resetJointState(self._arm, joint, angle)
+        state = self._scene.client.getLinkState(self._arm, self._tool, computeForwardKinematics=True)
+        return np.array(state[4])
 
 
 if __name__ == "__main__":

@@ -6,7 +6,8 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from side_by_side_film import Scene, frames, scene_of, write_gif
+from pendulum_scene import chart_of, scene_of
+from side_by_side_film import Scene, frames, write_gif
 
 from rkhs_ros.app.inline import iterations, runner_of
 from rkhs_ros.pictures.run_pictures import draw_run
@@ -22,7 +23,7 @@ DEMO, FIRST_RUN = CONFIGS / "pendulum_wrap_model_nac.yaml", CONFIGS / "pendulum_
 def main() -> None:
     """Write pendulum_learns.gif, pendulum_curve.png and pendulum_policy.png beside this file."""
     config = load_config(DEMO)
-    write_gif(HERE / "pendulum_learns.gif", list(frames(config, _scenes(config))))
+    write_gif(HERE / "pendulum_learns.gif", list(frames(_scenes(config), chart_of(config))))
     config = load_config(FIRST_RUN)
     with tempfile.TemporaryDirectory() as folder:
         run_training(config, runner_of(config.environment), Path(folder), quiet=True)

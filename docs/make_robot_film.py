@@ -8,7 +8,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from side_by_side_film import Scene, frames, scene_of, write_gif
+from pendulum_scene import chart_of, scene_of
+from side_by_side_film import Scene, frames, write_gif
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.pictures.style import COLOURS
@@ -30,7 +31,7 @@ def main() -> None:
         _scene(config, "first episode: random exploration", COLOURS[1], load_episodes(first).episodes),
         _scene(config, "after ten episodes", COLOURS[0], load_episodes(run / "evaluation.npz").episodes),
     ]
-    write_gif(HERE / "robot_pendulum.gif", list(frames(config, scenes)))
+    write_gif(HERE / "robot_pendulum.gif", list(frames(scenes, chart_of(config))))
 
 
 def _scene(config: Config, title: str, colour: str, episodes: Episodes) -> Scene:
