@@ -86,5 +86,5 @@ def test_an_episode_discarded_repeatedly_ends_the_run(start: Start, tmp_path: Pa
         "rkhs", "train", CONFIG, "--quiet", "--out", tmp_path / "run", "--set", *QUICK, *never
     ).finish()
     assert code == 1
-    line = "error: episode 0 was discarded 10 times in a row; the last reason: home: not settled within 0.01 s"
+    line = "error: episode 1 was discarded 10 times in a row; the last reason: home: not settled within 0.01 s"
     assert line in err

@@ -114,6 +114,6 @@ def test_episodes_with_a_protective_stop_are_discarded(start: Start, tmp_path: P
         err.count(f"is discarded: {reason}") == 10
     )  # each time the stop was ended, and the robot went to where it begins
     assert err.splitlines()[-1].startswith(
-        "error: episode 0 was discarded 10 times in a row; the last reason: " + reason
+        "error: episode 1 was discarded 10 times in a row; the last reason: " + reason
     )
     assert not (tmp_path / "run" / "policy.npz").exists()

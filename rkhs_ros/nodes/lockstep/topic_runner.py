@@ -225,7 +225,7 @@ class TopicRunner:
             reason = self._report_discarded(ended)
             simulator.discards += 1
             if simulator.discards >= MAX_DISCARDS:
-                number = ended.batch.first_episode
+                number = ended.batch.first_episode + 1  # people count from 1
                 times = f"{simulator.discards} times in a row"
                 raise RunError(f"episode {number} was discarded {times}; the last reason: {reason}")
             self._begin([(simulator, ended.batch)])

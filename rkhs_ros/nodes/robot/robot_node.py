@@ -176,7 +176,7 @@ class RobotNode(ReportingNode):
         self._journal.add(ended)
         if reason := ended.execution.discard_reason:
             self._discarded += 1
-            self.get_logger().warning(f"episode {ended.batch.first_episode} is discarded: {reason}")
+            self.get_logger().warning(f"episode {ended.batch.first_episode + 1} is discarded: {reason}")
         if self._failure:
             return  # the learner exits; it must not repeat the episode
         self._held = (ended, 0.0 if reason else time.monotonic() + self._task.veto_window)
