@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import nullcontext
 from functools import partial
 from math import isnan
+from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
@@ -23,6 +24,7 @@ from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS, REPORT_PERIOD_S, TO
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.nodes.core.sources import PREFIX
 from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S, PeerError, run
+from rkhs_ros.runs.control import is_pausing
 
 LISTEN_S = 3 * REPORT_PERIOD_S  # without a new node, after which the list of nodes counts as complete
 PROGRESS = "rkhs_interfaces/msg/LearningProgress"
@@ -92,7 +94,7 @@ def _silent(status: DiagnosticStatus, seconds: float) -> DiagnosticStatus:
 
 def heading(progress: LearningProgress) -> Text:
     """Return three lines: the progress of a run, its returns, and its results folder."""
-    left = "" if isnan(progress.seconds_left) else f", about {progress.seconds_left:.0f} s left"
+    left = ", paused" if is_pausing(Path(progress.folder)) else _time_left(progress)
     lines = (
         f"{truncated(progress.run)}: iteration {progress.iteration} of {progress.iterations}, "
         f"{progress.episodes} episodes, {progress.centres} centres{left}",
@@ -100,6 +102,10 @@ def heading(progress: LearningProgress) -> Text:
         "in " + "".join(c if c.isprintable() else "?" for c in progress.folder),  # never truncated
     )
     return Text("\n".join(lines))
+
+
+def _time_left(progress: LearningProgress) -> str:
+    return "" if isnan(progress.seconds_left) else f", about {progress.seconds_left:.0f} s left"
 
 
 def _measured(progress: LearningProgress) -> str:
