@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.pictures.circle_axes import CircleAxes
 from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED, colour_bar, label, legend_above, sheet
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.input_names import Names
@@ -36,7 +37,8 @@ class View:
     Attributes:
         policy: policy to draw.
         spaces: spaces of the task, with the bounds of the actions.
-        coordinates: coordinates to draw the policy over.
+        coordinates: coordinates of the policy.
+        axes: the same coordinates, with pairs on a circle as one angle, to draw the policy over.
         episode: visited points of the first episode, shape (steps, d).
         visited: visited points of all episodes, shape (k, d).
     """
@@ -44,6 +46,7 @@ class View:
     policy: GaussianPolicy
     spaces: Spaces
     coordinates: PolicyCoordinates
+    axes: CircleAxes
     episode: Array
     visited: Array
 
@@ -52,12 +55,14 @@ class View:
         """Return the view of a policy and of observed episodes."""
         coordinates = PolicyCoordinates(policy, names)
         points = coordinates.of(episodes)
-        return cls(policy, spaces, coordinates, points[0], np.concatenate(points))
+        visited = np.concatenate(points)
+        axes = CircleAxes.of(visited)
+        return cls(policy, spaces, coordinates, axes, axes.angles(points[0]), axes.angles(visited))
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the coordinates."""
-        return self.coordinates.labels
+        return self.axes.labels(self.coordinates.labels)
 
     @property
     def actions(self) -> tuple[str, ...]:
@@ -66,11 +71,11 @@ class View:
 
     def act(self, points: Array) -> Array:
         """Return the mean actions at points, clipped to the bounds."""
-        return self.spaces.clip(self.policy.mean(self.coordinates.inputs(points)))
+        return self.spaces.clip(self.policy.mean(self._features(points)))
 
     def band(self, points: Array) -> tuple[Array, Array]:
         """Return the mean minus and plus one standard deviation of the exploration, clipped to the bounds."""
-        features = self.coordinates.inputs(points)
+        features = self._features(points)
         mean, sd = self.policy.mean(features), np.sqrt(self.policy.variance(features))
         return self.spaces.clip(mean - sd), self.spaces.clip(mean + sd)
 
@@ -86,12 +91,16 @@ class View:
     def centres(self) -> Array:
         """The centres of the mean, shape (m, d); empty if they are not points of the plotted coordinates."""
         centres = self.coordinates.centres()
-        return self.visited[:0] if centres is None else centres
+        return self.visited[:0] if centres is None else self.axes.angles(centres)
+
+    def _features(self, points: Array) -> Array:
+        return self.coordinates.inputs(self.axes.points(points))
 
 
 def policy_figure(policy: GaussianPolicy, spaces: Spaces, names: Names, episodes: Episodes, title: str) -> Figure:
     """Return a figure of the mean action over the policy's inputs and of an episode, with a plot for each action.
 
+    Pairs of inputs that lie on a circle, such as a cosine and a sine, are drawn as one angle.
     One or two inputs are drawn completely. With more inputs, the upper plot is a slice through the medians of the
     visited points, along the two inputs that explain most of the action there; the lower plot is the action over time.
 

@@ -93,6 +93,10 @@ def curve_figure(curve: Mapping[str, NDArray[Any]], task: Task) -> Figure:
             "label": "evaluation (policy mean)",
         }
         axes.plot(iterations[evaluated], mean[evaluated], **look)
+    modelled = np.isfinite(curve["model_return"])
+    if modelled.any():
+        look = {"color": COLOURS[2], "linewidth": 1, "linestyle": "--", "label": "model rollouts"}
+        axes.plot(iterations[modelled], curve["model_return"][modelled], **look)
     draw_references(axes, references(task))
     label(axes, "iteration", "discounted return")
     whole_ticks(axes)

@@ -21,6 +21,7 @@ from rkhs_ros.paper.experiment import Curve, Experiment, Panel
 from rkhs_ros.paper.figures import experiment_figure
 from rkhs_ros.paper.table import Returns, Table
 from rkhs_ros.pictures.attempts_figure import attempts_figure
+from rkhs_ros.pictures.circle_axes import CircleAxes
 from rkhs_ros.pictures.comparison import comparison_figure
 from rkhs_ros.pictures.film import Film
 from rkhs_ros.pictures.film_files import strip_figure
@@ -138,6 +139,7 @@ def curve(iterations: int, size: float) -> dict[str, Array]:
         "iteration": np.arange(1.0, iterations + 1),
         "exploration_return": size * rng.normal(size=iterations),
         "evaluation_return": mean,
+        "model_return": size * (1.0 + 0.1 * rng.normal(size=iterations)),
     }
 
 
@@ -417,3 +419,12 @@ def test_rewards_differ_in_lightness_and_lines_in_colour(eye: str) -> None:
     seen = lab(colours, EYES[eye])
     assert min(np.linalg.norm(a - b) for a, b in combinations(seen[:3], 2)) > 15.0
     assert min(np.linalg.norm(a - b) for a, b in combinations(seen, 2)) > 8.0
+
+
+def test_a_cosine_and_a_sine_are_one_angle() -> None:
+    angles, speeds = np.linspace(-3.0, 3.0, 40), np.linspace(-1.0, 2.0, 40)
+    points = np.column_stack([2 * np.cos(angles), speeds, 2 * np.sin(angles)])
+    axes = CircleAxes.of(points)
+    assert axes.labels(("cos", "speed", "sin")) == ("angle of (cos, sin) (rad)", "speed")
+    assert np.allclose(axes.angles(points), np.column_stack([angles, speeds]))
+    assert np.allclose(axes.points(axes.angles(points)), points)
