@@ -11,6 +11,7 @@ from rich.console import Console
 from rkhs_interfaces.msg import LearningProgress
 from rkhs_ros.nodes.lockstep.learning_messages import progress_message
 from rkhs_ros.nodes.watch.status_node import COLUMNS, LAST_REFUSAL, MODE, heading, reasons, table
+from rkhs_ros.runs.control import PAUSING
 
 
 @pytest.mark.parametrize(
@@ -96,3 +97,10 @@ def test_the_heading_has_no_return_before_the_first_iteration() -> None:
     progress = progress_message(Time(), "mine", Path("/results/mine"), 40, [])
     lines = printed(heading(progress))
     assert lines == ["mine: iteration 0 of 40, 0 episodes, 0 centres", "no return yet", "in /results/mine"]
+
+
+def test_a_paused_run_has_no_time_left(tmp_path: Path) -> None:
+    progress = LearningProgress(run="a", folder=str(tmp_path), seconds_left=7.0)
+    assert "about 7 s left" in heading(progress).plain
+    (tmp_path / PAUSING).touch()
+    assert heading(progress).plain.splitlines()[0].endswith(", paused")
