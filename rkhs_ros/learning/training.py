@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from rkhs_ros.learning.action_repeat import choose_action_repeat
 from rkhs_ros.learning.algorithms.algorithm import Experience, Metrics
+from rkhs_ros.learning.discovery.action_repeat import choose_action_repeat
+from rkhs_ros.learning.discovery.angles import with_wrapped_angles
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.model_based import ModelBased, ModelUpdate, RealExperience, train_in_model
 from rkhs_ros.learning.state import State, first_state, first_variance
@@ -213,7 +214,8 @@ def _with_action_repeat(state: State, training: Training, exploration: Episodes)
     policy = state.policy
     if training.action_repeat != AUTO or state.iterations > 0 or len(policy.mean.centres) > 0:
         return policy
-    features = replace(exploration, observations=policy.inputs.features(exploration.observations))
+    inputs = with_wrapped_angles(policy.inputs, exploration)
+    features = replace(exploration, observations=inputs.features(exploration.observations))
     return replace(policy, action_repeat=choose_action_repeat(features))
 
 

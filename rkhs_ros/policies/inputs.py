@@ -31,13 +31,16 @@ class Inputs(Settings):
     )
     angles: str | tuple[float, ...] = setting(
         "none",
-        "observation columns that are angles in radians, replaced by their sine and cosine; or 'none'",
+        "observation columns that are angles, replaced by their sine and cosine; or 'none'",
         minimum=0,
         maximum=10_000,
         choices=("none",),
     )
     degree: int = setting(0, "degree of the monomials that replace the inputs; 0: no monomials", minimum=0, maximum=20)
     offset: float = setting(1.0, "offset c of the polynomial kernel that the monomials span", minimum=1e-9, maximum=1e6)
+    turns: tuple[float, ...] = setting(
+        (), "value of a full turn of each angle, such as 360; empty for radians", minimum=1e-12, maximum=1e12
+    )
 
     def __post_init__(self) -> None:
         """Raise ValueError if a value is invalid or a column is not a whole number."""
@@ -45,11 +48,18 @@ class Inputs(Settings):
         whole = isinstance(self.angles, str) or all(column == int(column) for column in self.angles)
         require(whole, "inputs.angles", "whole numbers", self.angles)
         require(len(set(self.columns)) == len(self.columns), "inputs.angles", "each column once", self.angles)
+        good = len(self.turns) in (0, len(self.columns))
+        require(good, "inputs.turns", f"{len(self.columns)} numbers, one per angle, or none", self.turns)
 
     @property
     def columns(self) -> list[int]:
         """Observation columns that are angles."""
         return [] if isinstance(self.angles, str) else [int(column) for column in self.angles]
+
+    @property
+    def full_turns(self) -> Array:
+        """Value of a full turn of each angle, shape (len(columns),)."""
+        return np.array(self.turns) if self.turns else np.full(len(self.columns), 2.0 * np.pi)
 
     @property
     def ages(self) -> int:
@@ -104,7 +114,7 @@ class Inputs(Settings):
         if not self.columns:
             return observations
         self._check_angles(observations.shape[-1])
-        turned = observations[..., self.columns]
+        turned = observations[..., self.columns] * (2.0 * np.pi / self.full_turns)
         rest = np.delete(observations, self.columns, axis=-1)
         return np.concatenate([np.sin(turned), np.cos(turned), rest], axis=-1)
 

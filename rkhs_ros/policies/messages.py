@@ -117,7 +117,13 @@ def policy_message(types: Any, policy: GaussianPolicy, version: int) -> Any:
         centres=doubles(mean.centres),
         weights=doubles(mean.weights),
         variance=types.Variance(**_variance_fields(types, policy.variance)),
-        inputs=types.Inputs(history=inputs.history, angles=inputs.columns, degree=inputs.degree, offset=inputs.offset),
+        inputs=types.Inputs(
+            history=inputs.history,
+            angles=inputs.columns,
+            turns=doubles(np.array(inputs.turns)),
+            degree=inputs.degree,
+            offset=inputs.offset,
+        ),
         noise=policy.noise,
         action_repeat=policy.action_repeat,
     )
@@ -160,7 +166,11 @@ def _kernel(terms: Iterable[Any], d: int) -> Kernel:
 def _inputs_of(message: Any, d: int) -> Inputs:
     require(len(message.angles) <= d, "inputs.angles", f"at most {d} columns, one per input", len(message.angles))
     numbers = {"history": message.history, "degree": message.degree, "offset": message.offset}
-    angles = {"angles": [int(column) for column in message.angles]} if len(message.angles) else {}
+    angles: dict[str, list[float]] = (
+        {"angles": [int(column) for column in message.angles]} if len(message.angles) else {}
+    )
+    if len(turns := getattr(message, "turns", ())):  # old recordings have none
+        angles["turns"] = [float(turn) for turn in turns]
     return build(Inputs, {**numbers, **angles}, "inputs.")
 
 

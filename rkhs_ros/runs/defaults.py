@@ -43,6 +43,6 @@ def settings_for(algorithm: str = "rkhs_nac", model: str = "gaussian_process") -
         "action_repeat": AUTO,
         "exploration_sd": "range",
         "kernel": {"form": form, "bandwidth": "dimension"},
-        "model": {"form": "gaussian_process" if is_model_based else "none"},
+        "model": {"form": "gaussian_process", "discovery": "all"} if is_model_based else {"form": "none"},
         "algorithm": {"name": algorithm, **ALGORITHMS.get(algorithm, {}), **few.get(algorithm, {})},
     }

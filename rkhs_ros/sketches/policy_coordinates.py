@@ -71,6 +71,7 @@ class PolicyCoordinates:
             return None
         turned = len(inputs.columns)
         points = np.empty((len(centres), len(self.names.observations)))
-        points[:, inputs.columns] = np.arctan2(centres[:, :turned], centres[:, turned : 2 * turned])
+        angles = np.arctan2(centres[:, :turned], centres[:, turned : 2 * turned])
+        points[:, inputs.columns] = angles * (inputs.full_turns / (2.0 * np.pi))
         points[:, np.setdiff1d(np.arange(len(self.names.observations)), inputs.columns)] = centres[:, 2 * turned :]
         return points

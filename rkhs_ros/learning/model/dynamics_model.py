@@ -10,7 +10,7 @@ represents its own uncertainty (like PILCO's, Deisenroth and Rasmussen, 2011). P
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import NamedTuple
 
@@ -64,6 +64,10 @@ class Transitions:
         actions = points[..., -spaces.action_dim :]
         every = (points, actions, episodes.observations, following, episodes.rewards, ended)
         return cls(*(episodes.flat(values) for values in every))
+
+    def last(self, count: int) -> Transitions:
+        """Return the last ``count`` transitions, or all if there are fewer."""
+        return Transitions(*(getattr(self, f.name)[-count:] for f in fields(self)))
 
 
 def points_of(inputs: Array, actions: Array, spaces: Spaces) -> Array:
@@ -144,7 +148,7 @@ class DynamicsModel:
             RunError: a prior function failed.
         """
         steps = Transitions.of(episodes, inputs, spaces)
-        coordinates = _coordinates(steps, inputs)
+        coordinates = coordinates_of(steps, inputs)
         going_on = ~steps.terminated if not steps.terminated.all() else np.ones_like(steps.terminated)
         learnt = _rewards(steps, going_on, inputs, centres) if priors.reward_fn is None else NO_REWARDS
         return cls(
@@ -201,7 +205,7 @@ def prediction_test(
 ) -> PredictionTest:
     """Fit a model to some episodes and test it on others; see `DynamicsModel.fit` for the arguments."""
     earlier, steps = (Transitions.of(episodes, inputs, spaces) for episodes in (before, after))
-    coordinates = _coordinates(earlier, inputs)
+    coordinates = coordinates_of(earlier, inputs)
     model = Posterior.fit(earlier.points, _residual_changes(earlier, coordinates, priors), centres)
     errors = coordinates.wrap(_residual_changes(steps, coordinates, priors) - model.mean(steps.points))
     expected = np.hypot(model.sd(steps.points), model.noise)
@@ -229,8 +233,9 @@ def reward_depends_on_action_only(episodes: Episodes, spaces: Spaces) -> bool:
     return bool(unexplained.std() <= EXPLAINED * rewards.std() or spreads(rewards[:, None])[0] == 0)
 
 
-def _coordinates(steps: Transitions, inputs: Inputs) -> StateCoordinates:
-    return StateCoordinates.of(np.concatenate([steps.observations, steps.next_observations]), inputs.columns)
+def coordinates_of(steps: Transitions, inputs: Inputs) -> StateCoordinates:
+    """Return the coordinates in which the observations of steps change."""
+    return StateCoordinates.of(np.concatenate([steps.observations, steps.next_observations]), inputs)
 
 
 def _apply_prior(priors: Priors, observations: Array, actions: Array) -> Array:

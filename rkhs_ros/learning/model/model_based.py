@@ -11,6 +11,7 @@ import numpy as np
 
 from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.learning.algorithms.algorithm import Algorithm, Experience, Metrics
+from rkhs_ros.learning.discovery.evidence import discover_inputs
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.model.dynamics_model import (
@@ -22,12 +23,15 @@ from rkhs_ros.learning.model.dynamics_model import (
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model.priors import Priors
 from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.noise import NOISES
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch, stream_seed
 from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array, subsample
 
+DISCOVERIES = ("none", "angles", "all")
 MOST_COMPARED = 300  # maximum number of points at which two kernels are compared
 SAME_KERNEL = 0.95  # alignment above which the policy keeps its kernel
 AS_NEEDED = "as_needed"
@@ -53,6 +57,11 @@ class ModelBased(Settings):
         "exploration noise of real episodes: white; pink, which is correlated over time and reaches further; or "
         "as_needed: pink while the actions alone explain all rewards and the task has ended no episode, then white",
         choices=(*NOISES, AS_NEEDED),
+    )
+    discovery: str = setting(
+        "none",
+        "what to find in the data and add to the policy's inputs: none; angles; or all, angles and a longer history",
+        choices=DISCOVERIES,
     )
     evaluation_noise_scale: float = setting(
         0.3,
@@ -162,8 +171,11 @@ def train_in_model(
     The newest episodes test a model of the earlier ones. If that model was overconfident, the functions drawn now
     deviate further from their mean, and there are fewer updates.
     """
-    episodes, inputs, spaces = experience.episodes, policy.inputs, experience.spaces
-    policy = _refit_policy_kernel(policy, algorithm, experience)
+    episodes, spaces = experience.episodes, experience.spaces
+    inputs = policy.inputs
+    if settings.discovery != "none" and inputs.degree == 0:
+        inputs = discover_inputs(inputs, episodes, spaces, history=settings.discovery == "all")
+    policy = _refit_policy_kernel(policy, algorithm, experience, inputs)
     priors = settings.priors(spaces.observation_dim)
     test = _test_previous_model(settings, policy, experience, priors)
     model = DynamicsModel.fit(episodes, inputs, spaces, settings.centres, priors)
@@ -215,8 +227,10 @@ def model_rollouts_of(
     return ModelRunner(model).collect(policy, Batch(0, FROM_THE_START, count, episodes.horizon, explore=False))
 
 
-def _refit_policy_kernel(policy: GaussianPolicy, algorithm: Algorithm, experience: RealExperience) -> GaussianPolicy:
-    """Return the policy with a kernel fitted to all episodes so far, and a mean near the bounds of the actions.
+def _refit_policy_kernel(
+    policy: GaussianPolicy, algorithm: Algorithm, experience: RealExperience, inputs: Inputs
+) -> GaussianPolicy:
+    """Return the policy with the inputs, a kernel fitted to all episodes so far, and a mean near the action bounds.
 
     The first episodes may have visited few states, so that another kernel fits now. If the mean is far beyond a bound,
     exploration does not change the clipped action, and nothing can be learnt. The mean is therefore clipped to the
@@ -224,18 +238,22 @@ def _refit_policy_kernel(policy: GaussianPolicy, algorithm: Algorithm, experienc
     and its kink would distort the learnt mean.
     """
     episodes = experience.episodes.with_inputs(policy.inputs)
-    points = episodes.flat(episodes.observations)
+    old_points = points = episodes.flat(episodes.observations)
+    if inputs != policy.inputs:
+        episodes = experience.episodes.with_inputs(inputs)
+        points = episodes.flat(episodes.observations)
     few = subsample(points, MOST_COMPARED)
-    own, kernel = policy.mean.kernel, experience.kernel.fit(points, policy.inputs.ages)
+    own, kernel = policy.mean.kernel, experience.kernel.fit(points, inputs.ages)
     if len(policy.mean.centres) == 0:
-        return policy.with_mean(replace(policy.mean, kernel=kernel))
-    if _alignment(kernel(few, few), own(few, few)) > SAME_KERNEL:
+        mean = Function.zero(kernel, points.shape[1], policy.mean.output_dim)
+        return replace(policy, mean=mean, inputs=inputs)
+    if inputs == policy.inputs and _alignment(kernel(few, few), own(few, few)) > SAME_KERNEL:
         kernel = own
-    means = policy.mean(points)
+    means = policy.mean(old_points)
     values = experience.spaces.clip_with_margin(means, np.sqrt(experience.first_variance))
     if kernel is own and np.array_equal(values, means):
         return policy
-    return policy.with_mean(algorithm.space.fit(kernel, points, values))
+    return replace(policy, mean=algorithm.space.fit(kernel, points, values), inputs=inputs)
 
 
 def _alignment(gram: Array, other: Array) -> float:

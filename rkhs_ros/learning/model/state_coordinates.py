@@ -8,9 +8,12 @@ from itertools import combinations
 
 import numpy as np
 
+from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.rkhs.kernels import Array
 
 ROUND = 1e-4  # largest relative spread of a circle's squared radii; observations may be rounded to 32 bits
+RADIANS = 2.0 * np.pi  # a full turn
+NO_ANGLES = Inputs()
 FEWEST_ON_CIRCLE = 10  # distinct points that distinguish a circle from a pair of flags
 
 
@@ -18,29 +21,31 @@ FEWEST_ON_CIRCLE = 10  # distinct points that distinguish a circle from a pair o
 class StateCoordinates:
     r"""The coordinates in which the model predicts the change of an observation.
 
-    Angles are periodic, modulo :math:`2 \pi`. A pair of columns whose observations lie on a circle about 0, such as a
+    Angles are periodic, modulo a full turn. A pair of columns whose observations lie on a circle about 0, such as a
     cosine and a sine, changes by a rotation: its angle replaces the change of the first column, and the change of the
     second is 0. Predicted pairs therefore stay on the circle, where all observations lie.
 
     Attributes:
         size: dimension d of an observation.
         angles: columns that are angles.
+        turns: value of a full turn of each angle, shape (angles,).
         circles: pairs of columns that lie on a circle.
     """
 
     size: int
-    angles: Sequence[int] = ()
+    angles: Sequence[int]
+    turns: Array
     circles: tuple[tuple[int, int], ...] = ()
 
     @classmethod
-    def of(cls, observations: Array, angles: Sequence[int] = ()) -> StateCoordinates:
+    def of(cls, observations: Array, inputs: Inputs = NO_ANGLES) -> StateCoordinates:
         """Find the coordinates of a task from observations, shape (n, d), and the columns that are angles."""
-        squares, free, circles = observations**2, set(range(observations.shape[1])) - set(angles), []
+        squares, free, circles = observations**2, set(range(observations.shape[1])) - set(inputs.columns), []
         for pair in combinations(sorted(free), 2):
             if free.issuperset(pair) and _on_circle(squares[:, pair[0]] + squares[:, pair[1]], squares[:, pair[0]]):
                 circles.append(pair)
                 free -= set(pair)
-        return cls(observations.shape[1], angles, tuple(circles))
+        return cls(observations.shape[1], inputs.columns, inputs.full_turns, tuple(circles))
 
     @property
     def columns(self) -> list[int]:
@@ -60,19 +65,19 @@ class StateCoordinates:
         return self.wrap(changes)
 
     def wrap(self, changes: Array) -> Array:
-        """Return changes, shape (n, d), with those of angles wrapped to [-pi, pi)."""
+        """Return changes, shape (n, d), with those of angles wrapped to at most half a turn."""
         columns = [*self.angles, *(i for i, _ in self.circles)]
         if not columns:
             return changes
-        short = changes.copy()
-        short[:, columns] = _short(changes[:, columns])
+        short, turns = changes.copy(), np.append(self.turns, np.full(len(self.circles), RADIANS))
+        short[:, columns] = _short(changes[:, columns], turns)
         return short
 
     def add(self, before: Array, changes: Array) -> Array:
         """Return observations, shape (n, d), after changes."""
         moved = before + changes
         if self.angles:
-            moved[:, self.angles] = _short(moved[:, self.angles])
+            moved[:, self.angles] = _short(moved[:, self.angles], self.turns)
         for i, j in self.circles:
             radius, angle = np.hypot(before[:, i], before[:, j]), _angle(before, i, j) + changes[:, i]
             moved[:, i], moved[:, j] = radius * np.cos(angle), radius * np.sin(angle)
@@ -89,5 +94,6 @@ def _angle(points: Array, i: int, j: int) -> Array:
     return np.asarray(np.arctan2(points[:, j], points[:, i]))
 
 
-def _short(angles: Array) -> Array:
-    return np.asarray(np.remainder(angles + np.pi, 2.0 * np.pi) - np.pi)
+def _short(angles: Array, turns: Array) -> Array:
+    """Return angles, shape (n, k), wrapped to [-1/2, 1/2) of a full turn."""
+    return np.asarray(np.remainder(angles + 0.5 * turns, turns) - 0.5 * turns)

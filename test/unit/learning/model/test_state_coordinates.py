@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rkhs_ros.learning.model.state_coordinates import StateCoordinates
+from rkhs_ros.learning.model.state_coordinates import RADIANS, StateCoordinates
 
 
 def on_circle(angles: np.ndarray, radius: float = 1.0) -> np.ndarray:
@@ -52,7 +52,7 @@ def test_pairs_that_are_not_circles_are_not_detected(rng: np.random.Generator) -
 def test_add_inverts_difference(seed: int) -> None:
     rng = np.random.default_rng(seed)
     before, after = observed(rng, 20), observed(rng, 20)
-    coordinates = StateCoordinates(4, [3], ((0, 2),))
+    coordinates = StateCoordinates(4, [3], np.array([RADIANS]), ((0, 2),))
     changes = coordinates.difference(before, after)
     assert (np.abs(changes[:, [0, 3]]) <= np.pi).all()
     np.testing.assert_array_equal(changes[:, 2], 0.0)
@@ -60,7 +60,7 @@ def test_add_inverts_difference(seed: int) -> None:
 
 
 def test_changed_observations_stay_on_their_circle(rng: np.random.Generator) -> None:
-    now, coordinates = observed(rng), StateCoordinates(4, [3], ((0, 2),))
+    now, coordinates = observed(rng), StateCoordinates(4, [3], np.array([RADIANS]), ((0, 2),))
     for _ in range(1000):
         now = coordinates.add(now, rng.normal(size=now.shape))
     np.testing.assert_allclose(np.hypot(now[:, 0], now[:, 2]), 1.0, atol=1e-12)

@@ -1,0 +1,95 @@
+"""Find angles that do not wrap, and whether the past helps, by how well models with other inputs predict."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from rkhs_ros.learning.discovery.angles import with_angles, with_wrapped_angles
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.model.dynamics_model import Transitions, coordinates_of
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.rkhs.kernels import Array, deviations
+from rkhs_ros.rkhs.posterior import Posterior
+
+MOST_STEPS = 1000  # last steps that a comparison uses
+CENTRES = 100  # of its models
+FEWEST_STEPS = 100  # for a longer history
+BLOCK = 5  # consecutive steps that are predicted by a model of the other blocks
+LONGEST_HISTORY = 3
+FALLS = 0.6  # factor on the error of poorly predicted columns that justifies a longer history
+FALLS_MEDIAN = 0.8  # the same for the median column
+POOR = 0.1  # error of a poorly predicted column, in standard deviations of its change
+GAIN = 20.0  # of log evidence, that justifies an angle
+WIDE = 0.5  # range of a column that may be an angle, in turns
+TURNS = (2.0 * np.pi, 360.0)
+
+
+def discover_inputs(inputs: Inputs, episodes: Episodes, spaces: Spaces, *, history: bool) -> Inputs:
+    """Return the inputs with the angles that the episodes reveal, and a history that is longer by one step if it helps.
+
+    Args:
+        inputs: inputs so far, without monomials.
+        episodes: all episodes, with raw observations.
+        spaces: spaces of the task.
+        history: whether the history may become longer.
+    """
+    inputs = with_wrapped_angles(inputs, episodes)
+    inputs = _with_unwrapped_angles(inputs, episodes, spaces)
+    if history and inputs.history < LONGEST_HISTORY and episodes.mask.sum() >= FEWEST_STEPS:
+        longer = replace(inputs, history=inputs.history + 1)
+        if _predicts_better(_errors(inputs, episodes, spaces), _errors(longer, episodes, spaces)):
+            return longer
+    return inputs
+
+
+def _with_unwrapped_angles(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> Inputs:
+    """Return the inputs with the wide columns whose effect has the period of a turn."""
+    extents = np.ptp(episodes.flat(episodes.observations), axis=0)
+    best = None
+    for column in sorted(set(range(len(extents))) - set(inputs.columns)):
+        for turn in TURNS:
+            if extents[column] < WIDE * turn:
+                continue
+            known = dict(zip(inputs.columns, inputs.full_turns.tolist(), strict=True))
+            best = _evidence(inputs, episodes, spaces) if best is None else best
+            changed = with_angles(inputs, known | {column: turn})
+            evidence = _evidence(changed, episodes, spaces)
+            if evidence > best + GAIN:
+                inputs, best = changed, evidence
+                break
+    return inputs
+
+
+def _last_steps(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> tuple[Transitions, Array, list[int]]:
+    """Return the last steps, their changes, and the columns that change by themselves."""
+    steps = Transitions.of(episodes, inputs, spaces).last(MOST_STEPS)
+    coordinates = coordinates_of(steps, inputs)
+    return steps, coordinates.difference(steps.observations, steps.next_observations), coordinates.columns
+
+
+def _evidence(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> float:
+    """Return the log evidence of models of the changes and of the rewards."""
+    steps, changes, _ = _last_steps(inputs, episodes, spaces)
+    targets = (changes, steps.rewards[:, None])
+    return sum(Posterior.fit(steps.points, target, CENTRES).evidence for target in targets)
+
+
+def _errors(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> Array:
+    """Return the root mean square error of each column's change, in its standard deviations, on held-out blocks."""
+    steps, changes, columns = _last_steps(inputs, episodes, spaces)
+    odd = (np.arange(len(changes)) // BLOCK) % 2 == 1
+    errors = np.empty_like(changes)
+    for fold in (odd, ~odd):
+        errors[fold] = changes[fold] - Posterior.fit(steps.points[~fold], changes[~fold], CENTRES).mean(
+            steps.points[fold]
+        )
+    return np.asarray(np.sqrt(np.mean(errors**2, axis=0)) / deviations(changes))[columns]
+
+
+def _predicts_better(errors: Array, longer: Array) -> bool:
+    """Return whether the errors with a longer history are clearly smaller, where they matter."""
+    ratios, poor = longer / np.maximum(errors, np.finfo(float).tiny), errors > POOR
+    return bool(poor.any() and np.exp(np.mean(np.log(ratios[poor]))) < FALLS and np.median(ratios) < FALLS_MEDIAN)
