@@ -176,9 +176,8 @@ def _draw_attempts(axes: Axes, policy: GaussianPolicy, subject: Subject) -> Arra
     colour_bar(axes, image, "return")
     bars: Any = {"color": RED, "capsize": 4, "linewidth": 2, "zorder": 3}
     axes.errorbar(mean[0], mean[1], xerr=sd[0], yerr=sd[1], fmt="D", label="mean action, exploration", **bars)
-    (xlow, xhigh), (ylow, yhigh) = (_limits(subject, action) for action in (0, 1))
-    margin = MARGIN * np.array([xhigh - xlow, yhigh - ylow])
-    axes.set(xlim=(xlow - margin[0], xhigh + margin[0]), ylim=(ylow - margin[1], yhigh + margin[1]))
+    low, high = _range([tried, np.stack([mean - sd, mean + sd])])  # the bounds may be far wider
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     label(axes, subject.actions[0], subject.actions[1])
     return tried[-1:]
 
