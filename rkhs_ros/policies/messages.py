@@ -166,11 +166,8 @@ def _kernel(terms: Iterable[Any], d: int) -> Kernel:
 def _inputs_of(message: Any, d: int) -> Inputs:
     require(len(message.angles) <= d, "inputs.angles", f"at most {d} columns, one per input", len(message.angles))
     numbers = {"history": message.history, "degree": message.degree, "offset": message.offset}
-    angles: dict[str, list[float]] = (
-        {"angles": [int(column) for column in message.angles]} if len(message.angles) else {}
-    )
-    if len(turns := getattr(message, "turns", ())):  # old recordings have none
-        angles["turns"] = [float(turn) for turn in turns]
+    lists = {"angles": message.angles, "turns": getattr(message, "turns", ())}  # old recordings have no turns
+    angles = {name: [float(value) for value in values] for name, values in lists.items() if len(values)}
     return build(Inputs, {**numbers, **angles}, "inputs.")
 
 

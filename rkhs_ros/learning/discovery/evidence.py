@@ -22,7 +22,7 @@ LONGEST_HISTORY = 3
 FALLS = 0.6  # factor on the error of poorly predicted columns that justifies a longer history
 FALLS_MEDIAN = 0.8  # the same for the median column
 POOR = 0.1  # error of a poorly predicted column, in standard deviations of its change
-GAIN = 20.0  # of log evidence, that justifies an angle
+GAIN = 15.0  # of log evidence, that justifies an angle
 WIDE = 0.5  # range of a column that may be an angle, in turns
 TURNS = (2.0 * np.pi, 360.0)
 
@@ -71,10 +71,9 @@ def _last_steps(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> tuple[Tra
 
 
 def _evidence(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> float:
-    """Return the log evidence of models of the changes and of the rewards."""
+    """Return the log evidence of a model of the changes."""
     steps, changes, _ = _last_steps(inputs, episodes, spaces)
-    targets = (changes, steps.rewards[:, None])
-    return sum(Posterior.fit(steps.points, target, CENTRES).evidence for target in targets)
+    return Posterior.fit(steps.points, changes, CENTRES).evidence
 
 
 def _errors(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> Array:

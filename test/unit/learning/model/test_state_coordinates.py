@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rkhs_ros.learning.model.state_coordinates import RADIANS, StateCoordinates
+from rkhs_ros.policies.inputs import Inputs
 
 
 def on_circle(angles: np.ndarray, radius: float = 1.0) -> np.ndarray:
@@ -19,7 +20,7 @@ def observed(rng: np.random.Generator, n: int = 50, radius: float = 1.0) -> np.n
 
 
 def test_circles_are_detected(rng: np.random.Generator) -> None:
-    coordinates = StateCoordinates.of(observed(rng).astype(np.float32).astype(float), [3])
+    coordinates = StateCoordinates.of(observed(rng).astype(np.float32).astype(float), Inputs(angles=(3.0,)))
     assert coordinates.circles == ((0, 2),)
     assert coordinates.columns == [0, 1, 3]
     assert sorted(coordinates.periodic) == [0, 2, 3]
