@@ -72,6 +72,7 @@ TASKS = {
     "pendulum-clip": Task("rkhs/Pendulum-v0", SWUNG_UP, changes=(CLIP,), discounted=True),
     "pendulum-wrap": Task("rkhs/Pendulum-v0", SWUNG_UP, changes=(WRAP, ANGLE), discounted=True),
     "pendulum-pomdp": Task("rkhs/PendulumPOMDP-v0", SWUNG_UP, changes=(ANGLE, WINDOW), discounted=True),
+    "cart-pole": Task("rkhs/CartPoleSwingUp-v0", (45.0, 48.0)),
     "pr2-door": Task(
         "rkhs/PR2Door-v0", (0.5, 0.8), changes=("environment.options.pose=per_episode",), packages=("pybullet",)
     ),

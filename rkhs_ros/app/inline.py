@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -14,9 +14,10 @@ from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task, load_policy
+from rkhs_ros.rollouts.environments import time_limit
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from rkhs_ros.runs.config import Config, Environment
+from rkhs_ros.runs.config import Config, Environment, config_for, tree_of
 from rkhs_ros.runs.report import last_policy
 
 
@@ -38,6 +39,22 @@ def spaces_of(environment: Environment) -> Spaces:
     """
     with runner_of(environment) as runner:
         return runner.spaces
+
+
+def untuned_config(environment: str, changes: Sequence[str]) -> Config:
+    """Return the configuration of a run on an environment with the default settings and its own time limit.
+
+    Args:
+        environment: Gymnasium id.
+        changes: settings that replace the defaults, such as ``algorithm.ridge=0.1``.
+
+    Raises:
+        ValueError: the id is unknown, or a setting is unknown or invalid.
+    """
+    section = tree_of(changes).get("environment")
+    options = section.get("options") if isinstance(section, Mapping) else None
+    limit = time_limit(environment, options if isinstance(options, Mapping) else {})
+    return config_for(environment, limit, changes)
 
 
 def warn_of_horizon(simulation: Simulation, horizon: int, *, given: bool) -> None:

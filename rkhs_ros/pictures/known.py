@@ -11,15 +11,20 @@ from gymnasium.envs.registration import load_env_creator
 from rkhs_ros.policies.input_names import Names, default_names, reported_names
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
-from rkhs_ros.rollouts.environments import spec_of
+from rkhs_ros.rollouts.environments import limit_of, spec_of
 
 REFERENCE_DISCOUNT = 0.99
 
 
 def references(task: Task) -> dict[str, float]:
-    """Return the reference returns of a task by name; empty if its horizon or discount is not the registered one."""
+    """Return the reference returns of a task by name.
+
+    They are empty if its horizon or discount is not the registered one, or if an option changes its returns.
+    """
     spec = gymnasium.registry.get(task.environment.rpartition(":")[2])
-    if spec is None or (task.horizon, task.discount) != (spec.max_episode_steps, REFERENCE_DISCOUNT):
+    if spec is None or set(task.options) & getattr(spec.vector_entry_point, "return_options", frozenset()):
+        return {}
+    if (task.horizon, task.discount) != (limit_of(spec, task.options), REFERENCE_DISCOUNT):
         return {}
     return getattr(spec.vector_entry_point, "reference_returns", {})
 

@@ -83,10 +83,29 @@ def options_of(source: Source) -> dict[str, Any]:
     return {name: value for name, value in kwargs.items() if name != "render_mode"}
 
 
-def time_limit(source: Source) -> int | None:
-    """Return the time limit of an environment in steps; None if it has none."""
-    spec = spec_of(source) if isinstance(source, str) else getattr(source, "spec", None)
-    return None if spec is None else spec.max_episode_steps
+def time_limit(source: Source, options: Mapping[str, Any] | None = None) -> int | None:
+    """Return the time limit of an environment in steps; None if it has none.
+
+    Args:
+        source: an id, an environment, or a function that returns one.
+        options: keyword options of an id.
+
+    Raises:
+        ValueError: the id is unknown, or an option that changes the time limit is invalid.
+    """
+    if isinstance(source, str):
+        return limit_of(spec_of(source), options or {})
+    spec = getattr(source, "spec", None)
+    return None if spec is None else limit_of(spec, options_of(source))
+
+
+def limit_of(spec: EnvSpec, options: Mapping[str, Any]) -> int | None:
+    """Return the registered time limit, or that of a task whose options change it (``time_limit(options)``)."""
+    own = getattr(spec.vector_entry_point, "time_limit", None)
+    if spec.max_episode_steps is not None or own is None:
+        return spec.max_episode_steps
+    steps: int | None = own(options)
+    return steps
 
 
 def _copies(first: AnyEnv, make: Callable[[], Any]) -> Iterator[AnyEnv]:

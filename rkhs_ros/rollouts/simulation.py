@@ -123,7 +123,9 @@ class Simulation:
     @property
     def time_limit(self) -> int | None:
         """Time limit of the environment in steps; None if it has none."""
-        return time_limit(self.environment if self._registered else self._envs.shown)
+        if self._registered:
+            return time_limit(self.environment, self.options)
+        return time_limit(self._envs.shown)
 
     @property
     def shown(self) -> AnyEnv | AnyVectorEnv:

@@ -9,6 +9,7 @@ from functools import partial
 
 from gymnasium.envs.registration import register
 
+from sim_nodes.envs.cart_pole import CartPole
 from sim_nodes.envs.pendulum import Pendulum
 from sim_nodes.envs.pendulum_pomdp import PendulumPOMDP
 from sim_nodes.envs.toy import Toy
@@ -23,6 +24,7 @@ TASKS: dict[str, tuple[type[VectorTask], int]] = {
     "rkhs/Toy-v0": (Toy, 20),
     "rkhs/Pendulum-v0": (Pendulum, 100),
     "rkhs/PendulumPOMDP-v0": (PendulumPOMDP, 100),
+    "rkhs/CartPoleSwingUp-v0": (CartPole, 60),
 }
 
 for _id, (_task, _horizon) in TASKS.items():
@@ -30,7 +32,7 @@ for _id, (_task, _horizon) in TASKS.items():
         id=_id,
         entry_point=partial(_single, _task),
         vector_entry_point=_task,  # type: ignore[arg-type]  # Gymnasium's protocol is of keywords only
-        max_episode_steps=_horizon,
+        max_episode_steps=_horizon if _task.time_limit({}) is None else None,
     )
 
 register(  # by name, because it needs PyBullet, which is optional

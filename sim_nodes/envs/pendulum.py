@@ -35,8 +35,8 @@ class Pendulum(VectorTask):
 
     single_observation_space = Box(np.array([-np.pi, -4 * np.pi]), np.array([np.pi, 4 * np.pi]), dtype=np.float64)
     single_action_space = Box(-3.0, 3.0, (1,), np.float64)
-    observation_names: ClassVar[tuple[str, ...]] = ("angle (rad)", "angular velocity (rad/s)")
-    action_names: ClassVar[tuple[str, ...]] = ("torque",)
+    observation_names: tuple[str, ...] = ("angle (rad)", "angular velocity (rad/s)")
+    action_names: tuple[str, ...] = ("torque",)
     reference_returns: ClassVar[dict[str, float]] = {
         "optimum (dynamic programming)": 51.8,
         "optimum, as published": 46.0,

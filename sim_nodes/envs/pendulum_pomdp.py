@@ -19,7 +19,7 @@ class PendulumPOMDP(Pendulum):
     """
 
     single_observation_space = Box(-np.inf, np.inf, (1,), np.float64)
-    observation_names: ClassVar[tuple[str, ...]] = ("observed angle (rad)",)
+    observation_names: tuple[str, ...] = ("observed angle (rad)",)
     reference_returns: ClassVar[dict[str, float]] = {
         "optimum with full observation (dynamic programming)": 51.8,
         "balanced, as published": 25.0,

@@ -38,8 +38,8 @@ class Toy(VectorTask):
 
     single_observation_space = Box(-4.0, 4.0, (1,), np.float64)
     single_action_space = Box(-1.0, 1.0, (1,), np.float64)
-    observation_names: ClassVar[tuple[str, ...]] = ("position",)
-    action_names: ClassVar[tuple[str, ...]] = ("move",)
+    observation_names: tuple[str, ...] = ("position",)
+    action_names: tuple[str, ...] = ("move",)
     reference_returns: ClassVar[dict[str, float]] = {"optimum (dynamic programming)": 14.5}
     noise_dim = 1
     noise_sd = 0.11

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import gymnasium
@@ -16,8 +17,10 @@ if TYPE_CHECKING:  # a node draws nothing, so it need not import it
     from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 NOISE_BLOCK = 128  # steps
+NEVER = -1  # is no number of steps
 BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"  # distinguishable for colour-blind viewers
 DARK, PALE = "#26262B", "#CCCCCC"
 
@@ -78,7 +81,7 @@ class VectorTask(VectorEnv[Array, Array, Any]):
     """Environments of one task that are stepped together, each with its own random stream.
 
     A subclass defines the spaces, the number of noise draws per transition, and four vectorised formulas. Actions are
-    clipped to their space. All environments are always at the same step; the step after the last one resets them.
+    clipped to their space. The step after the last one of an episode resets its environment.
 
     Args:
         num_envs: number of environments.
@@ -90,10 +93,12 @@ class VectorTask(VectorEnv[Array, Array, Any]):
     single_action_space: Any
     noise_dim: int  # standard normal draws per transition
     observation_noise_dim: int = 0  # standard normal draws per observation
+    start_noise_dim: int = 0  # standard normal draws per initial state
     step_seconds: float = 1.0  # duration of a step
     reference_returns: ClassVar[dict[str, float]] = {}  # at the registered horizon and discount 0.99
-    observation_names: ClassVar[tuple[str, ...]] = ()  # of each dimension, with its unit, for figures
-    action_names: ClassVar[tuple[str, ...]] = ()
+    return_options: ClassVar[frozenset[str]] = frozenset()  # options with which the reference returns do not hold
+    observation_names: tuple[str, ...] = ()  # of each dimension, with its unit, for figures
+    action_names: tuple[str, ...] = ()
 
     def __init__(self, num_envs: int = 1, max_episode_steps: int | None = None) -> None:
         self.num_envs = num_envs
@@ -105,9 +110,29 @@ class VectorTask(VectorEnv[Array, Array, Any]):
         self._action_bounds: tuple[Array, Array] = actions.low, actions.high
         self._streams: list[np.random.Generator] = []
 
+    @classmethod
+    def time_limit(cls, options: Mapping[str, Any]) -> int | None:
+        """Return the steps after which the task itself truncates an episode, given its options; None for never.
+
+        Only a task whose options change the number of steps defines it, and is registered without a time limit.
+        """
+        return None
+
     @abstractmethod
     def initial_states(self, num_envs: int) -> Array:
         """Return the states at the start of an episode, shape (num_envs, state_dim)."""
+
+    def random_initial_states(self, noise: Array) -> Array:
+        """Return the states at the start of episodes; by default `initial_states`.
+
+        Args:
+            noise: standard normal draws, shape (num_envs, start_noise_dim).
+        """
+        return self.initial_states(len(noise))
+
+    def terminations(self, states: Array) -> Flags:
+        """Return whether these states end the episode, shape (num_envs,); by default none does."""
+        return np.zeros(len(states), dtype=bool)
 
     @abstractmethod
     def transition(self, states: Array, actions: Array, noise: Array) -> Array:
@@ -161,11 +186,13 @@ class VectorTask(VectorEnv[Array, Array, Any]):
         """
         if seed is not None or not self._streams:
             self._streams = [seeding.np_random(s)[0] for s in self._seeds(seed)]
+        starts = self._starts(np.ones(self.num_envs, dtype=bool))
         first = np.stack([stream.standard_normal(self.observation_noise_dim) for stream in self._streams])
         self._noise: Array = np.empty((0, self.num_envs, self.noise_dim + self.observation_noise_dim))
         self._noise_used = 0
-        self._states = self.initial_states(self.num_envs)
-        self._step = 0
+        self._states = starts
+        self._steps = np.zeros(self.num_envs, dtype=np.int64)  # of each environment's episode so far
+        self._over = np.zeros(self.num_envs, dtype=bool)
         return self.observe(self._states, first), {}
 
     def step(self, actions: Array) -> tuple[Array, Any, Any, Any, dict[str, Any]]:
@@ -173,21 +200,32 @@ class VectorTask(VectorEnv[Array, Array, Any]):
         clipped = clip(actions, *self._action_bounds)
         draws = self._next_noise()
         noise, observation_noise = draws[:, : self.noise_dim], draws[:, self.noise_dim :]
-        if self._step == self.max_episode_steps:
-            self._step = 0
-            self._states, rewards = self.initial_states(self.num_envs), np.zeros(self.num_envs)
-        else:
-            self._step += 1
-            rewards = self.reward(self._states, clipped)
-            self._states = self.transition(self._states, clipped, noise)
-        truncated = np.zeros(self.num_envs, dtype=bool)
-        truncated[:] = self._step == self.max_episode_steps
-        return (
-            self.observe(self._states, observation_noise),
-            rewards,
-            np.zeros(self.num_envs, dtype=bool),
-            truncated,
-            {},
+        rewards = self._advance(clipped, noise)
+        terminated = self.terminations(self._states)
+        truncated = self._steps == (self.max_episode_steps or NEVER)
+        self._over = terminated | truncated
+        return self.observe(self._states, observation_noise), rewards, terminated, truncated, {}
+
+    def _advance(self, actions: Array, noise: Array) -> Array:
+        """Move each environment to its next state, or to an initial one if its episode is over; return the rewards."""
+        self._steps += 1
+        over = self._over
+        restarting = np.count_nonzero(over)
+        if restarting < self.num_envs:
+            rewards = self.reward(self._states, actions)
+            states = self.transition(self._states, actions, noise)
+        else:  # no transition, because it may be expensive
+            rewards, states = np.zeros(self.num_envs), self._states.copy()
+        if restarting:
+            states[over], rewards[over], self._steps[over] = self._starts(over), 0.0, 0
+        self._states = states
+        return rewards
+
+    def _starts(self, which: Flags) -> Array:
+        """Return initial states of the given environments, from their own streams."""
+        streams = [stream for stream, used in zip(self._streams, which, strict=True) if used]
+        return self.random_initial_states(
+            np.stack([stream.standard_normal(self.start_noise_dim) for stream in streams])
         )
 
     def _next_noise(self) -> Array:
@@ -213,7 +251,8 @@ class SingleTask(gymnasium.Env[Array, Array]):
     """A vector task of one environment as a single Gymnasium environment.
 
     Args:
-        task: a vector task of one environment that never truncates; Gymnasium's time limit does.
+        task: a vector task of one environment. Gymnasium's time limit truncates it, unless its options change the
+            number of steps.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}
@@ -231,5 +270,5 @@ class SingleTask(gymnasium.Env[Array, Array]):
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Make one step."""
-        observations, rewards, _, _, info = self.task.step(np.asarray(action)[None])
-        return observations[0], float(rewards[0]), False, False, info
+        observations, rewards, terminated, truncated, info = self.task.step(np.asarray(action)[None])
+        return observations[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), info

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -66,8 +66,8 @@ class PR2Door(VectorTask):
 
     single_observation_space = Box(-np.inf, np.inf, (3,), np.float64)
     single_action_space = Box(np.array([-0.2, -0.08]), np.array([0.2, 0.08]), dtype=np.float64)
-    observation_names: ClassVar[tuple[str, ...]] = ("error in x (sd)", "error in y (sd)", "error in yaw (sd)")
-    action_names: ClassVar[tuple[str, ...]] = ("shift along the lever (m)", "change of the opening (m)")
+    observation_names: tuple[str, ...] = ("error in x (sd)", "error in y (sd)", "error in yaw (sd)")
+    action_names: tuple[str, ...] = ("shift along the lever (m)", "change of the opening (m)")
     success_reward = float(np.exp(-1.0))  # the greatest reward without opening the door
     noise_dim = 0
     step_seconds = demonstration.SECONDS
@@ -182,7 +182,7 @@ class PR2Door(VectorTask):
 
     def joint_states(self) -> JointStates | None:
         """Return the motion of the joints in the first environment; None before it, or if the arm cannot reach."""
-        trajectory = self.outcomes[0].trajectory if self.outcomes and self._step else None
+        trajectory = self.outcomes[0].trajectory if self.outcomes and self._steps[0] else None
         return None if trajectory is None else JointStates(*trajectory.joint_states(), 1.0 / demonstration.RATE)
 
     def robot_description(self) -> str:

@@ -19,7 +19,7 @@ from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from sim_nodes.envs import TASKS
 
-SIZES = {"rkhs/PendulumPOMDP-v0": 2}  # of the grid, per dimension
+SIZES = {"rkhs/PendulumPOMDP-v0": 2, "rkhs/CartPoleSwingUp-v0": 2}  # of the grid, per dimension
 WINDOWS = {"rkhs/PendulumPOMDP-v0": 3}
 WIDE = {"grid_low": [-4.0], "grid_high": [4.0]}  # contains all observations
 BUDGET = 15

@@ -33,10 +33,11 @@ def settings(task: str, algorithm: str) -> Iterator[str]:
         "rkhs/Toy-v0": ["inputs.degree=2" if grid else "inputs.degree=5", "inputs.offset=0.2"],
         "rkhs/Pendulum-v0": ["environment.options.angle=wrap", "inputs.angles=[0]"],
         "rkhs/PendulumPOMDP-v0": ["inputs.history=3", "inputs.angles=[0]"],
+        "rkhs/CartPoleSwingUp-v0": ["environment.options.observation=wrapped", "environment.options.rail=2.5"],
     }[task]
     if grid:
         yield from ("algorithm.grid_low=-2", "algorithm.grid_high=2", "kernel.bandwidth=3.0")
-        yield f"algorithm.grid_counts={2 if task == 'rkhs/PendulumPOMDP-v0' else 3}"
+        yield f"algorithm.grid_counts={2 if task in ('rkhs/PendulumPOMDP-v0', 'rkhs/CartPoleSwingUp-v0') else 3}"
     else:
         yield "algorithm.centres=15"
         if task == "rkhs/Toy-v0":

@@ -8,13 +8,12 @@ import sys
 from pathlib import Path
 
 from rkhs_ros.app.domain import VARIABLE
-from rkhs_ros.app.inline import spaces_of
+from rkhs_ros.app.inline import spaces_of, untuned_config
 from rkhs_ros.app.launcher import launch_worlds
 from rkhs_ros.app.robots import check_robot
 from rkhs_ros.base.ros import require_ros
 from rkhs_ros.base.validation import require
-from rkhs_ros.rollouts.environments import time_limit
-from rkhs_ros.runs.config import Config, config_for, load_config
+from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.report import resolved
 
 
@@ -53,4 +52,4 @@ def _configuration(options: argparse.Namespace) -> Config:
     changes = [] if options.simulators is None else [f"simulators={options.simulators}"]
     if options.config:
         return load_config(options.config, [*changes, *options.set])
-    return config_for(options.env, time_limit(options.env), [*changes, *options.set])
+    return untuned_config(options.env, [*changes, *options.set])

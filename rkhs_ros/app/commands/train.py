@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from rkhs_ros.app.commands.view import page_beside, require_viser, stay_with
 from rkhs_ros.app.domain import reserved_domain
-from rkhs_ros.app.inline import runner_of, warn_of_horizon
+from rkhs_ros.app.inline import runner_of, untuned_config, warn_of_horizon
 from rkhs_ros.app.launcher import journal_in, launch
 from rkhs_ros.app.robots import check_robot, default_domain
 from rkhs_ros.app.seeds import begin_seeds, parse_seeds, seed_folders
@@ -26,10 +26,9 @@ from rkhs_ros.learning.state import first_state
 from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import load_policy
-from rkhs_ros.rollouts.environments import time_limit
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.runs.checkpoint import ACCEPT
-from rkhs_ros.runs.config import Config, config_for, load_config
+from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.report import (
     FIRST_POLICY,
     Report,
@@ -142,7 +141,7 @@ def _configuration(options: argparse.Namespace, file: Path | None) -> Config:
     changes += options.set
     if file is not None:
         return load_config(file, changes)
-    return config_for(options.env, time_limit(options.env), changes)
+    return untuned_config(options.env, changes)
 
 
 def _learnable(config: Config, first_policy: Path | None, *, quiet: bool = False) -> tuple[Spaces, InlineRunner | None]:

@@ -97,7 +97,12 @@ def striped(frames: int, cameras: tuple[str, ...] = ("",)) -> Film:
 
 @pytest.mark.parametrize(
     ("environment", "d", "horizon"),
-    [("rkhs/Toy-v0", 1, 20), ("rkhs/Pendulum-v0", 2, 30), ("rkhs/PendulumPOMDP-v0", 1, 30)],
+    [
+        ("rkhs/Toy-v0", 1, 20),
+        ("rkhs/Pendulum-v0", 2, 30),
+        ("rkhs/PendulumPOMDP-v0", 1, 30),
+        ("rkhs/CartPoleSwingUp-v0", 5, 30),
+    ],
 )
 def test_package_tasks_are_rendered(environment: str, d: int, horizon: int) -> None:
     shot = film(constant(0.15, d=d), Task(environment, {}, horizon, 0.99), frames=6)

@@ -26,6 +26,7 @@ from rkhs_ros.rollouts.visualization import ShowsBodies
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.run import run_training
+from sim_nodes.envs import TASKS
 
 viser = pytest.importorskip("viser")
 
@@ -255,11 +256,11 @@ def test_all_dimensions_are_drawn(d: int, n: int, horizon: int, random_policy: A
     assert len(np.unique(board.image.reshape(-1, 3), axis=0)) > 50
 
 
-@pytest.mark.parametrize("environment", ["rkhs/Pendulum-v0", "rkhs/PendulumPOMDP-v0", "rkhs/Toy-v0"])
+@pytest.mark.parametrize("environment", TASKS)
 def test_tasks_define_a_scene(environment: str) -> None:
     task = scene_of(Task(environment, {}, 10, 0.99))
     assert isinstance(task, ShowsBodies)
-    observations = np.linspace(-1, 1, 14).reshape(7, -1)
+    observations = np.linspace(-1, 1, 70).reshape(7, -1)[:, : TASKS[environment][0].single_observation_space.shape[0]]
     motion = task.motion(observations, np.ones((7, 1)))
     assert motion.positions.shape == (len(motion.times), len(task.bodies()), 3)
     assert np.allclose(np.linalg.norm(motion.orientations, axis=2), 1.0)

@@ -1,0 +1,208 @@
+"""The cart-pole swing-up of PILCO (Deisenroth, 2010) and MC-PILCO (Amadio et al., 2022)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import ceil, isfinite
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from gymnasium.spaces import Box
+
+from sim_nodes.envs.cart_pole_scene import DRAWN_HALF, REACH, bodies, draw, motion
+from sim_nodes.envs.vector_task import Array, Body, BodyTrajectories, Flags, VectorTask
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SECONDS = 3.0  # of an episode
+USUAL_RATE = 20.0  # Hz
+SUBSTEP = 0.005  # s, at most; ten per step at the usual rate
+START_SD = 0.01  # of each state
+USUAL_WIDTH = 3.0  # rad
+CART, SPEED, ANGULAR_SPEED = "cart position (m)", "cart velocity (m/s)", "angular velocity (rad/s)"
+OBSERVATIONS = {
+    "cosine": (CART, SPEED, "cosine of the angle", "sine of the angle", ANGULAR_SPEED),
+    "wrapped": (CART, SPEED, "angle in [-pi, pi) (rad)", ANGULAR_SPEED),
+    "unwrapped": (CART, SPEED, "angle (rad)", ANGULAR_SPEED),
+}
+HIGHEST = {"cosine": (np.inf, np.inf, 1.0, 1.0, np.inf), "wrapped": (np.inf, np.inf, np.pi, np.inf)}
+
+
+class CartPole(VectorTask):
+    r"""Swing up a pole on a cart by a force on the cart, and balance it over the middle of the rail.
+
+    The state is :math:`(x, v, \theta, \omega)`. The angle is 0 if the pole hangs, and the tip of the pole is at
+    :math:`x + l \sin\theta`. With the force :math:`F` in [-10, 10] N:
+
+    .. math:: \dot v = \frac{2 m l \omega^2 \sin\theta + 3 m g \sin\theta\cos\theta + 4 (F - b v)}{d}, \quad
+        \dot\omega = -\frac{3 m l \omega^2 \sin\theta\cos\theta + 6 (M + m) g \sin\theta + 6 (F - b v) \cos\theta}{l d}
+
+    with :math:`d = 4 (M + m) - 3 m \cos^2\theta`, in Runge-Kutta steps of at most 5 ms. Each state starts with the
+    standard deviation 0.01 around rest. The reward of a step is :math:`\exp(-(u / 3)^2 - x^2)`, with the angle
+    :math:`u` from upright, in [0, pi] rad. There is no other noise. An episode is truncated after 3 s.
+
+    Args:
+        num_envs: number of environments.
+        max_episode_steps: steps after which an episode is truncated, if these are less than 3 s; None for 3 s.
+        rate: steps per second. The reward of a step is multiplied by 20 / rate, so that the undiscounted return hardly
+            depends on the rate.
+        rail: greatest distance of the cart from the middle, in metres; an episode terminates beyond it. None for no
+            limit.
+        reward_width: replaces the 3 rad in the reward; the width along the rail, 1 m, changes in proportion.
+        observation: observe the angle as cosine and sine ("cosine"), within [-pi, pi) ("wrapped"), or with its whole
+            turns ("unwrapped").
+    """
+
+    mass = 0.5  # m, of the pole, kg
+    cart_mass = 0.5  # M, kg
+    length = REACH  # l, m
+    friction = 0.1  # b, of the cart, N s/m
+    gravity = 9.82  # g, m/s^2
+
+    single_observation_space = Box(-np.array(HIGHEST["cosine"]), np.array(HIGHEST["cosine"]), dtype=np.float64)
+    single_action_space = Box(-10.0, 10.0, (1,), np.float64)
+    observation_names = OBSERVATIONS["cosine"]
+    action_names = ("force (N)",)
+    reference_returns: ClassVar[dict[str, float]] = {"best known (trajectory optimisation)": 38.1}
+    return_options: ClassVar[frozenset[str]] = frozenset({"rate", "rail", "reward_width"})
+    noise_dim = 0
+    start_noise_dim = 4
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        max_episode_steps: int | None = None,
+        rate: float = USUAL_RATE,
+        rail: float | None = None,
+        reward_width: float = USUAL_WIDTH,
+        observation: str = "cosine",
+    ) -> None:
+        if observation not in OBSERVATIONS:
+            raise ValueError(f"observation: expected one of {', '.join(OBSERVATIONS)}, got {observation!r}")
+        if rail is not None:
+            _require_positive("rail", rail, "m")
+        _require_positive("reward_width", reward_width, "rad")
+        steps = self.time_limit({"rate": rate})
+        self.rate, self.rail, self.reward_width, self.observation = float(rate), rail, float(reward_width), observation
+        self.step_seconds = 1.0 / self.rate
+        self.observation_names = OBSERVATIONS[observation]
+        high = np.array(HIGHEST.get(observation, (np.inf,) * 4))
+        self.single_observation_space = Box(-high, high, dtype=np.float64)
+        super().__init__(num_envs, min(steps, max_episode_steps or steps))
+
+    @classmethod
+    def time_limit(cls, options: Mapping[str, Any]) -> int:
+        """Return the steps in 3 s at the rate in the options.
+
+        Raises:
+            ValueError: the rate is not a number from 1 to 1000.
+        """
+        rate = options.get("rate", USUAL_RATE)
+        if not _is_number(rate) or not 1 <= rate <= 1000:
+            raise ValueError(f"rate: expected a number from 1 to 1000 (Hz), got {rate!r}")
+        steps: int = round(SECONDS * rate)
+        return steps
+
+    def initial_states(self, num_envs: int) -> Array:
+        """Return the state of rest, without noise."""
+        return np.zeros((num_envs, 4))
+
+    def random_initial_states(self, noise: Array) -> Array:  # noqa: D102
+        return START_SD * noise
+
+    def transition(self, states: Array, actions: Array, noise: Array) -> Array:  # noqa: D102
+        count = ceil(self.step_seconds / SUBSTEP - 1e-9)  # the margin is for rounding of the quotient
+        h, force = self.step_seconds / count, actions[:, 0]
+        columns = np.ascontiguousarray(states.T)
+        for _ in range(count):
+            first = self.derivative(columns, force)
+            second = self.derivative(columns + h / 2 * first, force)
+            third = self.derivative(columns + h / 2 * second, force)
+            fourth = self.derivative(columns + h * third, force)
+            columns = columns + h / 6 * (first + 2 * (second + third) + fourth)
+        return columns.T
+
+    def derivative(self, columns: Array, force: Array) -> Array:
+        """Return the time derivative of states of shape (4, num_envs) under forces of shape (num_envs,)."""
+        _, v, angle, w = columns
+        m, l, total = self.mass, self.length, self.cart_mass + self.mass  # noqa: E741  # the equations' name
+        sine, cosine = np.sin(angle), np.cos(angle)
+        push, d, spin = force - self.friction * v, 4 * total - 3 * m * cosine**2, m * l * w**2 * sine
+        acceleration = (2 * spin + 3 * m * self.gravity * sine * cosine + 4 * push) / d
+        turning = -(3 * spin * cosine + 6 * total * self.gravity * sine + 6 * push * cosine) / (l * d)
+        return np.stack([v, acceleration, w, turning])
+
+    def reward(self, states: Array, actions: Array) -> Array:  # noqa: D102
+        scale = USUAL_WIDTH / self.reward_width
+        exponent = (scale * from_upright(states) / USUAL_WIDTH) ** 2 + (scale * states[:, 0]) ** 2
+        return USUAL_RATE / self.rate * np.exp(-exponent)
+
+    def terminations(self, states: Array) -> Flags:  # noqa: D102
+        return super().terminations(states) if self.rail is None else np.abs(states[:, 0]) > self.rail
+
+    def observe(self, states: Array, noise: Array) -> Array:  # noqa: D102
+        x, v, angle, w = np.ascontiguousarray(states.T)
+        if self.observation == "cosine":
+            return np.stack([x, v, np.cos(angle), np.sin(angle), w], axis=1)
+        return np.stack([x, v, wrapped(angle) if self.observation == "wrapped" else angle, w], axis=1)
+
+    def states_of(self, observations: Array) -> Array:
+        """Return the states of observations of shape (k, d); "cosine" and "wrapped" do not tell whole turns."""
+        if self.observation != "cosine":
+            return observations.copy()
+        x, v, cosine, sine, w = observations.T
+        return np.stack([x, v, np.arctan2(sine, cosine), w], axis=1)
+
+    def balanced(self, observations: Array) -> bool:
+        """Return whether the pole is balanced over the middle: in the last second, |x| < 0.1 m and u < 0.25 rad.
+
+        Args:
+            observations: of an episode, shape (steps, d).
+        """
+        count = round(self.rate)
+        states = self.states_of(observations[-count:])
+        return len(states) == count and bool(np.all((np.abs(states[:, 0]) < 0.1) & (from_upright(states) < 0.25)))
+
+    def draw(self, axes: Axes, state: Array, action: Array) -> None:
+        """Draw the cart on its rail, the pole, the force as an arrow, and the target of the tip."""
+        draw(axes, state, float(action[0]), self.rail)
+
+    def view_direction(self) -> tuple[float, float, float]:
+        """Return the direction from the task towards the viewer."""
+        return (0.0, -1.0, 0.2)
+
+    def bounds(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Return the corners of the box in which the tip of the pole moves."""
+        half = self.rail or DRAWN_HALF
+        return (-half, -0.1, -REACH), (half, 0.1, REACH)
+
+    def bodies(self) -> list[Body]:
+        """Return the rail, the floor, the cart, the pole and its tip, the target, and the force as a row of beads."""
+        return bodies(self.rail)
+
+    def motion(self, observations: Array, actions: Array) -> BodyTrajectories:
+        """Return the bodies' trajectories in an episode; the row of a force of 10 N is half a metre long."""
+        times = self.step_seconds * np.arange(len(observations), dtype=np.float64)
+        return motion(times, self.states_of(observations), actions[:, 0])
+
+
+def wrapped(angle: Array) -> Array:
+    """Return angles within [-pi, pi)."""
+    turned = (angle + np.pi) % (2 * np.pi) - np.pi
+    return np.where(turned < np.pi, turned, -np.pi)  # the remainder of a tiny negative number rounds up
+
+
+def from_upright(states: Array) -> Array:
+    """Return the angles of the pole from upright, within [0, pi]."""
+    return np.pi - np.abs(wrapped(states[:, 2]))
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+
+
+def _require_positive(name: str, value: object, unit: str) -> None:
+    """Raise ValueError unless a value is a finite positive number."""
+    if not _is_number(value) or value <= 0:  # type: ignore[operator]  # a number
+        raise ValueError(f"{name}: expected a positive number ({unit}), got {value!r}")

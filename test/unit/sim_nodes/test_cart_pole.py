@@ -1,0 +1,265 @@
+"""The cart-pole swing-up: its equations, options, and pictures."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from scipy.optimize import curve_fit
+
+from rkhs_ros.app.inline import untuned_config
+from rkhs_ros.pictures.known import references
+from rkhs_ros.policies.storage import Task
+from rkhs_ros.rollouts.environments import time_limit
+from rkhs_ros.rollouts.simulation import Simulation
+from sim_nodes.envs.cart_pole import OBSERVATIONS, CartPole, from_upright
+
+ID = "rkhs/CartPoleSwingUp-v0"
+GENTLE = np.linspace(-0.4, 0.4, 60)  # N: the pole swings, but the motion is not chaotic
+
+
+class Frictionless(CartPole):
+    friction = 0.0
+
+
+def states_under(task: CartPole, forces: np.ndarray, start: tuple[float, ...] = (0.0,) * 4) -> np.ndarray:
+    """Return the states of one environment before and after each force, shape (steps + 1, 4)."""
+    states = [np.array([start])]
+    for force in forces:
+        states.append(task.transition(states[-1], np.array([[force]]), np.empty((1, 0))))
+    return np.concatenate(states)
+
+
+def episode(task: CartPole, forces: np.ndarray, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return observations, the first included, rewards, and both flags of an episode of one environment."""
+    observations, rewards, terminated, truncated = [task.reset(seed=seed)[0]], [], [], []
+    for force in forces:
+        observation, reward, end, cut, _ = task.step(np.array([[force]]))
+        observations.append(observation)
+        rewards.append(reward)
+        terminated.append(end)
+        truncated.append(cut)
+    return tuple(np.concatenate(each) for each in (observations, rewards, terminated, truncated))  # type: ignore[return-value]
+
+
+def energy(task: CartPole, states: np.ndarray) -> np.ndarray:
+    """Return the energy of a cart and a thin rod, J."""
+    _, v, angle, w = states.T
+    m, length = task.mass, task.length
+    moving = (task.cart_mass + m) * v**2 / 2 + m * length * v * w * np.cos(angle) / 2 + m * length**2 * w**2 / 6
+    return np.asarray(moving - m * task.gravity * length / 2 * np.cos(angle))
+
+
+def test_energy_and_momentum_are_conserved_without_friction_and_force() -> None:
+    task = Frictionless()
+    states = states_under(task, np.zeros(60), (0.0, 0.5, 2.5, -3.0))
+    np.testing.assert_allclose(energy(task, states), energy(task, states)[0], rtol=1e-6)
+    _, v, angle, w = states.T
+    momentum = (task.cart_mass + task.mass) * v + task.mass * task.length * w * np.cos(angle) / 2
+    np.testing.assert_allclose(momentum, momentum[0], rtol=1e-6)
+
+
+def test_friction_takes_energy_and_a_force_along_the_motion_adds_it() -> None:
+    task, start = CartPole(), (0.0, 1.0, 0.0, 0.0)
+    first, coasting, pushed = (energy(task, states_under(task, f, start)[-1:]) for f in ([], np.zeros(9), [5.0]))
+    assert coasting < first < pushed
+
+
+def test_small_swings_have_the_frequency_of_the_linear_equations() -> None:
+    task = Frictionless()
+    angles = states_under(task, np.zeros(60), (0.0, 0.0, 1e-3, 0.0))[:, 2]
+    total, m = task.cart_mass + task.mass, task.mass
+    frequency = np.sqrt(6 * total * task.gravity / (task.length * (4 * total - 3 * m)))  # rad/s, 6.87
+    times = task.step_seconds * np.arange(61)
+    np.testing.assert_allclose(angles, 1e-3 * np.cos(frequency * times), atol=1e-8)
+    (fitted,), _ = curve_fit(lambda t, f: 1e-3 * np.cos(f * t), times, angles, p0=[6.8])
+    assert fitted == pytest.approx(frequency, rel=1e-5)
+
+
+@pytest.mark.parametrize("rate", [10.0, 20.0, 33.0, 100.0])
+def test_steps_agree_with_an_adaptive_integrator_of_high_order(rate: float) -> None:
+    task = CartPole(rate=rate)
+    for start, force in (((0.1, -0.3, 0.4, 2.0), 10.0), ((0.0, 0.5, 3.0, -4.0), -7.0), ((-0.2, 0.0, 1.5, 12.0), 0.0)):
+        exact = solve_ivp(
+            lambda _, s, force=force: task.derivative(s[:, None], np.array([force]))[:, 0],
+            (0.0, 1.0 / rate),
+            start,
+            method="DOP853",
+            rtol=1e-12,
+            atol=1e-12,
+        ).y[:, -1]
+        step = states_under(task, np.array([force]), start)[-1]
+        np.testing.assert_allclose(step, exact, atol=1e-6)
+
+
+def test_accelerations_are_the_published_equations_by_hand() -> None:
+    # At rest, level (angle pi / 2): sine 1, cosine 0, d = 4; v' = 4 F / 4 and w' = -6 g / (0.5 * 4).
+    level = CartPole().derivative(np.array([[0.0], [0.0], [np.pi / 2], [0.0]]), np.array([3.0]))[:, 0]
+    np.testing.assert_allclose(level, [0.0, 3.0, 0.0, -6 * 9.82 / 2], atol=1e-12)
+    # Hanging, moving at 2 m/s: d = 2.5, and friction is 0.2 N; v' = -0.8 / 2.5, w' = 6 * 0.2 / (0.5 * 2.5).
+    hanging = CartPole().derivative(np.array([[0.0], [2.0], [0.0], [0.0]]), np.array([0.0]))[:, 0]
+    np.testing.assert_allclose(hanging, [2.0, -0.32, 0.0, 0.96], atol=1e-12)
+
+
+@given(
+    start=st.tuples(*[st.floats(-3, 3)] * 4),
+    force=st.floats(-10, 10),
+)
+def test_left_and_right_are_symmetric(start: tuple[float, ...], force: float) -> None:
+    task, mirrored = CartPole(), tuple(-value for value in start)
+    there, back = states_under(task, np.array([force]), start), states_under(task, np.array([-force]), mirrored)
+    assert np.array_equal(there, -back)
+    np.testing.assert_allclose(task.reward(there, there), task.reward(back, back), rtol=1e-12)
+
+
+def test_rates_agree_on_the_motion_and_on_the_return() -> None:
+    slow, fast = CartPole(), CartPole(rate=100)
+    at_20 = states_under(slow, GENTLE)
+    at_100 = states_under(fast, np.repeat(GENTLE, 5))
+    np.testing.assert_allclose(at_100[::5], at_20, atol=1e-7)
+    returns = [float(task.reward(each[:-1], each).sum()) for task, each in ((slow, at_20), (fast, at_100))]
+    assert returns[0] == pytest.approx(returns[1], abs=0.05)
+
+
+def test_rewards_by_hand() -> None:
+    states = np.array([[0.0, 9.0, np.pi, 9.0], [0.5, 0.0, 0.0, 0.0], [0.0, 0.0, -3 * np.pi + 0.3, 0.0]])
+    expected = [1.0, np.exp(-((np.pi / 3) ** 2) - 0.25), np.exp(-0.01)]
+    np.testing.assert_allclose(CartPole(3).reward(states, states), expected, rtol=1e-12)
+    narrow = [1.0, np.exp(-((np.pi / 0.6) ** 2) - 6.25), np.exp(-0.25)]
+    np.testing.assert_allclose(CartPole(3, reward_width=0.6).reward(states, states), narrow, rtol=1e-12)
+    np.testing.assert_allclose(CartPole(3, rate=50).reward(states, states), np.multiply(0.4, expected), rtol=1e-12)
+
+
+def test_episodes_start_near_rest_with_the_published_deviation() -> None:
+    starts = CartPole(5000).reset(seed=0)[0]
+    states = CartPole().states_of(starts)
+    # Standard errors: 0.00014 of a mean and 0.0001 of a deviation; the margins are four of them.
+    np.testing.assert_allclose(states.mean(axis=0), 0.0, atol=0.0006)
+    np.testing.assert_allclose(states.std(axis=0), 0.01, atol=0.0004)
+
+
+def test_the_observations_describe_the_same_trajectory(rng: np.random.Generator) -> None:
+    forces = rng.uniform(-10, 10, 60)
+    forces[:20] = 10 * np.sign(np.sin(7 * np.arange(20) / 20))  # enough for whole turns
+    seen = {name: episode(CartPole(observation=name), forces)[0] for name in OBSERVATIONS}
+    x, v, angle, w = seen["unwrapped"].T
+    assert np.abs(angle).max() > np.pi
+    np.testing.assert_allclose(seen["cosine"], np.stack([x, v, np.cos(angle), np.sin(angle), w], axis=1), atol=1e-12)
+    inside = (angle + np.pi) % (2 * np.pi) - np.pi
+    np.testing.assert_allclose(seen["wrapped"], np.stack([x, v, inside, w], axis=1), atol=1e-12)
+    for name, observations in seen.items():
+        task = CartPole(observation=name)
+        assert all(row in task.single_observation_space for row in observations)
+        assert task.single_observation_space.shape == (len(task.observation_names),)
+        np.testing.assert_allclose(
+            from_upright(task.states_of(observations)), from_upright(seen["unwrapped"]), atol=1e-7
+        )
+
+
+@pytest.mark.parametrize(("rate", "steps"), [(20, 60), (100, 300), (7.5, 22), (1, 3)])
+def test_an_episode_is_truncated_after_three_seconds_at_any_rate(rate: float, steps: int) -> None:
+    single = gymnasium.make(ID, rate=rate)
+    single.reset(seed=0)
+    ends = [single.step(np.zeros(1))[2:4] for _ in range(steps)]
+    assert ends == [(False, False)] * (steps - 1) + [(False, True)]
+    *_, truncated = episode(CartPole(rate=rate), np.zeros(steps))
+    assert truncated.tolist() == [False] * (steps - 1) + [True]
+    assert CartPole(rate=rate).step_seconds == 1 / rate
+
+
+def test_the_default_horizon_follows_the_rate() -> None:
+    assert untuned_config(ID, []).training.horizon == 60
+    assert untuned_config(ID, ["environment.options.rate=100"]).training.horizon == 300
+    assert untuned_config(ID, ["environment.options.rate=100", "horizon=7"]).training.horizon == 7
+    assert Simulation(ID, {"rate": 10}).time_limit == time_limit(gymnasium.make(ID, rate=10)) == 30
+    assert time_limit(ID) == 60
+    with pytest.raises(ValueError, match="rate: expected a number from 1 to 1000"):
+        untuned_config(ID, ["environment.options.rate=fast"])
+
+
+def test_a_shorter_time_limit_holds() -> None:
+    vector = gymnasium.make_vec(ID, 2, vectorization_mode="vector_entry_point", max_episode_steps=4)
+    vector.reset(seed=0)
+    assert [bool(vector.step(np.zeros((2, 1)))[3].all()) for _ in range(4)] == [False, False, False, True]
+
+
+def test_each_environment_ends_and_restarts_alone_beyond_the_rail() -> None:
+    task = CartPole(3, rail=0.3)
+    task.reset(seed=[1, 2, 3])
+    forces = np.array([[10.0], [0.0], [-5.0]])
+    ends = []
+    for _ in range(14):
+        before = task.states.copy()
+        observations, rewards, terminated, truncated, _ = task.step(forces)
+        restarted = ends[-1] if ends else np.zeros(3, dtype=bool)
+        assert np.array_equal(terminated, (np.abs(observations[:, 0]) > 0.3))
+        assert (rewards[restarted] == 0.0).all()
+        assert (np.abs(task.states[restarted]) < 0.06).all()
+        moved = task.transition(before, forces, np.empty((3, 0)))
+        np.testing.assert_array_equal(task.states[~restarted], moved[~restarted])
+        assert not truncated.any()
+        ends.append(terminated)
+    counts = np.sum(ends, axis=0)
+    assert counts[0] >= counts[2] > counts[1] == 0
+
+
+def test_without_a_rail_no_episode_terminates() -> None:
+    observations, _, terminated, _ = episode(CartPole(), np.full(60, 10.0))
+    assert observations[-1, 0] > 10.0
+    assert not terminated.any()
+
+
+def test_an_episode_is_balanced_if_its_last_second_is_upright_over_the_middle() -> None:
+    def observed(x: float, u: float, rate: float = 20.0) -> tuple[CartPole, np.ndarray]:
+        task, states = CartPole(rate=rate), np.zeros((round(3 * rate), 4))
+        states[-round(rate) :] = [x, 0.0, np.pi - u, 0.0]
+        return task, task.observe(states, np.empty(0))
+
+    for x, u, expected in ((0.0, 0.0, True), (0.09, -0.24, True), (0.11, 0.0, False), (0.0, 0.26, False)):
+        for rate in (20.0, 50.0):
+            task, observations = observed(x, u, rate)
+            assert task.balanced(observations) is expected
+    task, observations = observed(0.0, 0.0)
+    assert not task.balanced(observations[-19:])  # ended too early
+    assert not task.balanced(np.concatenate([observations[:-5], observations[:5]]))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"rate": 0}, r"rate: expected a number from 1 to 1000 \(Hz\), got 0"),
+        ({"rate": True}, "rate: expected a number from 1 to 1000"),
+        ({"rate": np.nan}, "rate: expected a number from 1 to 1000"),
+        ({"rail": -1.0}, r"rail: expected a positive number \(m\), got -1.0"),
+        ({"reward_width": "3"}, r"reward_width: expected a positive number \(rad\), got '3'"),
+        ({"observation": "pixels"}, "observation: expected one of cosine, wrapped, unwrapped, got 'pixels'"),
+    ],
+)
+def test_invalid_options_are_rejected(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        CartPole(**options)
+
+
+def test_the_bodies_are_where_the_state_is() -> None:
+    task = CartPole()
+    states = np.array([[0.0, 0.0, 0.0, 0.0], [0.3, 0.0, np.pi / 2, 0.0], [-0.2, 0.0, np.pi, 0.0]])
+    motion = task.motion(task.observe(states, np.empty(0)), np.array([[0.0], [10.0], [-10.0]]))
+    cart, tip, target, force = motion.positions[:, 2], motion.positions[:, 4], motion.positions[:, 5], -1
+    np.testing.assert_allclose(cart[:, 0], [0.0, 0.3, -0.2])
+    np.testing.assert_allclose(tip[:, [0, 2]], [[0.0, -0.5], [0.8, 0.0], [-0.2, 0.5]], atol=1e-12)
+    np.testing.assert_allclose(target[:, [0, 2]], [[0.0, 0.5]] * 3)
+    np.testing.assert_allclose(motion.positions[:, force, 0] - cart[:, 0], [0.0, 0.5, -0.5], atol=1e-12)
+    w, _, y, _ = motion.orientations[:, 3].T  # of the pole; its axis is (2 w y, 0, w^2 - y^2)
+    axis = np.stack([2 * w * y, w**2 - y**2], axis=1)
+    middle = motion.positions[:, 3][:, [0, 2]]
+    np.testing.assert_allclose(middle + 0.25 * axis, tip[:, [0, 2]], atol=1e-12)
+
+
+def test_reference_returns_hold_for_the_default_returns_only() -> None:
+    assert references(Task(ID, {}, 60, 0.99))
+    assert references(Task(ID, {"observation": "wrapped"}, 60, 0.99))
+    assert not references(Task(ID, {}, 50, 0.99))
+    assert not references(Task(ID, {"reward_width": 0.6}, 60, 0.99))
