@@ -140,6 +140,7 @@ docs: build .venv/.docs ## build the documentation site in docs/_build/html
 
 pictures: build ## make the pictures of the README
 	@$(ENTER) python docs/make_pictures.py
+	@$(ENTER) python docs/make_cart_pole_film.py
 
 pictures-pr2: build ## make the pictures of the PR2's door, in minutes
 	@$(ENTER) python docs/make_pr2_pictures.py
