@@ -21,9 +21,9 @@ BLOCK = 5  # consecutive steps that are predicted by a model of the other blocks
 LONGEST_HISTORY = 3
 FALLS = 0.6  # factor on the error of poorly predicted columns that justifies a longer history
 FALLS_MEDIAN = 0.8  # the same for the median column
-POOR = 0.1  # error of a poorly predicted column, in standard deviations of its change
-GAIN = 15.0  # of log evidence, that justifies an angle
-WIDE = 0.5  # range of a column that may be an angle, in turns
+POOR = 0.2  # error of a poorly predicted column, in standard deviations of its change
+GAIN, GAIN_PER_STEP = 20.0, 0.5  # of log evidence, that together justify an angle
+WIDE = 1.0  # range of a column that may be an angle, in turns
 TURNS = (2.0 * np.pi, 360.0)
 
 
@@ -57,7 +57,7 @@ def _with_unwrapped_angles(inputs: Inputs, episodes: Episodes, spaces: Spaces) -
             best = _evidence(inputs, episodes, spaces) if best is None else best
             changed = with_angles(inputs, known | {column: turn})
             evidence = _evidence(changed, episodes, spaces)
-            if evidence > best + GAIN:
+            if evidence > best + max(GAIN, GAIN_PER_STEP * min(episodes.mask.sum(), MOST_STEPS)):
                 inputs, best = changed, evidence
                 break
     return inputs

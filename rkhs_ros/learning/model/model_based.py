@@ -22,6 +22,7 @@ from rkhs_ros.learning.model.dynamics_model import (
 )
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model.priors import Priors
+from rkhs_ros.learning.model.validation import Validation
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.noise import NOISES
@@ -37,6 +38,8 @@ SAME_KERNEL = 0.95  # alignment above which the policy keeps its kernel
 AS_NEEDED = "as_needed"
 FUNCTION = "MODULE:FUNCTION, or empty to learn the function; maps batches of"
 FROM_THE_START = 2  # number of the first of three consecutive rollouts that start from initial observations
+VALIDATE_EVERY = 5  # updates
+MOST_ROUNDS = 4  # times the usual updates, as long as the policy improves
 HORIZONS_AHEAD = 3.0  # times 1 / (1 - discount); later steps contribute 5 % of the return
 
 
@@ -51,6 +54,13 @@ class ModelBased(Settings):
 
     updates: int = setting(30, "policy updates in the model per real iteration", minimum=1, maximum=1000)
     rollouts: int = setting(50, "model rollouts with exploration noise per update", minimum=1, maximum=10_000)
+    validation_rollouts: int = setting(
+        0,
+        "model rollouts of the policy mean, the same for all policies, that choose the best policy of an iteration; "
+        "updates go on as long as they improve it. 0: the last policy after a fixed number of updates",
+        minimum=0,
+        maximum=10_000,
+    )
     centres: int = setting(200, "maximum number of centres of the model", minimum=1, maximum=2000)
     exploration_noise: str = setting(
         AS_NEEDED,
@@ -62,6 +72,12 @@ class ModelBased(Settings):
         "none",
         "what to find in the data and add to the policy's inputs: none; angles; or all, angles and a longer history",
         choices=DISCOVERIES,
+    )
+    curiosity: str = setting(
+        "none",
+        "when the policy trains to reach states that the model does not know: none, or as_needed: as long as a cost of "
+        "the actions explains all rewards",
+        choices=("none", AS_NEEDED),
     )
     evaluation_noise_scale: float = setting(
         0.3,
@@ -179,16 +195,42 @@ def train_in_model(
     priors = settings.priors(spaces.observation_dim)
     test = _test_previous_model(settings, policy, experience, priors)
     model = DynamicsModel.fit(episodes, inputs, spaces, settings.centres, priors)
-    runner = ModelRunner(model, test.overconfidence)
+    nothing_known = reward_depends_on_action_only(episodes, spaces)
+    curious = settings.curiosity == "as_needed" and nothing_known and priors.reward_fn is None
+    runner = ModelRunner(model, test.overconfidence, curious=curious)
     rounds = max(1, round(settings.updates / test.overconfidence))
+    repeat = policy.action_repeat
+    policy, metrics, expected = _optimise(
+        settings, algorithm, replace(policy, noise="white", action_repeat=1), experience, runner, rounds
+    )
+    policy = settings.exploration_policy(
+        replace(policy, action_repeat=repeat),
+        experience.first_variance,
+        experience.iteration + 1,
+        reward_depends_on_action_only=nothing_known,
+    )
+    return ModelUpdate(policy, metrics, expected, test.error)
+
+
+def _optimise(
+    settings: ModelBased,
+    algorithm: Algorithm,
+    policy: GaussianPolicy,
+    experience: RealExperience,
+    runner: ModelRunner,
+    rounds: int,
+) -> tuple[GaussianPolicy, Metrics, float]:
+    """Update the policy in the model; return it with the metrics of the last update and its return in the model."""
+    validation = Validation(settings.validation_rollouts, runner, _validation_seed(experience), _horizon(experience))
     least = settings.exploration_minimum * np.sqrt(experience.first_variance)
     share = max(settings.restart_decay**experience.outperformed_iterations, settings.exploration_minimum)
     deviation = share * np.sqrt(experience.first_variance)
-    repeat = policy.action_repeat
-    policy = replace(policy, variance=ConstantVariance(deviation**2), noise="white", action_repeat=1)
-    memory = Episodes.none(_horizon(experience), spaces.observation_dim, spaces.action_dim).with_inputs(inputs)
-    for number in range(rounds):
-        rollouts = runner.collect(policy, _batch(settings, experience, number)).with_inputs(inputs)
+    validation.consider(policy, experience.discount)
+    policy = replace(policy, variance=ConstantVariance(deviation**2))
+    memory = Episodes.none(_horizon(experience), runner.spaces.observation_dim, runner.spaces.action_dim)
+    memory, number = memory.with_inputs(policy.inputs), 0
+    while number < rounds or (validation.improves and number < MOST_ROUNDS * rounds):
+        rollouts = runner.collect(policy, _batch(settings, experience, number)).with_inputs(policy.inputs)
         update = Experience(
             rollouts, experience.discount, memory, _no_fresh_episodes, experience.first_variance, number
         )
@@ -196,14 +238,12 @@ def train_in_model(
         deviation = np.maximum(deviation * settings.exploration_decay, least)
         if not algorithm.learns_variance:
             policy = replace(policy, variance=ConstantVariance(deviation**2))
-    last = float(rollouts.returns(experience.discount).mean())
-    policy = settings.exploration_policy(
-        replace(policy, action_repeat=repeat),
-        experience.first_variance,
-        experience.iteration + 1,
-        reward_depends_on_action_only=reward_depends_on_action_only(episodes, spaces),
-    )
-    return ModelUpdate(policy, metrics, last, test.error)
+        number += 1
+        if number % VALIDATE_EVERY == 0 or number == rounds:
+            validation.consider(policy, experience.discount)
+    if validation.best is None:
+        return policy, metrics, float(rollouts.returns(experience.discount).mean())
+    return validation.best, metrics, validation.highest
 
 
 def model_rollouts_of(
@@ -284,6 +324,10 @@ def _horizon(experience: RealExperience) -> int:
 def _batch(settings: ModelBased, experience: RealExperience, number: int) -> Batch:
     seed = stream_seed(experience.seed, "practice", experience.iteration)
     return Batch(seed, number * settings.rollouts, settings.rollouts, _horizon(experience), explore=True)
+
+
+def _validation_seed(experience: RealExperience) -> int:
+    return stream_seed(experience.seed, "validation", experience.iteration)
 
 
 def _no_fresh_episodes(policy: GaussianPolicy, episodes: int) -> Episodes:

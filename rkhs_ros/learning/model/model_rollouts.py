@@ -25,11 +25,14 @@ class ModelRunner:
     Args:
         model: model of the task.
         caution: factor on the deviation of the drawn functions from their mean.
+        curious: reward steps by the model's uncertainty about them instead of the task's rewards, so that the policy
+            explores states that were not visited yet.
     """
 
-    def __init__(self, model: DynamicsModel, caution: float = 1.0) -> None:
+    def __init__(self, model: DynamicsModel, caution: float = 1.0, *, curious: bool = False) -> None:
         self._model = model
         self._caution = caution
+        self._curious = curious
 
     @property
     def spaces(self) -> Spaces:
@@ -46,7 +49,8 @@ class ModelRunner:
         shape = (batch.horizon, model.spaces.observation_dim)
         noise = np.stack([own.standard_normal(shape) for own in streams]) * model.state_delta.noise
         observations, actions, points = self._roll_out(policy, batch, starts, changes, noise)
-        return self._cut(observations, actions, self._rewards(observations, points, rewards))
+        earned = self._novelty(points) if self._curious else self._rewards(observations, points, rewards)
+        return self._cut(observations, actions, earned)
 
     def _starts(self, batch: Batch, streams: list[np.random.Generator]) -> Array:
         """Return the first observations of the episodes.
@@ -103,6 +107,12 @@ class ModelRunner:
             points = np.concatenate([self._model.inputs.features(observations[:, 1:]), points[..., -n:]], axis=-1)
         rewards = np.stack([drawn.of_draw(row, its_points)[:, 0] for row, its_points in enumerate(points)])
         return np.clip(rewards, *self._model.reward_range)
+
+    def _novelty(self, points: Array) -> Array:
+        """Return the model's standard deviation of the changes, relative to their spread, shape (N, H)."""
+        changes = self._model.state_delta
+        relative = changes.sd(points.reshape(-1, points.shape[-1])) / changes.targets.scale
+        return np.asarray(relative.mean(axis=1).reshape(points.shape[:2]))
 
     def _ended(self, observations: Array) -> NDArray[np.bool_]:
         """Return whether each observation, shape (N, H, d), terminates its episode: shape (N, H)."""

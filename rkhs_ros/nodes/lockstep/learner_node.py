@@ -61,7 +61,7 @@ class LearnerNode(ReportingNode):
         again, own_process = restarts(self, tree), process(self, tree)
         self.environment = self._environment_from(tree)
         self.training = training_from(tree)
-        declare(self, entries(self.training))
+        declare(self, (entry for entry in entries(self.training) if entry.value != ()))
         topics = [f"{namespace}episodes" for namespace in namespaces(self.training.simulators)]
         self.diagnostics = Diagnostics(self, again, lambda: self.runner.report(), topics)
         self._uniqueness = Uniqueness(self, own_process)
