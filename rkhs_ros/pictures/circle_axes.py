@@ -29,7 +29,7 @@ class CircleAxes:
         return cls(state, tuple(float(np.hypot(points[:, i], points[:, j]).mean()) for i, j in state.circles))
 
     def labels(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the names of the axes from those of the columns."""
+        """Return the names of the axes, given the names of the columns."""
         angles = {i: f"angle of ({names[i]}, {names[j]}) (rad)" for i, j in self.state.circles}
         return tuple(angles.get(column, names[column]) for column in self.state.columns)
 

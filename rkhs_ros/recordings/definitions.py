@@ -49,7 +49,7 @@ class Types:
 
 
 def encoded(message: Any) -> bytes:
-    """Serialise a message as for topics."""
+    """Serialise a message in CDR, the format of ROS topics."""
     return bytes(store().serialize_cdr(message, message.__msgtype__))
 
 

@@ -51,7 +51,12 @@ class ReceivedMessage(NamedTuple):
 
 
 class Part(NamedTuple):
-    """One part of a field's path: an attribute, and the selected entries of it; None for the attribute itself."""
+    """One part of a field's path, such as ``name`` or ``name[0:3]``.
+
+    Attributes:
+        name: attribute of the message.
+        entries: selected entries of the attribute; None selects the whole attribute.
+    """
 
     name: str
     entries: range | None

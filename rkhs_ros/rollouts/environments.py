@@ -44,7 +44,7 @@ def env_batch_of(source: Source, options: Mapping[str, Any] | None = None, num_e
 
     Args:
         source: an id, an environment, a vector environment, or a function or class that returns one.
-        options: keyword options of an id.
+        options: keyword arguments of the environment; only with an id.
         num_envs: maximum number of environments in a batch; 0 for any number.
 
     Raises:
@@ -88,7 +88,7 @@ def time_limit(source: Source, options: Mapping[str, Any] | None = None) -> int 
 
     Args:
         source: an id, an environment, or a function that returns one.
-        options: keyword options of an id.
+        options: keyword arguments of the environment; only with an id.
 
     Raises:
         ValueError: the id is unknown, or an option that changes the time limit is invalid.

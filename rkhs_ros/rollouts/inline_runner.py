@@ -42,7 +42,7 @@ class InlineRunner:
         return self.simulation.capacity(num_envs)
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
-        """Return the episodes of a batch under the policy, split by the capacity of the simulation.
+        """Return the episodes of a batch under the policy; run a batch that exceeds the capacity in parts.
 
         Raises:
             RunError: the environment failed, or a number is not finite.

@@ -66,7 +66,7 @@ class Simulation:
     Args:
         environment: a Gymnasium id (``module:Id-v0`` imports the module), an environment, a vector environment, or a
             function that returns one.
-        options: keyword options for an id.
+        options: keyword arguments of the environment; only with an id.
         num_envs: maximum number of environments in a batch; 0 for as many as the environment allows.
 
     Raises:

@@ -94,7 +94,7 @@ class Page:
         self._server.flush()
 
     def _offer(self, state: str, commands: Mapping[str, str]) -> Any:
-        """Add the buttons for a state of the run, with the command of each label."""
+        """Add the buttons for a state of the run; ``commands`` maps each label to the command that its button sends."""
         buttons = self._gui.add_button_group("Run", tuple(commands), hint=HINT, visible=False)
 
         @buttons.on_click

@@ -61,7 +61,7 @@ class Stage:
             scene.add_light_directional(f"/light/{name}", intensity=intensity, position=tuple(place))
 
     def _arrange(self, low: Array, high: Array) -> None:
-        """Set the positions of picture and camera for a task within these corners."""
+        """Place the picture and the camera for a task whose bounding box has the corners ``low`` and ``high``."""
         corners = np.array(list(product(*zip(low, high, strict=True))))
         across, up, depth = corners @ self._right, corners @ self._up, float((low + high) @ self._eye) / 2
         begin, end = np.array([across.min(), up.min()]), np.array([across.max(), up.max()])

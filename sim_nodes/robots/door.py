@@ -110,7 +110,7 @@ class Doorway:
         return replace(self, is_halted=self.attempt is not None, protection=self.protection.tripped(kind, reason))
 
     def reset(self) -> Doorway:
-        """Return the state without the protective stop; a halted attempt stays halted until the door is shut."""
+        """Return the state with the protective stop reset; a halted attempt does not continue."""
         return replace(self, protection=self.protection.reset())
 
     def _violation(self, command: JointCommand) -> tuple[str, str] | None:

@@ -155,7 +155,7 @@ class Drives:
         return replace(self, set_points=None, protection=self.protection.tripped(kind, reason))
 
     def reset(self) -> Drives:
-        """Return the state without the protective stop; the brakes hold until the next command."""
+        """Return the state with the protective stop reset; the brakes hold until the next command."""
         return replace(self, protection=self.protection.reset())
 
     def _braked(self, seconds: float) -> Drives:

@@ -100,7 +100,7 @@ class MotorPendulum:
         return replace(self, torque=0.0, is_driven=False, protection=self.protection.tripped(kind, reason))
 
     def reset(self) -> MotorPendulum:
-        """Return the state without the protective stop; the brake holds until the next command."""
+        """Return the state with the protective stop reset; the brake holds until the next command."""
         return replace(self, protection=self.protection.reset())
 
     def _violation(self, command: Sequence[float]) -> tuple[str, str] | None:

@@ -55,7 +55,7 @@ class State(Protocol):
         """Return the state after a violation."""
 
     def reset(self) -> Self:
-        """Return the state without the protective stop; the brakes hold until the next command."""
+        """Return the state with the protective stop reset; the brakes hold until the next command."""
 
 
 AnyState = TypeVar("AnyState", bound=State)

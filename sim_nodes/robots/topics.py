@@ -66,7 +66,7 @@ class RobotTopics(Protocol):
     command_topics: tuple[str, ...]
 
     def publish(self, readings: Any, stamp: Time) -> None:
-        """Publish the readings of the sensors at a time."""
+        """Publish the readings of the sensors, with their time stamp."""
 
 
 class JointPublisher:
@@ -83,7 +83,7 @@ class JointPublisher:
         self._description.publish(String(data=description))
 
     def publish(self, readings: JointReadings, stamp: Time) -> None:
-        """Publish the readings of the sensors at a time."""
+        """Publish the readings of the sensors, with their time stamp."""
         names, *values = readings
         position, velocity, effort = (list(each) for each in values)
         message = JointState(
@@ -109,7 +109,7 @@ class MotorPendulumTopics:
         node.create_subscription(Float64MultiArray, self.command_topics[0], lambda m: send(m.data), SENSOR_QOS)
 
     def publish(self, readings: JointReadings, stamp: Time) -> None:
-        """Publish the readings of the sensors at a time."""
+        """Publish the readings of the sensors, with their time stamp."""
         self._joints.publish(readings, stamp)
 
 
@@ -137,7 +137,7 @@ class ArmTopics:
         node.create_subscription(kind, self.command_topics[0], lambda m: send(command(m)), SENSOR_QOS)
 
     def publish(self, readings: ArmReadings, stamp: Time) -> None:
-        """Publish the readings of the sensors at a time."""
+        """Publish the readings of the sensors, with their time stamp."""
         self._joints.publish(readings.joints, stamp)
         header = Header(stamp=stamp, frame_id="panda_link0")
         (x, y, z), turn = readings.tool
@@ -173,7 +173,7 @@ class DoorTopics:
         )
 
     def publish(self, readings: DoorReadings, stamp: Time) -> None:
-        """Publish the readings of the sensors at a time."""
+        """Publish the readings of the sensors, with their time stamp."""
         self._joints.publish(readings.joints, stamp)
         self._base_error.publish(Float64MultiArray(data=readings.base_error))
         if readings.reward is not None:

@@ -131,7 +131,7 @@ def set_policy_request(policy: GaussianPolicy, version: int) -> SetPolicy.Reques
 def describe(
     simulation: Simulation, num_envs: int, identity: int, step: int, clock: int, *, failure: str, connected: bool
 ) -> DescribeTask.Response:
-    """Return a simulation's task, its capacity for ``num_envs`` environments, and its progress."""
+    """Return a simulation's task, its progress, and how many of ``num_envs`` environments it can run in one batch."""
     space = simulation.observation_space
     return DescribeTask.Response(
         environment=simulation.environment,

@@ -50,7 +50,7 @@ class SimulatorLink:
 
     Owns the task, the requested batch and its policy, the furthest observed step of the batch, the number of starts
     without progress, the timing, and the received episodes. Accepts only episodes in which the policy acted. A robot's
-    episodes may be discarded, even after completion; while the learner waits for them, it sends heartbeats.
+    episodes may be discarded, even after completion; the link sends heartbeats while the learner waits for them.
 
     Args:
         node: the learner node.
@@ -58,7 +58,7 @@ class SimulatorLink:
         namespace: of the simulator.
         num_envs: environments in the coming batches.
         refuse: callback for the reason of refused episodes.
-        kind: name of the node without its namespace, until the node describes itself.
+        kind: assumed kind of node, `SIMULATOR` or `ROBOT`, until the node describes itself.
     """
 
     def __init__(

@@ -46,7 +46,7 @@ class TopicRunner:
         peers: the learner's calls to other nodes.
         simulators: number of simulator nodes.
         num_envs: number of environments of the coming batches; the simulators report their capacity for it.
-        kind: name of their nodes, simulator or robot, until they describe themselves.
+        kind: assumed kind of the nodes, `SIMULATOR` or `ROBOT`, until they describe themselves.
 
     Attributes:
         record: callback for each simulator's batch, after all have ended.
