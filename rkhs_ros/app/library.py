@@ -176,9 +176,10 @@ def _training(simulation: Simulation, algorithm: Algorithm | str | None, setting
     if isinstance(given.get("model"), str):
         given["model"] = pick(given["model"], MODELS, "model")()
     name = algorithm if isinstance(algorithm, str) else _name_of(algorithm)
-    untuned = training_from(
-        settings_for(name, "none" if isinstance(given.get("model"), NoModel) else "gaussian_process")
-    )
+    form = "none" if isinstance(given.get("model"), NoModel) else "gaussian_process"
+    steps = given["horizon"]
+    steps = steps if isinstance(steps, int) and steps > 0 else Training.horizon  # invalid values are reported below
+    untuned = training_from(settings_for(name, form, steps))
     kernel = given.get("kernel", untuned.kernel)
     if isinstance(kernel, str):
         kernel = replace(untuned.kernel, form=kernel)

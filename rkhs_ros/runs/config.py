@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -242,8 +242,11 @@ def config_for(environment: str, horizon: int | None, changes: Iterable[str] = (
     changes = list(changes)
     chosen = tree_of(changes, {"algorithm": {"name": "rkhs_nac"}, "model": {"form": "gaussian_process"}})
     algorithm, settings = _named(chosen, "algorithm", "name", "rkhs_nac"), _named(chosen, "model", "form", "none")
-    tree = {"name": name_of_run(environment), "environment": {"id": environment}, **settings_for(algorithm, settings)}
-    return _changed(tree | ({"horizon": horizon} if horizon else {}), changes)
+    steps = chosen.get("horizon", horizon or Training.horizon)
+    steps = steps if isinstance(steps, int) and steps > 0 else Training.horizon  # invalid values are reported below
+    tree = {"name": name_of_run(environment), "environment": {"id": environment}}
+    config = _changed(tree | settings_for(algorithm, settings, steps), changes)
+    return replace(config, sets_horizon=horizon is not None or "horizon" in chosen)
 
 
 def _named(tree: Mapping[str, Any], group: str, key: str, default: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rkhs_ros.learning.training_settings import AUTO
+from rkhs_ros.learning.training_settings import AUTO, Training
 
 LONG_STEPS = {"rule": "kl", "divergence": 0.05, "annealing": 0.05}
 ALGORITHMS: Mapping[str, Mapping[str, Any]] = {
@@ -13,6 +13,12 @@ ALGORITHMS: Mapping[str, Mapping[str, Any]] = {
     "rkhs_npg": {"centres": 80, "step": LONG_STEPS},
     "rkhs_ac": {"centres": 80, "step": LONG_STEPS},
     "rkhs_power": {"centres": 80, "value_ridge": 0.001, "ridge_unit": "variance", "variance": "constant"},
+}
+MODEL: Mapping[str, Any] = {
+    "form": "gaussian_process",
+    "discovery": "all",
+    "curiosity": "as_needed",
+    "validation_rollouts": 20,
 }
 MODEL_BASED: Mapping[str, Any] = {"iterations": 20, "episodes_per_iteration": 1}
 WITHOUT_MODEL: Mapping[str, Any] = {"iterations": 60, "episodes_per_iteration": 5}
@@ -27,22 +33,31 @@ FEW_SAMPLES: Mapping[str, Mapping[str, Any]] = {
 }
 
 
-def settings_for(algorithm: str = "rkhs_nac", model: str = "gaussian_process") -> dict[str, Any]:
+HORIZON_PER_TIME_CONSTANT = 4.0  # a long episode is optimised for a quarter of its length
+
+
+def settings_for(
+    algorithm: str = "rkhs_nac", model: str = "gaussian_process", horizon: int = Training.horizon
+) -> dict[str, Any]:
     """Return the default settings of the learner for an untuned task.
 
-    No setting has the unit of an observation, an action or a reward.
+    No setting has the unit of an observation, an action or a reward. The time constant of the discount is 100 steps, or
+    a quarter of a horizon of more than 400 steps.
 
     Args:
         algorithm: name of the algorithm.
         model: form of the model; training without a model has other defaults.
+        horizon: maximum number of steps per episode, at least 1.
     """
     is_model_based = model != "none"
     form, batches, few = ("rbf", MODEL_BASED, {}) if is_model_based else ("rbf + linear", WITHOUT_MODEL, FEW_SAMPLES)
     return {
         **batches,
+        "horizon": horizon,
+        "discount": max(Training.discount, 1.0 - HORIZON_PER_TIME_CONSTANT / horizon),
         "action_repeat": AUTO,
         "exploration_sd": "range",
         "kernel": {"form": form, "bandwidth": "dimension"},
-        "model": {"form": "gaussian_process", "discovery": "all"} if is_model_based else {"form": "none"},
+        "model": MODEL if is_model_based else {"form": "none"},
         "algorithm": {"name": algorithm, **ALGORITHMS.get(algorithm, {}), **few.get(algorithm, {})},
     }
