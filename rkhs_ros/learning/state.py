@@ -9,7 +9,7 @@ import numpy as np
 from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.model_based import ModelBased
-from rkhs_ros.learning.training_settings import AUTO, Training
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.variance import ConstantVariance
@@ -55,8 +55,7 @@ def first_policy(training: Training, spaces: Spaces) -> GaussianPolicy:
     if not isinstance(training.model, ModelBased):
         return policy
     training.model.priors(spaces.observation_dim)
-    unknown = training.action_repeat == AUTO  # pink noise moves a task alike at any number of steps per second
-    return training.model.exploration_policy(policy, variance, 0, reward_depends_on_action_only=unknown)
+    return training.model.exploration_policy(policy, variance, 0, reward_depends_on_action_only=False)
 
 
 def first_variance(training: Training, spaces: Spaces) -> Array:

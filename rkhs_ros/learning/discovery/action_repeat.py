@@ -14,7 +14,7 @@ from rkhs_ros.rkhs.kernels import Array
 
 CHANGE = 0.3  # root mean square of an observation's change per decision, in its standard deviations
 NOISE = 1.0  # a column that changes more than this in a step is noise, and does not count
-FEWEST_DECISIONS = 20  # in the longest episode
+FEWEST_DECISIONS = 50  # in the longest episode
 MOST_REPEAT = 100
 
 
