@@ -180,7 +180,13 @@ class _Columns:
         return best, float(self._gains[best])
 
     def choose(self, chosen: int, unit: Array, weight: Array) -> None:
-        """Project out the unit vector that a selected column adds to the span, and its weight from the residual."""
+        """Update the columns after a column is selected.
+
+        Args:
+            chosen: index of the selected column.
+            unit: unit vector that this column adds to the span of the selection.
+            weight: components of the residual along the unit vector, which the selection now explains.
+        """
         for block in self._blocks:
             shares = unit @ self._dictionary[:, block]
             self._products[:, block] -= np.outer(weight, shares)

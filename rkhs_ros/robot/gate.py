@@ -99,7 +99,7 @@ def stopped(state: Gate, reason: str) -> Gate:
 
 
 def stop_requested(state: Gate, reason: str) -> Gate:
-    """Stop, and refuse to arm while a stop is requested; `reason` says by whom, and is empty if by nobody."""
+    """Stop, and refuse to arm, while `reason` names who requests a stop; it is empty if no stop is requested."""
     state = replace(state, stop_requested=reason)
     return stopped(state, reason) if reason else state
 

@@ -20,7 +20,14 @@ NOT_COMPARED = ("seed", "name", "simulators", "timeout")  # settings that do not
 
 
 class Run(NamedTuple):
-    """A run, read from a folder that was found in a place."""
+    """A run, read from its folder.
+
+    Attributes:
+        place: the path that the user gave: the folder itself, or a folder that contains it.
+        folder: folder of the run.
+        config: configuration of the run.
+        rows: lines of its curve.csv.
+    """
 
     place: Path
     folder: Path
@@ -79,7 +86,7 @@ def compare(places: Sequence[Path], labels: Mapping[Path, str] | None = None) ->
         labels: label of each run's curve, by the run's folder; if None, the curves get distinct names.
 
     Raises:
-        ValueError: a place contains no run, or the runs cannot be compared.
+        ValueError: a folder contains no run, or the runs cannot be compared.
         OSError: a file cannot be read.
     """
     runs, notes = _with_rows(_found(places))

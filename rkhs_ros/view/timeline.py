@@ -26,7 +26,7 @@ CURSOR = Primitive("box", (0.012, 0.004, 2 * EDGE * (TOP - BOTTOM)), "#00B85C") 
 
 
 class Timeline:
-    """The scene of a task without a scene of its own: a plot of bars, with a line that moves over it.
+    """A scene for tasks that define none: a bar chart of an episode, with a line at the current step.
 
     Args:
         names: names of the observations and actions.

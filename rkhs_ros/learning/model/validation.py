@@ -12,17 +12,17 @@ PATIENCE = 4  # candidates without improvement after which training ends
 class Validation:
     """The best of the policies considered so far, by the mean return of rollouts of the policy mean.
 
-    All policies act in the same functions drawn from the model, with the same starts and noise.
+    All policies are compared on the same rollouts: with the same functions drawn from the model, starts and noise.
 
     Args:
-        count: number of rollouts; 0 to consider nothing.
+        count: number of rollouts of each policy; 0 disables validation.
         runner: runs the rollouts.
         seed: seed of their random streams.
         horizon: length of a rollout in steps.
 
     Attributes:
         best: the best policy; None if there is none.
-        highest: its return.
+        highest: its mean return.
     """
 
     def __init__(self, count: int, runner: ModelRunner, seed: int, horizon: int) -> None:

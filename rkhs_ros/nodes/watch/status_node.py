@@ -131,7 +131,7 @@ def table(statuses: Statuses) -> Table:
 
 
 def reasons(statuses: Statuses) -> Iterator[Text]:
-    """Yield a line for each problem of a node, for each source, and for each node's last refusal."""
+    """Yield for each node a line with its problem, lines for the sensor topics it reads, and its last refusal."""
     for name, status in sorted(statuses.items()):
         if status.message != _word(status):
             yield Text(f"{truncated(name)} {truncated(status.message)}")
