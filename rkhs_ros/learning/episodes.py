@@ -137,6 +137,30 @@ class Episodes:
             terminated=self.terminated,
         )
 
+    def held(self, action_repeat: int, horizon: int) -> Episodes:
+        """Return the episodes of decisions with N steps per decision, the reward at its first one.
+
+        The observations between two decisions are unknown and repeat the earlier one.
+
+        Args:
+            action_repeat: N.
+            horizon: number of steps H of the result, at most N per decision.
+        """
+        if action_repeat == 1:
+            return self
+
+        def repeated(values: NDArray[Any]) -> NDArray[Any]:
+            return np.repeat(values, action_repeat, axis=1)[:, :horizon]
+
+        mask, first = repeated(self.mask), np.arange(horizon) % action_repeat == 0
+        return replace(
+            self,
+            observations=repeated(self.observations),
+            actions=repeated(self.actions),
+            rewards=np.where(first, repeated(self.rewards), 0.0),
+            mask=mask,
+        )
+
     @property
     def horizon(self) -> int:
         """Maximum number of steps H."""

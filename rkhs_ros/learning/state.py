@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -81,13 +81,16 @@ def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy |
     Args:
         training: the learner's settings.
         spaces: spaces of the task.
-        warm_start: initial policy, for example from ``rkhs imitate``; its mean is used, with the settings' exploration.
+        warm_start: initial policy, for example from ``rkhs imitate``; its mean is used, with the settings' exploration
+            and action repeat. With ``action_repeat: auto``, its own action repeat is used.
 
     Raises:
         ValueError: the settings or the initial policy do not match the task.
     """
     policy = first_policy(training, spaces)
     if warm_start is not None:
+        if training.action_repeat == AUTO:
+            policy = replace(policy, action_repeat=warm_start.action_repeat)
         policy = policy.with_mean(_checked_mean(warm_start, policy))
     memory = Episodes.none(training.horizon, spaces.observation_dim, spaces.action_dim)
     is_model_based = isinstance(training.model, ModelBased)
@@ -96,6 +99,11 @@ def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy |
 
 def _checked_mean(given: GaussianPolicy, first: GaussianPolicy) -> Function:
     require(given.inputs == first.inputs, "inputs", f"{given.inputs} like the initial policy", first.inputs)
+    if given.inputs.history > 1:  # a history of decisions
+        repeat = given.action_repeat
+        require(
+            repeat == first.action_repeat, "action_repeat", f"{repeat} like the initial policy", first.action_repeat
+        )
     sizes = [(policy.mean.input_dim, policy.mean.output_dim) for policy in (first, given)]
     expected, got = (f"one from {d} inputs to {n} actions" for d, n in sizes)
     require(expected == got, "initial policy", f"{expected} like the task", got)

@@ -174,7 +174,7 @@ def train(training: Training, runner: Runner, state: State | None = None) -> Ite
 
 def _iteration_after(state: State, training: Training, collector: Collector, spaces: Spaces) -> Iteration:
     exploration = collector.explore(state.policy)
-    policy = _with_action_repeat(state, training, exploration)
+    policy = with_action_repeat(state, training, exploration)
     if isinstance(training.model, ModelBased):
         memory = state.memory + exploration
         model_update = _train_in_model(training.model, training, policy, memory, spaces, state.iterations)
@@ -209,7 +209,7 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
     )
 
 
-def _with_action_repeat(state: State, training: Training, exploration: Episodes) -> GaussianPolicy:
+def with_action_repeat(state: State, training: Training, exploration: Episodes) -> GaussianPolicy:
     """Return the policy with the action repeat, which the first episodes determine unless a policy was given."""
     policy = state.policy
     if training.action_repeat != AUTO or state.iterations > 0 or len(policy.mean.centres) > 0:

@@ -123,10 +123,11 @@ class Config:
             require_ros_value(parameters, name)
 
     def parameters(self) -> dict[str, Any]:
-        """Return all settings as the tree of a ROS parameter file."""
+        """Return all settings as the tree of a ROS parameter file, which cannot contain empty lists."""
         learner: dict[str, Any] = {}
         for name, value, _ in entries(self.training):
-            _insert(learner, name, list(value) if isinstance(value, tuple) else value)
+            if value != ():
+                _insert(learner, name, list(value) if isinstance(value, tuple) else value)
         nodes = self.environment.nodes or {"simulator": {"environment": self.environment.tree()}}
         return {f"/**/{name}": {PARAMETERS: parameters} for name, parameters in {**nodes, "learner": learner}.items()}
 

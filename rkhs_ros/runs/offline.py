@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from math import ceil
 from typing import Any
 
@@ -12,7 +13,7 @@ from rkhs_ros.base.yaml_text import loaded
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.model_based import ModelBased, RealExperience, train_in_model
 from rkhs_ros.learning.state import State, first_state, first_variance
-from rkhs_ros.learning.training import Iteration
+from rkhs_ros.learning.training import Iteration, with_action_repeat
 from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.recordings.recording import Head, Recording
@@ -27,7 +28,8 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
     """Train in a dynamics model of recorded episodes; yield each iteration, which has no evaluation.
 
     A model of most episodes first predicts the held-out ones. If the model was overconfident, training is more
-    cautious, like between real episodes.
+    cautious, like between real episodes. With ``action_repeat: auto``, the recorded episodes determine the action
+    repeat.
 
     Args:
         training: settings of the learner, with model-based training.
@@ -41,11 +43,14 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
     if not isinstance(settings, ModelBased):
         raise ValueError("model.form: expected gaussian_process for offline training, got none")
     returns = episodes.returns(training.discount)
+    state = replace(state, policy=with_action_repeat(state, training, episodes))
+    repeat = state.policy.action_repeat
+    decisions = episodes.decisions(repeat, training.discount, spaces)
     while state.iterations < training.iterations:
         experience = RealExperience(
-            episodes=episodes,
+            episodes=decisions,
             newest=ceil(HELD_OUT * len(episodes)),
-            discount=training.discount,
+            discount=training.discount**repeat,
             spaces=spaces,
             kernel=training.kernel,
             first_variance=first_variance(training, spaces),

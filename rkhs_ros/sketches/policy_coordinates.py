@@ -42,8 +42,14 @@ class PolicyCoordinates:
 
     def of(self, episodes: Episodes) -> list[Array]:
         """Return the points visited in each episode, shape (steps, coordinates)."""
-        values = episodes.observations if self.are_observed else episodes.with_inputs(self._inputs).observations
+        values = episodes.observations if self.are_observed else self._decided(episodes)
         return [points[mask] for points, mask in zip(values, episodes.mask, strict=True)]
+
+    def _decided(self, episodes: Episodes) -> Array:
+        """Return the inputs of the decision at each step, shape (N, H, inputs)."""
+        repeat = self.policy.action_repeat if self.policy else 1
+        inputs = self._inputs.unfold(episodes.observations[:, ::repeat], episodes.actions[:, ::repeat])
+        return np.repeat(inputs, repeat, axis=1)[:, : episodes.horizon]
 
     def inputs(self, points: Array) -> Array:
         """Return the inputs of the policy at points of shape (k, coordinates)."""

@@ -71,7 +71,9 @@ class Folder:
             policy = policy_of(arrays)
         except Exception:  # deleted meanwhile, or damaged, which raises almost anything
             return None
-        roll_out_model = model_rollout_function(self._model_settings, policy, lambda: memory, self.spaces)
+        roll_out_model = model_rollout_function(
+            self._model_settings, policy, lambda: memory, self.spaces, self.task.discount
+        )
         return IterationView(policy, self._explored(memory, iteration), self._evaluated(iteration), roll_out_model)
 
     def _explored(self, memory: Episodes, iteration: int) -> Episodes | None:

@@ -81,7 +81,7 @@ class Recorded:
         except (ValueError, OSError):  # the run continues in another file, which the next refresh reads
             return None
         roll_out_model = model_rollout_function(
-            self._model_settings, policy, lambda: self._explored(iteration), self.spaces
+            self._model_settings, policy, lambda: self._explored(iteration), self.spaces, self.task.discount
         )
         return IterationView(policy, *both_kinds(batches), roll_out_model)
 

@@ -72,7 +72,11 @@ class Source(Protocol):
 
 
 def model_rollout_function(
-    settings: ModelSettings, policy: GaussianPolicy, episodes: Callable[[], Episodes], spaces: Spaces | None
+    settings: ModelSettings,
+    policy: GaussianPolicy,
+    episodes: Callable[[], Episodes],
+    spaces: Spaces | None,
+    discount: float,
 ) -> Callable[[], Episodes] | None:
     """Return a cached function that rolls a policy out in the model; None without a model or known spaces.
 
@@ -81,10 +85,11 @@ def model_rollout_function(
         policy: policy to roll out.
         episodes: returns all real episodes so far, the data of the model.
         spaces: spaces of the task; None if unknown.
+        discount: discount factor per step.
     """
     if not isinstance(settings, ModelBased) or spaces is None:
         return None
-    return cache(lambda: model_rollouts_of(settings, policy, episodes(), spaces, MODEL_ROLLOUTS))
+    return cache(lambda: model_rollouts_of(settings, policy, episodes(), spaces, discount, MODEL_ROLLOUTS))
 
 
 def state_of(source: Source) -> str:

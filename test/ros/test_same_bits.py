@@ -145,3 +145,17 @@ def test_parallel_runs_in_different_domains_are_isolated(
     assert [alone[0], first.finish()[0], second.finish()[0]] == [0, 0, 0]
     assert curve(tmp_path / "first") == curve(tmp_path / "alone")
     assert curve(tmp_path / "second") != curve(tmp_path / "alone")
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [(("action_repeat=auto",), 4), (("action_repeat=3", "inputs.history=2"), 3)],
+)
+def test_held_actions_are_bit_identical_over_topics_and_in_process(
+    start: Start, tmp_path: Path, changes: tuple[str, ...], expected: int
+) -> None:
+    config = tmp_path / "run.yaml"
+    config.write_text("simulator: {ros__parameters: {environment: {id: rkhs/Pendulum-v0}}}\n")
+    small = ("episodes_per_iteration=4", "evaluation_episodes=1", "horizon=90", "timeout=60", "algorithm.centres=15")
+    arrays = assert_same_bits(start, tmp_path, (config, *SHORT, "--set", *small, *changes), 3)
+    assert arrays["action_repeat"] == expected

@@ -21,12 +21,19 @@ MOST_REPEAT = 100
 def choose_action_repeat(episodes: Episodes) -> int:
     """Return the action repeat whose change per decision is the nearest to `CHANGE`, by ratio.
 
+    Longer ones than the first above `CHANGE` do not count: after about one period of an oscillation, the change is
+    small again.
+
     Args:
         episodes: exploration episodes, with the features of the observations.
     """
     longest = int(episodes.mask.sum(axis=1).max())
     most = max(1, min(MOST_REPEAT, longest // FEWEST_DECISIONS))
-    changes = [change_per_decision(episodes, repeat) for repeat in range(1, most + 1)]
+    changes: list[float] = []
+    for repeat in range(1, most + 1):
+        changes.append(change_per_decision(episodes, repeat))
+        if changes[-1] > CHANGE:
+            break
     distances = [abs(np.log(change / CHANGE)) if change > 0 else np.inf for change in changes]
     return 1 + int(np.argmin(distances))
 

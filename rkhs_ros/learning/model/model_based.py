@@ -247,7 +247,7 @@ def _optimise(
 
 
 def model_rollouts_of(
-    settings: ModelBased, policy: GaussianPolicy, episodes: Episodes, spaces: Spaces, count: int
+    settings: ModelBased, policy: GaussianPolicy, episodes: Episodes, spaces: Spaces, discount: float, count: int
 ) -> Episodes:
     """Roll out a policy without exploration in a model, each rollout in functions drawn from the posterior.
 
@@ -256,15 +256,17 @@ def model_rollouts_of(
         policy: the policy.
         episodes: all real episodes so far, with raw observations.
         spaces: spaces of the task.
+        discount: discount factor per step.
         count: number of rollouts, at most 3.
 
     Raises:
         RunError: a prior function failed.
     """
-    model = DynamicsModel.fit(
-        episodes, policy.inputs, spaces, settings.centres, settings.priors(spaces.observation_dim)
-    )
-    return ModelRunner(model).collect(policy, Batch(0, FROM_THE_START, count, episodes.horizon, explore=False))
+    repeat, priors = policy.action_repeat, settings.priors(spaces.observation_dim)
+    decisions = episodes.decisions(repeat, discount, spaces)
+    model = DynamicsModel.fit(decisions, policy.inputs, spaces, settings.centres, priors)
+    batch = Batch(0, FROM_THE_START, count, decisions.horizon, explore=False)
+    return ModelRunner(model).collect(replace(policy, action_repeat=1), batch).held(repeat, episodes.horizon)
 
 
 def _refit_policy_kernel(

@@ -37,10 +37,12 @@ def given(node: Node) -> dict[str, Any]:
 
 
 def declare(node: Node, entries: Iterable[Entry]) -> None:
-    """Declare settings under their dotted names with the values in use, read-only."""
+    """Declare settings under their dotted names with the values in use, read-only, without empty lists."""
     for entry in entries:
         if node.has_parameter(entry.name):
             node.undeclare_parameter(entry.name)
+        if entry.value == ():  # ROS cannot declare an empty list
+            continue
         value = list(entry.value) if isinstance(entry.value, tuple) else entry.value
         node.declare_parameter(entry.name, value, _descriptor(entry.about), ignore_override=True)
 
@@ -103,7 +105,8 @@ def _descriptor(about: Mapping[str, Any]) -> ParameterDescriptor:
     low, high, choices = about.get("minimum"), about.get("maximum", 0), about.get("choices")
     descriptor = ParameterDescriptor(description=about["description"], read_only=True)
     if choices:
-        descriptor.additional_constraints = "one of " + ", ".join(choices)
+        numbers = "" if low is None else f"{low} to {high}, or "
+        descriptor.additional_constraints = f"{numbers}one of " + ", ".join(choices)
     elif low is not None and isinstance(low, int):
         descriptor.integer_range = [IntegerRange(from_value=low, to_value=min(high, MOST_INT64))]
     elif low is not None:

@@ -267,3 +267,40 @@ def test_only_an_id_takes_options() -> None:
         Simulation("test/Countdown-v0", [1])  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="options: expected none, since only an id takes options"):
         Simulation(Countdown, {"a": 1})
+
+
+class OldGenerator(gymnasium.Env[Any, Any]):
+    """An environment whose random generator takes seeds of 32 bits."""
+
+    observation_space = Box(-1.0, 1.0, (2,))
+    action_space = Box(-1.0, 1.0, (1,))
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+        self.first = np.random.RandomState(seed).uniform(-1.0, 1.0, 2).astype(np.float32)
+        return self.first, {}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        return self.first, 0.0, False, False, {}
+
+
+def test_an_environment_with_an_old_generator_gets_32_bits_of_the_seed(policy: GaussianPolicy) -> None:
+    envs = env_batch_of(OldGenerator, None, 2)
+    assert envs.capacity(2) == 2
+    large = 2**40 + 5
+    assert np.array_equal(envs.reset([large, 7], 3), envs.reset([5, 7], 3))
+    batch = Batch(1, 0, 2, 3, explore=True)
+    assert max(batch.environment_seeds()) >= 2**32
+    one, again = (InlineRunner(Simulation(OldGenerator)).collect(policy, batch) for _ in range(2))
+    assert np.array_equal(one.observations, again.observations)
+    assert (one.observations[0, 0] != one.observations[1, 0]).all()
+
+
+def test_an_environment_that_rejects_a_small_seed_fails() -> None:
+    class Refusing(OldGenerator):
+        def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+            raise ValueError("no seed is good enough")
+
+    envs = env_batch_of(Refusing, None, 1)
+    for seed in (7, 2**40):
+        with pytest.raises(Exception, match="no seed is good enough"):
+            envs.reset([seed], 3)

@@ -56,6 +56,8 @@ def test_the_resolved_text_contains_every_setting_of_the_learner(write: Any) -> 
     config = load_config(write(MINIMAL))
     learner = yaml.safe_load(resolved(config))["/**/learner"]["ros__parameters"]
     for name, value, _ in entries(config.training):
+        if value == ():  # not valid in a ROS parameter file
+            continue
         found = learner
         for part in name.split("."):
             found = found[part]

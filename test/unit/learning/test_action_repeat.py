@@ -1,0 +1,314 @@
+"""Policies that hold actions: decisions, acting, the choice of the action repeat, and training."""
+
+from dataclasses import replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rkhs_ros.learning.algorithms.rkhs_ac import RKHSAC
+from rkhs_ros.learning.algorithms.step_rules import LineSearch
+from rkhs_ros.learning.discovery.action_repeat import CHANGE, change_per_decision, choose_action_repeat
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.model.model_based import ModelBased, model_rollouts_of
+from rkhs_ros.learning.replay import check_actions
+from rkhs_ros.learning.state import first_policy, first_state
+from rkhs_ros.learning.training import train
+from rkhs_ros.learning.training_settings import AUTO, Training, training_from
+from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.messages import policy_message
+from rkhs_ros.policies.messages import policy_of as policy_of_message
+from rkhs_ros.policies.policy import Policy
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.storage import Task, policy_arrays, policy_of
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.recordings.definitions import Types
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF, Array
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.offline import learn_offline
+
+SPACES = Spaces.unbounded(2, 1)
+SHORT = Training(iterations=2, episodes_per_iteration=4, evaluation_episodes=2, horizon=90, action_repeat=AUTO, seed=1)
+REPEATS = st.integers(1, 7)
+
+
+def make_policy(repeat: int, history: int = 1) -> GaussianPolicy:
+    rng, inputs = np.random.default_rng(3), Inputs(history=history)
+    size = inputs.dimension(2, 1)
+    mean = Function(RBF((2.0,)), rng.normal(size=(4, size)), rng.normal(size=(4, 1)))
+    return GaussianPolicy(mean, ConstantVariance(np.array([0.3])), inputs, action_repeat=repeat)
+
+
+def run(policy: GaussianPolicy, batch: Batch) -> Episodes:
+    """Return episodes of the policy on random observations."""
+    shape = (batch.num_envs, batch.horizon)
+    observations, acting = np.random.default_rng(0).normal(size=(*shape, 2)), Acting(policy, batch, explore=True)
+    actions = np.stack([acting(t, observations[:, t]) for t in range(batch.horizon)], axis=1)
+    return Episodes.without_ends(observations, actions, np.zeros(shape), np.ones(shape, dtype=bool))
+
+
+def pendulum() -> InlineRunner:
+    return InlineRunner(Simulation("rkhs/Pendulum-v0"))
+
+
+@st.composite
+def episodes_and_repeat(draw: st.DrawFn) -> tuple[Episodes, int]:
+    repeat, horizon, count = draw(REPEATS), draw(st.integers(1, 30)), draw(st.integers(1, 4))
+    rng = np.random.default_rng(draw(st.integers(0, 999)))
+    lengths = rng.integers(1, horizon + 1, count)
+    terminated = rng.random(count) < 0.5
+    mask = np.arange(horizon) < lengths[:, None]
+    held = np.repeat(rng.normal(size=(count, horizon, 1)), repeat, axis=1)[:, :horizon]
+    observations = rng.normal(size=(count, horizon, 2)) * mask[:, :, None]
+    rewards, final = rng.normal(size=mask.shape) * mask, rng.normal(size=(count, 2))
+    return Episodes(observations, held * mask[:, :, None], rewards, mask, final, terminated), repeat
+
+
+@given(episodes_and_repeat(), st.sampled_from([0.5, 0.99, 1.0]))
+def test_decisions_keep_the_return_the_actions_and_the_ends(drawn: tuple[Episodes, int], discount: float) -> None:
+    episodes, repeat = drawn
+    decisions = episodes.decisions(repeat, discount, SPACES)
+    for one in range(len(episodes)):
+        length = int(episodes.mask[one].sum())
+        rest = 0 if episodes.terminated[one] or length < repeat else length % repeat
+        kept = length - rest
+        count = -(-kept // repeat)
+        assert decisions.mask[one].sum() == count
+        assert np.array_equal(decisions.actions[one, :count], episodes.actions[one, :kept:repeat])
+        assert np.array_equal(decisions.observations[one, :count], episodes.observations[one, :kept:repeat])
+        final = episodes.observations[one, kept] if rest else episodes.final_observations[one]
+        assert np.array_equal(decisions.final_observations[one], final)
+        expected = episodes.rewards[one, :kept] @ discount ** np.arange(kept)
+        np.testing.assert_allclose(decisions.take([one]).returns(discount**repeat), expected, atol=1e-12)
+    assert np.array_equal(decisions.terminated, episodes.terminated)
+
+
+@given(episodes_and_repeat())
+def test_one_step_per_decision_is_the_identity(drawn: tuple[Episodes, int]) -> None:
+    assert drawn[0].decisions(1, 0.9, SPACES) is drawn[0]
+    assert drawn[0].held(1, drawn[0].horizon) is drawn[0]
+
+
+@given(episodes_and_repeat(), st.sampled_from([0.5, 1.0]))
+def test_held_decisions_group_into_the_same_decisions(drawn: tuple[Episodes, int], discount: float) -> None:
+    episodes, repeat = drawn
+    steps = episodes.held(repeat, repeat * episodes.horizon)
+    again = steps.decisions(repeat, discount, SPACES)
+    for name in ("observations", "actions", "rewards", "mask", "final_observations", "terminated"):
+        assert np.array_equal(getattr(again, name), getattr(episodes, name)), name
+    np.testing.assert_allclose(steps.returns(discount), episodes.returns(discount**repeat))
+
+
+def test_the_clipped_mean_replaces_actions_that_differ() -> None:
+    spaces = replace(SPACES, action_low=np.array([-1.0]), action_high=np.array([1.0]))
+    actions = np.array([[[0.5], [3.0], [-9.0], [9.0], [4.0], [4.0]]])
+    mask = np.ones((1, 6), dtype=bool)
+    episodes = Episodes.without_ends(np.zeros((1, 6, 2)), actions, np.zeros((1, 6)), mask)
+    assert episodes.decisions(2, 1.0, spaces).actions.ravel().tolist() == [0.75, 0.0, 4.0]  # held ones stay unclipped
+
+
+class Repeat(gym.Wrapper[Any, Any, Any, Any]):
+    """Repeat each action, and return the discounted sum of the rewards."""
+
+    def __init__(self, env: Any, repeat: int, discount: float) -> None:
+        super().__init__(env)
+        self.repeat, self.discount = repeat, discount
+
+    def step(self, action: Any) -> Any:
+        total = 0.0
+        for i in range(self.repeat):
+            observation, reward, terminated, truncated, info = self.env.step(action)
+            total += self.discount**i * float(reward)
+            if terminated or truncated:
+                break
+        return observation, total, terminated, truncated, info
+
+
+def test_decisions_equal_a_wrapper_that_repeats_actions() -> None:
+    repeat, discount, horizon = 3, 0.9, 12
+    policy = replace(first_policy(Training(), pendulum().spaces), action_repeat=repeat)
+    batch = Batch(5, 0, 1, horizon, explore=True)
+    steps = pendulum().collect(policy, batch)
+    decisions = steps.decisions(repeat, discount, pendulum().spaces)
+    env = Repeat(gym.make("rkhs/Pendulum-v0"), repeat, discount)
+    observation, _ = env.reset(seed=batch.environment_seeds()[0])
+    for k in range(horizon // repeat):
+        np.testing.assert_allclose(decisions.observations[0, k], observation, rtol=1e-6)
+        action = pendulum().spaces.clip(decisions.actions[0, k]).astype(env.action_space.dtype)
+        observation, reward, *_ = env.step(action)
+        np.testing.assert_allclose(decisions.rewards[0, k], reward, rtol=1e-5)
+    np.testing.assert_allclose(decisions.final_observations[0], observation, rtol=1e-6)
+
+
+@pytest.mark.parametrize("history", [1, 2])
+def test_an_acting_policy_holds_its_actions_and_decides_from_decisions(history: int) -> None:
+    policy, batch = make_policy(3, history), Batch(1, 0, 2, 10, explore=True)
+    episodes = run(policy, batch)
+    first = episodes.actions[:, ::3]
+    assert np.array_equal(np.repeat(first, 3, axis=1)[:, :10], episodes.actions)
+    assert (first[:, 1:] != first[:, :-1]).all()
+    alone = run(replace(policy, action_repeat=1), replace(batch, horizon=4))
+    assert np.array_equal(policy.exploration(batch), alone_exploration(policy, batch))
+    assert alone.actions.shape == first.shape
+    check_actions(episodes, policy, batch)
+    wrong = episodes.actions.copy()
+    wrong[1, 4] += 1.0  # within a decision
+    with pytest.raises(ValueError, match=r"environment 1 .* step 4"):
+        check_actions(replace(episodes, actions=wrong), policy, batch)
+
+
+def alone_exploration(policy: GaussianPolicy, batch: Batch) -> Array:
+    """Return the draws of a policy with one step per decision, for as many steps as there are decisions."""
+    return replace(policy, action_repeat=1).exploration(replace(batch, horizon=policy.decisions(batch.horizon)))
+
+
+def test_a_repeated_step_returns_the_same_actions() -> None:
+    policy, batch = make_policy(3, 2), Batch(1, 0, 2, 9, explore=True)
+    acting, points = Acting(policy, batch, explore=True), np.random.default_rng(1).normal(size=(9, 2, 2))
+    actions = []
+    for t in range(9):
+        actions.append(acting(t, points[t]))
+        assert np.array_equal(acting(t, points[t]), actions[-1])
+    once = Acting(policy, batch, explore=True)
+    assert all(np.array_equal(once(t, points[t]), actions[t]) for t in range(9))
+
+
+@pytest.mark.parametrize(("repeat", "history"), [(1, 1), (3, 1), (3, 2), (1, 2), (4, 3)])
+def test_a_loaded_policy_acts_like_the_evaluated_one(repeat: int, history: int) -> None:
+    gaussian = make_policy(repeat, history)
+    policy = Policy(gaussian, Task("rkhs/Pendulum-v0", {}, 10, 0.99), SPACES)
+    points = np.random.default_rng(2).normal(size=(10, 2))
+    for _ in range(2):  # the second time after a reset in the middle of a decision
+        acting = Acting(gaussian, Batch(0, 0, 1, 10, explore=False), explore=False)
+        for t in range(10):
+            np.testing.assert_allclose(policy(points[t]), acting(t, points[None, t])[0], rtol=1e-6)
+        policy.reset()
+    if gaussian.inputs.history > 1 or repeat > 1:
+        policy(points[:2])
+        with pytest.raises(ValueError, match=r"a batch of 2 as before, or reset\(\) first, got 3"):
+            policy(points[:3])
+        policy.reset()
+    policy(points[:3])
+
+
+def test_files_and_messages_keep_the_action_repeat() -> None:
+    policy = make_policy(5)
+    arrays = policy_arrays(policy)
+    assert policy_of(arrays).action_repeat == 5
+    assert policy_of({name: value for name, value in arrays.items() if name != "action_repeat"}).action_repeat == 1
+    message = policy_message(Types(), policy, 1)
+    assert policy_of_message(message).action_repeat == 5
+    message.action_repeat = 0
+    with pytest.raises(ValueError, match="action_repeat: expected 1 to 1000, got 0"):
+        policy_of_message(message)
+    del message.action_repeat  # as in a recording from before the field
+    assert policy_of_message(message).action_repeat == 1
+
+
+@pytest.mark.parametrize("value", [0, 1001, True, 2.0])
+def test_a_policy_checks_its_action_repeat(value: Any) -> None:
+    with pytest.raises(ValueError, match="action_repeat: expected 1 to 1000, got"):
+        replace(make_policy(1), action_repeat=value)
+
+
+@pytest.mark.parametrize("value", [0, 1001, "x", 2.5, True])
+def test_a_setting_of_the_action_repeat_is_checked(value: Any) -> None:
+    with pytest.raises(ValueError, match=r"^action_repeat: [^\n]+$"):
+        training_from({"action_repeat": value})
+    assert training_from({"action_repeat": 7}).action_repeat == 7
+    assert training_from({"action_repeat": AUTO}).action_repeat == AUTO
+
+
+def waves(frequency: float, horizon: int = 1000) -> Array:
+    """Return a sine and a cosine with a frequency in cycles per step, shape (1, horizon, 2)."""
+    phase = 2.0 * np.pi * frequency * np.arange(horizon)
+    return np.stack([np.sin(phase), np.cos(phase)], axis=1)[None]
+
+
+def seen(observations: Array) -> Episodes:
+    count, horizon = observations.shape[:2]
+    zeros, mask = np.zeros((count, horizon)), np.ones((count, horizon), dtype=bool)
+    return Episodes.without_ends(observations, zeros[:, :, None], zeros, mask)
+
+
+@pytest.mark.parametrize("frequency", [0.002, 0.005, 0.01, 0.04])
+def test_the_change_of_a_wave_per_decision_has_a_closed_form(frequency: float) -> None:
+    episodes = seen(waves(frequency))
+    for repeat in (1, 2, 5):
+        expected = 2.0 * np.sin(np.pi * frequency * repeat)
+        np.testing.assert_allclose(change_per_decision(episodes, repeat), expected, rtol=0.02)
+    repeats = np.arange(1, min(50, int(0.5 / frequency)) + 1)  # up to half a period; then the change falls again
+    nearest = repeats[np.argmin(np.abs(np.log(2.0 * np.sin(np.pi * frequency * repeats) / CHANGE)))]
+    assert choose_action_repeat(episodes) == nearest
+
+
+def test_units_and_uninformative_columns_do_not_change_the_action_repeat() -> None:
+    observed, rng = waves(0.005), np.random.default_rng(0)
+    expected = choose_action_repeat(seen(observed))
+    noise, constant = rng.normal(size=(1, 1000, 1)), np.ones((1, 1000, 1))
+    for columns in ([observed * [1e6, 1e-6]], [observed, constant], [observed, observed[..., :1]], [observed, noise]):
+        assert choose_action_repeat(seen(np.concatenate(columns, axis=2))) == expected
+    assert choose_action_repeat(seen(np.concatenate([constant, constant], axis=2))) == 1
+    assert choose_action_repeat(seen(observed[:, :30])) == 1  # 20 decisions at least
+
+
+def test_training_chooses_the_action_repeat_and_resumes_with_it() -> None:
+    first, second = train(SHORT, pendulum())
+    assert first.policy.action_repeat == second.policy.action_repeat == 4
+    assert first.evaluation.horizon == SHORT.horizon  # episodes keep the environment's own steps
+    held = second.exploration.actions
+    assert np.array_equal(np.repeat(held[:, ::4], 4, axis=1)[:, : SHORT.horizon], held)
+    (again,) = train(SHORT, pendulum(), first.state)
+    assert np.array_equal(again.policy.mean.weights, second.policy.mean.weights)
+    assert np.array_equal(again.exploration.actions, held)
+
+
+def test_a_line_search_compares_the_returns_of_decisions() -> None:
+    search = RKHSAC(step=LineSearch(choices=2, episodes=2))
+    (iteration,) = train(replace(SHORT, iterations=1, action_repeat=3, algorithm=search), pendulum())
+    assert iteration.tried
+    for tried in iteration.tried:
+        assert np.array_equal(np.repeat(tried.actions[:, ::3], 3, axis=1)[:, : SHORT.horizon], tried.actions)
+
+
+def small_model(training: Training) -> Training:
+    model = ModelBased(updates=2, rollouts=4, centres=20)
+    return replace(training, model=model, evaluate_every=0)
+
+
+@pytest.mark.parametrize("setting", [AUTO, 3])
+def test_offline_training_groups_the_recorded_steps(setting: str | int) -> None:
+    runner, training = pendulum(), small_model(replace(SHORT, action_repeat=setting))
+    episodes = runner.collect(first_policy(SHORT, runner.spaces), Batch(0, 0, 3, 90, explore=True))
+    expected = choose_action_repeat(episodes) if setting == AUTO else 3
+    assert expected > 1
+    iterations = list(learn_offline(training, runner.spaces, episodes))
+    assert [each.policy.action_repeat for each in iterations] == [expected] * 2
+
+
+def test_model_rollouts_have_the_steps_of_the_task() -> None:
+    runner, training = pendulum(), small_model(replace(SHORT, action_repeat=4))
+    *_, last = train(training, runner)
+    settings = training.model
+    assert isinstance(settings, ModelBased)
+    rollouts = model_rollouts_of(settings, last.policy, last.state.memory, runner.spaces, training.discount, 2)
+    assert rollouts.observations.shape[:2] == (2, SHORT.horizon)
+    assert np.array_equal(np.repeat(rollouts.actions[:, ::4], 4, axis=1)[:, : SHORT.horizon], rollouts.actions)
+
+
+def test_an_initial_policy_keeps_its_action_repeat_unless_the_settings_give_one() -> None:
+    given = make_policy(5)
+    settings = Training(inputs=given.inputs, action_repeat=AUTO)
+    assert first_state(settings, SPACES, given).policy.action_repeat == 5
+    assert first_state(replace(settings, action_repeat=2), SPACES, given).policy.action_repeat == 2
+    remembering = make_policy(5, 2)
+    two = replace(settings, inputs=remembering.inputs, action_repeat=2)
+    with pytest.raises(ValueError, match="action_repeat: expected 5 like the initial policy, got 2"):
+        first_state(two, SPACES, remembering)
