@@ -15,6 +15,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.priors import Priors
@@ -28,6 +29,7 @@ NORMAL_MEDIAN = 0.4549  # median of the square of a standard normal variable
 MOST_OVERCONFIDENCE = 3.0
 MARGIN = 0.25  # part of the observed range that rollouts may exceed it by: policies learn to exploit hard clipping
 EXPLAINED = 0.1  # part of the rewards' standard deviation that may remain unexplained
+MOST_TRANSITIONS = 20_000  # more make a fit slower but hardly better
 NO_PRIORS = Priors()
 
 
@@ -67,7 +69,17 @@ class Transitions:
 
     def last(self, count: int) -> Transitions:
         """Return the last ``count`` transitions, or all if there are fewer."""
-        return Transitions(*(getattr(self, f.name)[-count:] for f in fields(self)))
+        return self._at(slice(-count, None))
+
+    def thinned(self, most: int) -> Transitions:
+        """Return evenly spaced transitions, about ``most`` of them, and all that terminate an episode."""
+        stride = -(-len(self.points) // most)
+        if stride == 1:
+            return self
+        return self._at(np.flatnonzero((np.arange(len(self.points)) % stride == 0) | self.terminated))
+
+    def _at(self, rows: slice | NDArray[np.int_]) -> Transitions:
+        return Transitions(*(getattr(self, f.name)[rows] for f in fields(self)))
 
 
 def points_of(inputs: Array, actions: Array, spaces: Spaces) -> Array:
@@ -147,7 +159,7 @@ class DynamicsModel:
         Raises:
             RunError: a prior function failed.
         """
-        steps = Transitions.of(episodes, inputs, spaces)
+        steps = Transitions.of(episodes, inputs, spaces).thinned(MOST_TRANSITIONS)
         coordinates = coordinates_of(steps, inputs)
         going_on = ~steps.terminated if not steps.terminated.all() else np.ones_like(steps.terminated)
         learnt = _rewards(steps, going_on, inputs, centres) if priors.reward_fn is None else NO_REWARDS
@@ -204,7 +216,9 @@ def prediction_test(
     priors: Priors = NO_PRIORS,
 ) -> PredictionTest:
     """Fit a model to some episodes and test it on others; see `DynamicsModel.fit` for the arguments."""
-    earlier, steps = (Transitions.of(episodes, inputs, spaces) for episodes in (before, after))
+    earlier, steps = (
+        Transitions.of(episodes, inputs, spaces).thinned(MOST_TRANSITIONS) for episodes in (before, after)
+    )
     coordinates = coordinates_of(earlier, inputs)
     model = Posterior.fit(earlier.points, _residual_changes(earlier, coordinates, priors), centres)
     errors = coordinates.wrap(_residual_changes(steps, coordinates, priors) - model.mean(steps.points))
