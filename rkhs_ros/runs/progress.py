@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from math import isnan
 from pathlib import Path
 
@@ -22,8 +23,9 @@ from rich.progress import (
 from rich.table import Column
 from rich.text import Text
 
+from rkhs_ros.learning.discovery.action_repeat import change_per_decision
 from rkhs_ros.learning.training import Iteration
-from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.learning.training_settings import AUTO, Training
 
 ECHO = "^C"  # printed by a terminal at Ctrl-C; beside a bar of full width it would wrap to another line
 LINE_PERIOD_S = 5.0  # between lines
@@ -89,6 +91,8 @@ def _bar(training: Training, done: int, console: Console, *, quiet: bool) -> Ite
                 mean = f"{iteration.evaluation_return:.4g}"
             text = f"return {iteration.exploration_return:.4g}, evaluation {mean}{_model(iteration)}"
             progress.update(bar, advance=1, returns=text)
+            if chosen := _action_repeat(training, iteration):
+                console.print(f"{training.name}: {chosen}", markup=False, highlight=False)
 
         yield show
 
@@ -102,11 +106,22 @@ def _lines(training: Training, folder: Path | None) -> Show:
         if time.monotonic() >= due or iteration.number == training.iterations:
             mean = f", evaluation {iteration.evaluation_return:.4g}" if len(iteration.evaluation) else ""
             line = f"{training.name}: iteration {iteration.number} of {training.iterations}, "
-            text = f"{line}return {iteration.exploration_return:.4g}{mean}{_model(iteration)}{results}"
+            chosen = _action_repeat(training, iteration)
+            chosen = f", {chosen}" if chosen else ""
+            text = f"{line}return {iteration.exploration_return:.4g}{mean}{_model(iteration)}{chosen}{results}"
             print(text, file=sys.stderr, flush=True)
             due = time.monotonic() + LINE_PERIOD_S
 
     return show
+
+
+def _action_repeat(training: Training, iteration: Iteration) -> str:
+    """Return the action repeat that the first iteration chose, and the change per decision; otherwise empty."""
+    if training.action_repeat != AUTO or iteration.number > 1:
+        return ""
+    repeat, inputs = iteration.policy.action_repeat, iteration.policy.inputs
+    features = replace(iteration.exploration, observations=inputs.features(iteration.exploration.observations))
+    return f"action_repeat {repeat} (change per decision {change_per_decision(features, repeat):.2f} sd)"
 
 
 def _model(iteration: Iteration) -> str:

@@ -156,6 +156,6 @@ def test_held_actions_are_bit_identical_over_topics_and_in_process(
 ) -> None:
     config = tmp_path / "run.yaml"
     config.write_text("simulator: {ros__parameters: {environment: {id: rkhs/Pendulum-v0}}}\n")
-    small = ("episodes_per_iteration=4", "evaluation_episodes=1", "horizon=90", "timeout=60", "algorithm.centres=15")
+    small = ("episodes_per_iteration=4", "evaluation_episodes=1", "horizon=200", "timeout=60", "algorithm.centres=15")
     arrays = assert_same_bits(start, tmp_path, (config, *SHORT, "--set", *small, *changes), 3)
     assert arrays["action_repeat"] == expected

@@ -35,7 +35,7 @@ from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.offline import learn_offline
 
 SPACES = Spaces.unbounded(2, 1)
-SHORT = Training(iterations=2, episodes_per_iteration=4, evaluation_episodes=2, horizon=90, action_repeat=AUTO, seed=1)
+SHORT = Training(iterations=2, episodes_per_iteration=4, evaluation_episodes=2, horizon=200, action_repeat=AUTO, seed=1)
 REPEATS = st.integers(1, 7)
 
 
@@ -226,7 +226,7 @@ def test_a_setting_of_the_action_repeat_is_checked(value: Any) -> None:
     assert training_from({"action_repeat": AUTO}).action_repeat == AUTO
 
 
-def waves(frequency: float, horizon: int = 1000) -> Array:
+def waves(frequency: float, horizon: int = 3000) -> Array:
     """Return a sine and a cosine with a frequency in cycles per step, shape (1, horizon, 2)."""
     phase = 2.0 * np.pi * frequency * np.arange(horizon)
     return np.stack([np.sin(phase), np.cos(phase)], axis=1)[None]
@@ -252,7 +252,7 @@ def test_the_change_of_a_wave_per_decision_has_a_closed_form(frequency: float) -
 def test_units_and_uninformative_columns_do_not_change_the_action_repeat() -> None:
     observed, rng = waves(0.005), np.random.default_rng(0)
     expected = choose_action_repeat(seen(observed))
-    noise, constant = rng.normal(size=(1, 1000, 1)), np.ones((1, 1000, 1))
+    noise, constant = rng.normal(size=(1, 3000, 1)), np.ones((1, 3000, 1))
     for columns in ([observed * [1e6, 1e-6]], [observed, constant], [observed, observed[..., :1]], [observed, noise]):
         assert choose_action_repeat(seen(np.concatenate(columns, axis=2))) == expected
     assert choose_action_repeat(seen(np.concatenate([constant, constant], axis=2))) == 1
@@ -286,7 +286,7 @@ def small_model(training: Training) -> Training:
 @pytest.mark.parametrize("setting", [AUTO, 3])
 def test_offline_training_groups_the_recorded_steps(setting: str | int) -> None:
     runner, training = pendulum(), small_model(replace(SHORT, action_repeat=setting))
-    episodes = runner.collect(first_policy(SHORT, runner.spaces), Batch(0, 0, 3, 90, explore=True))
+    episodes = runner.collect(first_policy(SHORT, runner.spaces), Batch(0, 0, 3, 200, explore=True))
     expected = choose_action_repeat(episodes) if setting == AUTO else 3
     assert expected > 1
     iterations = list(learn_offline(training, runner.spaces, episodes))

@@ -108,3 +108,15 @@ def test_a_quiet_run_shows_no_progress(capsys: pytest.CaptureFixture[str]) -> No
         for iteration in iterations(config):
             show(iteration)
     assert capsys.readouterr() == ("", "")
+
+
+def test_the_first_line_shows_the_chosen_action_repeat(capsys: pytest.CaptureFixture[str]) -> None:
+    training = Training(
+        iterations=2, episodes_per_iteration=4, evaluation_episodes=1, horizon=200, seed=1, action_repeat="auto"
+    )
+    with progress_bar(training) as show:
+        for iteration in train(training, InlineRunner(Simulation("rkhs/Pendulum-v0"))):
+            show(iteration)
+    first, last = capsys.readouterr().err.splitlines()
+    assert "action_repeat 4 (change per decision 0." in first
+    assert "action_repeat" not in last
