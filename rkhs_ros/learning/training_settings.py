@@ -36,7 +36,7 @@ class Training(Settings):
     action_repeat: str | int = setting(
         1,
         "number of steps for which the policy holds an action; or 'auto': chosen from the first iteration's episodes, "
-        "such that what is observed changes by 0.3 of its standard deviation per decision",
+        "such that the observation changes by 0.3 standard deviations between decisions",
         minimum=1,
         maximum=MOST_REPEAT,
         choices=(AUTO,),

@@ -41,8 +41,8 @@ class ActorCritic(Algorithm):
     )
     ridge_norm: str = setting(
         "norm",
-        "what the ridge penalises: the norms of functions (norm); or each coefficient, weighted by the mean square of "
-        "the regression's column for it, so that the scale of the coordinates does not matter (scale_free)",
+        "penalty of the ridge. norm: the squared norms of the functions. scale_free: the squared coefficients, each "
+        "weighted by the mean square of its column in the regression; the scale of the coordinates then has no effect",
         choices=RIDGE_NORMS,
     )
     step: StepRule = variant(KLStep(), STEP_RULES, "rule")

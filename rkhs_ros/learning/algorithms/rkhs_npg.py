@@ -30,8 +30,8 @@ class RKHSNPG(SparseSettings, Algorithm):
 
     baseline: str = setting(
         "intercept",
-        "baseline of the returns: an intercept of the regression; value, which also subtracts the value of the first "
-        "state; or as_published, no baseline",
+        "what is subtracted from the returns. intercept: an intercept of the regression. value: also the value of the "
+        "first state. as_published: nothing",
         choices=("intercept", "value", "as_published"),
     )
     ridge: float = setting(

@@ -49,10 +49,10 @@ class KLStep(Settings):
 
 @dataclass(frozen=True)
 class LineSearch(Settings):
-    """The best step size of a grid (section 4.1 of the paper), each evaluated in new episodes.
+    """The best of several step sizes, each evaluated in new episodes (section 4.1 of the paper).
 
     The step lengths are evenly spaced on a logarithmic scale. They are in standard deviations of the action, root mean
-    square over the samples, so that the grid fits any direction.
+    square over the samples, so that their range suits any direction.
     """
 
     choices: int = setting(50, "number of step sizes to try", minimum=2, maximum=1000)

@@ -63,8 +63,8 @@ class WeightedExploration(Algorithm):
     reuse: int = setting(0, "number of best episodes so far that the next update reuses", minimum=0, maximum=10_000)
     variance: str = setting(
         "learnt",
-        "how the variance changes: learnt by the corrected Eq 24, constant except for its decay, or as_published, by "
-        "the published Eq 24",
+        "how the variance changes. learnt: by the corrected Eq 24. as_published: by the published Eq 24. constant: "
+        "only by its decay",
         choices=("constant", *VARIANCES),
     )
     sd_minimum: float = setting(

@@ -56,8 +56,9 @@ class ModelBased(Settings):
     rollouts: int = setting(50, "model rollouts with exploration noise per update", minimum=1, maximum=10_000)
     validation_rollouts: int = setting(
         0,
-        "model rollouts of the policy mean, the same for all policies, that choose the best policy of an iteration; "
-        "updates go on as long as they improve it. 0: the last policy after a fixed number of updates",
+        "number of model rollouts of the policy mean that measure a policy, with the same random numbers for all "
+        "policies; an iteration selects its best policy, and its updates continue while they improve on it. "
+        "0: a fixed number of updates, and the policy after the last one",
         minimum=0,
         maximum=10_000,
     )
@@ -75,13 +76,14 @@ class ModelBased(Settings):
     )
     curiosity: str = setting(
         "none",
-        "when the policy trains to reach states that the model does not know: none, or as_needed: as long as a cost of "
+        "when the policy trains to reach states that the model does not know. none: never. as_needed: while a cost of "
         "the actions explains all rewards",
         choices=("none", AS_NEEDED),
     )
     evaluation_noise_scale: float = setting(
         0.3,
-        "factor on the standard deviation in every second real iteration, to visit the states of the policy mean",
+        "factor on the standard deviation in every second real iteration, to visit the states that the policy mean "
+        "reaches",
         minimum=0.01,
         maximum=1.0,
     )
@@ -184,8 +186,8 @@ def train_in_model(
 ) -> ModelUpdate:
     """Train a policy in a model of all real episodes so far.
 
-    The newest episodes test a model of the earlier ones. If that model was overconfident, the functions drawn now
-    deviate further from their mean, and there are fewer updates.
+    The newest episodes test a model of the earlier ones. If that model was overconfident, posterior samples of the
+    new model deviate further from the posterior mean, and there are fewer updates.
     """
     episodes, spaces = experience.episodes, experience.spaces
     inputs = policy.inputs
