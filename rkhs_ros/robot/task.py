@@ -59,7 +59,7 @@ class RobotTask(Settings):
 
     @cached_property
     def rules(self) -> Rules:
-        """The functions of the reward and the end.
+        """The functions that compute the reward and decide whether the episode ends.
 
         Raises:
             ValueError: a function cannot be imported.

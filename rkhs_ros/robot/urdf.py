@@ -28,10 +28,11 @@ class JointLimit(NamedTuple):
 
 
 def located(name: str) -> Path:
-    """Return the path of a file that is given as a path, or as ``package://PACKAGE/FILE``.
+    """Return the path of a file from its path or from ``package://PACKAGE/FILE``.
 
     Args:
-        name: the file's; the package is a ROS package, or a Python package such as ``pybullet_data``.
+        name: a path or ``package://PACKAGE/FILE``. PACKAGE is a ROS package, or a Python package such as
+            ``pybullet_data``.
 
     Raises:
         ValueError: there is no such package.

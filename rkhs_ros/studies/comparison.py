@@ -164,7 +164,11 @@ def _common_task(runs: list[Run]) -> Task:
 
 
 def _labels(groups: list[list[Run]], given: Mapping[Path, str] | None) -> list[str]:
-    """Return the given label of each group, or the first kind of name that distinguishes all groups."""
+    """Return a label for each group of runs.
+
+    Without given labels, use the first of these names that differs between all groups: the algorithm, the path given
+    by the user, the folder of the run, or its full path.
+    """
     if given is not None:
         return [given[group[0].folder] for group in groups]
     names: tuple[Callable[[Run], str], ...] = (

@@ -32,8 +32,8 @@ class Toy(VectorTask):
 
     .. math:: s_{t+1} = s_t + a_t + \epsilon, \qquad r(s, a) = \exp(-|s - 3|), \qquad s_0 = 0
 
-    State in [-4, 4], action in [-1, 1]. The paper calls the noise "small"; at 0.11, dynamic programming gives its
-    optimum of 14.5.
+    State in [-4, 4], action in [-1, 1]. The paper calls the noise "small". Here, its standard deviation is 0.11. The
+    optimum is then 14.5, from dynamic programming.
     """
 
     single_observation_space = Box(-4.0, 4.0, (1,), np.float64)

@@ -85,7 +85,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def monitor_process(folder: Path) -> subprocess.Popen[bytes] | None:
-    """Start the node that listens to a run over topics; return None if there is no such run, or no ROS."""
+    """Start the node that listens to a run over topics; return None without ROS or an active run over topics."""
     if missing_ros():
         return None
     with suppress(ValueError, OSError):
