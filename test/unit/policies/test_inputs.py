@@ -156,6 +156,46 @@ def test_invalid_angle_columns_are_rejected(angles: tuple[float, ...], message: 
         Inputs(angles=angles).dimension(2, 1)
 
 
+@given(
+    turn=st.sampled_from([360.0, 6400.0, 1.0, 2.0 * np.pi]),
+    history=st.integers(1, 3),
+    degree=st.integers(0, 2),
+    seed=st.integers(0, 999),
+)
+def test_angles_in_other_units_give_the_inputs_of_radians(turn: float, history: int, degree: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    radians = Inputs(history=history, angles=(2.0, 0.0), degree=degree)
+    other = replace(radians, turns=(turn, 2.0 * np.pi))  # only column 2 is in other units
+    observations, actions = rng.uniform(-9.0, 9.0, (2, 6, 3)), rng.normal(size=(2, 6, 1))
+    scaled = observations * [1.0, 1.0, turn / (2.0 * np.pi)]
+    expected = radians.unfold(observations, actions)
+    np.testing.assert_allclose(other.unfold(scaled, actions), expected, atol=1e-12, rtol=1e-10)
+
+
+def test_empty_turns_are_bit_identical_to_turns_of_radians(rng: np.random.Generator) -> None:
+    inputs, x = Inputs(angles=(0.0, 1.0)), rng.normal(size=(50, 3))
+    explicit = replace(inputs, turns=(2.0 * np.pi, 2.0 * np.pi))
+    assert np.array_equal(inputs.features(x), explicit.features(x))
+    assert np.array_equal(inputs.full_turns, explicit.full_turns)
+
+
+@pytest.mark.parametrize(
+    ("angles", "turns", "message"),
+    [
+        ((0.0, 1.0), (360.0,), r"inputs\.turns: expected 2 numbers, one per angle, or none, got \(360\.0,\)"),
+        ("none", (360.0,), r"inputs\.turns: expected 0 numbers, one per angle, or none, got \(360\.0,\)"),
+        ((0.0,), (0.0,), r"turns: expected a number in [^\n]+, got"),
+        ((0.0,), (-360.0,), r"turns: expected a number in [^\n]+, got"),
+        ((0.0,), (float("nan"),), r"turns: expected a number in [^\n]+, got"),
+    ],
+)
+def test_invalid_turns_are_rejected_in_one_line(
+    angles: str | tuple[float, ...], turns: tuple[float, ...], message: str
+) -> None:
+    with pytest.raises(ValueError, match=f"^{message}[^\n]*$"):
+        Inputs(angles=angles, turns=turns)
+
+
 @pytest.mark.parametrize("degree", [0, 2])
 @pytest.mark.parametrize("history", [1, 2])
 def test_an_action_does_not_depend_on_the_batch_size(rng: np.random.Generator, history: int, degree: int) -> None:

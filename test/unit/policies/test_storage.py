@@ -43,7 +43,9 @@ KERNELS: list[Kernel] = [
 
 
 @pytest.mark.parametrize(
-    "inputs", [Inputs(), Inputs(history=3, angles=(1.0, 0.0), degree=2, offset=0.1)], ids=["plain", "inputs"]
+    "inputs",
+    [Inputs(), Inputs(history=3, angles=(1.0, 0.0), degree=2, offset=0.1, turns=(360.0, 0.1 + 0.2))],
+    ids=["plain", "inputs"],
 )
 @pytest.mark.parametrize("kernel", KERNELS, ids=str)
 @pytest.mark.parametrize(("variance", "noise"), [("constant", "pink"), ("kernel", "white"), ("function", "white")])
@@ -85,6 +87,15 @@ def test_the_default_noise_of_a_file_is_white(tmp_path: Path, random_policy: Mak
     assert load_policy(path)[0].noise == "white"
 
 
+def test_angles_of_a_file_without_turns_are_in_radians(tmp_path: Path, random_policy: Make) -> None:
+    path = tmp_path / "policy.npz"
+    save_policy(path, random_policy(d=3), TASK)
+    with np.load(path) as file:
+        arrays = {**file, "inputs": np.array(json.dumps({"history": 1, "angles": [1]}))}
+    np.savez(path, **arrays)
+    assert load_policy(path)[0].inputs == Inputs(angles=(1.0,))
+
+
 def test_a_file_of_schema_1_is_rejected_by_its_number(tmp_path: Path, random_policy: Make) -> None:
     path = tmp_path / "policy.npz"
     save_policy(path, random_policy(), TASK)
@@ -100,6 +111,8 @@ def test_a_file_of_schema_1_is_rejected_by_its_number(tmp_path: Path, random_pol
     [
         ({"history": 0}, r"inputs\.history: expected a number in \[1, 1000\], got 0"),
         ({"angles": [0.5]}, r"inputs\.angles: expected whole numbers"),
+        ({"angles": [0, 1], "turns": [360]}, r"inputs\.turns: expected 2 numbers, one per angle, or none, got \(360"),
+        ({"angles": [0], "turns": [0]}, r"inputs\.turns: expected a number in"),
         ({"window": 2}, r"unknown key 'inputs\.window'"),
         ([1], "inputs: expected a section of keys"),
     ],

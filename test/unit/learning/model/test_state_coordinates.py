@@ -66,3 +66,39 @@ def test_changed_observations_stay_on_their_circle(rng: np.random.Generator) -> 
         now = coordinates.add(now, rng.normal(size=now.shape))
     np.testing.assert_allclose(np.hypot(now[:, 0], now[:, 2]), 1.0, atol=1e-12)
     assert (np.abs(now[:, 3]) <= np.pi).all()
+
+
+TURN_SIZES = st.sampled_from([360.0, 1.0, 6400.0])
+
+
+@given(seed=st.integers(0, 1000), turn=TURN_SIZES)
+def test_coordinates_of_angles_in_other_units_agree_with_those_in_radians(seed: int, turn: float) -> None:
+    rng, scale = np.random.default_rng(seed), np.array([1.0, 1.0, 1.0, turn / RADIANS])
+    before, after = observed(rng, 30), observed(rng, 30)
+    radians = StateCoordinates.of(before, Inputs(angles=(3.0,)))
+    other = StateCoordinates.of(scale * before, Inputs(angles=(3.0,), turns=(turn,)))
+    assert (other.circles, other.columns, other.periodic) == (radians.circles, radians.columns, radians.periodic)
+    changes = radians.difference(before, after)
+    np.testing.assert_allclose(other.difference(scale * before, scale * after), scale * changes, atol=1e-9 * turn)
+    kicks = rng.normal(size=before.shape)
+    moved = other.add(scale * before, scale * kicks) / scale
+    np.testing.assert_allclose(on_the_unit_circle(moved), on_the_unit_circle(radians.add(before, kicks)), atol=1e-9)
+    assert (np.abs(other.add(scale * before, 10.0 * scale * kicks)[:, 3]) <= 0.5 * turn).all()
+
+
+def on_the_unit_circle(points: np.ndarray) -> np.ndarray:
+    """Return observations with their angle, column 3, as a cosine and a sine: both ends of a turn are equal."""
+    return np.column_stack([points[:, :3], on_circle(points[:, 3])])
+
+
+@given(seed=st.integers(0, 1000), turn=TURN_SIZES)
+def test_angles_of_different_units_wrap_at_their_own_turn(seed: int, turn: float) -> None:
+    rng = np.random.default_rng(seed)
+    coordinates = StateCoordinates(3, [2, 0], np.array([turn, RADIANS]))
+    before, changes = rng.normal(size=(2, 20, 3))
+    whole = rng.integers(-2, 3, (20, 2)) * [RADIANS, turn]
+    turned = before.copy()
+    turned[:, [0, 2]] += whole
+    expected = coordinates.difference(before, before + changes)
+    np.testing.assert_allclose(coordinates.difference(turned, before + changes), expected, atol=1e-9 * turn)
+    assert np.array_equal(expected[:, 1], ((before + changes) - before)[:, 1])
