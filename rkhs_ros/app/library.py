@@ -45,7 +45,8 @@ class Result:
 
     Attributes:
         policy: the policy after the iteration.
-        best_policy: the policy with the greatest evaluation return so far; None before the first evaluation.
+        best_policy: the policy with the greatest evaluation return minus its standard error so far; None before the
+            first evaluation.
         iteration: episodes, returns and metrics of the iteration.
         rows: the lines of curve.csv so far.
     """
@@ -227,6 +228,6 @@ def _results(training: Training, runner: InlineRunner, warm_start: Policy | None
         for iteration in iterations_of(training, runner, first):
             rows = (*rows, Row.of(iteration, time.monotonic() - begin))
             policy = Policy(iteration.policy, task, runner.spaces)
-            if iteration.evaluation_return > highest:
-                highest, best = iteration.evaluation_return, policy
+            if iteration.evaluation_bound > highest:
+                highest, best = iteration.evaluation_bound, policy
             yield Result(policy, best, iteration, rows)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -85,6 +86,31 @@ class Iteration:
     def evaluation_return(self) -> float:
         """Mean return of the evaluation episodes; nan in an iteration without evaluation."""
         return float(self.evaluation_returns.mean()) if len(self.evaluation) else float("nan")
+
+    @property
+    def evaluation_return_sd(self) -> float:
+        """Standard deviation of the returns of the evaluation episodes; nan in an iteration without evaluation."""
+        return float(self.evaluation_returns.std()) if len(self.evaluation) else float("nan")
+
+    @property
+    def evaluation_bound(self) -> float:
+        """Lower end of the interval of the evaluation return; nan in an iteration without evaluation."""
+        return lower_bound(self.evaluation_return, self.evaluation_return_sd, len(self.evaluation))
+
+
+def lower_bound(mean: float, sd: float, episodes: int) -> float:
+    r"""Return the mean of returns minus its standard error, or the mean of a single return.
+
+    .. math:: \bar R - \hat\sigma / \sqrt{M - 1}
+
+    The greatest of many means is often luck: a few very good episodes. Such episodes also widen the interval.
+
+    Args:
+        mean: mean return.
+        sd: standard deviation of the returns, without Bessel's correction.
+        episodes: number of returns M.
+    """
+    return mean - sd / math.sqrt(episodes - 1) if episodes > 1 else mean
 
 
 class Collector:

@@ -104,6 +104,7 @@ def update_fields(iteration: Iteration) -> dict[str, Any]:
         "exploration_return": iteration.exploration_return,
         "exploration_return_sd": float(iteration.exploration_returns.std()),
         "evaluation_return": iteration.evaluation_return,
+        "evaluation_return_sd": iteration.evaluation_return_sd,
         **{name: getattr(iteration.metrics, name) for name in METRICS},
         "model_return": iteration.model_return,
         "model_error": iteration.model_error,

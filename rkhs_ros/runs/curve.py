@@ -29,6 +29,7 @@ class Row(NamedTuple):
     exploration_return: float
     exploration_return_sd: float
     evaluation_return: float
+    evaluation_return_sd: float
     centres: int
     step_size: float
     kl: float
@@ -48,6 +49,7 @@ class Row(NamedTuple):
             exploration_return=iteration.exploration_return,
             exploration_return_sd=float(iteration.exploration_returns.std()),
             evaluation_return=iteration.evaluation_return,
+            evaluation_return_sd=iteration.evaluation_return_sd,
             centres=metrics.centres,
             step_size=float(metrics.step_size),
             kl=float(metrics.kl),
@@ -59,7 +61,7 @@ class Row(NamedTuple):
 
 
 NAN = float("nan")
-BEGINNING = Row(0, 0, 0, NAN, NAN, NAN, 0, NAN, NAN, NAN, NAN, NAN, 0.0)  # before the first iteration
+BEGINNING = Row(0, 0, 0, NAN, NAN, NAN, NAN, 0, NAN, NAN, NAN, NAN, NAN, 0.0)  # before the first iteration
 
 
 def columns(rows: Sequence[Row]) -> dict[str, NDArray[Any]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from datetime import datetime
 from itertools import takewhile
 from math import inf, isnan
@@ -16,7 +16,7 @@ from rkhs_ros.base.endings import error_message
 from rkhs_ros.base.files import read_whole, write_whole
 from rkhs_ros.base.user_code import is_installed
 from rkhs_ros.base.yaml_text import dumped
-from rkhs_ros.learning.training import Iteration
+from rkhs_ros.learning.training import Iteration, lower_bound
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import read_policy, save_policy
 from rkhs_ros.runs.attempts import Attempts
@@ -92,7 +92,7 @@ class Report:
 
     Owns the files of the folder except the checkpoints. config.yaml is written at the start. curve.csv grows with the
     run, and so does attempts.npz if the task has one step. best_policy.npz holds the policy with the greatest
-    evaluation return. `finish` writes policy.npz and episodes.npz.
+    evaluation return minus its standard error. `finish` writes policy.npz and episodes.npz.
 
     Args:
         folder: an empty folder, or the folder of the run that resumes.
@@ -136,8 +136,8 @@ class Report:
         self._last = iteration
 
     def _best_of(self, rows: list[Row]) -> float:
-        """Return the return of best_policy.npz; print a warning and return -inf if the file is damaged or missing."""
-        best = best_return(rows)
+        """Return the bound of best_policy.npz; print a warning and return -inf if the file is damaged or missing."""
+        best = max(evaluation_bounds(rows), default=-inf)
         if best == -inf:
             return best
         try:
@@ -151,9 +151,9 @@ class Report:
         return best
 
     def _save_if_best(self, iteration: Iteration) -> None:
-        """Save the policy if its evaluation return is the greatest so far."""
-        if iteration.evaluation_return > self._best:
-            self._best = iteration.evaluation_return
+        """Save the policy if the lower end of the interval of its evaluation return is the greatest so far."""
+        if iteration.evaluation_bound > self._best:
+            self._best = iteration.evaluation_bound
             save_policy(self.folder / BEST_POLICY, iteration.policy, self._config.task, self._spaces)
 
     def finish(self) -> None:
@@ -199,9 +199,25 @@ def _noted(file: Path, content: str, done: int) -> str:
     return "\n".join([*noted, f"# from iteration {done + 1}: {now.removeprefix('# ')}", settings])
 
 
-def best_return(rows: Iterable[Row]) -> float:
-    """Return the greatest evaluation return; minus infinity if there was no evaluation."""
-    return max((row.evaluation_return for row in rows if not isnan(row.evaluation_return)), default=-inf)
+def evaluation_bounds(rows: Iterable[Row]) -> list[float]:
+    """Return the lower end of the interval of each evaluation return; minus infinity without an evaluation.
+
+    Args:
+        rows: all lines of a curve.
+    """
+    bounds = [
+        lower_bound(row.evaluation_return, row.evaluation_return_sd, row.evaluation_episodes - before)
+        for before, row in _with_evaluated_before(rows)
+    ]
+    return [-inf if isnan(bound) else bound for bound in bounds]
+
+
+def _with_evaluated_before(rows: Iterable[Row]) -> Iterator[tuple[int, Row]]:
+    """Yield each line with the number of evaluation episodes before it."""
+    before = 0
+    for row in rows:
+        yield before, row
+        before = row.evaluation_episodes
 
 
 def summary(folder: Path, config: Config) -> str:
@@ -247,15 +263,15 @@ def _trust(config: Config) -> str:
 
 
 def _end(rows: list[Row]) -> str:
-    best = best_return(rows)
-    if best == -inf:
+    bounds = evaluation_bounds(rows)
+    if max(bounds) == -inf:
         return f"{rows[-1].exploration_return:.4g} in the last"
-    at = next(row for row in rows if row.evaluation_return == best)
+    at = rows[bounds.index(max(bounds))]
     last = next(row for row in reversed(rows) if not isnan(row.evaluation_return))
     end = "" if last is rows[-1] else f" (after {_episodes(last.episodes)})"
     file = "" if at is last else f", {BEST_POLICY}"
     final = f"{last.evaluation_return:.4g} in the last evaluation{end}"
-    return f"{final}, {best:.4g} in the best (after {_episodes(at.episodes)}{file})"
+    return f"{final}, {at.evaluation_return:.4g} in the best (after {_episodes(at.episodes)}{file})"
 
 
 def _episodes(count: int) -> str:

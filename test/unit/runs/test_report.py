@@ -28,6 +28,7 @@ COLUMNS = [
         "exploration_return",
         "exploration_return_sd",
         "evaluation_return",
+        "evaluation_return_sd",
     ),
     *("centres", "step_size", "kl", "sparsification_error", "model_return", "model_error", "seconds"),
 ]
@@ -62,6 +63,7 @@ def test_a_run_writes_its_curve_and_policy(
         assert float(row["exploration_return"]) == iteration.exploration_returns.mean()
         assert float(row["exploration_return_sd"]) == iteration.exploration_returns.std()
         assert float(row["evaluation_return"]) == iteration.evaluation_returns.mean()
+        assert float(row["evaluation_return_sd"]) == iteration.evaluation_returns.std()
         assert int(row["centres"]) == iteration.metrics.centres
         assert float(row["step_size"]) == iteration.metrics.step_size
         assert float(row["kl"]) == iteration.metrics.kl

@@ -234,7 +234,8 @@ def test_configuration_and_checkpoints_of_another_run_are_rejected(tmp_path: Pat
 
 
 ROWS = [
-    Row(k, 3 * k, 2 * k, -1.5 / k, 0.1, 1e-17 * k, k, 1.0, float("nan"), 0.0, 7.5, 0.1 * k, 0.25 * k) for k in (1, 2, 3)
+    Row(k, 3 * k, 2 * k, -1.5 / k, 0.1, 1e-17 * k, 0.2, k, 1.0, float("nan"), 0.0, 7.5, 0.1 * k, 0.25 * k)
+    for k in (1, 2, 3)
 ]
 
 
