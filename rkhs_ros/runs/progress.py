@@ -6,7 +6,6 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from math import isnan
 from pathlib import Path
 
@@ -23,9 +22,9 @@ from rich.progress import (
 from rich.table import Column
 from rich.text import Text
 
-from rkhs_ros.learning.discovery.action_repeat import change_per_decision
+from rkhs_ros.learning.discovery.found import Known, newly_found
 from rkhs_ros.learning.training import Iteration
-from rkhs_ros.learning.training_settings import AUTO, Training
+from rkhs_ros.learning.training_settings import Training
 
 ECHO = "^C"  # printed by a terminal at Ctrl-C; beside a bar of full width it would wrap to another line
 LINE_PERIOD_S = 5.0  # between lines
@@ -84,6 +83,7 @@ def _bar(training: Training, done: int, console: Console, *, quiet: bool) -> Ite
     with _TwoLines(*bar_columns(), console=console, disable=quiet) as progress:
         bar = progress.add_task(training.name, total=training.iterations, completed=done, returns="return -")
         mean = "-"  # last evaluation return
+        found = _Found(training)
 
         def show(iteration: Iteration) -> None:
             nonlocal mean
@@ -91,14 +91,15 @@ def _bar(training: Training, done: int, console: Console, *, quiet: bool) -> Ite
                 mean = f"{iteration.evaluation_return:.4g}"
             text = f"return {iteration.exploration_return:.4g}, evaluation {mean}{_model(iteration)}"
             progress.update(bar, advance=1, returns=text)
-            if chosen := _action_repeat(training, iteration):
-                console.print(f"{training.name}: {chosen}", markup=False, highlight=False)
+            if text := found(iteration):
+                console.print(f"{training.name}: found {text}", markup=False, highlight=False)
 
         yield show
 
 
 def _lines(training: Training, folder: Path | None) -> Show:
     due = 0.0  # monotonic time, seconds
+    found = _Found(training)
     results = f"; {folder}" if folder else ""
 
     def show(iteration: Iteration) -> None:
@@ -106,22 +107,29 @@ def _lines(training: Training, folder: Path | None) -> Show:
         if time.monotonic() >= due or iteration.number == training.iterations:
             mean = f", evaluation {iteration.evaluation_return:.4g}" if len(iteration.evaluation) else ""
             line = f"{training.name}: iteration {iteration.number} of {training.iterations}, "
-            chosen = _action_repeat(training, iteration)
-            chosen = f", {chosen}" if chosen else ""
-            text = f"{line}return {iteration.exploration_return:.4g}{mean}{_model(iteration)}{chosen}{results}"
+            text = f"{line}return {iteration.exploration_return:.4g}{mean}{_model(iteration)}{results}"
             print(text, file=sys.stderr, flush=True)
             due = time.monotonic() + LINE_PERIOD_S
+        if text := found(iteration):
+            print(f"{training.name}: found {text}", file=sys.stderr, flush=True)
 
     return show
 
 
-def _action_repeat(training: Training, iteration: Iteration) -> str:
-    """Return the action repeat that the first iteration chose, and the change per decision; otherwise empty."""
-    if training.action_repeat != AUTO or iteration.number > 1:
-        return ""
-    repeat, inputs = iteration.policy.action_repeat, iteration.policy.inputs
-    features = replace(iteration.exploration, observations=inputs.features(iteration.exploration.observations))
-    return f"action_repeat {repeat} (change per decision {change_per_decision(features, repeat):.2f} sd)"
+class _Found:
+    """What the iterations of a run have found about the task so far."""
+
+    def __init__(self, training: Training) -> None:
+        self._training = training
+        self._last: Known | None = None
+
+    def __call__(self, iteration: Iteration) -> str:
+        """Return what an iteration has found in addition to the one before; nothing after a resume."""
+        before, self._last = self._last, Known(iteration.policy.action_repeat, iteration.policy.inputs)
+        if before is None and iteration.number == 1:
+            repeat = self._training.action_repeat
+            before = Known(repeat if isinstance(repeat, int) else 0, self._training.inputs)
+        return newly_found(before, self._last, iteration.exploration) if before else ""
 
 
 def _model(iteration: Iteration) -> str:

@@ -17,8 +17,11 @@ import pytest
 from rich.console import Console
 
 from rkhs_ros.app.inline import iterations
+from rkhs_ros.learning.discovery.found import Known, newly_found
+from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs import progress
@@ -110,13 +113,20 @@ def test_a_quiet_run_shows_no_progress(capsys: pytest.CaptureFixture[str]) -> No
     assert capsys.readouterr() == ("", "")
 
 
-def test_the_first_line_shows_the_chosen_action_repeat(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_line_shows_what_the_first_iteration_found(capsys: pytest.CaptureFixture[str]) -> None:
     training = Training(
         iterations=2, episodes_per_iteration=4, evaluation_episodes=1, horizon=200, seed=1, action_repeat="auto"
     )
     with progress_bar(training) as show:
         for iteration in train(training, InlineRunner(Simulation("rkhs/Pendulum-v0"))):
             show(iteration)
-    first, last = capsys.readouterr().err.splitlines()
-    assert "action_repeat 4 (change per decision 0." in first
-    assert "action_repeat" not in last
+    first, found, last = capsys.readouterr().err.splitlines()
+    assert found.startswith("run: found action_repeat 4 (change per decision 0.")
+    assert "found" not in first + last
+
+
+def test_a_line_shows_found_angles_and_a_found_history() -> None:
+    episodes = Episodes.none(5, 3, 1)
+    before, after = Known(2, Inputs()), Known(2, Inputs(angles=(1.0,), turns=(360.0,), history=2))
+    assert newly_found(before, after, episodes) == "inputs.angles [1] (a full turn is 360), inputs.history 2"
+    assert newly_found(after, after, episodes) == ""

@@ -1,0 +1,47 @@
+"""Describe in one line what the data of a task revealed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+from rkhs_ros.learning.discovery.action_repeat import change_per_decision
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.policies.inputs import Inputs
+
+
+class Known(NamedTuple):
+    """What is known about how a task is written down.
+
+    Attributes:
+        action_repeat: action repeat of the policy; 0 if it is still to be chosen.
+        inputs: inputs of the policy.
+    """
+
+    action_repeat: int
+    inputs: Inputs
+
+
+def newly_found(before: Known, after: Known, episodes: Episodes) -> str:
+    """Return what was found in addition to what was known before, as settings; empty if nothing.
+
+    Args:
+        before: what was known.
+        after: what is known now.
+        episodes: the newest episodes, with raw observations.
+    """
+    parts = []
+    if after.action_repeat != before.action_repeat:
+        features = replace(episodes, observations=after.inputs.features(episodes.observations))
+        change = change_per_decision(features, after.action_repeat)
+        parts.append(f"action_repeat {after.action_repeat} (change per decision {change:.2f} sd)")
+    if after.inputs.columns != before.inputs.columns:
+        parts.append(_angles(after.inputs))
+    if after.inputs.history != before.inputs.history:
+        parts.append(f"inputs.history {after.inputs.history}")
+    return ", ".join(parts)
+
+
+def _angles(inputs: Inputs) -> str:
+    turns = ", ".join(f"{turn:.4g}" for turn in inputs.full_turns)
+    return f"inputs.angles {inputs.columns} (a full turn is {turns})"
