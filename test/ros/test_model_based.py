@@ -1,5 +1,7 @@
 """Model-based training over topics: bit-identical to training in process, while the other nodes wait."""
 
+import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -40,3 +42,16 @@ def test_nodes_wait_while_the_learner_trains_longer_than_the_timeout(start: Star
 
 def seconds(folder: Path) -> list[str]:
     return [line.rpartition(",")[2] for line in (folder / "curve.csv").read_text().splitlines()[1:]]
+
+
+def test_inputs_that_change_during_a_run_are_bit_identical_over_topics(start: Start, tmp_path: Path) -> None:
+    config = tmp_path / "run.yaml"
+    environment = "{id: rkhs/Pendulum-v0, options: {angle: wrap}}"
+    config.write_text(f"simulator: {{ros__parameters: {{environment: {environment}}}}}\n")
+    small = ("horizon=60", "episodes_per_iteration=2", "evaluation_episodes=1", "timeout=60", "algorithm.centres=20")
+    model = ("model.form=gaussian_process", "model.discovery=all", "model.updates=3", "model.rollouts=10")
+    more = ("model.centres=40", "model.validation_rollouts=4", "model.curiosity=as_needed", "exploration_sd=range")
+    arrays = assert_same_bits(start, tmp_path, (config, *SHORT, "--set", *small, *model, *more), 2)
+    inputs = json.loads(str(arrays["inputs"]))
+    assert inputs["angles"] == [0.0]
+    assert inputs["turns"] == [2.0 * math.pi]

@@ -1,0 +1,130 @@
+"""Training changes the policy's inputs when the data reveal angles or hidden states."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rkhs_ros.learning.algorithms.algorithm import Experience, Update
+from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.model.model_based import ModelBased
+from rkhs_ros.learning.training import Iteration, train
+from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.storage import load_policy
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.config import Config, Environment
+from rkhs_ros.runs.run import run_training
+from test.unit.learning.model.test_model_based import results
+from test.unit.runs import stopping
+
+PENDULUM = "rkhs/Pendulum-v0"
+WRAP = Environment(PENDULUM, {"angle": "wrap"})
+MODEL = {"form": "gaussian_process", "discovery": "all", "updates": 3, "rollouts": 5, "centres": 30}
+TREE: dict[str, Any] = {
+    "iterations": 3,
+    "episodes_per_iteration": 2,
+    "evaluation_episodes": 1,
+    "horizon": 60,
+    "exploration_sd": "range",
+    "algorithm": {"name": "rkhs_nac", "centres": 30},
+    "model": MODEL,
+}
+ANGLE = {"angles": (0.0,), "turns": (2.0 * np.pi,)}
+
+
+def learn(training: Training, state: Any = None, environment: Environment = WRAP) -> list[Iteration]:
+    return list(train(training, InlineRunner(Simulation(environment.id, options=dict(environment.options))), state))
+
+
+def training_with(**model: Any) -> Training:
+    return training_from({**TREE, "model": {**MODEL, **model}})
+
+
+@pytest.mark.parametrize("discovery", ["none", "angles", "all"])
+def test_the_wrapped_angle_of_the_pendulum_becomes_an_input(discovery: str) -> None:
+    for iteration in learn(training_with(discovery=discovery)):
+        inputs = iteration.policy.inputs
+        assert inputs == (Inputs() if discovery == "none" else Inputs(**ANGLE))
+        assert iteration.policy.mean.input_dim == (2 if discovery == "none" else 3)
+
+
+def test_monomials_keep_the_inputs() -> None:
+    training = replace(training_with(), inputs=Inputs(degree=2))
+    assert learn(training)[-1].policy.inputs == training.inputs
+
+
+@pytest.mark.parametrize("history", [1, 2])
+def test_a_policy_keeps_its_mean_at_visited_states_when_its_inputs_change(history: int) -> None:
+    before: list[GaussianPolicy] = []
+
+    @dataclass(frozen=True)
+    class Watched(RKHSNAC):
+        def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
+            if experience.iteration == 0:
+                before.append(policy)
+            return super().update(policy, experience)
+
+    known = replace(training_with(discovery="none"), inputs=Inputs(history=history))
+    (first,) = learn(replace(known, iterations=1))
+    old = replace(first.policy, mean=damping(history))
+    assert isinstance(known.model, ModelBased)
+    model = replace(known.model, discovery="angles")
+    changing = replace(known, iterations=2, algorithm=Watched(centres=60), model=model)
+    (after,) = learn(changing, replace(first.state, policy=old))
+    assert after.policy.inputs == Inputs(history=history, **ANGLE)
+    new, episodes = before[0], after.state.memory
+    values, kept = (p.mean(e.flat(e.observations)) for p in (old, new) for e in [episodes.with_inputs(p.inputs)])
+    assert new.mean.input_dim > old.mean.input_dim
+    assert values.std() > 0.3
+    assert np.sqrt(np.mean((kept - values) ** 2)) < 0.2 * values.std()  # the error of a fit with 60 centres
+
+
+def damping(history: int) -> Function:
+    """Return a mean that depends on the newest angular velocity alone, so it does not jump where the angle wraps."""
+    size = Inputs(history=history).dimension(2, 1)
+    velocity = size - (1 if history == 1 else 2)  # before the last action of a window
+    centres, bandwidths = np.zeros((2, size)), np.full(size, 1e3)
+    centres[:, velocity], bandwidths[velocity] = [-1.0, 1.0], 2.0
+    return Function(RBF(tuple(bandwidths)), centres, np.array([[3.0], [-3.0]]))
+
+
+class Stopping(stopping.Stopping):
+    environment = WRAP
+
+
+def test_a_run_whose_inputs_change_resumes_bit_identically(tmp_path: Path) -> None:
+    config = Config(WRAP, training_from(TREE))
+    whole = results(run_training(config, Stopping(num_envs=config.training.num_envs), tmp_path / "whole", quiet=True))
+    assert load_policy(tmp_path / "whole" / "policy.npz")[0].inputs == Inputs(**ANGLE)
+    for batches in range(6):
+        folder = tmp_path / str(batches)
+        with pytest.raises(KeyboardInterrupt):
+            run_training(config, Stopping(batches), folder, quiet=True)
+        assert results(run_training(config, Stopping(), folder, quiet=True, resume=True)) == whole
+
+
+def test_a_hidden_velocity_lengthens_the_history_by_one_step_per_iteration() -> None:
+    environment = Environment("rkhs/PendulumPOMDP-v0", {})
+    training = training_from({**TREE, "model": {**MODEL, "centres": 40}, "inputs": {"angles": [0]}})
+    histories = [iteration.policy.inputs.history for iteration in learn(training, environment=environment)]
+    assert histories == sorted(histories)
+    assert max(histories) <= 3
+    steps = np.diff([1, *histories])
+    assert ((steps == 0) | (steps == 1)).all()
+
+
+def test_unknown_discoveries_are_rejected_in_one_line() -> None:
+    for change, message in (
+        ({"discovery": "most"}, "model.discovery: unknown choice 'most'"),
+        ({"curiosity": "always"}, "model.curiosity: unknown choice 'always'"),
+        ({"validation_rollouts": -1}, r"model.validation_rollouts: expected a number in \[0, 10000\], got -1"),
+    ):
+        with pytest.raises(ValueError, match=f"^{message}[^\n]*$"):
+            training_with(**change)

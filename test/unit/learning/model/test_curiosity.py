@@ -1,0 +1,122 @@
+"""Curiosity rewards the model's uncertainty, so that a task without rewards is explored further."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.model.dynamics_model import DynamicsModel
+from rkhs_ros.learning.model.model_based import ModelBased
+from rkhs_ros.learning.model.model_rollouts import ModelRunner
+from rkhs_ros.learning.training import Iteration, train
+from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF, Array
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from sim_nodes.envs.pendulum import Pendulum
+
+MODEL = ModelBased(updates=15, rollouts=20, centres=60, validation_rollouts=10)
+TRAINING = Training(
+    iterations=6,
+    episodes_per_iteration=1,
+    evaluate_every=0,
+    horizon=60,
+    exploration_sd=(0.5,),
+    algorithm=RKHSNAC(centres=30),
+    model=MODEL,
+)
+
+
+class WithoutRewards(Pendulum):
+    """The pendulum without rewards, whose angle wraps around."""
+
+    def __init__(self, num_envs: int = 1, max_episode_steps: int | None = None) -> None:
+        super().__init__(num_envs, max_episode_steps, angle="wrap")
+
+    def reward(self, states: Array, actions: Array) -> Array:
+        return 0.0 * super().reward(states, actions)
+
+
+def iterations_of(changes: dict[str, Any], seed: int, task: Any = WithoutRewards) -> Iterator[Iteration]:
+    training = replace(TRAINING, seed=seed, model=replace(MODEL, **changes), inputs=Inputs(angles=(0.0,)))
+    return train(training, InlineRunner(Simulation(task)))
+
+
+def learn(changes: dict[str, Any], seed: int, task: Any = WithoutRewards) -> list[Iteration]:
+    return list(iterations_of(changes, seed, task))
+
+
+def cells(iterations: list[Iteration]) -> int:
+    """Return the number of visited cells of a grid over the angle and the angular velocity."""
+    episodes = iterations[-1].state.memory
+    places = np.floor(episodes.flat(episodes.observations) / [np.pi / 8, 0.4])
+    return len(np.unique(places, axis=0))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_task_without_rewards_is_explored_further_with_curiosity(seed: int) -> None:
+    with_curiosity, without = (cells(learn({"curiosity": name}, seed)) for name in ("as_needed", "none"))
+    assert with_curiosity > 1.2 * without
+
+
+def test_curiosity_ends_with_the_first_informative_reward() -> None:
+    with_curiosity, without = (
+        learn({"curiosity": name, "updates": 3}, 0, lambda **options: Pendulum(angle="wrap", **options))
+        for name in ("as_needed", "none")
+    )
+    for ours, theirs in zip(with_curiosity, without, strict=True):
+        assert np.array_equal(ours.policy.mean.weights, theirs.policy.mean.weights)
+        assert ours.model_return == theirs.model_return
+
+
+def constant(action: float) -> GaussianPolicy:
+    """Return a policy whose actions are all about ``action``."""
+    mean = Function(RBF((1e4,)), np.zeros((1, 3)), np.array([[action]]))
+    return GaussianPolicy(mean, ConstantVariance(np.full(1, 1e-12)), Inputs(angles=(0.0,)))
+
+
+def test_novelty_is_small_at_visited_states_and_large_elsewhere() -> None:
+    first = next(iterations_of({}, 0))
+    episodes, spaces = first.state.memory, Simulation(WithoutRewards).spaces
+    model = DynamicsModel.fit(episodes, Inputs(angles=(0.0,)), spaces, 100)
+    visited = episodes.flat(episodes.observations)
+    elsewhere = np.column_stack([np.linspace(-1.0, 1.0, len(visited)), np.full(len(visited), 10.0)])
+    means = []
+    for starts in (visited, elsewhere):
+        runner = ModelRunner(replace(model, starts=starts, visited=starts), curious=True)
+        rollouts = runner.collect(constant(0.0), Batch(0, 0, 200, 1, explore=False))
+        rewards = rollouts.rewards[:, 0]
+        assert (rewards >= 0.0).all()
+        means.append(rewards.mean())
+        points = np.column_stack([model.inputs.features(rollouts.observations[:, 0]), rollouts.actions[:, 0]])
+        expected = (model.state_delta.sd(points) / model.state_delta.targets.scale).mean(axis=1)
+        np.testing.assert_allclose(rewards, expected)
+    near, far = means
+    assert near < 0.3
+    assert far > 3.0 * near
+
+
+def test_novelty_is_finite_if_columns_are_constant_or_on_a_circle() -> None:
+    rng = np.random.default_rng(0)
+    first = next(iterations_of({}, 0))
+    angle = first.state.memory.observations[..., :1]
+    observed = np.concatenate([np.cos(angle), np.sin(angle), np.ones_like(angle)], axis=2)
+    final = np.concatenate([np.cos(angle[:, -1]), np.sin(angle[:, -1]), np.ones_like(angle[:, -1])], axis=1)
+    episodes = replace(first.state.memory, observations=observed, final_observations=final)
+    spaces = replace(Simulation(WithoutRewards).spaces, observation_shape=(3,), observation_names=())
+    model = DynamicsModel.fit(episodes, Inputs(), spaces, 30)
+    assert model.coordinates.circles == ((0, 1),)
+    policy = GaussianPolicy(
+        Function(RBF((1.0,)), rng.normal(size=(3, 3)), rng.normal(size=(3, 1))), ConstantVariance(np.ones(1))
+    )
+    rewards = ModelRunner(model, curious=True).collect(policy, Batch(0, 0, 10, 20, explore=True)).rewards
+    assert np.isfinite(rewards).all()
+    assert rewards.max() > 0.0

@@ -1,0 +1,191 @@
+"""Validation in the model keeps the best policy, and training goes on as long as it improves."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rkhs_ros.learning.algorithms.algorithm import Experience, Update
+from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.model.dynamics_model import DynamicsModel
+from rkhs_ros.learning.model.model_based import MOST_ROUNDS, VALIDATE_EVERY, ModelBased
+from rkhs_ros.learning.model.model_rollouts import ModelRunner
+from rkhs_ros.learning.model.validation import PATIENCE, Validation
+from rkhs_ros.learning.state import first_policy, first_variance
+from rkhs_ros.learning.training import Iteration, train
+from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.streams import Batch, stream_seed
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF, Array
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+
+HORIZON = 12
+PENDULUM = "rkhs/Pendulum-v0"
+SMALL = ModelBased(updates=10, rollouts=5, centres=30, exploration_noise="white", validation_rollouts=6)
+TRAINING = Training(
+    iterations=2,
+    episodes_per_iteration=2,
+    evaluation_episodes=1,
+    horizon=HORIZON,
+    exploration_sd="range",
+    algorithm=RKHSNAC(centres=12),
+    model=SMALL,
+)
+
+
+def constant(action: float, dimension: int = 2) -> GaussianPolicy:
+    """Return a policy whose mean is nearly the same action everywhere."""
+    mean = Function(RBF((1e4,)), np.zeros((1, dimension)), np.array([[action]]))
+    return GaussianPolicy(mean, ConstantVariance(np.ones(1)))
+
+
+class Scripted(ModelRunner):
+    """A runner whose episodes earn the weight of the policy's mean."""
+
+    def __init__(self) -> None:
+        self.batches: list[Batch] = []
+
+    def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
+        self.batches.append(batch)
+        shape = (batch.num_envs, batch.horizon)
+        rewards = np.zeros(shape)
+        rewards[:, 0] = policy.mean.weights[0, 0] + np.arange(batch.num_envs) - (batch.num_envs - 1) / 2
+        nothing = np.zeros((*shape, 1))
+        return Episodes.without_ends(nothing, nothing, rewards, np.ones(shape, dtype=bool))
+
+
+@given(values=st.lists(st.integers(-5, 5), min_size=1, max_size=12))
+def test_validation_keeps_the_first_of_the_best_policies(values: list[int]) -> None:
+    runner = Scripted()
+    validation, policies = Validation(3, runner, 7, HORIZON), [constant(float(value)) for value in values]
+    for number, policy in enumerate(policies):
+        validation.consider(policy, 0.9)
+        best = int(np.argmax(values[: number + 1]))
+        assert validation.best is policies[best]
+        assert validation.highest == pytest.approx(values[best])
+        assert validation.improves == (number - best < PATIENCE)
+    assert runner.batches == [Batch(7, 0, 3, HORIZON, explore=False)] * len(values)
+
+
+def test_without_validation_no_policy_is_considered() -> None:
+    runner = Scripted()
+    validation = Validation(0, runner, 7, HORIZON)
+    validation.consider(constant(1.0), 0.9)
+    assert (validation.best, validation.improves, runner.batches) == (None, False, [])
+
+
+def test_a_policy_that_was_not_trained_is_not_considered() -> None:
+    runner = Scripted()
+    validation = Validation(3, runner, 7, HORIZON)
+    validation.consider(first_policy(Training(), Simulation(PENDULUM).spaces), 0.9)
+    assert (validation.best, validation.improves, runner.batches) == (None, True, [])
+
+
+def learn(training: Training, state: Any = None) -> list[Iteration]:
+    return list(train(training, InlineRunner(Simulation(PENDULUM)), state))
+
+
+def fitted(training: Training, episodes: Episodes) -> ModelRunner:
+    assert isinstance(training.model, ModelBased)
+    policy = first_policy(training, Simulation(PENDULUM).spaces)
+    model = DynamicsModel.fit(episodes, policy.inputs, Simulation(PENDULUM).spaces, training.model.centres)
+    return ModelRunner(model)
+
+
+def with_a_fixed_number_of_updates(training: Training, episodes: Episodes) -> tuple[GaussianPolicy, list[Array]]:
+    """Return the mean after the first iteration, by the definition, and the means after all updates."""
+    settings, runner, spaces = training.model, fitted(training, episodes), Simulation(PENDULUM).spaces
+    assert isinstance(settings, ModelBased)
+    points, variance = episodes.flat(episodes.observations), first_variance(training, spaces)
+    policy = first_policy(training, spaces)
+    policy = replace(policy, mean=Function.zero(training.kernel.fit(points, 1), 2, 1), noise="white")
+    deviation, memory, means = np.sqrt(variance), Episodes.none(HORIZON, 2, 1), []
+    for number in range(settings.updates):
+        policy = replace(policy, variance=ConstantVariance(deviation**2))
+        seed = stream_seed(training.seed, "practice", 0)
+        batch = Batch(seed, number * settings.rollouts, settings.rollouts, HORIZON, explore=True)
+        rollouts = runner.collect(policy, batch)
+        experience = Experience(rollouts, training.discount, memory, refuse, variance, number)
+        policy, _, memory = training.algorithm.update(policy, experience)
+        means.append(policy.mean.weights)
+        deviation = np.maximum(deviation * settings.exploration_decay, settings.exploration_minimum * np.sqrt(variance))
+    return policy, means
+
+
+def refuse(policy: GaussianPolicy, episodes: int) -> Episodes:
+    raise AssertionError(f"asked for {episodes} episodes")
+
+
+def test_without_validation_the_last_policy_after_a_fixed_number_of_updates_is_kept() -> None:
+    training = replace(TRAINING, iterations=1, model=replace(SMALL, validation_rollouts=0))
+    (iteration,) = learn(training)
+    expected, _ = with_a_fixed_number_of_updates(training, iteration.exploration)
+    assert np.array_equal(iteration.policy.mean.weights, expected.mean.weights)
+    assert np.array_equal(iteration.policy.mean.centres, expected.mean.centres)
+
+
+def test_validation_chooses_among_the_same_updates() -> None:
+    (iteration,) = learn(replace(TRAINING, iterations=1))
+    longer = replace(TRAINING, model=replace(SMALL, updates=MOST_ROUNDS * SMALL.updates))
+    _, means = with_a_fixed_number_of_updates(longer, iteration.exploration)
+    candidates = means[VALIDATE_EVERY - 1 :: VALIDATE_EVERY]
+    assert any(np.array_equal(iteration.policy.mean.weights, weights) for weights in candidates)
+
+
+def test_the_model_return_is_that_of_the_best_policy_in_validation() -> None:
+    (iteration,) = learn(replace(TRAINING, iterations=1))
+    runner = fitted(TRAINING, iteration.exploration)
+    seed = stream_seed(TRAINING.seed, "validation", 0)
+    rollouts = runner.collect(iteration.policy, Batch(seed, 0, 6, HORIZON, explore=False))
+    assert iteration.model_return == rollouts.returns(TRAINING.discount).mean()
+
+
+def constant_updates(action: Callable[[int], float]) -> tuple[RKHSNAC, list[int]]:
+    """Return an algorithm whose updates replace the mean by a constant action, and the list of its updates."""
+    updates: list[int] = []
+
+    @dataclass(frozen=True)
+    class Constant(RKHSNAC):
+        def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
+            updates.append(experience.iteration)
+            update = super().update(policy, experience)
+            return update._replace(policy=replace(policy, mean=constant(action(experience.iteration)).mean))
+
+    return Constant(centres=12), updates
+
+
+def test_a_policy_is_not_replaced_by_a_worse_one() -> None:
+    good, _ = constant_updates(lambda number: 1.5)
+    bad, updates = constant_updates(lambda number: -0.1 * number)
+    (first,) = learn(replace(TRAINING, iterations=1, kernel=replace(TRAINING.kernel, bandwidth=(1e4,)), algorithm=good))
+    second = learn(replace(TRAINING, kernel=replace(TRAINING.kernel, bandwidth=(1e4,)), algorithm=bad), first.state)
+    points = first.exploration.flat(first.exploration.observations)
+    np.testing.assert_allclose(second[-1].policy.mean(points), first.policy.mean(points), atol=1e-3)
+    assert updates
+
+
+def test_training_ends_if_no_policy_improves() -> None:
+    algorithm, updates = constant_updates(lambda number: 1.0)
+    learn(replace(TRAINING, iterations=1, algorithm=algorithm))
+    assert updates == list(range((1 + PATIENCE) * VALIDATE_EVERY))  # all policies are equal to the first candidate
+
+
+def test_training_goes_on_as_long_as_policies_improve() -> None:
+    algorithm, updates = constant_updates(lambda number: 0.05 * number)
+    (iteration,) = learn(replace(TRAINING, iterations=1, algorithm=algorithm))
+    assert updates == list(range(MOST_ROUNDS * SMALL.updates))
+    assert iteration.policy.mean.weights[0, 0] == 0.05 * updates[-1]
+
+
+def test_validation_keeps_a_fixed_number_of_updates_at_least() -> None:
+    algorithm, updates = constant_updates(lambda number: 1.0)
+    learn(replace(TRAINING, iterations=1, algorithm=algorithm, model=replace(SMALL, updates=40)))
+    assert updates == list(range(40))
