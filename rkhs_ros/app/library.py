@@ -6,6 +6,7 @@ import time
 from collections.abc import Generator, Iterable, Iterator, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, fields, replace
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -179,7 +180,9 @@ def _training(simulation: Simulation, algorithm: Algorithm | str | None, setting
     name = algorithm if isinstance(algorithm, str) else _name_of(algorithm)
     form = "none" if isinstance(given.get("model"), NoModel) else "gaussian_process"
     steps = given["horizon"]
-    steps = steps if isinstance(steps, int) and steps > 0 else Training.horizon  # invalid values are reported below
+    steps = (
+        int(steps) if isinstance(steps, Integral) and int(steps) > 0 else Training.horizon
+    )  # others are reported below
     untuned = training_from(settings_for(name, form, steps))
     kernel = given.get("kernel", untuned.kernel)
     if isinstance(kernel, str):

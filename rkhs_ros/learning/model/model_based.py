@@ -11,6 +11,7 @@ import numpy as np
 
 from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.learning.algorithms.algorithm import Algorithm, Experience, Metrics
+from rkhs_ros.learning.algorithms.function_spaces import Grid
 from rkhs_ros.learning.discovery.evidence import discover_inputs
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.kernel_choice import KernelChoice
@@ -71,7 +72,8 @@ class ModelBased(Settings):
     )
     discovery: str = setting(
         "none",
-        "what to find in the data and add to the policy's inputs: none; angles; or all, angles and a longer history",
+        "what to find in the data and add to the policy's inputs, unless these are monomials or the centres are on a "
+        "grid: none; angles; or all, angles and a longer history",
         choices=DISCOVERIES,
     )
     curiosity: str = setting(
@@ -191,7 +193,8 @@ def train_in_model(
     """
     episodes, spaces = experience.episodes, experience.spaces
     inputs = policy.inputs
-    if settings.discovery != "none" and inputs.degree == 0:
+    # Monomials and the centres of a grid belong to given inputs.
+    if settings.discovery != "none" and inputs.degree == 0 and not isinstance(algorithm.space, Grid):
         inputs = discover_inputs(inputs, episodes, spaces, history=settings.discovery == "all")
     policy = _refit_policy_kernel(policy, algorithm, experience, inputs)
     priors = settings.priors(spaces.observation_dim)

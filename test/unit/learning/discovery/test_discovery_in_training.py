@@ -60,6 +60,14 @@ def test_monomials_keep_the_inputs() -> None:
     assert learn(training)[-1].policy.inputs == training.inputs
 
 
+@pytest.mark.parametrize("algorithm", ["enac", "power"])
+def test_the_centres_of_a_grid_keep_the_inputs(algorithm: str) -> None:
+    grid = {"name": algorithm, "grid_low": [-4.0, -9.0], "grid_high": [4.0, 9.0], "grid_counts": [3, 4]}
+    for iteration in learn(training_from({**TREE, "algorithm": grid, "iterations": 2})):
+        assert iteration.policy.inputs == Inputs()
+        assert len(iteration.policy.mean.centres) == 12
+
+
 @pytest.mark.parametrize("history", [1, 2])
 def test_a_policy_keeps_its_mean_at_visited_states_when_its_inputs_change(history: int) -> None:
     before: list[GaussianPolicy] = []

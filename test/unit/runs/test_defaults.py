@@ -1,0 +1,77 @@
+"""Default settings for an untuned task, from the command line and in the library."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import rkhs_ros
+from rkhs_ros.learning.model.model_based import ModelBased
+from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.runs.config import config_for, load_config
+from rkhs_ros.runs.defaults import settings_for
+
+ROOT = Path(__file__).parents[3]
+
+
+def training_on(horizon: int | None, *changes: str) -> Training:
+    return config_for("rkhs/Toy-v0", horizon, changes).training
+
+
+@pytest.mark.parametrize(
+    ("horizon", "discount"), [(1, 0.99), (100, 0.99), (400, 0.99), (800, 0.995), (1000, 0.996), (10**6, 0.999996)]
+)
+@pytest.mark.parametrize("form", ["gaussian_process", "none"])
+def test_long_episodes_have_a_longer_discount(horizon: int, discount: float, form: str) -> None:
+    training = training_from(settings_for(model=form, horizon=horizon))
+    assert training.horizon == horizon
+    assert training.discount == pytest.approx(discount, abs=1e-12)
+
+
+@given(st.integers(1, 10**6), st.integers(1, 10**6))
+def test_the_discount_rises_with_the_horizon_and_stays_below_1(one: int, other: int) -> None:
+    discounts = [settings_for(horizon=horizon)["discount"] for horizon in sorted((one, other))]
+    assert 0.99 <= discounts[0] <= discounts[1] < 1.0
+
+
+def test_the_horizon_of_the_settings_determines_the_discount() -> None:
+    assert training_on(None).discount == 0.99
+    assert training_on(1000).discount == 0.996
+    assert (training_on(None, "horizon=1000").horizon, training_on(None, "horizon=1000").discount) == (1000, 0.996)
+    assert training_on(1000, "horizon=100").discount == 0.99
+    assert training_on(1000, "discount=0.9").discount == 0.9
+    assert training_on(1000, "discount=0.9", "horizon=500").discount == 0.9
+
+
+@pytest.mark.parametrize("horizon", ["0", "-5", "2.5", "long"])
+def test_invalid_horizons_are_rejected_in_one_line(horizon: str) -> None:
+    with pytest.raises(ValueError, match=r"^horizon: expected [^\n]+$"):
+        training_on(None, f"horizon={horizon}")
+
+
+@pytest.mark.parametrize("horizon", [100, 1000, np.int64(1000)])
+@pytest.mark.parametrize("form", ["gaussian_process", "none"])
+def test_the_command_line_and_the_library_have_the_same_defaults(horizon: Any, form: str) -> None:
+    small: dict[str, Any] = {"iterations": 1, "episodes_per_iteration": 1, "evaluate_every": 0}
+    changes = [f"{name}={value}" for name, value in small.items()]
+    training = training_on(None, f"horizon={horizon}", f"model.form={form}", *changes)
+    model = "none" if form == "none" else ModelBased(updates=1, rollouts=1, centres=5)
+    result = rkhs_ros.train("rkhs/Toy-v0", model=model, horizon=horizon, progress=False, **small)
+    assert (result.policy.task.horizon, result.policy.task.discount) == (training.horizon, training.discount)
+
+
+def test_what_the_data_reveal_is_used_by_default_but_not_by_configurations() -> None:
+    model = training_on(None).model
+    assert isinstance(model, ModelBased)
+    assert (model.discovery, model.curiosity, model.validation_rollouts) == ("all", "as_needed", 20)
+    assert ModelBased().with_defaults(model) == model
+    changed = training_on(None, "model.discovery=none", "model.curiosity=none", "model.validation_rollouts=0").model
+    assert changed == replace(model, discovery="none", curiosity="none", validation_rollouts=0)
+    for path in sorted((ROOT / "config").glob("*.yaml")):
+        settings = load_config(path).training.model
+        if isinstance(settings, ModelBased):
+            assert (settings.discovery, settings.curiosity, settings.validation_rollouts) == ("none", "none", 0), path
