@@ -19,6 +19,7 @@ from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import hint, nearest, pick, require
 from rkhs_ros.learning.algorithms.algorithm import Algorithm
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
+from rkhs_ros.learning.diagnosis import Diagnosis
 from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.model.model_based import MODELS, NoModel
 from rkhs_ros.learning.state import first_state
@@ -112,7 +113,7 @@ def train(
             closes the environments that it creates, and leaves a passed environment open.
         algorithm: an algorithm such as ``RKHSNAC(centres=80)``, or its name; None stands for RKHS-NAC. Settings that
             are not given have the defaults of `rkhs_ros.runs.defaults`.
-        progress: show a progress bar on standard error.
+        progress: show a progress bar on standard error, and what to try if the run does not learn.
         **settings: keywords of `LearnSettings`, such as ``iterations``, ``seed``, ``kernel`` and ``model``.
 
     Returns:
@@ -123,8 +124,9 @@ def train(
     """
     training, runner, warm_start = _prepared(environment, algorithm, settings)
     with progress_bar(training, quiet=not progress) as show, closing(_results(training, runner, warm_start)) as results:
+        diagnosis = Diagnosis(training, runner.spaces)
         for result in results:  # the last one is returned
-            show(result.iteration)
+            show(result.iteration, diagnosis.advise(result.iteration) if progress else None)
     return result
 
 

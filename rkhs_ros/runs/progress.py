@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from math import isnan
 from pathlib import Path
+from typing import Protocol
 
 from rich.console import Console, RenderableType
 from rich.progress import (
@@ -22,13 +23,20 @@ from rich.progress import (
 from rich.table import Column
 from rich.text import Text
 
+from rkhs_ros.learning.diagnosis import Advice
 from rkhs_ros.learning.discovery.found import Known, newly_found
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.learning.training_settings import Training
 
 ECHO = "^C"  # printed by a terminal at Ctrl-C; beside a bar of full width it would wrap to another line
 LINE_PERIOD_S = 5.0  # between lines
-Show = Callable[[Iteration], None]
+
+
+class Show(Protocol):
+    """A function that shows an iteration, and advice if there is any."""
+
+    def __call__(self, iteration: Iteration, advice: Advice | None = None) -> None:
+        """Show the iteration."""
 
 
 def bar_console(*, quiet: bool) -> Console:
@@ -85,7 +93,7 @@ def _bar(training: Training, done: int, console: Console, *, quiet: bool) -> Ite
         mean = "-"  # last evaluation return
         found = _Found(training)
 
-        def show(iteration: Iteration) -> None:
+        def show(iteration: Iteration, advice: Advice | None = None) -> None:
             nonlocal mean
             if len(iteration.evaluation):
                 mean = f"{iteration.evaluation_return:.4g}"
@@ -93,6 +101,8 @@ def _bar(training: Training, done: int, console: Console, *, quiet: bool) -> Ite
             progress.update(bar, advance=1, returns=text)
             if text := found(iteration):
                 console.print(f"{training.name}: found {text}", markup=False, highlight=False)
+            if advice is not None:
+                console.print(f"{training.name}: {advice}", markup=False, highlight=False)
 
         yield show
 
@@ -102,7 +112,7 @@ def _lines(training: Training, folder: Path | None) -> Show:
     found = _Found(training)
     results = f"; {folder}" if folder else ""
 
-    def show(iteration: Iteration) -> None:
+    def show(iteration: Iteration, advice: Advice | None = None) -> None:
         nonlocal due
         if time.monotonic() >= due or iteration.number == training.iterations:
             mean = f", evaluation {iteration.evaluation_return:.4g}" if len(iteration.evaluation) else ""
@@ -112,6 +122,8 @@ def _lines(training: Training, folder: Path | None) -> Show:
             due = time.monotonic() + LINE_PERIOD_S
         if text := found(iteration):
             print(f"{training.name}: found {text}", file=sys.stderr, flush=True)
+        if advice is not None:
+            print(f"{training.name}: iteration {iteration.number}: {advice}", file=sys.stderr, flush=True)
 
     return show
 

@@ -16,6 +16,7 @@ from rkhs_ros.base.endings import error_message
 from rkhs_ros.base.files import read_whole, write_whole
 from rkhs_ros.base.user_code import is_installed
 from rkhs_ros.base.yaml_text import dumped
+from rkhs_ros.learning.diagnosis import Advice
 from rkhs_ros.learning.training import Iteration, lower_bound
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import read_policy, save_policy
@@ -26,6 +27,7 @@ from rkhs_ros.runs.episode_files import save_episodes
 from rkhs_ros.runs.provenance import provenance_lines
 
 CONFIGURATION = "config.yaml"
+ADVICE = "advice.txt"  # one line for each sign that the run does not learn
 BEST_POLICY = "best_policy.npz"
 FIRST_POLICY = "first_policy.npz"  # initial policy, if one was given
 MOST_RECENT = 256  # lines of the curve that stay in memory for display
@@ -91,8 +93,8 @@ class Report:
     """Results of a run, written while it runs.
 
     Owns the files of the folder except the checkpoints. config.yaml is written at the start. curve.csv grows with the
-    run, and so does attempts.npz if the task has one step. best_policy.npz holds the policy with the greatest
-    evaluation return minus its standard error. `finish` writes policy.npz and episodes.npz.
+    run, and so do advice.txt and, if the task has one step, attempts.npz. best_policy.npz holds the policy with the
+    greatest evaluation return minus its standard error. `finish` writes policy.npz and episodes.npz.
 
     Args:
         folder: an empty folder, or the folder of the run that resumes.
@@ -135,6 +137,14 @@ class Report:
         self._save_if_best(iteration)
         self._last = iteration
 
+    def advise(self, advice: Advice) -> None:
+        """Append a line to advice.txt.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        write_whole(self.folder / ADVICE, "".join(f"{line}\n" for line in [*advice_in(self.folder), advice]).encode())
+
     def _best_of(self, rows: list[Row]) -> float:
         """Return the bound of best_policy.npz; print a warning and return -inf if the file is damaged or missing."""
         best = max(evaluation_bounds(rows), default=-inf)
@@ -167,6 +177,14 @@ class Report:
         save_policy(self.folder / "policy.npz", self._last.policy, self._config.task, self._spaces)
         shown = self._last.evaluation if len(self._last.evaluation) else self._last.exploration
         save_episodes(self.folder / "episodes.npz", shown, self._config.task)
+
+
+def advice_in(folder: Path) -> list[str]:
+    """Return the lines of advice.txt, none if the file does not exist or cannot be read."""
+    try:
+        return read_whole(folder / ADVICE).decode(errors="replace").splitlines()
+    except (OSError, ValueError):
+        return []
 
 
 def begin(folder: Path, config: Config) -> None:

@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING
 from rkhs_ros.base.lock import locked
 from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import require
+from rkhs_ros.learning.diagnosis import Advice, Diagnosis, Summary
 from rkhs_ros.learning.state import first_state
 from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.recordings.recording import FILE
 from rkhs_ros.runs.checkpoint import REMEDY, WHOLE, Checkpoints
@@ -23,13 +25,16 @@ from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.control import Control, Rest
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.progress import progress_bar
-from rkhs_ros.runs.report import FIRST_POLICY, Report, begin, is_started, new_folder, old_folder
+from rkhs_ros.runs.report import FIRST_POLICY, Report, advice_in, begin, is_started, new_folder, old_folder
 
 if TYPE_CHECKING:
     from rkhs_ros.runs.recorded import RecordableRunner, RecordingRunner
 
 RECORDED = "the recording of this run (restore it, or start another run with --record)"
 OnIteration = Callable[[Iteration, Sequence[Row]], None]  # takes an iteration and the last lines of the curve
+
+
+OnAdvice = Callable[[Advice], None]
 
 
 def ignore_iteration(iteration: Iteration, rows: Sequence[Row]) -> None:
@@ -48,6 +53,7 @@ def run_training(
     provenance_may_change: bool = False,
     rest: Rest = time.sleep,
     on_iteration: OnIteration = ignore_iteration,
+    on_advice: OnAdvice | None = None,
 ) -> Path:
     """Train and write the results.
 
@@ -62,6 +68,7 @@ def run_training(
         provenance_may_change: resume a run of other code, libraries or threads; config.yaml records the change.
         rest: function that waits for a number of seconds during a pause.
         on_iteration: callback for each iteration, after its results are written.
+        on_advice: callback for advice if the run does not learn; None prints it with the progress.
 
     Returns:
         The folder of the results.
@@ -100,16 +107,35 @@ def run_training(
                 checkpoints.resume_from(state)
             report = Report(folder, config, runner.spaces, done)  # replaces earlier results from here on
             with finished(report), progress_bar(config.training, done, quiet=quiet, folder=folder) as show:
+                diagnosis = _diagnosis(config, runner.spaces, report)
                 for iteration in train(config.training, recorder or runner, first):
                     if recorder:
                         recorder.updated(iteration)
                     report.add(iteration)  # before the checkpoint, which is useless without its line
                     checkpoints.write(iteration.state)
-                    show(iteration)
+                    show(iteration, _advise(diagnosis.advise(iteration), report, on_advice))
                     on_iteration(iteration, report.recent)
                     control.obey()
         control.clear()
     return folder
+
+
+def _diagnosis(config: Config, spaces: Spaces, report: Report) -> Diagnosis:
+    """Return the diagnosis of a run, which continues that of its earlier iterations."""
+    earlier = [
+        Summary(row.exploration_return, row.evaluation_return, row.model_return, row.model_error)
+        for row in report.recent
+    ]
+    return Diagnosis(config.training, spaces, earlier, advice_in(report.folder))
+
+
+def _advise(advice: Advice | None, report: Report, on_advice: OnAdvice | None) -> Advice | None:
+    """Store advice and pass it to the callback; return it if there is no callback."""
+    if advice is not None:
+        report.advise(advice)
+        if on_advice is not None:
+            on_advice(advice)
+    return None if on_advice is not None else advice
 
 
 def _recording(

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from math import isnan
 
 from rkhs_ros.runs.curve import Row, seconds_left
+from rkhs_ros.runs.report import advice_in
 from rkhs_ros.view.source import RUNNING, Source
 
 
@@ -18,6 +19,7 @@ def status(source: Source, state: str) -> str:
         sizes = counted(last.episodes, "episode") + (f", {counted(last.centres, 'centre')}" if last.centres else "")
         lines.append(f"{sizes}, {clock(last.seconds)}{left(source, state)}")
         lines.append(f"Return: exploration **{last.exploration_return:.4g}**{measured(rows)}")
+    lines += [f"**Note**: {advice}" for advice in advice_in(source.path)]
     what = f"`{source.task.environment}` in " * bool(source.task.environment)
     return "\n\n".join([*lines, f"{what}`{source.path}`"])
 

@@ -112,6 +112,7 @@ def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
                 provenance_may_change=node.provenance_may_change,
                 rest=node.peers.rest,
                 on_iteration=node.topics.publish,
+                on_advice=lambda advice: node.get_logger().warning(str(advice)),
             )
         except (StoppedError, KeyboardInterrupt):
             node.diagnostics.publish_event(STOP, "the run was asked to stop")

@@ -17,6 +17,7 @@ import pytest
 from rich.console import Console
 
 from rkhs_ros.app.inline import iterations
+from rkhs_ros.learning.diagnosis import Advice
 from rkhs_ros.learning.discovery.found import Known, newly_found
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.training import train
@@ -130,3 +131,11 @@ def test_a_line_shows_found_angles_and_a_found_history() -> None:
     before, after = Known(2, Inputs()), Known(2, Inputs(angles=(1.0,), turns=(360.0,), history=2))
     assert newly_found(before, after, episodes) == "inputs.angles [1] (a full turn is 360), inputs.history 2"
     assert newly_found(after, after, episodes) == ""
+
+
+def test_advice_has_a_line_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
+    config = load_config(CONFIG, ["iterations=1", "episodes_per_iteration=2"])
+    (iteration,) = iterations(config)
+    with progress_bar(config.training) as show:
+        show(iteration, Advice("nothing moves", "a larger force"))
+    assert capsys.readouterr().err.splitlines()[-1] == "toy_nac: iteration 1: nothing moves; try a larger force"

@@ -1,0 +1,281 @@
+"""Signs that a run does not learn, and the settings to try.
+
+The diagnosis reads the iterations of a run and never changes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from math import inf, isnan, nan
+
+import numpy as np
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
+from rkhs_ros.learning.model.model_based import AS_NEEDED, ModelBased
+from rkhs_ros.learning.training import Iteration
+from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.rkhs.kernels import Array
+
+PATIENCE = 5  # iterations for which a sign lasts; returns of fewer often differ by luck
+EXPLOITS = 0.5  # gap between the returns in the model and in the task, relative to the larger; random starts give less
+RISE = 0.05  # smallest rise above the first return, relative to the larger; the noise of a return is often more
+PRECISE = 0.05  # error of a model in which nothing is left to learn, in standard deviations of the changes
+USELESS = 0.9  # error of a model that is hardly better than the mean change, which has 1
+SATURATED = 0.95  # share of actions at their bounds; good policies that switch between bounds have less
+MOST_RECENT = 256  # iterations that stay in memory, besides the first
+REWARD_PATIENCE = 3  # iterations without a change of the reward; fewer may just not have reached it
+FAR = 10.0  # distance from the first observations, in their ranges; a swing-up covers less in columns that wander
+STILL_MOVING = 0.25  # share of the way in the second half; a system that reached another state rests there
+
+
+@dataclass(frozen=True)
+class Advice:
+    """A sign that a run does not learn.
+
+    Attributes:
+        what: what the run shows, the same text for each sign of a kind.
+        setting: what to try.
+    """
+
+    what: str
+    setting: str
+
+    def __str__(self) -> str:
+        """Return the advice in one line."""
+        return f"{self.what}; try {self.setting}"
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What the diagnosis needs of an iteration; the defaults stand for unknown values and cause no advice.
+
+    Attributes:
+        exploration_return: mean return of the exploration episodes.
+        evaluation_return: mean return of the evaluation episodes; nan without evaluation.
+        model_return: mean return of the model rollouts; nan without a model.
+        model_error: error of the previous model; nan without one.
+        lowest_reward: lowest reward of a step.
+        highest_reward: highest reward of a step.
+        terminates: whether the task terminated an episode.
+        saturated: share of the actions of the policy mean that are at or beyond a bound.
+        runs_away: whether the newest episode moved far away from the first observations, and was still moving.
+        curious: whether the model rollouts had rewards for unknown states instead of those of the task.
+    """
+
+    exploration_return: float
+    evaluation_return: float = nan
+    model_return: float = nan
+    model_error: float = nan
+    lowest_reward: float = -inf
+    highest_reward: float = inf
+    terminates: bool = False
+    saturated: float = 0.0
+    runs_away: bool = False
+    curious: bool = True
+
+
+def exploits_model(recent: Sequence[Summary]) -> bool:
+    """Return whether the return in the model is much greater than the evaluation return."""
+    known = [each for each in recent if not (isnan(each.evaluation_return) or isnan(each.model_return))][-PATIENCE:]
+    return len(known) == PATIENCE and all(not each.curious and _gap(each) > EXPLOITS for each in known)
+
+
+def _gap(summary: Summary) -> float:
+    """Return the difference of the two returns relative to the larger one."""
+    model, real = summary.model_return, summary.evaluation_return
+    return (model - real) / max(abs(model), abs(real)) if model != real else 0.0
+
+
+def stagnates(recent: Sequence[Summary]) -> bool:
+    """Return whether no evaluation return is above that of the first exploration, although the model is precise."""
+    last = recent[-PATIENCE:]
+    evaluations = [each.evaluation_return for each in recent if not isnan(each.evaluation_return)]
+    if len(evaluations) < PATIENCE or not all(each.model_error < PRECISE for each in last):
+        return False
+    first, best = recent[0].exploration_return, max(evaluations)
+    return best - first <= RISE * max(abs(best), abs(first))
+
+
+def has_constant_reward(recent: Sequence[Summary]) -> bool:
+    """Return whether all rewards so far are equal, and no episode was terminated, which would change the return."""
+    lowest, highest = min(each.lowest_reward for each in recent), max(each.highest_reward for each in recent)
+    return len(recent) >= REWARD_PATIENCE and lowest == highest and not any(each.terminates for each in recent)
+
+
+def saturates(recent: Sequence[Summary]) -> bool:
+    """Return whether nearly all actions of the policy mean are at their bounds."""
+    return len(recent) >= PATIENCE and all(each.saturated >= SATURATED for each in recent[-PATIENCE:])
+
+
+def runs_away(recent: Sequence[Summary]) -> bool:
+    """Return whether the newest episodes moved far away from the first observations."""
+    return len(recent) >= REWARD_PATIENCE and all(each.runs_away for each in recent[-REWARD_PATIENCE:])
+
+
+def predicts_nothing(recent: Sequence[Summary]) -> bool:
+    """Return whether the models predict no better than the mean change."""
+    return len(recent) >= PATIENCE and all(each.model_error >= USELESS for each in recent[-PATIENCE:])
+
+
+SIGNS: tuple[tuple[Callable[[Sequence[Summary]], bool], Advice], ...] = (
+    (
+        has_constant_reward,
+        Advice(
+            "the reward has not changed so far",
+            "a reward that rises towards the goal, model.exploration_noise=pink or a larger horizon",
+        ),
+    ),
+    (
+        runs_away,
+        Advice(
+            "the newest episodes move far away from the first observations",
+            "bounds in the task, or terminate episodes that leave the region of interest",
+        ),
+    ),
+    (
+        saturates,
+        Advice(
+            "nearly all actions of the policy mean are at their bounds",
+            "wider bounds, a cost of the actions in the reward or a smaller exploration_sd",
+        ),
+    ),
+    (
+        predicts_nothing,
+        Advice(
+            "the model predicts no better than the mean change",
+            "inputs.history=2, model.form=none for contacts, or less noise in the observations",
+        ),
+    ),
+    (
+        exploits_model,
+        Advice(
+            "the return in the model is far above the evaluation return",
+            "more episodes_per_iteration, a smaller model.updates or a known model.reward_fn",
+        ),
+    ),
+    (
+        stagnates,
+        Advice(
+            "the return is not above that of the first episodes, although the model predicts well",
+            "model.exploration_noise=pink, a reward that rises towards the goal, a larger discount or model.updates",
+        ),
+    ),
+)  # causes before their consequences
+
+
+def advice_on(recent: Sequence[Summary]) -> list[Advice]:
+    """Return the advice for all signs, the most important first.
+
+    Args:
+        recent: the iterations so far, at least one.
+    """
+    return [advice for is_sign, advice in SIGNS if is_sign(recent)]
+
+
+class Diagnosis:
+    """Diagnosis of a run, which gives each advice once.
+
+    Owns the summaries of the iterations.
+
+    Args:
+        training: settings of the run.
+        spaces: spaces of its task.
+        earlier: iterations before a resumed run.
+        given: advice that was given before, as text.
+    """
+
+    def __init__(
+        self, training: Training, spaces: Spaces, earlier: Iterable[Summary] = (), given: Iterable[str] = ()
+    ) -> None:
+        self._training = training
+        self._spaces = spaces
+        self._recent = list(earlier)
+        self._given = set(given)
+        self._first: Array | None = None
+
+    def advise(self, iteration: Iteration) -> Advice | None:
+        """Return the advice for an iteration, None if there is none or it was given before."""
+        if self._first is None:
+            self._first = _first_observations(iteration, self._training)
+        self._recent.append(summary_of(iteration, self._training, self._spaces, self._first))
+        if len(self._recent) > MOST_RECENT:
+            del self._recent[1]
+        advice = next((each for each in advice_on(self._recent) if str(each) not in self._given), None)
+        self._given.add(str(advice))
+        return advice
+
+
+def _first_observations(iteration: Iteration, training: Training) -> Array:
+    """Return the observations of the first episodes that are known, shape (samples, d)."""
+    count = training.episodes_per_iteration
+    is_stored = isinstance(training.model, ModelBased) and len(iteration.state.memory) > 0
+    episodes = iteration.state.memory.take(slice(count)) if is_stored else iteration.exploration
+    return episodes.flat(episodes.observations)
+
+
+def summary_of(iteration: Iteration, training: Training, spaces: Spaces, first: Array) -> Summary:
+    """Return the summary of an iteration.
+
+    Args:
+        iteration: the iteration.
+        training: settings of the run.
+        spaces: spaces of the task.
+        first: observations of the first episodes, shape (samples, d).
+    """
+    exploration, evaluation = iteration.exploration, iteration.evaluation
+    rewards = np.concatenate([each.flat(each.rewards) for each in (exploration, evaluation)])
+    newest = evaluation if len(evaluation) else exploration
+    return Summary(
+        exploration_return=iteration.exploration_return,
+        evaluation_return=iteration.evaluation_return,
+        model_return=iteration.model_return,
+        model_error=iteration.model_error,
+        lowest_reward=float(rewards.min()),
+        highest_reward=float(rewards.max()),
+        terminates=bool(exploration.terminated.any() or evaluation.terminated.any()),
+        saturated=_saturated(evaluation, spaces),
+        runs_away=any(moves_away(newest, first, column) for column in _lines(iteration)),
+        curious=_is_curious(iteration, training, spaces),
+    )
+
+
+def _lines(iteration: Iteration) -> list[int]:
+    """Return the observation columns that are not angles; a joint that turns does not run away."""
+    angles = set(iteration.policy.inputs.columns)
+    return [column for column in range(iteration.exploration.observations.shape[2]) if column not in angles]
+
+
+def _saturated(evaluation: Episodes, spaces: Spaces) -> float:
+    """Return the share of the actions of an evaluation that are at or beyond a bound."""
+    actions = evaluation.flat(evaluation.actions)
+    low, high = (bound.ravel() for bound in (spaces.action_low, spaces.action_high))
+    return float(np.mean((actions <= low) | (actions >= high))) if len(actions) else 0.0
+
+
+def moves_away(episodes: Episodes, first: Array, column: int) -> bool:
+    """Return whether most episodes move a column far away from its first values, and still do in their second half.
+
+    Args:
+        episodes: the episodes.
+        first: first observations, shape (samples, d).
+        column: the column.
+    """
+    low, high = float(first[:, column].min()), float(first[:, column].max())
+    lengths = episodes.mask.sum(axis=1)
+    rows = np.arange(len(episodes))
+    values = episodes.observations[:, :, column]
+    start, middle, end = values[:, 0], values[rows, lengths // 2], episodes.final_observations[:, column]
+    beyond = np.maximum(end - high, low - end)
+    moving = np.abs(end - middle) > STILL_MOVING * np.abs(end - start)
+    return bool(high > low and np.mean((beyond > FAR * (high - low)) & moving) > 0.5)
+
+
+def _is_curious(iteration: Iteration, training: Training, spaces: Spaces) -> bool:
+    """Return whether the policy was trained to reach states that the model does not know."""
+    model = training.model
+    if not isinstance(model, ModelBased) or model.curiosity != AS_NEEDED or model.reward_fn:
+        return False
+    return reward_depends_on_action_only(iteration.state.memory, spaces)

@@ -1,0 +1,160 @@
+"""Signs that a run does not learn, on short curves and episodes."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import nan
+
+import numpy as np
+import pytest
+
+from rkhs_ros.learning.diagnosis import (
+    PATIENCE,
+    REWARD_PATIENCE,
+    SIGNS,
+    Advice,
+    Diagnosis,
+    Summary,
+    advice_on,
+    exploits_model,
+    has_constant_reward,
+    moves_away,
+    predicts_nothing,
+    runs_away,
+    saturates,
+    stagnates,
+    summary_of,
+)
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.model.model_based import ModelBased
+from rkhs_ros.learning.training import Iteration, train
+from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+
+Sign = Callable[[list[Summary]], bool]
+GOOD = (4.0, 24.0, 35.0, 41.0, 43.0, 45.0, 46.0, 46.0)  # evaluation returns of a cart-pole
+ERRORS = (nan, 0.3, 0.1, 0.04, 0.03, 0.02, 0.02, 0.02)
+
+
+def known(evaluation: float, **values: float | bool) -> Summary:
+    usual = Summary(1.0, evaluation, evaluation, 0.3, lowest_reward=0.0, highest_reward=1.0, curious=False)
+    return replace(usual, **values)  # type: ignore[arg-type]
+
+
+def curve(count: int = 8, **values: float | bool) -> list[Summary]:
+    return [known(1.4, **values) for _ in range(count)]
+
+
+HEALTHY = [known(value, model_error=error) for value, error in zip(GOOD, ERRORS, strict=True)]
+BAD: list[tuple[Sign, list[Summary]]] = [
+    (has_constant_reward, curve(3, highest_reward=0.0)),
+    (runs_away, curve(runs_away=True)),
+    (saturates, curve(saturated=0.99)),
+    (predicts_nothing, curve(model_error=1.2)),
+    (exploits_model, curve(model_return=23.0)),
+    (exploits_model, curve(evaluation_return=-600.0, model_return=-100.0)),
+    (stagnates, curve(exploration_return=1.4, model_error=1e-5)),
+]
+
+
+@pytest.mark.parametrize(("sign", "bad"), BAD)
+def test_each_sign_has_its_advice(sign: Sign, bad: list[Summary]) -> None:
+    (advice,) = [advice for is_sign, advice in SIGNS if is_sign is sign]
+    assert advice_on(bad) == [advice]
+    assert advice_on(bad[:2]) == []  # two iterations may be luck
+
+
+def test_a_run_that_learns_and_one_that_has_learnt_get_no_advice() -> None:
+    assert all(advice_on(HEALTHY[: k + 1]) == [] for k in range(len(HEALTHY)))
+    assert advice_on([*HEALTHY, *[HEALTHY[-1]] * 20]) == []
+
+
+def test_unknown_values_get_no_advice() -> None:
+    assert advice_on([Summary(1.0)] * 20) == []
+    assert advice_on([Summary(1.0, 1.4, 23.0, 0.3)] * 20) == []  # may be curious
+
+
+@pytest.mark.parametrize(
+    "ordinary",
+    [
+        curve(evaluation_return=-200.0, model_return=-130.0),  # random starts
+        curve(model_return=23.0, curious=True),
+        curve(highest_reward=0.0, terminates=True),  # such as 1 for each step without a fall
+        curve(saturated=0.9),
+        curve(model_error=0.8),
+        [*curve(PATIENCE, model_error=1.2)[1:], known(1.4)],
+        [known(1.4, exploration_return=1.0, model_error=1e-5)] * 8,
+    ],
+)
+def test_ordinary_runs_get_no_advice(ordinary: list[Summary]) -> None:
+    assert advice_on(ordinary) == []
+
+
+def episodes_of(values: np.ndarray) -> Episodes:
+    """Return one episode with a single column."""
+    shape = (1, len(values) - 1)
+    return Episodes(
+        observations=values[None, :-1, None],
+        actions=np.zeros((*shape, 1)),
+        rewards=np.zeros(shape),
+        mask=np.ones(shape, dtype=bool),
+        final_observations=values[None, -1:],
+        terminated=np.zeros(1, dtype=bool),
+    )
+
+
+def test_a_cart_without_a_rail_moves_away_and_a_swing_up_does_not() -> None:
+    t = np.linspace(0.0, 1.0, 61)
+    first = 0.1 * np.sin(20 * t)[:, None]
+    assert moves_away(episodes_of(17.0 * t**2), first, 0)
+    assert moves_away(episodes_of(-17.0 * t), first, 0)
+    assert not moves_away(episodes_of(np.tanh(20 * (t - 0.25)) * np.pi), first, 0)  # ends upright
+    assert not moves_away(episodes_of(0.5 * t), first, 0)
+    assert not moves_away(episodes_of(17.0 * t), np.zeros((5, 1)), 0)  # a column that was constant
+
+
+TRAINING = Training(
+    iterations=3, episodes_per_iteration=2, evaluation_episodes=2, horizon=20, model=ModelBased(updates=2)
+)
+
+
+@pytest.fixture(scope="module")
+def toy() -> list[Iteration]:
+    return list(train(TRAINING, InlineRunner(Simulation("rkhs/Toy-v0"))))
+
+
+def test_the_summary_of_an_iteration_has_its_figures(toy: list[Iteration]) -> None:
+    spaces, last = InlineRunner(Simulation("rkhs/Toy-v0")).spaces, toy[-1]
+    first = toy[0].exploration.flat(toy[0].exploration.observations)
+    summary = summary_of(last, TRAINING, spaces, first)
+    assert (summary.evaluation_return, summary.model_error) == (last.evaluation_return, last.model_error)
+    rewards = np.concatenate([last.exploration.rewards, last.evaluation.rewards])
+    assert (summary.lowest_reward, summary.highest_reward) == (rewards.min(), rewards.max())
+    assert (summary.runs_away, summary.terminates, summary.curious) == (False, False, False)
+    wide = replace(last.evaluation, actions=last.evaluation.actions + 100.0)
+    assert summary_of(replace(last, evaluation=wide), TRAINING, spaces, first).saturated == 1.0
+    away = replace(last.evaluation, observations=last.evaluation.observations + np.arange(20)[None, :, None] * 50.0)
+    away = replace(away, final_observations=away.observations[:, -1] + 50.0)
+    assert summary_of(replace(last, evaluation=away), TRAINING, spaces, first).runs_away
+
+
+def test_advice_is_given_once_and_not_again_after_a_resumption(toy: list[Iteration]) -> None:
+    spaces = InlineRunner(Simulation("rkhs/Toy-v0")).spaces
+    none = np.zeros_like(toy[0].exploration.rewards)
+    silent = [
+        replace(
+            each, exploration=replace(each.exploration, rewards=none), evaluation=replace(each.evaluation, rewards=none)
+        )
+        for each in toy
+    ]
+    diagnosis = Diagnosis(TRAINING, spaces)
+    given = [diagnosis.advise(each) for each in [*silent, *silent]]
+    (advice,) = [each for each in given if each is not None]
+    assert given[REWARD_PATIENCE - 1] == advice == SIGNS[0][1]
+    resumed = Diagnosis(TRAINING, spaces, given=[str(advice)])
+    assert [resumed.advise(each) for each in silent] == [None] * 3
+
+
+def test_advice_is_one_line() -> None:
+    assert str(Advice("nothing moves", "a larger force")) == "nothing moves; try a larger force"
+    assert len({advice.what for _, advice in SIGNS}) == len(SIGNS)

@@ -1,0 +1,67 @@
+"""Advice of a run in its folder, its callback and on the page."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+
+import rkhs_ros
+import sim_nodes.envs  # noqa: F401  # registers the task
+from rkhs_ros.learning.diagnosis import SIGNS, Advice
+from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.config import Config, Environment
+from rkhs_ros.runs.report import advice_in
+from rkhs_ros.runs.run import run_training
+from rkhs_ros.view.folder import Folder
+from rkhs_ros.view.source import FINISHED
+from rkhs_ros.view.status import status
+
+CONSTANT = SIGNS[0][1]  # the reward has not changed
+TRAINING = Training(name="silent", iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
+CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
+
+
+def silent() -> gymnasium.Env[np.ndarray, np.ndarray]:
+    """Return a task whose reward is always 0."""
+    return gymnasium.wrappers.TransformReward(gymnasium.make("rkhs/Toy-v0"), lambda reward: 0.0)
+
+
+def runner() -> InlineRunner:
+    return InlineRunner(Simulation(silent))
+
+
+def test_a_run_stores_its_advice_once_and_the_page_shows_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = run_training(CONFIG, runner(), tmp_path / "run")
+    assert advice_in(folder) == [str(CONSTANT)]
+    assert capsys.readouterr().err.count(str(CONSTANT)) == 1
+    longer = replace(CONFIG, training=replace(TRAINING, iterations=8))
+    run_training(longer, runner(), folder, resume=True)
+    assert advice_in(folder) == [str(CONSTANT)]
+    assert str(CONSTANT) not in capsys.readouterr().err
+    page = Folder(folder)
+    page.refresh()
+    assert str(CONSTANT) in status(page, FINISHED)
+
+
+def test_a_callback_replaces_the_printed_advice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given: list[Advice] = []
+    run_training(CONFIG, runner(), tmp_path / "run", on_advice=given.append)
+    assert given == [CONSTANT]
+    assert str(CONSTANT) not in capsys.readouterr().err
+
+
+def test_a_run_that_learns_has_no_advice(tmp_path: Path) -> None:
+    folder = run_training(CONFIG, InlineRunner(Simulation("rkhs/Toy-v0")), tmp_path / "run", quiet=True)
+    assert advice_in(folder) == []
+    assert not (folder / "advice.txt").exists()
+
+
+@pytest.mark.parametrize("progress", [True, False])
+def test_the_library_shows_advice_with_the_progress(capsys: pytest.CaptureFixture[str], progress: bool) -> None:
+    settings = {"iterations": 3, "evaluation_episodes": 1, "horizon": 4, "model": "none", "episodes_per_iteration": 2}
+    rkhs_ros.train(silent, progress=progress, **settings)  # type: ignore[arg-type]
+    assert (str(CONSTANT) in capsys.readouterr().err) is progress
