@@ -16,6 +16,7 @@ from rkhs_ros.base.streams import tolerate_closed_stdout, tolerate_lost_stderr
 
 # Each module defines add_arguments(parser) and run(options), which returns the exit code.
 COMMANDS = {
+    "check": "explore a task and print what its settings should be",
     "train": "train a policy, or one policy for each of several seeds",
     "imitate": "fit a policy to demonstrations",
     "evaluate": "measure the return of a policy without exploration noise",

@@ -1,0 +1,194 @@
+"""What a few exploring episodes reveal about a task, before it is trained."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rkhs_ros.learning.diagnosis import moves_away
+from rkhs_ros.learning.discovery.action_repeat import change_per_decision, choose_action_repeat
+from rkhs_ros.learning.discovery.angles import with_wrapped_angles
+from rkhs_ros.learning.discovery.evidence import FEWEST_STEPS, discover_inputs
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
+from rkhs_ros.learning.model.model_based import ModelBased
+from rkhs_ros.learning.training_settings import AUTO, Training
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.rkhs.kernels import Array
+
+SAME = 1.0 - 1e-9  # absolute correlation of columns that repeat each other
+FIRST_PART = 4  # the first of four parts of an episode, with which its end is compared
+
+
+@dataclass(frozen=True)
+class TaskCheck:
+    """What exploring episodes reveal about a task.
+
+    Attributes:
+        episodes: the episodes, with raw observations.
+        spaces: spaces of the task.
+        action_repeat: the number that ``action_repeat=auto`` chooses.
+        change_per_step: change of the observation per step, in standard deviations.
+        change_per_decision: the same per decision with this action repeat.
+        inputs: inputs with the angles and the history that the data reveal.
+        decisions: number of decisions with this action repeat.
+    """
+
+    episodes: Episodes
+    spaces: Spaces
+    action_repeat: int
+    change_per_step: float
+    change_per_decision: float
+    inputs: Inputs
+    decisions: int
+
+    @classmethod
+    def of(cls, episodes: Episodes, training: Training, spaces: Spaces) -> TaskCheck:
+        """Check a task.
+
+        Args:
+            episodes: exploring episodes of the first policy, with raw observations.
+            training: settings of the run.
+            spaces: spaces of the task.
+        """
+        first = episodes.take(slice(training.episodes_per_iteration))  # those that the run would use
+        features = _features(first, training.inputs)
+        repeat = choose_action_repeat(features)
+        decisions = episodes.decisions(repeat, training.discount, spaces)
+        inputs = training.inputs
+        if inputs.degree == 0:
+            inputs = discover_inputs(inputs, decisions, spaces, history=True)
+        return cls(
+            episodes=episodes,
+            spaces=spaces,
+            action_repeat=repeat,
+            change_per_step=change_per_decision(features, 1),
+            change_per_decision=change_per_decision(features, repeat),
+            inputs=inputs,
+            decisions=int(decisions.mask.sum()),
+        )
+
+    @property
+    def observations(self) -> Array:
+        """All observations, shape (samples, d)."""
+        return self.episodes.flat(self.episodes.observations)
+
+    def settings(self, training: Training) -> list[str]:
+        """Return the settings that differ from those of a run and that the run would not find, as ``KEY=VALUE``."""
+        settings = []
+        if training.action_repeat not in (AUTO, self.action_repeat):
+            settings.append(f"action_repeat={self.action_repeat}")
+        discovery = training.model.discovery if isinstance(training.model, ModelBased) else "none"
+        if discovery == "none" and self.inputs.columns != training.inputs.columns:
+            settings.append(f"inputs.angles=[{','.join(map(str, self.inputs.columns))}]")
+            if not np.allclose(self.inputs.full_turns, 2 * np.pi):
+                settings.append(f"inputs.turns=[{','.join(map(repr, self.inputs.full_turns.tolist()))}]")
+        if discovery != "all" and self.inputs.history != training.inputs.history:
+            settings.append(f"inputs.history={self.inputs.history}")
+        return settings
+
+    def lines(self, step_seconds: float | None) -> list[tuple[str, str]]:
+        """Return the findings as names and values.
+
+        Args:
+            step_seconds: duration of a step in seconds; None if it is unknown.
+        """
+        return [
+            ("episodes", self._lengths(step_seconds)),
+            ("ends", self._ends()),
+            ("change per step", f"{self.change_per_step:.2f} sd (0.2 to 0.4 is good)"),
+            ("action_repeat", f"auto chooses {self.action_repeat} ({self.change_per_decision:.2f} sd per decision)"),
+            ("angles", ", ".join(self._angles()) or "none found"),
+            ("constant columns", ", ".join(map(self._name, constant_columns(self.observations))) or "none"),
+            ("repeated columns", ", ".join(self._repeats()) or "none"),
+            ("history", self._history()),
+            ("reward", self._reward()),
+            ("actions", self._actions()),
+            ("observations", self._wandering()),
+        ]
+
+    def _name(self, column: int) -> str:
+        names = self.spaces.observation_names
+        return f"{column} ({names[column]})" if names else str(column)
+
+    def _lengths(self, step_seconds: float | None) -> str:
+        lengths = self.episodes.mask.sum(axis=1)
+        steps = _range(lengths.tolist())
+        if step_seconds is None:
+            return f"{len(lengths)} of {steps} steps"
+        return (
+            f"{len(lengths)} of {steps} steps ({lengths.mean() * step_seconds:.3g} s at {step_seconds:.3g} s per step)"
+        )
+
+    def _ends(self) -> str:
+        terminated, count = int(self.episodes.terminated.sum()), len(self.episodes)
+        return f"{terminated} of {count} terminated by the task, {count - terminated} at the time limit or the horizon"
+
+    def _angles(self) -> Iterator[str]:
+        for column, turn in zip(self.inputs.columns, self.inputs.full_turns.tolist(), strict=True):
+            unit = {6.283: "radians", 360.0: "degrees"}.get(round(turn, 3), f"a full turn is {turn:.4g}")
+            yield f"{self._name(column)} in {unit}" if unit.endswith("s") else f"{self._name(column)} ({unit})"
+
+    def _repeats(self) -> Iterator[str]:
+        for column, earlier in repeated_columns(self.observations):
+            yield f"{self._name(column)} repeats {self._name(earlier)}"
+
+    def _history(self) -> str:
+        if self.inputs.degree > 0:
+            return "not tested with inputs.degree"
+        if self.decisions < FEWEST_STEPS:
+            return f"not tested: {self.decisions} decisions of at least {FEWEST_STEPS}; raise --episodes"
+        history = self.inputs.history
+        return f"inputs.history={history} predicts better" if history > 1 else "a longer one does not help"
+
+    def _reward(self) -> str:
+        rewards = self.episodes.flat(self.episodes.rewards)
+        if rewards.min() == rewards.max():
+            return f"never changes: {rewards[0]:.4g}; if this stays so, nothing can be learnt"
+        text = f"{rewards.min():.4g} to {rewards.max():.4g}"
+        explained = reward_depends_on_action_only(self.episodes, self.spaces)
+        return text + ("; a cost of the actions explains it" if explained else "")
+
+    def _actions(self) -> str:
+        low, high = (bound.ravel() for bound in (self.spaces.action_low, self.spaces.action_high))
+        bounds = dict.fromkeys(f"{a:.4g} to {b:.4g}" for a, b in zip(low, high, strict=True))
+        bounded = bool(np.isfinite([low, high]).all())
+        hint = "" if bounded else "; unbounded: set exploration_sd in their units"
+        return f"{len(low)}, bounds {', '.join(bounds)}{hint}"
+
+    def _wandering(self) -> str:
+        mask = self.episodes.mask
+        first = self.episodes.observations[mask & (np.cumsum(mask, axis=1) * FIRST_PART <= mask.sum(axis=1)[:, None])]
+        columns = set(range(self.spaces.observation_dim)) - set(self.inputs.columns)
+        away = [column for column in sorted(columns) if len(first) and moves_away(self.episodes, first, column)]
+        named = ", ".join(map(self._name, away))
+        return f"{self.spaces.observation_dim} columns" + (f"; run away: {named}; bound the task" if away else "")
+
+
+def _features(episodes: Episodes, inputs: Inputs) -> Episodes:
+    inputs = with_wrapped_angles(inputs, episodes)
+    return replace(episodes, observations=inputs.features(episodes.observations))
+
+
+def _range(numbers: Sequence[int]) -> str:
+    low, high = min(numbers), max(numbers)
+    return str(low) if low == high else f"{low} to {high}"
+
+
+def constant_columns(observations: Array) -> list[int]:
+    """Return the columns that never change."""
+    return [int(column) for column in np.flatnonzero(np.ptp(observations, axis=0) == 0)]
+
+
+def repeated_columns(observations: Array) -> list[tuple[int, int]]:
+    """Return the columns that are another one, except for an offset and a factor, each with the earlier column."""
+    moving = np.flatnonzero(np.ptp(observations, axis=0) > 0).tolist()
+    values = observations[:, moving] - observations[:, moving].mean(axis=0)
+    values = values / np.linalg.norm(values, axis=0)
+    same = np.triu(np.abs(values.T @ values) > SAME, k=1)
+    return [
+        (moving[later], moving[int(same[:, later].argmax())]) for later in range(len(moving)) if same[:, later].any()
+    ]

@@ -1,0 +1,103 @@
+"""``rkhs check``: what a few exploring episodes reveal about a task."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from test.unit.conftest import assert_refused
+
+Rkhs = Callable[..., Any]
+CONFIGS = Path(__file__).parents[3] / "config"
+# A cart without a rail: no reward, a constant column and a column in other units. It is pushed ever further.
+MODULE = """
+import gymnasium, numpy as np
+from gymnasium.spaces import Box
+
+class Cart(gymnasium.Env):
+    observation_space, action_space = Box(-np.inf, np.inf, (4,)), Box(-1.0, 1.0, (1,))
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.t, self.v = 0, 0.0
+        return self.observation(), {}
+    def observation(self):
+        x = float(np.exp(0.1 * self.t))
+        return np.array([x, self.v, 1.5, 1000.0 * self.v], np.float32).astype(np.float32)
+    def step(self, action):
+        self.t += 1
+        self.v = round(0.5 * self.v + float(action[0]), 3)
+        return self.observation(), 0.0, False, self.t == 120, {}
+
+gymnasium.register("Cart-v0", Cart, max_episode_steps=120)
+"""
+
+
+def table(out: str) -> dict[str, str]:
+    """Return the values by name, and the last line as "last"."""
+    *lines, last = out.splitlines()
+    return {"last": last} | {name: value for name, _, value in (line.partition("  ") for line in lines)}
+
+
+def checked(rkhs: Rkhs, *arguments: object) -> dict[str, str]:
+    result = rkhs("check", *arguments)
+    assert (result.code, result.err) == (0, "")
+    return {name: value.strip() for name, value in table(result.out).items()}
+
+
+def test_a_pendulum_needs_no_settings(rkhs: Rkhs) -> None:
+    values = checked(rkhs, "rkhs/Pendulum-v0")
+    assert values["episodes"] == "3 of 100 steps (10 s at 0.1 s per step)"
+    assert values["ends"].startswith("0 of 3 terminated")
+    assert values["actions"] == "1, bounds -3 to 3"
+    assert (values["constant columns"], values["repeated columns"]) == ("none", "none")
+    assert values["history"] == "a longer one does not help"
+    assert values["last"] == "the defaults will do"
+
+
+def test_another_pendulum_holds_its_actions(rkhs: Rkhs) -> None:
+    values = checked(rkhs, "Pendulum-v1", "--seed", 0)
+    assert values["action_repeat"].startswith("auto chooses 2 (0.")
+    assert values["angles"] == "none found"  # a cosine and a sine
+    assert values["reward"].startswith("-16")
+    assert values["last"] == "the defaults will do"
+
+
+def test_a_wrapped_angle_is_found_and_a_file_gets_its_settings(rkhs: Rkhs) -> None:
+    wrapped = "environment.options.angle=wrap"
+    assert checked(rkhs, "rkhs/Pendulum-v0", "--set", wrapped)["angles"].startswith("0 ")
+    values = checked(rkhs, CONFIGS / "pendulum_nac.yaml", "--set", wrapped)
+    assert values["angles"].endswith("in radians")
+    assert "'inputs.angles=[0]'" in values["last"]
+    assert values["last"].startswith("try: --set ")
+
+
+def test_a_cart_without_a_rail_and_a_reward(rkhs: Rkhs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "my_cart.py").write_text(MODULE)
+    values = checked(rkhs, "my_cart:Cart-v0", "--episodes", 1)
+    assert values["reward"].startswith("never changes: 0")
+    assert values["constant columns"] == "2"
+    assert values["repeated columns"] == "3 repeats 1"
+    assert values["observations"] == "4 columns; run away: 0; bound the task"
+
+
+def test_few_decisions_are_no_evidence_for_a_history(rkhs: Rkhs) -> None:
+    values = checked(rkhs, "rkhs/Pendulum-v0", "--episodes", 1, "--set", "horizon=30")
+    assert values["history"] == "not tested: 30 decisions of at least 100; raise --episodes"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("nix-v0",), "unknown environment 'nix-v0'"),
+        (("missing.yaml",), "missing.yaml"),
+        (("rkhs/Pendulum-v0", "--episodes", 0), "--episodes: expected 1 to 100, got 0"),
+        (("rkhs/Pendulum-v0", "--set", "horizn=5"), "horizn"),
+        (("CartPole-v1",), "CartPole-v1 actions: expected "),
+        ((CONFIGS / "robot_pendulum.yaml",), "expected an environment of this process, got a robot"),
+    ],
+)
+def test_bad_input_is_one_line(rkhs: Rkhs, arguments: tuple[object, ...], message: str) -> None:
+    assert_refused(rkhs("check", *arguments), message)
