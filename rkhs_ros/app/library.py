@@ -182,9 +182,8 @@ def _training(simulation: Simulation, algorithm: Algorithm | str | None, setting
     name = algorithm if isinstance(algorithm, str) else _name_of(algorithm)
     form = "none" if isinstance(given.get("model"), NoModel) else "gaussian_process"
     steps = given["horizon"]
-    steps = (
-        int(steps) if isinstance(steps, Integral) and int(steps) > 0 else Training.horizon
-    )  # others are reported below
+    valid = isinstance(steps, Integral) and int(steps) > 0  # others are reported below
+    steps = int(steps) if valid else Training.horizon
     untuned = training_from(settings_for(name, form, steps))
     kernel = given.get("kernel", untuned.kernel)
     if isinstance(kernel, str):

@@ -13,7 +13,7 @@ from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
-from rkhs_ros.learning.model.model_based import MOST_ROUNDS, VALIDATE_EVERY, ModelBased
+from rkhs_ros.learning.model.model_based import MOST_ROUNDS, VALIDATE_EVERY, ModelBased, RealExperience
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model.validation import PATIENCE, Validation
 from rkhs_ros.learning.state import first_policy, first_variance
@@ -100,24 +100,39 @@ def fitted(training: Training, episodes: Episodes) -> ModelRunner:
     return ModelRunner(model)
 
 
+def first_experience(training: Training, episodes: Episodes) -> RealExperience:
+    """Return the input of the training in the model in the first iteration."""
+    spaces = Simulation(PENDULUM).spaces
+    return RealExperience(
+        episodes=episodes,
+        newest=len(episodes),
+        discount=training.discount,
+        spaces=spaces,
+        kernel=training.kernel,
+        first_variance=first_variance(training, spaces),
+        seed=training.seed,
+        iteration=0,
+        outperformed_iterations=0.0,
+    )
+
+
 def with_a_fixed_number_of_updates(training: Training, episodes: Episodes) -> tuple[GaussianPolicy, list[Array]]:
-    """Return the mean after the first iteration, by the definition, and the means after all updates."""
-    settings, runner, spaces = training.model, fitted(training, episodes), Simulation(PENDULUM).spaces
+    """Return the policy after the first iteration, by the definition, and the weights after all updates."""
+    settings, runner, experience = training.model, fitted(training, episodes), first_experience(training, episodes)
     assert isinstance(settings, ModelBased)
-    points, variance = episodes.flat(episodes.observations), first_variance(training, spaces)
-    policy = first_policy(training, spaces)
+    points, variance = episodes.flat(episodes.observations), experience.first_variance
+    policy = first_policy(training, experience.spaces)
     policy = replace(policy, mean=Function.zero(training.kernel.fit(points, 1), 2, 1), noise="white")
-    deviation, memory, means = np.sqrt(variance), Episodes.none(HORIZON, 2, 1), []
+    deviation, memory, weights = np.sqrt(variance), Episodes.none(HORIZON, 2, 1), []
     for number in range(settings.updates):
         policy = replace(policy, variance=ConstantVariance(deviation**2))
-        seed = stream_seed(training.seed, "practice", 0)
+        seed = stream_seed(experience.seed, "practice", experience.iteration)
         batch = Batch(seed, number * settings.rollouts, settings.rollouts, HORIZON, explore=True)
-        rollouts = runner.collect(policy, batch)
-        experience = Experience(rollouts, training.discount, memory, refuse, variance, number)
-        policy, _, memory = training.algorithm.update(policy, experience)
-        means.append(policy.mean.weights)
+        rollouts = Experience(runner.collect(policy, batch), training.discount, memory, refuse, variance, number)
+        policy, _, memory = training.algorithm.update(policy, rollouts)
+        weights.append(policy.mean.weights)
         deviation = np.maximum(deviation * settings.exploration_decay, settings.exploration_minimum * np.sqrt(variance))
-    return policy, means
+    return policy, weights
 
 
 def refuse(policy: GaussianPolicy, episodes: int) -> Episodes:
@@ -135,9 +150,9 @@ def test_without_validation_the_last_policy_after_a_fixed_number_of_updates_is_k
 def test_validation_chooses_among_the_same_updates() -> None:
     (iteration,) = learn(replace(TRAINING, iterations=1))
     longer = replace(TRAINING, model=replace(SMALL, updates=MOST_ROUNDS * SMALL.updates))
-    _, means = with_a_fixed_number_of_updates(longer, iteration.exploration)
-    candidates = means[VALIDATE_EVERY - 1 :: VALIDATE_EVERY]
-    assert any(np.array_equal(iteration.policy.mean.weights, weights) for weights in candidates)
+    _, weights = with_a_fixed_number_of_updates(longer, iteration.exploration)
+    candidates = weights[VALIDATE_EVERY - 1 :: VALIDATE_EVERY]
+    assert any(np.array_equal(iteration.policy.mean.weights, candidate) for candidate in candidates)
 
 
 def test_the_model_return_is_that_of_the_best_policy_in_validation() -> None:
