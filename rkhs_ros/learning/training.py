@@ -11,7 +11,8 @@ from rkhs_ros.learning.algorithms.algorithm import Experience, Metrics
 from rkhs_ros.learning.discovery.action_repeat import choose_action_repeat
 from rkhs_ros.learning.discovery.angles import with_wrapped_angles
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.model.model_based import ModelBased, ModelUpdate, RealExperience, train_in_model
+from rkhs_ros.learning.model.model_based import ModelBased, ModelUpdate, train_in_model
+from rkhs_ros.learning.model.real_experience import RealExperience
 from rkhs_ros.learning.state import State, first_state, first_variance
 from rkhs_ros.learning.training_settings import AUTO, Training
 from rkhs_ros.policies.gaussian import GaussianPolicy

@@ -11,7 +11,8 @@ from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS
 from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import loaded
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.model.model_based import ModelBased, RealExperience, train_in_model
+from rkhs_ros.learning.model.model_based import ModelBased, train_in_model
+from rkhs_ros.learning.model.real_experience import RealExperience
 from rkhs_ros.learning.state import State, first_state, first_variance
 from rkhs_ros.learning.training import Iteration, with_action_repeat
 from rkhs_ros.learning.training_settings import Training, training_from

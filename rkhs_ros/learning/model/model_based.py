@@ -14,7 +14,6 @@ from rkhs_ros.learning.algorithms.algorithm import Algorithm, Experience, Metric
 from rkhs_ros.learning.algorithms.function_spaces import Grid
 from rkhs_ros.learning.discovery.evidence import discover_inputs
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.model.dynamics_model import (
     DynamicsModel,
     PredictionTest,
@@ -22,20 +21,18 @@ from rkhs_ros.learning.model.dynamics_model import (
     reward_depends_on_action_only,
 )
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
+from rkhs_ros.learning.model.policy_refit import refit_policy
 from rkhs_ros.learning.model.priors import Priors
+from rkhs_ros.learning.model.real_experience import RealExperience
 from rkhs_ros.learning.model.validation import Validation
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.noise import NOISES
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch, stream_seed
 from rkhs_ros.policies.variance import ConstantVariance
-from rkhs_ros.rkhs.function import Function
-from rkhs_ros.rkhs.kernels import Array, subsample
+from rkhs_ros.rkhs.kernels import Array
 
 DISCOVERIES = ("none", "angles", "all")
-MOST_COMPARED = 300  # maximum number of points at which two kernels are compared
-SAME_KERNEL = 0.95  # alignment above which the policy keeps its kernel
 AS_NEEDED = "as_needed"
 FUNCTION = "MODULE:FUNCTION, or empty to learn the function; maps batches of"
 FROM_THE_START = 2  # number of the first of three consecutive rollouts that start from initial observations
@@ -140,33 +137,6 @@ MODELS: dict[str, type] = {"none": NoModel, "gaussian_process": ModelBased}
 
 
 @dataclass(frozen=True)
-class RealExperience:
-    """The input of model-based training besides its settings and the policy.
-
-    Attributes:
-        episodes: all real episodes so far, with raw observations.
-        newest: number of episodes of the last iteration.
-        discount: discount factor of the return.
-        spaces: spaces of the task.
-        kernel: settings of the policy's kernel.
-        first_variance: variance of the first policy, shape (n,).
-        seed: seed of the run.
-        iteration: number of previous real iterations.
-        outperformed_iterations: number of previous iterations with a lower return than the newest one.
-    """
-
-    episodes: Episodes
-    newest: int
-    discount: float
-    spaces: Spaces
-    kernel: KernelChoice
-    first_variance: Array
-    seed: int
-    iteration: int
-    outperformed_iterations: float
-
-
-@dataclass(frozen=True)
 class ModelUpdate:
     """The result of model-based training.
 
@@ -196,7 +166,7 @@ def train_in_model(
     # Monomials and the centres of a grid belong to given inputs.
     if settings.discovery != "none" and inputs.degree == 0 and not isinstance(algorithm.space, Grid):
         inputs = discover_inputs(inputs, episodes, spaces, history=settings.discovery == "all")
-    policy = _refit_policy_kernel(policy, algorithm, experience, inputs)
+    policy = refit_policy(policy, algorithm, experience, inputs)
     priors = settings.priors(spaces.observation_dim)
     test = _test_previous_model(settings, policy, experience, priors)
     model = DynamicsModel.fit(episodes, inputs, spaces, settings.centres, priors)
@@ -272,41 +242,6 @@ def model_rollouts_of(
     model = DynamicsModel.fit(decisions, policy.inputs, spaces, settings.centres, priors)
     batch = Batch(0, FROM_THE_START, count, decisions.horizon, explore=False)
     return ModelRunner(model).collect(replace(policy, action_repeat=1), batch).held(repeat, episodes.horizon)
-
-
-def _refit_policy_kernel(
-    policy: GaussianPolicy, algorithm: Algorithm, experience: RealExperience, inputs: Inputs
-) -> GaussianPolicy:
-    """Return the policy with the inputs, a kernel fitted to all episodes so far, and a mean near the action bounds.
-
-    The first episodes may have visited few states, so that another kernel fits now. If the mean is far beyond a bound,
-    exploration does not change the clipped action, and nothing can be learnt. The mean is therefore clipped to the
-    bounds plus one initial standard deviation at all visited points. Clipping to the bounds themselves is not needed,
-    and its kink would distort the learnt mean.
-    """
-    episodes = experience.episodes.with_inputs(policy.inputs)
-    old_points = points = episodes.flat(episodes.observations)
-    if inputs != policy.inputs:
-        episodes = experience.episodes.with_inputs(inputs)
-        points = episodes.flat(episodes.observations)
-    few = subsample(points, MOST_COMPARED)
-    own, kernel = policy.mean.kernel, experience.kernel.fit(points, inputs.ages)
-    if len(policy.mean.centres) == 0:
-        mean = Function.zero(kernel, points.shape[1], policy.mean.output_dim)
-        return replace(policy, mean=mean, inputs=inputs)
-    if inputs == policy.inputs and _alignment(kernel(few, few), own(few, few)) > SAME_KERNEL:
-        kernel = own
-    means = policy.mean(old_points)
-    values = experience.spaces.clip_with_margin(means, np.sqrt(experience.first_variance))
-    if kernel is own and np.array_equal(values, means):
-        return policy
-    return replace(policy, mean=algorithm.space.fit(kernel, points, values), inputs=inputs)
-
-
-def _alignment(gram: Array, other: Array) -> float:
-    r"""Return :math:`\langle K, K' \rangle_F / (\|K\|_F \|K'\|_F)` of two Gram matrices, 1 if they are equal."""
-    norms = np.linalg.norm(gram) * np.linalg.norm(other)
-    return float(np.sum(gram * other) / norms) if norms > 0 else float(np.array_equal(gram, other))
 
 
 def _test_previous_model(

@@ -1,0 +1,37 @@
+"""The real episodes of a run and its settings, as model-based training needs them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.kernel_choice import KernelChoice
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.rkhs.kernels import Array
+
+
+@dataclass(frozen=True)
+class RealExperience:
+    """The input of model-based training besides its settings and the policy.
+
+    Attributes:
+        episodes: all real episodes so far, with raw observations.
+        newest: number of episodes of the last iteration.
+        discount: discount factor of the return.
+        spaces: spaces of the task.
+        kernel: settings of the policy's kernel.
+        first_variance: variance of the first policy, shape (n,).
+        seed: seed of the run.
+        iteration: number of previous real iterations.
+        outperformed_iterations: number of previous iterations with a lower return than the newest one.
+    """
+
+    episodes: Episodes
+    newest: int
+    discount: float
+    spaces: Spaces
+    kernel: KernelChoice
+    first_variance: Array
+    seed: int
+    iteration: int
+    outperformed_iterations: float
