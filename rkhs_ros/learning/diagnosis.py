@@ -20,7 +20,7 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 
 PATIENCE = 5  # iterations for which a sign lasts; returns of fewer often differ by luck
-EXPLOITS = 0.5  # gap between the returns in the model and in the task, relative to the larger; random starts give less
+EXPLOITS = 0.75  # gap between the two returns, relative to the larger; 0.7 if model rollouts start in better states
 RISE = 0.05  # smallest rise above the first return, relative to the larger; the noise of a return is often more
 PRECISE = 0.05  # error of a model in which nothing is left to learn, in standard deviations of the changes
 USELESS = 0.9  # error of a model that is hardly better than the mean change, which has 1

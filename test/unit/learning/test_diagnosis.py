@@ -33,6 +33,8 @@ from rkhs_ros.rollouts.simulation import Simulation
 
 Sign = Callable[[list[Summary]], bool]
 GOOD = (4.0, 24.0, 35.0, 41.0, 43.0, 45.0, 46.0, 46.0)  # evaluation returns of a cart-pole
+PENDULUM = (-166, -246, -302, -380, -144, -123, -157, -167, -213, -125, -160, -219)  # of Pendulum-v1, random starts
+PENDULUM_MODEL = (-104, -53, -32, -31, -61, -71, -54, -49, -60, -101, -70, -76)
 ERRORS = (nan, 0.3, 0.1, 0.04, 0.03, 0.02, 0.02, 0.02)
 
 
@@ -67,6 +69,12 @@ def test_each_sign_has_its_advice(sign: Sign, bad: list[Summary]) -> None:
 def test_a_run_that_learns_and_one_that_has_learnt_get_no_advice() -> None:
     assert all(advice_on(HEALTHY[: k + 1]) == [] for k in range(len(HEALTHY)))
     assert advice_on([*HEALTHY, *[HEALTHY[-1]] * 20]) == []
+
+
+def test_random_starts_get_no_advice() -> None:
+    pairs = zip(PENDULUM, PENDULUM_MODEL, strict=True)
+    run = [known(value, exploration_return=-489.0, model_return=model, model_error=0.01) for value, model in pairs]
+    assert all(advice_on(run[: k + 1]) == [] for k in range(len(run)))
 
 
 def test_unknown_values_get_no_advice() -> None:

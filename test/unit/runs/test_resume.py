@@ -93,6 +93,13 @@ def test_episodes_that_ran_ahead_of_a_stop_are_repeated(tmp_path: Path, whole: d
     assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
 
 
+@pytest.mark.parametrize("batches", [3, 5])
+def test_the_best_of_several_evaluation_episodes_is_restored(tmp_path: Path, batches: int) -> None:
+    config = longer(4, evaluation_episodes=3)
+    folder = run_training(config, Stopping(), tmp_path / "whole", quiet=True)
+    assert results(resumed(stopped(tmp_path / "run", batches, config), config)) == results(folder)
+
+
 def test_a_run_stopped_repeatedly_resumes_bit_identically(tmp_path: Path, whole: dict[str, object]) -> None:
     folder = stopped(tmp_path / "run", 3)
     for _ in range(2):
