@@ -276,7 +276,9 @@ class OldGenerator(gymnasium.Env[Any, Any]):
     action_space = Box(-1.0, 1.0, (1,))
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
-        self.first = np.random.RandomState(seed).uniform(-1.0, 1.0, 2).astype(np.float32)
+        if seed is not None and seed >= 2**32:
+            raise ValueError("Seed must be between 0 and 2**32 - 1")
+        self.first = np.random.default_rng(seed).uniform(-1.0, 1.0, 2).astype(np.float32)
         return self.first, {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
