@@ -93,6 +93,11 @@ class GivenKernel(KernelChoice):
 
     kernel: Kernel | None = None
 
+    @property
+    def is_for_given_inputs(self) -> bool:
+        """Whether the kernel does not fit other inputs; assumed of a given kernel."""
+        return self.kernel is not None or super().is_for_given_inputs
+
     def fit(self, points: Array, ages: int = 1) -> Kernel:
         """Return the kernel."""
         return self.kernel if self.kernel is not None else super().fit(points, ages)

@@ -45,6 +45,11 @@ class KernelChoice(Settings):
         own = {"rbf": {"bandwidth", "bandwidth_scale"}, "polynomial": {"offset", "degree"}}
         return set().union(*(names for kernel, names in own.items() if kernel not in self.form))
 
+    @property
+    def is_for_given_inputs(self) -> bool:
+        """Whether the kernel does not fit other inputs, because there is one bandwidth per input."""
+        return "rbf" in self.form and not isinstance(self.bandwidth, str) and len(self.bandwidth) > 1
+
     def fit(self, points: Array, ages: int = 1) -> Kernel:
         """Build the kernel; bandwidths that are not given are estimated from the points.
 

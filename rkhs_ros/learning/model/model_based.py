@@ -69,8 +69,8 @@ class ModelBased(Settings):
     )
     discovery: str = setting(
         "none",
-        "what to find in the data and add to the policy's inputs, unless these are monomials or the centres are on a "
-        "grid: none; angles; or all, angles and a longer history",
+        "what to find in the data and add to the policy's inputs, unless these are monomials, the centres are on a "
+        "grid or the kernel has one bandwidth per input: none; angles; or all, angles and a longer history",
         choices=DISCOVERIES,
     )
     curiosity: str = setting(
@@ -163,8 +163,7 @@ def train_in_model(
     """
     episodes, spaces = experience.episodes, experience.spaces
     inputs = policy.inputs
-    # Monomials and the centres of a grid belong to given inputs.
-    if settings.discovery != "none" and inputs.degree == 0 and not isinstance(algorithm.space, Grid):
+    if settings.discovery != "none" and _inputs_may_change(policy, algorithm, experience):
         inputs = discover_inputs(inputs, episodes, spaces, history=settings.discovery == "all")
     policy = refit_policy(policy, algorithm, experience, inputs)
     priors = settings.priors(spaces.observation_dim)
@@ -185,6 +184,12 @@ def train_in_model(
         reward_depends_on_action_only=nothing_known,
     )
     return ModelUpdate(policy, metrics, expected, test.error)
+
+
+def _inputs_may_change(policy: GaussianPolicy, algorithm: Algorithm, experience: RealExperience) -> bool:
+    """Return False if a setting depends on the inputs: monomials, centres on a grid, or a kernel given for them."""
+    fixed = isinstance(algorithm.space, Grid) or experience.kernel.is_for_given_inputs
+    return policy.inputs.degree == 0 and not fixed
 
 
 def _optimise(

@@ -4,9 +4,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 
+import rkhs_ros
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.model.model_based import ModelBased
@@ -66,6 +68,19 @@ def test_the_centres_of_a_grid_keep_the_inputs(algorithm: str) -> None:
     for iteration in learn(training_from({**TREE, "algorithm": grid, "iterations": 2})):
         assert iteration.policy.inputs == Inputs()
         assert len(iteration.policy.mean.centres) == 12
+
+
+def test_a_bandwidth_per_input_keeps_the_inputs() -> None:
+    for bandwidth, found in (([1.0, 4.0], Inputs()), ([2.0], Inputs(**ANGLE))):
+        kernel = {"bandwidth": bandwidth}
+        assert learn(training_from({**TREE, "kernel": kernel, "iterations": 2}))[-1].policy.inputs == found
+
+
+def test_a_given_kernel_keeps_the_inputs() -> None:
+    small = rkhs_ros.ModelBased(updates=2, rollouts=3, centres=20)
+    options = {"iterations": 2, "horizon": 60, "evaluate_every": 0, "progress": False, "model": small}
+    result = rkhs_ros.train(lambda: gymnasium.make(PENDULUM, angle="wrap"), kernel=rkhs_ros.RBF((1.0, 4.0)), **options)
+    assert result.policy.gaussian.inputs == Inputs()
 
 
 @pytest.mark.parametrize("history", [1, 2])
