@@ -95,6 +95,8 @@ def stagnates(recent: Sequence[Summary]) -> bool:
     evaluations = [each.evaluation_return for each in recent if not isnan(each.evaluation_return)]
     if len(evaluations) < PATIENCE or not all(each.model_error < PRECISE for each in last):
         return False
+    if has_constant_reward(recent):  # which explains it
+        return False
     first, best = recent[0].exploration_return, max(evaluations)
     return best - first <= RISE * max(abs(best), abs(first))
 

@@ -77,6 +77,11 @@ def test_random_starts_get_no_advice() -> None:
     assert all(advice_on(run[: k + 1]) == [] for k in range(len(run)))
 
 
+def test_a_constant_reward_explains_a_constant_return() -> None:
+    silent = curve(exploration_return=1.4, highest_reward=0.0, model_error=1e-5)
+    assert advice_on(silent) == [SIGNS[0][1]]
+
+
 def test_unknown_values_get_no_advice() -> None:
     assert advice_on([Summary(1.0)] * 20) == []
     assert advice_on([Summary(1.0, 1.4, 23.0, 0.3)] * 20) == []  # may be curious
