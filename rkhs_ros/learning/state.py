@@ -11,6 +11,7 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.model_based import ModelBased
 from rkhs_ros.learning.training_settings import AUTO, Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
@@ -82,11 +83,14 @@ def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy |
         training: the learner's settings.
         spaces: spaces of the task.
         warm_start: initial policy, for example from ``rkhs imitate``; its mean is used, with the settings' exploration
-            and action repeat. With ``action_repeat: auto``, its own action repeat is used.
+            and action repeat. With ``action_repeat: auto``, its own action repeat is used; if the run finds its inputs
+            in the data, the policy's inputs are those found so far.
 
     Raises:
         ValueError: the settings or the initial policy do not match the task.
     """
+    if warm_start is not None and _finds_inputs(training):
+        training = replace(training, inputs=warm_start.inputs)
     policy = first_policy(training, spaces)
     if warm_start is not None:
         if training.action_repeat == AUTO:
@@ -97,8 +101,15 @@ def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy |
     return State(0, policy, memory if is_model_based else memory.with_inputs(policy.inputs), 0, 0)
 
 
+def _finds_inputs(training: Training) -> bool:
+    """Return whether a run finds its inputs in the data, with none given."""
+    return isinstance(training.model, ModelBased) and training.model.discovery != "none" and training.inputs == Inputs()
+
+
 def _checked_mean(given: GaussianPolicy, first: GaussianPolicy) -> Function:
-    require(given.inputs == first.inputs, "inputs", f"{given.inputs} like the initial policy", first.inputs)
+    require(
+        given.inputs.is_equivalent_to(first.inputs), "inputs", f"{given.inputs} like the initial policy", first.inputs
+    )
     if given.inputs.history > 1:  # a history of decisions
         repeat = given.action_repeat
         require(

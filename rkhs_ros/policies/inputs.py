@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 from math import comb, prod
 
@@ -60,6 +60,11 @@ class Inputs(Settings):
     def full_turns(self) -> Array:
         """Value of a full turn of each angle, shape (len(columns),)."""
         return np.array(self.turns) if self.turns else np.full(len(self.columns), 2.0 * np.pi)
+
+    def is_equivalent_to(self, other: Inputs) -> bool:
+        """Return whether the inputs are the same function: empty turns equal turns in radians."""
+        own, others = (replace(each, turns=tuple(each.full_turns.tolist())) for each in (self, other))
+        return own == others
 
     @property
     def ages(self) -> int:

@@ -12,6 +12,7 @@ import rkhs_ros
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.model.model_based import ModelBased
+from rkhs_ros.learning.state import first_state
 from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -81,6 +82,19 @@ def test_a_given_kernel_keeps_the_inputs() -> None:
     options = {"iterations": 2, "horizon": 60, "evaluate_every": 0, "progress": False, "model": small}
     result = rkhs_ros.train(lambda: gymnasium.make(PENDULUM, angle="wrap"), kernel=rkhs_ros.RBF((1.0, 4.0)), **options)
     assert result.policy.gaussian.inputs == Inputs()
+
+
+def test_an_initial_policy_brings_the_inputs_that_were_found() -> None:
+    training = training_with()
+    spaces = Simulation(PENDULUM).spaces
+    *_, last = learn(training)
+    given = last.policy
+    assert first_state(training, spaces, given).policy.inputs == given.inputs == Inputs(**ANGLE)
+    radians = replace(training, inputs=Inputs(angles=(0.0,)))
+    assert first_state(radians, spaces, given).policy.mean is given.mean
+    for wrong in (training_with(discovery="none"), replace(training, inputs=Inputs(angles=(0.0,), turns=(360.0,)))):
+        with pytest.raises(ValueError, match=r"^inputs: expected [^\n]+ like the initial policy, got"):
+            first_state(wrong, spaces, given)
 
 
 @pytest.mark.parametrize("history", [1, 2])
