@@ -29,6 +29,7 @@ NORMAL_MEDIAN = 0.4549  # median of the square of a standard normal variable
 MOST_OVERCONFIDENCE = 3.0
 MARGIN = 0.25  # part of the observed range that rollouts may exceed it by: policies learn to exploit hard clipping
 EXPLAINED = 0.1  # part of the rewards' standard deviation that may remain unexplained
+FEWEST_PER_COST = 2  # steps per coefficient of a cost that is fitted to them
 MOST_TRANSITIONS = 20_000  # more make a fit slower but hardly better
 NO_PRIORS = Priors()
 
@@ -236,15 +237,20 @@ def prediction_test(
 def reward_depends_on_action_only(episodes: Episodes, spaces: Spaces) -> bool:
     """Return whether a cost of the actions explains all rewards, and the task terminated no episode.
 
-    If so, no visited state is known to be better than another, and exploration has to reach further.
+    If so, no visited state is known to be better than another, and exploration has to reach further. Few steps show
+    this only if all rewards are equal, because a cost of the actions can explain any rewards of few steps.
     """
     if episodes.terminated.any():
         return False
     actions = spaces.clip(episodes.flat(episodes.actions)) / spaces.half_ranges
     costs = np.concatenate([np.ones((len(actions), 1)), actions, np.abs(actions), actions**2], axis=1)
     rewards = episodes.flat(episodes.rewards)
+    if spreads(rewards[:, None])[0] == 0:
+        return True
+    if len(costs) < FEWEST_PER_COST * costs.shape[1]:
+        return False
     unexplained = rewards - costs @ np.linalg.lstsq(costs, rewards, rcond=None)[0]
-    return bool(unexplained.std() <= EXPLAINED * rewards.std() or spreads(rewards[:, None])[0] == 0)
+    return bool(unexplained.std() <= EXPLAINED * rewards.std())
 
 
 def coordinates_of(steps: Transitions, inputs: Inputs) -> StateCoordinates:

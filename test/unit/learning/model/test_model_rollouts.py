@@ -320,3 +320,16 @@ def test_rewards_do_not_depend_on_actions_only_if_the_task_terminates_episodes(r
     same = replace(episodes, rewards=episodes.mask.astype(float))
     assert not reward_depends_on_action_only(same, SPACES)
     assert reward_depends_on_action_only(replace(same, terminated=np.zeros(ROWS, dtype=bool)), SPACES)
+
+
+@pytest.mark.parametrize("action_dim", [1, 8])
+def test_rewards_of_few_steps_are_not_explained_by_as_many_coefficients(
+    rng: np.random.Generator, action_dim: int
+) -> None:
+    rows = 1 + 3 * action_dim
+    actions, place = rng.uniform(-1.0, 1.0, (rows, 1, action_dim)), rng.uniform(-1.0, 1.0, (rows, 1, 1))
+    steps, never = np.ones((rows, 1), dtype=bool), np.zeros(rows, dtype=bool)
+    episodes = Episodes(place, actions, place[:, :, 0], steps, place[:, 0], never)
+    spaces = Spaces((1,), np.full(action_dim, -1.0), np.full(action_dim, 1.0))
+    assert not reward_depends_on_action_only(episodes, spaces)
+    assert reward_depends_on_action_only(replace(episodes, rewards=steps.astype(float)), spaces)
