@@ -15,6 +15,7 @@ TURNS = tuple(scale * turn for turn in (2.0 * np.pi, 360.0) for scale in (1.0, 1
 EXTENT = 1.1  # largest range of an angle with observation noise, in turns
 LONGEST_STEP = 0.4  # largest change of an angle in a step, in turns
 LONGEST_MEAN_STEP = 0.15  # largest root mean square of these changes; 0.29 for unrelated angles
+LONGEST_WRAPPING_STEP = 3.0  # largest step that wraps, relative to the others; a switch rests in between
 
 
 def with_wrapped_angles(inputs: Inputs, episodes: Episodes) -> Inputs:
@@ -52,13 +53,15 @@ def _turn(before: Array, after: Array) -> float | None:
     """Return the full turn of an angle that wraps around, None for another column.
 
     All its values are within one turn. Some step changes it by more than half a turn, and modulo a turn all steps are
-    short.
+    short. The steps that wrap are not much longer than the others, unlike those of a switch between two values.
     """
     changes, extent = after - before, np.ptp(np.concatenate([before, after]))
     for turn in TURNS:
         jumps: NDArray[np.bool_] = np.abs(changes) > 0.5 * turn
         if extent <= turn * (EXTENT) and jumps.any():
             short = np.abs(np.remainder(changes / turn + 0.5, 1.0) - 0.5)
-            if short.max() <= LONGEST_STEP and np.sqrt(np.mean(short**2)) <= LONGEST_MEAN_STEP:
+            usual = short[~jumps].max(initial=0.0)
+            is_smooth = usual > 0.0 and short[jumps].max() <= LONGEST_WRAPPING_STEP * usual
+            if is_smooth and short.max() <= LONGEST_STEP and np.sqrt(np.mean(short**2)) <= LONGEST_MEAN_STEP:
                 return turn
     return None

@@ -79,6 +79,17 @@ def test_velocities_that_change_their_sign_at_a_bounce_are_not_found(seed: int, 
     assert found(size * signs * (1.0 + 0.1 * np.tanh(smooth(seed)))) == {}
 
 
+@given(seed=SEEDS, turn=st.sampled_from(TURNS), share=st.floats(0.92, 1.09), noise=st.sampled_from([0.0, 0.003]))
+def test_a_switch_between_two_values_about_a_turn_apart_is_not_found(
+    seed: int, turn: float, share: float, noise: float
+) -> None:
+    """Use values that differ by more than the noise modulo a turn; other values cannot be told from an angle."""
+    rng = np.random.default_rng(seed)
+    switched = np.cumsum(rng.random((COUNT, HORIZON + 1)) < 0.05, axis=1) % 2
+    share = share if abs(share - 1.0) > 0.05 or noise == 0.0 else 0.92
+    assert found(turn * (share * switched + noise * np.tanh(rng.standard_normal(switched.shape)))) == {}
+
+
 def test_an_angle_that_does_not_wrap_in_the_data_is_not_found() -> None:
     assert found(FULL * (0.2 * np.tanh(smooth(0)) + 0.5)) == {}
     assert found(FULL * counted_turns(0)) == {}
