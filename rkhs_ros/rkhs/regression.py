@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from rkhs_ros.rkhs.kernels import Array
 
@@ -33,7 +33,7 @@ def ridge_regression(features: Array, targets: Array, penalty: Array, weights: A
         return _dual_ridge_regression(features, targets, penalty, np.ones(n) if weights is None else weights)
     weighted = features if weights is None else features * weights[:, None]
     normal = weighted.T @ features / n + np.diag(penalty)
-    return np.asarray(cho_solve(cho_factor(normal, check_finite=False), weighted.T @ targets / n))
+    return np.asarray(_solved(normal, weighted.T @ targets / n))
 
 
 def ridge_regression_by_blocks(
@@ -55,7 +55,15 @@ def ridge_regression_by_blocks(
         rows = features(block)
         normal += rows.T @ rows
         right += rows.T @ targets[block]
-    return np.asarray(cho_solve(cho_factor(normal, check_finite=False), right))
+    return np.asarray(_solved(normal, right))
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    """Solve a system with a positive definite matrix; use the least norm if rounding errors exceed the penalty."""
+    try:
+        return np.asarray(cho_solve(cho_factor(matrix, check_finite=False), right))
+    except LinAlgError:
+        return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0])
 
 
 def blocks_of(count: int, block_rows: int = BLOCK_ROWS) -> Iterator[slice]:
@@ -75,7 +83,7 @@ def _dual_ridge_regression(features: Array, targets: Array, penalty: Array, weig
     root = np.sqrt(weights / len(features))[:, None]
     scaled = root * features / penalty
     gram = scaled @ (root * features).T + np.eye(len(features))
-    return np.asarray(scaled.T @ cho_solve(cho_factor(gram, check_finite=False), root * targets))
+    return np.asarray(scaled.T @ _solved(gram, root * targets))
 
 
 def relative_ridge_regression(features: Array, targets: Array, ridge: float, *, intercept: bool = True) -> Array:

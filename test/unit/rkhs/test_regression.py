@@ -48,3 +48,11 @@ def test_a_function_at_many_points_is_bit_identical_to_single_points(rng: np.ran
     assert values.shape == (len(points), 3)
     for i in (0, BLOCK_ROWS - 1, BLOCK_ROWS, 2 * BLOCK_ROWS + 2):
         assert values[i].tobytes() == function(points[i : i + 1]).tobytes()
+
+
+@pytest.mark.parametrize("rows", [4, 40])
+def test_a_penalty_below_the_rounding_errors_gives_a_finite_solution(rows: int, rng: np.random.Generator) -> None:
+    one = rng.normal(size=(rows, 1))
+    features, targets = 1e9 * np.repeat(one, 12, axis=1), one
+    solution = ridge_regression(features, targets, np.full(12, 1e-2))
+    np.testing.assert_allclose(features @ solution, targets, rtol=1e-4)
