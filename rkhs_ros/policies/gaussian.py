@@ -66,7 +66,7 @@ class GaussianPolicy:
         return FILTERS[self.noise](batch.exploration(self.mean.output_dim, self.decisions(batch.horizon)))
 
     def decisions(self, steps: int) -> int:
-        """Return how many actions the policy chooses in a number of steps; it holds each for `action_repeat` steps."""
+        """Return how many actions the policy chooses in a number of steps."""
         return -(-steps // self.action_repeat)
 
     def score(self, observations: Array, actions: Array) -> Array:

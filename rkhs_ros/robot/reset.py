@@ -144,7 +144,7 @@ class CallService(NamedTuple):
 
 
 class Wait(NamedTuple):
-    """Wait; if `text` is not empty, it tells the operator what to do meanwhile."""
+    """Wait; if ``text`` is not empty, it tells the operator what to do meanwhile."""
 
     text: str = ""
 

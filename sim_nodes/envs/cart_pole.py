@@ -155,7 +155,7 @@ class CartPole(VectorTask):
         return np.stack([x, v, np.arctan2(sine, cosine), w], axis=1)
 
     def balanced(self, observations: Array) -> bool:
-        """Return whether the pole is balanced over the middle: in the last second, |x| < 0.1 m and u < 0.25 rad.
+        """Return whether the cart stays within 0.1 m, and the pole within 0.25 rad of upright, in the last second.
 
         Args:
             observations: of an episode, shape (steps, d).
