@@ -11,6 +11,7 @@ from rkhs_ros.learning.algorithms.algorithm import Experience, Metrics
 from rkhs_ros.learning.discovery.action_repeat import choose_action_repeat
 from rkhs_ros.learning.discovery.angles import with_wrapped_angles
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
 from rkhs_ros.learning.model.model_based import ModelBased, ModelUpdate, train_in_model
 from rkhs_ros.learning.model.real_experience import RealExperience
 from rkhs_ros.learning.state import State, first_state, first_variance
@@ -264,6 +265,7 @@ def _train_in_model(
         first_variance=first_variance(training, spaces),
         seed=training.seed,
         iteration=iteration,
+        reward_depends_on_action_only=reward_depends_on_action_only(episodes, spaces),
         outperformed_iterations=outperformed_iterations(
             episodes.returns(training.discount), training.episodes_per_iteration
         ),

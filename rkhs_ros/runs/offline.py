@@ -11,6 +11,7 @@ from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS
 from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import loaded
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
 from rkhs_ros.learning.model.model_based import ModelBased, train_in_model
 from rkhs_ros.learning.model.real_experience import RealExperience
 from rkhs_ros.learning.state import State, first_state, first_variance
@@ -57,6 +58,7 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
             first_variance=first_variance(training, spaces),
             seed=training.seed,
             iteration=state.iterations,
+            reward_depends_on_action_only=reward_depends_on_action_only(episodes, spaces),
             outperformed_iterations=state.iterations,
         )
         model_update = train_in_model(settings, training.algorithm, state.policy, experience)

@@ -18,7 +18,6 @@ from rkhs_ros.learning.model.dynamics_model import (
     DynamicsModel,
     PredictionTest,
     prediction_test,
-    reward_depends_on_action_only,
 )
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model.policy_refit import refit_policy
@@ -169,7 +168,7 @@ def train_in_model(
     priors = settings.priors(spaces.observation_dim)
     test = _test_previous_model(settings, policy, experience, priors)
     model = DynamicsModel.fit(episodes, inputs, spaces, settings.centres, priors)
-    nothing_known = reward_depends_on_action_only(episodes, spaces)
+    nothing_known = experience.reward_depends_on_action_only
     curious = settings.curiosity == "as_needed" and nothing_known and priors.reward_fn is None
     runner = ModelRunner(model, test.overconfidence, curious=curious)
     rounds = max(1, round(settings.updates / test.overconfidence))

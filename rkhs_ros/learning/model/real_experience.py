@@ -23,6 +23,7 @@ class RealExperience:
         first_variance: variance of the first policy, shape (n,).
         seed: seed of the run.
         iteration: number of previous real iterations.
+        reward_depends_on_action_only: whether a cost of the actions explains the rewards of all steps.
         outperformed_iterations: number of previous iterations with a lower return than the newest one.
     """
 
@@ -34,4 +35,5 @@ class RealExperience:
     first_variance: Array
     seed: int
     iteration: int
+    reward_depends_on_action_only: bool
     outperformed_iterations: float

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.model.dynamics_model import DynamicsModel
+from rkhs_ros.learning.model.dynamics_model import DynamicsModel, reward_depends_on_action_only
 from rkhs_ros.learning.model.model_based import MOST_ROUNDS, VALIDATE_EVERY, ModelBased, RealExperience
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model.validation import PATIENCE, Validation
@@ -112,6 +112,7 @@ def first_experience(training: Training, episodes: Episodes) -> RealExperience:
         first_variance=first_variance(training, spaces),
         seed=training.seed,
         iteration=0,
+        reward_depends_on_action_only=reward_depends_on_action_only(episodes, spaces),
         outperformed_iterations=0.0,
     )
 
