@@ -1,4 +1,4 @@
-"""Draw episodes of the pendulum on a stand, for a film."""
+"""Draw the frames of the film of the pendulum."""
 
 from __future__ import annotations
 

@@ -192,6 +192,13 @@ class Episodes:
         return values[self.mask]
 
     @property
+    def next_observations(self) -> Array:
+        """Raw observations after each step, shape (N, H, d); undefined after the end of an episode."""
+        following = np.roll(self.observations, -1, axis=1)
+        following[np.arange(len(self)), self.mask.sum(axis=1) - 1] = self.final_observations
+        return following
+
+    @property
     def steps(self) -> NDArray[np.int_]:
         """Step t of each sample, shape (samples,)."""
         return np.broadcast_to(np.arange(self.horizon), self.mask.shape)[self.mask]

@@ -21,8 +21,8 @@ class KernelChoice(Settings):
     form: str = setting("rbf", "kernel names joined by + and *, such as 'rbf + polynomial'")
     bandwidth: str | tuple[float, ...] = setting(
         "median",
-        "bandwidths of rbf in the inputs' units: a single one; one per input; or, for a window, one per input of a "
-        "time step, repeated for all time steps; "
+        "bandwidths of rbf in the inputs' units: one number for all inputs; one number per input; or one number per "
+        "input of a time step, which applies to all time steps of the history; "
         "or 'median': per dimension, the larger of the median distance between pairs of points and their standard "
         "deviation; or 'dimension': the standard deviation times sqrt(d / 2), which keeps the kernel between typical "
         "points independent of the dimension d. The points are the inputs of the first iteration",

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from rkhs_ros.learning.algorithms.algorithm import Experience, Metrics
 from rkhs_ros.learning.discovery.action_repeat import choose_action_repeat
-from rkhs_ros.learning.discovery.angles import with_wrapped_angles
+from rkhs_ros.learning.discovery.angles import with_features
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
 from rkhs_ros.learning.model.model_based import ModelBased, ModelUpdate, train_in_model
@@ -242,9 +242,7 @@ def with_action_repeat(state: State, training: Training, exploration: Episodes) 
     policy = state.policy
     if training.action_repeat != AUTO or state.iterations > 0 or len(policy.mean.centres) > 0:
         return policy
-    inputs = with_wrapped_angles(policy.inputs, exploration)
-    features = replace(exploration, observations=inputs.features(exploration.observations))
-    return replace(policy, action_repeat=choose_action_repeat(features))
+    return replace(policy, action_repeat=choose_action_repeat(with_features(exploration, policy.inputs)))
 
 
 def _train_in_model(

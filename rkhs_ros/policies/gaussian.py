@@ -65,6 +65,11 @@ class GaussianPolicy:
         """Return the noise of all exploration episodes, each draw N(0, 1), shape (exploring, decisions, n)."""
         return FILTERS[self.noise](batch.exploration(self.mean.output_dim, self.decisions(batch.horizon)))
 
+    @property
+    def has_memory(self) -> bool:
+        """Whether an action depends on earlier steps of the episode."""
+        return self.inputs.history > 1 or self.action_repeat > 1
+
     def decisions(self, steps: int) -> int:
         """Return how many actions the policy chooses in a number of steps."""
         return -(-steps // self.action_repeat)
@@ -133,13 +138,9 @@ class Acting:
         else:
             self._observations[:, decision] = observations
             actions = self._act(step, inputs.at(np.array([decision]), self._observations, self._actions)[:, 0])
-        if self._stores_actions:
+        if self.policy.has_memory:
             self._actions[:, decision] = actions
         return actions
-
-    @property
-    def _stores_actions(self) -> bool:
-        return self.policy.inputs.history > 1 or self.policy.action_repeat > 1
 
     def _prepare(self, columns: int) -> None:
         """Check the dimension of the observations and allocate the history."""
@@ -149,7 +150,7 @@ class Acting:
         if self.policy.inputs.history > 1:
             self._require_capacity(self._decisions * max(columns, mean.output_dim))
             self._observations = np.zeros((*shape, columns))
-        if self._stores_actions:
+        if self.policy.has_memory:
             self._actions = np.zeros((*shape, mean.output_dim))
         self._columns = columns
 

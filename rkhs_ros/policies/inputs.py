@@ -67,6 +67,11 @@ class Inputs(Settings):
         return own == others
 
     @property
+    def turns_by_column(self) -> dict[int, float]:
+        """Value of a full turn of each angle, by its column."""
+        return dict(zip(self.columns, self.full_turns.tolist(), strict=True))
+
+    @property
     def ages(self) -> int:
         """Number of time steps in an input; 1 if monomials mix them."""
         return 1 if self.degree else self.history

@@ -61,7 +61,7 @@ class Policy:
         """
         rows, one = self.spaces.rows(observation)
         require(bool(np.isfinite(rows).all()), "observation", "finite numbers", rows)
-        if self._held is not None and self._has_memory:
+        if self._held is not None and self.gaussian.has_memory:
             expected = f"a batch of {len(self._held)} as before, or reset() first"
             require(len(self._held) == len(rows), "observation", expected, len(rows))
         if self._held is None or self._steps_held >= self.gaussian.action_repeat:
@@ -89,10 +89,6 @@ class Policy:
             OSError: the file cannot be written.
         """
         save_policy(Path(path), self.gaussian, self.task, self.spaces)
-
-    @property
-    def _has_memory(self) -> bool:
-        return self.gaussian.inputs.history > 1 or self.gaussian.action_repeat > 1
 
     def _mean(self, rows: Array) -> Array:
         """Return the unclipped mean actions, shape (batch, action_dim)."""

@@ -48,6 +48,7 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
     state = replace(state, policy=with_action_repeat(state, training, episodes))
     repeat = state.policy.action_repeat
     decisions = episodes.decisions(repeat, training.discount, spaces)
+    nothing_known = reward_depends_on_action_only(episodes, spaces)
     while state.iterations < training.iterations:
         experience = RealExperience(
             episodes=decisions,
@@ -58,7 +59,7 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
             first_variance=first_variance(training, spaces),
             seed=training.seed,
             iteration=state.iterations,
-            reward_depends_on_action_only=reward_depends_on_action_only(episodes, spaces),
+            reward_depends_on_action_only=nothing_known,
             outperformed_iterations=state.iterations,
         )
         model_update = train_in_model(settings, training.algorithm, state.policy, experience)

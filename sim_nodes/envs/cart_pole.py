@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from sim_nodes.envs.cart_pole_scene import DRAWN_HALF, REACH, bodies, draw, motion
-from sim_nodes.envs.vector_task import Array, Body, BodyTrajectories, Flags, VectorTask
+from sim_nodes.envs.vector_task import Array, Body, BodyTrajectories, Flags, VectorTask, wrapped
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -185,12 +185,6 @@ class CartPole(VectorTask):
         """Return the bodies' trajectories in an episode; the row of a force of 10 N is half a metre long."""
         times = self.step_seconds * np.arange(len(observations), dtype=np.float64)
         return motion(times, self.states_of(observations), actions[:, 0])
-
-
-def wrapped(angle: Array) -> Array:
-    """Return angles within [-pi, pi)."""
-    turned = (angle + np.pi) % (2 * np.pi) - np.pi
-    return np.where(turned < np.pi, turned, -np.pi)  # the remainder of a tiny negative number rounds up
 
 
 def from_upright(states: Array) -> Array:

@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.vector_task import BLUE, DARK, ORANGE, PALE, Array, Body, BodyTrajectories, VectorTask, upright
+from sim_nodes.envs.vector_task import (
+    BLUE,
+    DARK,
+    ORANGE,
+    PALE,
+    Array,
+    Body,
+    BodyTrajectories,
+    VectorTask,
+    upright,
+    wrapped,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -116,7 +127,6 @@ class Pendulum(VectorTask):
 
     def _bound(self, columns: Array) -> None:
         if self.angle == "wrap":
-            turned = (columns[0] + np.pi) % (2 * np.pi) - np.pi
-            columns[0] = np.where(turned < np.pi, turned, -np.pi)  # the remainder of a tiny negative number rounds up
+            columns[0] = wrapped(columns[0])
         np.maximum(columns, LOW, out=columns)
         np.minimum(columns, HIGH, out=columns)

@@ -77,6 +77,12 @@ def upright(positions: Array) -> Array:
     return np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*positions.shape[:2], 4))
 
 
+def wrapped(angle: Array) -> Array:
+    """Return angles within [-pi, pi)."""
+    turned = (angle + np.pi) % (2 * np.pi) - np.pi
+    return np.where(turned < np.pi, turned, -np.pi)  # the remainder of a tiny negative number rounds up
+
+
 class VectorTask(VectorEnv[Array, Array, Any]):
     """Environments of one task that are stepped together, each with its own random stream.
 

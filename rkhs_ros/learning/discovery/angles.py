@@ -25,8 +25,8 @@ def with_wrapped_angles(inputs: Inputs, episodes: Episodes) -> Inputs:
         inputs: inputs so far.
         episodes: episodes with raw observations.
     """
-    before, after = steps_of(episodes)
-    turns = dict(zip(inputs.columns, inputs.full_turns.tolist(), strict=True))
+    before, after = (episodes.flat(each) for each in (episodes.observations, episodes.next_observations))
+    turns = inputs.turns_by_column
     for column in sorted(set(range(before.shape[1])) - set(turns)):
         turn = _turn(before[:, column], after[:, column])
         if turn is not None:
@@ -42,11 +42,15 @@ def with_angles(inputs: Inputs, turns: dict[int, float]) -> Inputs:
     return replace(inputs, angles=tuple(map(float, columns)), turns=tuple(turns[column] for column in columns))
 
 
-def steps_of(episodes: Episodes) -> tuple[Array, Array]:
-    """Return the observations before and after all steps, each of shape (n, d)."""
-    after = np.roll(episodes.observations, -1, axis=1)
-    after[np.arange(len(episodes)), episodes.mask.sum(axis=1) - 1] = episodes.final_observations
-    return episodes.flat(episodes.observations), episodes.flat(after)
+def with_features(episodes: Episodes, inputs: Inputs) -> Episodes:
+    """Return the episodes with features of the observations, including those of angles that wrap around.
+
+    Args:
+        episodes: episodes with raw observations.
+        inputs: inputs so far.
+    """
+    inputs = with_wrapped_angles(inputs, episodes)
+    return replace(episodes, observations=inputs.features(episodes.observations))
 
 
 def _turn(before: Array, after: Array) -> float | None:
@@ -58,7 +62,7 @@ def _turn(before: Array, after: Array) -> float | None:
     changes, extent = after - before, np.ptp(np.concatenate([before, after]))
     for turn in TURNS:
         jumps: NDArray[np.bool_] = np.abs(changes) > 0.5 * turn
-        if extent <= turn * (EXTENT) and jumps.any():
+        if extent <= turn * EXTENT and jumps.any():
             short = np.abs(np.remainder(changes / turn + 0.5, 1.0) - 0.5)
             usual = short[~jumps].max(initial=0.0)
             is_smooth = usual > 0.0 and short[jumps].max() <= LONGEST_WRAPPING_STEP * usual

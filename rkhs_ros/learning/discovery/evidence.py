@@ -53,9 +53,8 @@ def _with_unwrapped_angles(inputs: Inputs, episodes: Episodes, spaces: Spaces) -
         for turn in TURNS:
             if extents[column] < WIDE * turn:
                 continue
-            known = dict(zip(inputs.columns, inputs.full_turns.tolist(), strict=True))
             best = _evidence(inputs, episodes, spaces) if best is None else best
-            changed = with_angles(inputs, known | {column: turn})
+            changed = with_angles(inputs, inputs.turns_by_column | {column: turn})
             evidence = _evidence(changed, episodes, spaces)
             if evidence > best + max(GAIN, GAIN_PER_STEP * min(episodes.mask.sum(), MOST_STEPS)):
                 inputs, best = changed, evidence
@@ -65,7 +64,8 @@ def _with_unwrapped_angles(inputs: Inputs, episodes: Episodes, spaces: Spaces) -
 
 def _last_steps(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> tuple[Transitions, Array, list[int]]:
     """Return the last steps, their changes, and the columns that change by themselves."""
-    steps = Transitions.of(episodes, inputs, spaces).last(MOST_STEPS)
+    enough = int(np.searchsorted(np.cumsum(episodes.mask.sum(axis=1)[::-1]), MOST_STEPS)) + 1
+    steps = Transitions.of(episodes.take(slice(-enough, None)), inputs, spaces).last(MOST_STEPS)
     coordinates = coordinates_of(steps, inputs)
     return steps, coordinates.difference(steps.observations, steps.next_observations), coordinates.columns
 

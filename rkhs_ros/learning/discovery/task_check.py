@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from rkhs_ros.learning.diagnosis import moves_away
 from rkhs_ros.learning.discovery.action_repeat import change_per_decision, choose_action_repeat
-from rkhs_ros.learning.discovery.angles import with_wrapped_angles
+from rkhs_ros.learning.discovery.angles import with_features
 from rkhs_ros.learning.discovery.evidence import FEWEST_STEPS, discover_inputs
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
@@ -55,7 +55,7 @@ class TaskCheck:
             spaces: spaces of the task.
         """
         first = episodes.take(slice(training.episodes_per_iteration))  # those that the run would use
-        features = _features(first, training.inputs)
+        features = with_features(first, training.inputs)
         repeat = choose_action_repeat(features)
         decisions = episodes.decisions(repeat, training.discount, spaces)
         inputs = training.inputs
@@ -166,11 +166,6 @@ class TaskCheck:
         away = [column for column in sorted(columns) if len(first) and moves_away(self.episodes, first, column)]
         named = ", ".join(map(self._name, away))
         return f"{self.spaces.observation_dim} columns" + (f"; run away: {named}; bound the task" if away else "")
-
-
-def _features(episodes: Episodes, inputs: Inputs) -> Episodes:
-    inputs = with_wrapped_angles(inputs, episodes)
-    return replace(episodes, observations=inputs.features(episodes.observations))
 
 
 def _range(numbers: Sequence[int]) -> str:

@@ -59,13 +59,11 @@ class Transitions:
         """Return the transitions of episodes with raw observations."""
         last = episodes.mask.sum(axis=1) - 1
         rows = np.arange(len(episodes))
-        following = np.roll(episodes.observations, -1, axis=1)
-        following[rows, last] = episodes.final_observations
         ended = np.zeros(episodes.mask.shape, dtype=bool)
         ended[rows, last] = episodes.terminated
         points = points_of(inputs.unfold(episodes.observations, episodes.actions), episodes.actions, spaces)
         actions = points[..., -spaces.action_dim :]
-        every = (points, actions, episodes.observations, following, episodes.rewards, ended)
+        every = (points, actions, episodes.observations, episodes.next_observations, episodes.rewards, ended)
         return cls(*(episodes.flat(values) for values in every))
 
     def last(self, count: int) -> Transitions:

@@ -15,9 +15,9 @@ class RealExperience:
     """The input of model-based training besides its settings and the policy.
 
     Attributes:
-        episodes: all real episodes so far, with raw observations.
+        episodes: all real episodes so far, with raw observations and one step per decision of the policy.
         newest: number of episodes of the last iteration.
-        discount: discount factor of the return.
+        discount: discount factor of the return, per decision.
         spaces: spaces of the task.
         kernel: settings of the policy's kernel.
         first_variance: variance of the first policy, shape (n,).

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rkhs_ros.learning.discovery.angles import TURNS, steps_of, with_angles, with_wrapped_angles
+from rkhs_ros.learning.discovery.angles import TURNS, with_angles, with_wrapped_angles
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.rkhs.kernels import Array
@@ -121,7 +121,8 @@ def test_steps_end_with_their_episode(seed: int) -> None:
     mask = np.arange(5) < lengths[:, None]
     observed, final = rng.normal(size=(3, 5, 2)) * mask[:, :, None], rng.normal(size=(3, 2))
     zeros = np.zeros((3, 5))
-    before, after = steps_of(Episodes(observed, zeros[:, :, None], zeros, mask, final, mask[:, 0] & False))
+    episodes = Episodes(observed, zeros[:, :, None], zeros, mask, final, mask[:, 0] & False)
+    before, after = episodes.flat(episodes.observations), episodes.flat(episodes.next_observations)
     each = zip(observed, lengths, final, strict=True)
     expected = [(o[t], o[t + 1] if t + 1 < n else end) for o, n, end in each for t in range(n)]
     assert np.array_equal(before, [step[0] for step in expected])
