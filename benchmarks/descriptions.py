@@ -8,35 +8,39 @@ interruption. A run stops 3 episodes after its evaluation return first reaches t
 from __future__ import annotations
 
 import os
-import signal
 import sys
 from argparse import Namespace
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
 from command import parsed, parser
 from described import DESCRIPTIONS, TASKS, environment_id
 from descriptions_table import Row, as_csv, as_markdown
-from rkhs_ros.app.seeds import parse_seeds
-from rkhs_ros.app.study import add_worker_arguments, workers_of
-from rkhs_ros.base.endings import FAILED, INTERRUPTED, RunError, print_error
-from rkhs_ros.base.files import write_whole
-from rkhs_ros.base.threads import use_one_thread
-from rkhs_ros.base.validation import pick, require
+from rkhs_ros.base.validation import require
 from rkhs_ros.rollouts.environments import time_limit
 from rkhs_ros.runs.config import config_for
-from rkhs_ros.studies.parallel import run_parallel
+from stored_curves import (
+    Outcome,
+    add_arguments,
+    check_options,
+    exit_code,
+    exit_with,
+    store_curve,
+    train_missing,
+    write_table,
+)
 from task_learners import LEARNERS, missing
-from trial import Point, Trial, read_curve, write_curve
+from trial import Point, Trial, read_curve
 
 EPISODES = 12
 AFTERWARDS = 3  # episodes after the first one that reaches the threshold
 LEARNER = replace(LEARNERS["ours"], scripts=("trial.py", "described.py", "described_tasks.py", "described_wrappers.py"))
+TABLES: dict[str, Mapping[str, Any]] = {"tasks": TASKS, "descriptions": DESCRIPTIONS}
 QUICK = {"tasks": ["pendulum-wrap"], "descriptions": ["as-written", "degrees"], "seeds": "200", "episodes": 1}
 
 
@@ -86,14 +90,9 @@ def until_reached(points: Iterable[Point], threshold: float) -> Iterator[Point]:
             return
 
 
-def learn_into(path: Path, trial: Trial, threshold: float) -> tuple[Path, str | None]:
-    """Train and write the curve; return the error if it fails, else None."""
-    use_one_thread()
-    try:
-        write_curve(path, until_reached(LEARNER.learn(trial), threshold))
-    except Exception as error:  # a failed run must not end the others
-        return path, " ".join(f"{type(error).__name__}: {error}".split())
-    return path, None
+def learn_into(path: Path, trial: Trial, threshold: float) -> Outcome:
+    """Train until the threshold and a few episodes more, and store the curve."""
+    return store_curve(path, lambda: until_reached(LEARNER.learn(trial), threshold))
 
 
 def rows_of(asked: Sequence[Place]) -> list[Row]:
@@ -112,29 +111,16 @@ def rows_of(asked: Sequence[Place]) -> list[Row]:
     return rows
 
 
-def write_table(out: Path, asked: Sequence[Place]) -> None:
-    """Write summary.csv and table.md from the finished curves, and print the table."""
-    rows = rows_of(asked)
-    write_whole(out / "summary.csv", as_csv(rows).encode())
-    write_whole(out / "table.md", as_markdown(rows).encode())
-    print(as_markdown(rows), end="")
-
-
 def run(options: Namespace) -> int:
     """Train the missing curves and write the table; return the exit code."""
     asked = list(places(options))
     (options.out / "curves").mkdir(parents=True, exist_ok=True)
     work = [(place.path, place.trial, place.threshold) for place in asked if not place.path.exists()]
-    failed = False
     try:
-        calls = run_parallel(learn_into, work, workers=options.workers, title="descriptions", quiet=options.quiet)
-        for path, why in calls:
-            if why is not None:
-                failed = True
-                print(f"failed: {path.stem}: {why}", file=sys.stderr)
+        return train_missing(learn_into, work, options, title="descriptions")
     finally:
-        write_table(options.out, asked)
-    return FAILED if failed else 0
+        rows = rows_of(asked)
+        write_table(options.out, as_csv(rows), as_markdown(rows))
 
 
 def options_of(arguments: Sequence[str] | None) -> Namespace:
@@ -144,39 +130,18 @@ def options_of(arguments: Sequence[str] | None) -> Namespace:
         ValueError: a name is unknown, or a number does not fit.
     """
     command = parser(__doc__)
-    command.add_argument("--tasks", nargs="+", default=list(TASKS), help="default: all, " + ", ".join(TASKS))
-    command.add_argument(
-        "--descriptions", nargs="+", default=list(DESCRIPTIONS), help="default: all, " + ", ".join(DESCRIPTIONS)
-    )
-    command.add_argument("--seeds", default="200-204", help="such as 0-9 or 0,2,5; default: 200-204")
+    add_arguments(command, "descriptions", "200-204", **TABLES)
     command.add_argument("--episodes", type=int, default=EPISODES, help=f"budget of a run; default: {EPISODES}")
-    add_worker_arguments(command)
-    command.add_argument("--out", type=Path, default=Path("results/descriptions"), help="default: results/descriptions")
-    command.add_argument("--quiet", action="store_true", help="no progress bar")
     options = parsed(command, arguments, **QUICK)
-    for kind, table in (("task", TASKS), ("description", DESCRIPTIONS)):
-        names = list(dict.fromkeys(getattr(options, f"{kind}s")))
-        for name in names:
-            pick(name, table, kind)
-        setattr(options, f"{kind}s", names)
+    check_options(options, **TABLES)
     require(options.episodes >= 1, "--episodes", "at least 1", options.episodes)
-    options.workers = workers_of(options)
-    options.seeds = parse_seeds(options.seeds)
-    options.out = options.out.resolve()
     return options
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code."""
-    try:
-        return run(options_of(arguments))
-    except (ValueError, OSError, RunError) as error:
-        return print_error(error)
-    except KeyboardInterrupt:
-        print("interrupted; run the same command to continue", file=sys.stderr)
-        return INTERRUPTED
+    return exit_code(lambda: run(options_of(arguments)))
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # same as Ctrl-C
-    sys.exit(main())
+    exit_with(main)

@@ -1,4 +1,4 @@
-"""Define the learners of the table of tasks, and the files of their learning curves."""
+"""Define the learners of the table of tasks, and what their learning curves depend on."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from pathlib import Path
 
 import deep_peers
 import linear_search
-from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.learning.training import train
 from rkhs_ros.runs.provenance import CODE, LIBRARIES, code_digest
-from trial import Meter, MeteredRunner, Point, Trial, write_curve
+from trial import Meter, MeteredRunner, Point, Trial
 
 HERE = Path(__file__).parent
 SEEN_BY_ALL = ("environment.", "inputs.", "seed", "horizon", "discount", "evaluation_episodes")
@@ -103,13 +102,3 @@ def _is_installed(name: str) -> bool:
     except PackageNotFoundError:
         return False
     return True
-
-
-def learn_into(path: Path, learner: str, trial: Trial) -> tuple[Path, str | None]:
-    """Train and write the curve; return the error if it fails, else None."""
-    use_one_thread()
-    try:
-        write_curve(path, list(LEARNERS[learner].learn(trial)))
-    except Exception as error:  # a failed trial must not end the others
-        return path, " ".join(f"{type(error).__name__}: {error}".split())
-    return path, None

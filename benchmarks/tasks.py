@@ -7,26 +7,30 @@ an interruption, and repeats only the curves affected by changed settings or cod
 from __future__ import annotations
 
 import os
-import signal
 import sys
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
 from command import parsed, parser
-from rkhs_ros.app.seeds import parse_seeds
-from rkhs_ros.app.study import add_worker_arguments, workers_of
-from rkhs_ros.base.endings import FAILED, INTERRUPTED, RunError, print_error
-from rkhs_ros.base.files import write_whole
-from rkhs_ros.base.validation import pick, require
+from rkhs_ros.base.validation import require
 from rkhs_ros.rollouts.environments import time_limit
 from rkhs_ros.runs.config import config_for
-from rkhs_ros.studies.parallel import run_parallel
-from task_learners import LEARNERS, learn_into, missing
+from stored_curves import (
+    Outcome,
+    add_arguments,
+    check_options,
+    exit_code,
+    exit_with,
+    store_curve,
+    train_missing,
+    write_table,
+)
+from task_learners import LEARNERS, missing
 from tasks_table import Cell, as_csv, as_markdown
 from trial import Trial, read_curve
 
@@ -77,6 +81,7 @@ TASKS = {
         "rkhs/PR2Door-v0", (0.5, 0.8), changes=("environment.options.pose=per_episode",), packages=("pybullet",)
     ),
 }
+TABLES: dict[str, Mapping[str, Any]] = {"tasks": TASKS, "learners": LEARNERS}
 QUICK = {"tasks": ["toy"], "learners": ["ours", "linear-ars"], "seeds": "100", "episodes": 1}
 
 
@@ -104,19 +109,21 @@ def places(options: Namespace) -> Iterator[Place]:
                 yield Place(name, learner, seed, options.out / "curves" / f"{name}_{learner}_{seed}_{key}.csv", trial)
 
 
-def write_table(out: Path, asked: Sequence[Place]) -> None:
-    """Write summary.csv and table.md from the existing curves, and print the table."""
+def cells_of(asked: Sequence[Place]) -> list[Cell]:
+    """Return a cell of the table for each task and learner with a finished curve."""
     curves: dict[tuple[str, str], list[Place]] = {}
     for place in asked:
         if place.path.exists():
             curves.setdefault((place.task, place.learner), []).append(place)
-    cells = [
+    return [
         Cell(task, learner, TASKS[task].thresholds, TASKS[task].discounted, [read_curve(p.path) for p in found])
         for (task, learner), found in curves.items()
     ]
-    write_whole(out / "summary.csv", as_csv(cells).encode())
-    write_whole(out / "table.md", as_markdown(cells).encode())
-    print(as_markdown(cells), end="")
+
+
+def learn_into(path: Path, learner: str, trial: Trial) -> Outcome:
+    """Train a learner and store the curve."""
+    return store_curve(path, lambda: LEARNERS[learner].learn(trial))
 
 
 def run(options: Namespace) -> int:
@@ -124,15 +131,11 @@ def run(options: Namespace) -> int:
     asked = list(places(options))
     (options.out / "curves").mkdir(parents=True, exist_ok=True)
     work = [(place.path, place.learner, place.trial) for place in asked if not place.path.exists()]
-    failed = False
     try:
-        for path, why in run_parallel(learn_into, work, workers=options.workers, title="tasks", quiet=options.quiet):
-            if why is not None:
-                failed = True
-                print(f"failed: {path.stem}: {why}", file=sys.stderr)
+        return train_missing(learn_into, work, options, title="tasks")
     finally:
-        write_table(options.out, asked)
-    return FAILED if failed else 0
+        cells = cells_of(asked)
+        write_table(options.out, as_csv(cells), as_markdown(cells))
 
 
 def options_of(arguments: Sequence[str] | None) -> Namespace:
@@ -142,37 +145,18 @@ def options_of(arguments: Sequence[str] | None) -> Namespace:
         ValueError: a name is unknown, or a number does not fit.
     """
     command = parser("How many episodes learners need on a table of tasks.")
-    command.add_argument("--tasks", nargs="+", default=list(TASKS), help="default: all, " + ", ".join(TASKS))
-    command.add_argument("--learners", nargs="+", default=list(LEARNERS), help="default: all, " + ", ".join(LEARNERS))
-    command.add_argument("--seeds", default="0-9", help="such as 0-9 or 0,2,5; default: 0-9")
+    add_arguments(command, "tasks", "0-9", **TABLES)
     command.add_argument("--episodes", type=int, help="budget of each learner; default: the task's")
-    add_worker_arguments(command)
-    command.add_argument("--out", type=Path, default=Path("results/tasks"), help="folder; default: results/tasks")
-    command.add_argument("--quiet", action="store_true", help="no progress bar")
     options = parsed(command, arguments, **QUICK)
-    for kind, table in (("task", TASKS), ("learner", LEARNERS)):
-        names = list(dict.fromkeys(getattr(options, f"{kind}s")))
-        for name in names:
-            pick(name, table, kind)
-        setattr(options, f"{kind}s", names)
+    check_options(options, **TABLES)
     require(options.episodes is None or options.episodes >= 1, "--episodes", "at least 1", options.episodes)
-    options.workers = workers_of(options)
-    options.seeds = parse_seeds(options.seeds)
-    options.out = options.out.resolve()  # learners may run in another folder
     return options
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code."""
-    try:
-        return run(options_of(arguments))
-    except (ValueError, OSError, RunError) as error:
-        return print_error(error)
-    except KeyboardInterrupt:
-        print("interrupted; run the same command to continue", file=sys.stderr)
-        return INTERRUPTED
+    return exit_code(lambda: run(options_of(arguments)))
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # same as Ctrl-C
-    sys.exit(main())
+    exit_with(main)
