@@ -12,8 +12,7 @@ from math import inf, isnan, nan
 import numpy as np
 
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
-from rkhs_ros.learning.model.model_based import AS_NEEDED, ModelBased
+from rkhs_ros.learning.model.model_based import ModelBased
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.spaces import Spaces
@@ -202,7 +201,7 @@ class Diagnosis:
         """Return the advice for an iteration, None if there is none or it was given before."""
         if self._first is None:
             self._first = _first_observations(iteration, self._training)
-        self._recent.append(summary_of(iteration, self._training, self._spaces, self._first))
+        self._recent.append(summary_of(iteration, self._spaces, self._first))
         if len(self._recent) > MOST_RECENT:
             del self._recent[1]
         advice = next((each for each in advice_on(self._recent) if str(each) not in self._given), None)
@@ -218,12 +217,11 @@ def _first_observations(iteration: Iteration, training: Training) -> Array:
     return episodes.flat(episodes.observations)
 
 
-def summary_of(iteration: Iteration, training: Training, spaces: Spaces, first: Array) -> Summary:
+def summary_of(iteration: Iteration, spaces: Spaces, first: Array) -> Summary:
     """Return the summary of an iteration.
 
     Args:
         iteration: the iteration.
-        training: settings of the run.
         spaces: spaces of the task.
         first: observations of the first episodes, shape (samples, d).
     """
@@ -240,7 +238,7 @@ def summary_of(iteration: Iteration, training: Training, spaces: Spaces, first: 
         terminates=bool(exploration.terminated.any() or evaluation.terminated.any()),
         saturated=_saturated(evaluation, spaces),
         runs_away=any(moves_away(newest, first, column) for column in _lines(iteration)),
-        curious=_is_curious(iteration, training, spaces),
+        curious=iteration.curious,
     )
 
 
@@ -273,11 +271,3 @@ def moves_away(episodes: Episodes, first: Array, column: int) -> bool:
     beyond = np.maximum(end - high, low - end)
     moving = np.abs(end - middle) > STILL_MOVING * np.abs(end - start)
     return bool(high > low and np.mean((beyond > FAR * (high - low)) & moving) > 0.5)
-
-
-def _is_curious(iteration: Iteration, training: Training, spaces: Spaces) -> bool:
-    """Return whether the policy was trained to reach states that the model does not know."""
-    model = training.model
-    if not isinstance(model, ModelBased) or model.curiosity != AS_NEEDED or model.reward_fn:
-        return False
-    return reward_depends_on_action_only(iteration.state.memory, spaces)

@@ -51,6 +51,7 @@ class Iteration:
         metrics: metrics of the update; with a model, of its last update.
         model_return: mean return of the last model rollouts; nan without a model.
         model_error: error of the previous model on this iteration's episodes; nan if there was none.
+        curious: whether the model rollouts had rewards for unknown states instead of those of the task.
         tried: episodes in which the line search tried step sizes, in the order of collection.
     """
 
@@ -62,6 +63,7 @@ class Iteration:
     metrics: Metrics
     model_return: float = float("nan")
     model_error: float = float("nan")
+    curious: bool = False
     tried: tuple[Episodes, ...] = ()
 
     @property
@@ -208,6 +210,7 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
         model_update = _train_in_model(training.model, training, policy, memory, spaces, state.iterations)
         policy, metrics = model_update.policy, model_update.metrics
         model_return, model_error = model_update.model_return, model_update.model_error
+        curious = model_update.curious
     else:
         repeat = policy.action_repeat
         episodes = exploration.decisions(repeat, training.discount, spaces).with_inputs(policy.inputs)
@@ -219,7 +222,7 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
             episodes, training.discount**repeat, state.memory, collector.try_out, variance, state.iterations
         )
         policy, metrics, memory = training.algorithm.update(policy, experience)
-        model_return = model_error = float("nan")
+        model_return, model_error, curious = float("nan"), float("nan"), False
     done = state.iterations + 1
     due = training.evaluate_every > 0 and done % training.evaluate_every == 0
     explores_next = done < training.iterations
@@ -233,6 +236,7 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
         metrics=metrics,
         model_return=model_return,
         model_error=model_error,
+        curious=curious,
         tried=collector.take_tried(),
     )
 

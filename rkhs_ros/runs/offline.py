@@ -73,6 +73,7 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
             metrics=model_update.metrics,
             model_return=model_update.model_return,
             model_error=model_update.model_error,
+            curious=model_update.curious,
         )
 
 

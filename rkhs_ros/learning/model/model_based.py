@@ -144,12 +144,14 @@ class ModelUpdate:
         metrics: metrics of the last update.
         model_return: mean return of the model rollouts before the last update.
         model_error: error of the previous model on the newest real episodes; nan in the first iteration.
+        curious: whether the model rollouts had rewards for unknown states instead of those of the task.
     """
 
     policy: GaussianPolicy
     metrics: Metrics
     model_return: float
     model_error: float
+    curious: bool
 
 
 def train_in_model(
@@ -169,7 +171,7 @@ def train_in_model(
     test = _test_previous_model(settings, policy, experience, priors)
     model = DynamicsModel.fit(episodes, inputs, spaces, settings.centres, priors)
     nothing_known = experience.reward_depends_on_action_only
-    curious = settings.curiosity == "as_needed" and nothing_known and priors.reward_fn is None
+    curious = settings.curiosity == AS_NEEDED and nothing_known and priors.reward_fn is None
     runner = ModelRunner(model, test.overconfidence, curious=curious)
     rounds = max(1, round(settings.updates / test.overconfidence))
     repeat = policy.action_repeat
@@ -182,7 +184,7 @@ def train_in_model(
         experience.iteration + 1,
         reward_depends_on_action_only=nothing_known,
     )
-    return ModelUpdate(policy, metrics, expected, test.error)
+    return ModelUpdate(policy, metrics, expected, test.error, curious)
 
 
 def _inputs_may_change(policy: GaussianPolicy, algorithm: Algorithm, experience: RealExperience) -> bool:

@@ -139,16 +139,16 @@ def toy() -> list[Iteration]:
 def test_the_summary_of_an_iteration_has_its_figures(toy: list[Iteration]) -> None:
     spaces, last = InlineRunner(Simulation("rkhs/Toy-v0")).spaces, toy[-1]
     first = toy[0].exploration.flat(toy[0].exploration.observations)
-    summary = summary_of(last, TRAINING, spaces, first)
+    summary = summary_of(last, spaces, first)
     assert (summary.evaluation_return, summary.model_error) == (last.evaluation_return, last.model_error)
     rewards = np.concatenate([last.exploration.rewards, last.evaluation.rewards])
     assert (summary.lowest_reward, summary.highest_reward) == (rewards.min(), rewards.max())
     assert (summary.runs_away, summary.terminates, summary.curious) == (False, False, False)
     wide = replace(last.evaluation, actions=last.evaluation.actions + 100.0)
-    assert summary_of(replace(last, evaluation=wide), TRAINING, spaces, first).saturated == 1.0
+    assert summary_of(replace(last, evaluation=wide), spaces, first).saturated == 1.0
     away = replace(last.evaluation, observations=last.evaluation.observations + np.arange(20)[None, :, None] * 50.0)
     away = replace(away, final_observations=away.observations[:, -1] + 50.0)
-    assert summary_of(replace(last, evaluation=away), TRAINING, spaces, first).runs_away
+    assert summary_of(replace(last, evaluation=away), spaces, first).runs_away
 
 
 def test_advice_is_given_once_and_not_again_after_a_resumption(toy: list[Iteration]) -> None:
