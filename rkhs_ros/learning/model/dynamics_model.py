@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.priors import Priors
 from rkhs_ros.learning.model.state_coordinates import StateCoordinates
+from rkhs_ros.learning.model.terminal_reward import TerminalReward
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import ROUNDING, Array, deviations, spreads
@@ -114,7 +115,7 @@ class DynamicsModel:
         reward_depends_on_next: whether the reward is a function of the next observation instead of the current one.
         termination: posterior that is positive if an observation terminates the episode; None with a prior, or if no
             episode was terminated.
-        last_reward: mean reward that a terminal step earns in addition.
+        terminal_reward: reward that a terminal step earns in addition.
         low: lower end of the observed range, shape (d,); -inf for periodic columns.
         high: upper end of the observed range, shape (d,); inf for periodic columns.
         reward_range: smallest and largest observed reward of non-terminal steps.
@@ -130,7 +131,7 @@ class DynamicsModel:
     rewards: Posterior | None
     reward_depends_on_next: bool
     termination: Posterior | None
-    last_reward: float
+    terminal_reward: TerminalReward
     low: Array
     high: Array
     reward_range: tuple[float, float]
@@ -171,7 +172,7 @@ class DynamicsModel:
             rewards=learnt.posterior,
             reward_depends_on_next=learnt.depends_on_next,
             termination=_termination(steps, inputs, centres) if priors.termination_fn is None else None,
-            last_reward=learnt.last,
+            terminal_reward=learnt.terminal,
             **_bounds(steps, coordinates),
             reward_range=(float(steps.rewards[going_on].min()), float(steps.rewards[going_on].max())),
             starts=episodes.observations[:, 0],
@@ -271,10 +272,10 @@ class _Rewards(NamedTuple):
 
     posterior: Posterior | None
     depends_on_next: bool
-    last: float
+    terminal: TerminalReward
 
 
-NO_REWARDS = _Rewards(None, depends_on_next=False, last=0.0)
+NO_REWARDS = _Rewards(None, depends_on_next=False, terminal=TerminalReward())
 
 
 def _rewards(steps: Transitions, going_on: np.ndarray, inputs: Inputs, centres: int) -> _Rewards:
@@ -283,10 +284,12 @@ def _rewards(steps: Transitions, going_on: np.ndarray, inputs: Inputs, centres: 
     fits = [Posterior.fit(points[going_on], steps.rewards[going_on, None], centres) for points in (steps.points, leads)]
     depends_on_next = fits[1].evidence > fits[0].evidence
     best, points = (fits[1], leads) if depends_on_next else (fits[0], steps.points)
-    last = 0.0
-    if steps.terminated.any() and not steps.terminated.all():
-        last = float((steps.rewards[steps.terminated] - best.mean(points[steps.terminated])[:, 0]).mean())
-    return _Rewards(best, depends_on_next, last)
+    ended, terminal = steps.terminated, TerminalReward()
+    if ended.any() and not ended.all():
+        rewards = steps.rewards[ended]
+        extra = rewards - best.mean(points[ended])[:, 0]
+        terminal = TerminalReward.fit(leads[ended], extra, rewards, float(np.ptp(steps.rewards[~ended])), centres)
+    return _Rewards(best, depends_on_next, terminal)
 
 
 def _termination(steps: Transitions, inputs: Inputs, centres: int) -> Posterior | None:

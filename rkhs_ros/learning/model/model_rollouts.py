@@ -136,7 +136,10 @@ class ModelRunner:
         last = np.where(terminated, ended.argmax(axis=1), horizon - 1)
         mask = np.arange(horizon) <= last[:, None]
         each = np.arange(rows)
-        rewards[each[terminated], last[terminated]] += self._model.last_reward
+        ends = each[terminated], last[terminated]
+        features = self._model.inputs.features(after[ends])
+        points = points_of(features, actions[ends], self.spaces)
+        rewards[ends] = self._model.terminal_reward.add(rewards[ends], points)
         going = mask[:, :, None]
         return Episodes(
             observations=np.where(going, before, 0.0),

@@ -156,6 +156,29 @@ def test_rollouts_terminate_like_the_task(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(beside, 0.0, atol=0.5)
 
 
+def test_rollouts_that_end_on_the_better_side_earn_more(rng: np.random.Generator) -> None:
+    def with_goal(episodes: Episodes) -> np.ndarray:
+        """Return the rewards if an end on the right earns 10 instead of costing 10."""
+        last = (np.arange(len(episodes)), episodes.mask.sum(axis=1) - 1)
+        rewards = episodes.rewards.copy()
+        rewards[last] += 2 * OVER * (episodes.terminated & (episodes.final_observations[:, 0] > 0.0))
+        return rewards
+
+    real = simulated_episodes(rng, rows=200, ending=True)
+    real = replace(real, rewards=with_goal(real))
+    rollouts = ModelRunner(DynamicsModel.fit(real, Inputs(), SPACES, 60)).collect(policy_of(rng), batch_of(200))
+    now, actions, _ = transitions(rollouts)
+    last = (np.arange(200), rollouts.mask.sum(axis=1) - 1)
+    expected = np.zeros(rollouts.mask.shape)
+    expected[rollouts.mask] = reward(now, actions)
+    expected[last] -= OVER * rollouts.terminated
+    expected = with_goal(replace(rollouts, rewards=expected))
+    errors = np.abs(rollouts.rewards - expected)[last][rollouts.terminated]
+    assert rollouts.terminated.sum() > 50
+    assert np.median(errors) < 0.5
+    assert np.mean(errors < 2.0) > 0.9
+
+
 def test_rare_terminations_are_neither_missed_nor_predicted_too_early() -> None:
     """Use the square roots of balancing weights: balanced ones would end 8 % of the steps before the limit."""
     limit, rows, line = 2.5, 2000, np.linspace(-3.0, 3.0, 301)
@@ -198,7 +221,7 @@ def test_termination_only_truncates_a_rollout(rng: np.random.Generator) -> None:
     short = np.flatnonzero(last < HORIZON - 1)
     np.testing.assert_array_equal(ending.final_observations[short], endless.observations[short, last[short] + 1])
     difference = (endless.rewards - ending.rewards)[np.arange(50), last]
-    np.testing.assert_allclose(difference, -model.last_reward * ending.terminated)
+    np.testing.assert_allclose(difference, -model.terminal_reward.mean * ending.terminated)
 
 
 @pytest.mark.parametrize("history", [1, 3])
