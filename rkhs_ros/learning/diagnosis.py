@@ -22,7 +22,9 @@ PATIENCE = 5  # iterations for which a sign lasts; returns of fewer often differ
 EXPLOITS = 0.75  # gap between the two returns, relative to the larger; 0.7 if model rollouts start in better states
 RISE = 0.05  # smallest rise above the first return, relative to the larger; the noise of a return is often more
 PRECISE = 0.05  # error of a model in which nothing is left to learn, in standard deviations of the changes
-USELESS = 0.9  # error of a model that is hardly better than the mean change, which has 1
+BAD = 0.5  # error of a model that is not good in the states that it leads to; the mean change has 1
+TESTS = 4  # tests of models; a single model is bad in states that are new, and the first iteration has none to test
+ALIKE = 0.1  # gap between the two returns of a good model, whatever its error in columns that do not matter
 SATURATED = 0.95  # share of actions at their bounds; good policies that switch between bounds have less
 MOST_RECENT = 256  # iterations that stay in memory, besides the first
 REWARD_PATIENCE = 3  # iterations without a change of the reward; fewer may just not have reached it
@@ -116,9 +118,11 @@ def runs_away(recent: Sequence[Summary]) -> bool:
     return len(recent) >= REWARD_PATIENCE and all(each.runs_away for each in recent[-REWARD_PATIENCE:])
 
 
-def predicts_nothing(recent: Sequence[Summary]) -> bool:
-    """Return whether the models predict no better than the mean change."""
-    return len(recent) >= PATIENCE and all(each.model_error >= USELESS for each in recent[-PATIENCE:])
+def predicts_badly(recent: Sequence[Summary]) -> bool:
+    """Return whether the newest model and most of those before predicted both steps and returns badly."""
+    last = [each for each in recent if not isnan(each.model_error)][-TESTS:]
+    bad = [each.model_error >= BAD and not abs(_gap(each)) <= ALIKE for each in last]  # without evaluation, nan
+    return len(bad) == TESTS and bad[-1] and sum(bad) > TESTS / 2
 
 
 SIGNS: tuple[tuple[Callable[[Sequence[Summary]], bool], Advice], ...] = (
@@ -144,10 +148,10 @@ SIGNS: tuple[tuple[Callable[[Sequence[Summary]], bool], Advice], ...] = (
         ),
     ),
     (
-        predicts_nothing,
+        predicts_badly,
         Advice(
-            "the model predicts no better than the mean change",
-            "inputs.history=2, model.form=none for contacts, or less noise in the observations",
+            "the model predicts the newest episodes badly",
+            "more episodes_per_iteration, inputs.history=2, less noisy observations, or model.form=none for contacts",
         ),
     ),
     (

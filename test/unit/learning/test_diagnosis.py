@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from rkhs_ros.learning.diagnosis import (
-    PATIENCE,
     REWARD_PATIENCE,
     SIGNS,
     Advice,
@@ -18,7 +17,7 @@ from rkhs_ros.learning.diagnosis import (
     exploits_model,
     has_constant_reward,
     moves_away,
-    predicts_nothing,
+    predicts_badly,
     runs_away,
     saturates,
     stagnates,
@@ -47,12 +46,18 @@ def curve(count: int = 8, **values: float | bool) -> list[Summary]:
     return [known(1.4, **values) for _ in range(count)]
 
 
+def errors(*values: float) -> list[Summary]:
+    return [known(1.4, model_return=2.0, model_error=value) for value in values]
+
+
 HEALTHY = [known(value, model_error=error) for value, error in zip(GOOD, ERRORS, strict=True)]
 BAD: list[tuple[Sign, list[Summary]]] = [
     (has_constant_reward, curve(3, highest_reward=0.0)),
     (runs_away, curve(runs_away=True)),
     (saturates, curve(saturated=0.99)),
-    (predicts_nothing, curve(model_error=1.2)),
+    (predicts_badly, curve(model_return=0.9, model_error=1.2)),
+    (predicts_badly, curve(evaluation_return=nan, model_error=1.2)),
+    (predicts_badly, errors(nan, 6.4, 0.8, 0.4, 0.7)),  # a swimmer
     (exploits_model, curve(model_return=23.0)),
     (exploits_model, curve(evaluation_return=-600.0, model_return=-100.0)),
     (stagnates, curve(exploration_return=1.4, model_error=1e-5)),
@@ -94,8 +99,11 @@ def test_unknown_values_get_no_advice() -> None:
         curve(model_return=23.0, curious=True),
         curve(highest_reward=0.0, terminates=True),  # such as 1 for each step without a fall
         curve(saturated=0.9),
-        curve(model_error=0.8),
-        [*curve(PATIENCE, model_error=1.2)[1:], known(1.4)],
+        curve(model_return=2.0, model_error=0.45),
+        curve(model_return=1.5, model_error=0.8),  # columns that do not matter
+        errors(nan, 1.4, 0.2, 0.3, 0.2, 0.3),  # states that are new for one iteration
+        errors(nan, 2.6, 0.7, 0.3, 0.2, 0.1, 0.1),  # a model that becomes better
+        errors(nan, 2.6, 0.7, 0.9),
         [known(1.4, exploration_return=1.0, model_error=1e-5)] * 8,
     ],
 )
