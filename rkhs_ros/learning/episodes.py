@@ -166,6 +166,11 @@ class Episodes:
         """Maximum number of steps H."""
         return int(self.rewards.shape[1])
 
+    @property
+    def count(self) -> int:
+        """Number of steps of all episodes."""
+        return int(self.mask.sum())
+
     def returns(self, discount: float) -> Array:
         r"""Return the discounted return :math:`R(\xi) = \sum_t \gamma^t r_t` of each episode, shape (N,)."""
         return np.asarray(self.rewards @ discount ** np.arange(self.horizon))

@@ -31,6 +31,7 @@ class State:
         memory: episodes that the algorithm stores, or all episodes for model-based training; empty at first.
         explored: number of exploration episodes so far, which is the number of the next one.
         evaluated: number of evaluation episodes so far.
+        steps: number of environment steps of the exploration episodes so far.
     """
 
     iterations: int
@@ -38,6 +39,7 @@ class State:
     memory: Episodes
     explored: int
     evaluated: int
+    steps: int
 
 
 def first_policy(training: Training, spaces: Spaces) -> GaussianPolicy:
@@ -98,7 +100,7 @@ def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy |
         policy = policy.with_mean(_checked_mean(warm_start, policy))
     memory = Episodes.none(training.horizon, spaces.observation_dim, spaces.action_dim)
     is_model_based = isinstance(training.model, ModelBased)
-    return State(0, policy, memory if is_model_based else memory.with_inputs(policy.inputs), 0, 0)
+    return State(0, policy, memory if is_model_based else memory.with_inputs(policy.inputs), 0, 0, 0)
 
 
 def _finds_inputs(training: Training) -> bool:

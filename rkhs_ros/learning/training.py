@@ -77,6 +77,11 @@ class Iteration:
         return self.state.explored
 
     @property
+    def steps_used(self) -> int:
+        """Number of environment steps of these episodes."""
+        return self.state.steps
+
+    @property
     def policy(self) -> GaussianPolicy:
         """Policy after the update."""
         return self.state.policy
@@ -134,6 +139,7 @@ class Collector:
         self._runner = runner
         self.explored = state.explored
         self.evaluated = state.evaluated
+        self.steps = state.steps
         self._tried: list[Episodes] = []
         self._ahead: Episodes | None = None
 
@@ -142,13 +148,16 @@ class Collector:
         ahead, self._ahead = self._ahead, None
         batch = self._exploring(self._training.episodes_per_iteration)
         self.explored += batch.num_envs
-        return self._runner.collect(policy, batch) if ahead is None else ahead
+        exploration = self._runner.collect(policy, batch) if ahead is None else ahead
+        self.steps += exploration.count
+        return exploration
 
     def try_out(self, policy: GaussianPolicy, episodes: int) -> Episodes:
         """Run exploration episodes to try a step size; return them with the policy's inputs as observations."""
         batch = self._exploring(episodes)
         self.explored += episodes
         tried = self._runner.collect(policy, batch)
+        self.steps += tried.count
         self._tried.append(tried)
         discount, spaces = self._training.discount, self._runner.spaces
         return tried.decisions(policy.action_repeat, discount, spaces).with_inputs(policy.inputs)
@@ -228,7 +237,7 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
     explores_next = done < training.iterations
     evaluation = collector.evaluate(policy, explores_next=explores_next) if due else exploration.take(slice(0))
     return Iteration(
-        state=State(done, policy, memory, collector.explored, collector.evaluated),
+        state=State(done, policy, memory, collector.explored, collector.evaluated, collector.steps),
         exploration=exploration,
         exploration_returns=exploration.returns(training.discount),
         evaluation=evaluation,

@@ -75,7 +75,7 @@ class MessageFile:
         require_replaceable(path)
         self.path = path
         self._sync = False  # the initial messages are synced together
-        self._channels: dict[tuple[str, str], int] = {}
+        self._channels: dict[tuple[str, str, str], int] = {}
         self._number = 0
         aside = path.with_name(path.name + ".part")
         with named(path):
@@ -132,7 +132,7 @@ class MessageFile:
         self._outgoing.content = b""
 
     def _channel(self, message: Stored) -> int:
-        key = message.topic, message.kind
+        key = message.topic, message.kind, message.definition  # a resumed run may have an older definition
         if key not in self._channels:
             schema = self._writer.register_schema(message.kind, "ros2msg", message.definition.encode())
             self._channels[key] = self._writer.register_channel(message.topic, "cdr", schema)

@@ -100,6 +100,7 @@ def update_fields(iteration: Iteration) -> dict[str, Any]:
     return {
         "iteration": iteration.number,
         "episodes": iteration.episodes_used,
+        "steps": iteration.steps_used,
         "evaluation_episodes": iteration.state.evaluated,
         "exploration_return": iteration.exploration_return,
         "exploration_return_sd": float(iteration.exploration_returns.std()),

@@ -28,7 +28,7 @@ ACCEPT = "--allow-provenance-change"  # option of ``rkhs train``
 SYNC_EVERY = 1.0  # seconds; waiting for the disk takes longer than many iterations
 STORED = 2  # newest checkpoints that are not deleted
 FREE = ("iterations", "simulators", "timeout")  # settings that do not affect the result of an iteration
-COUNTS = ("iterations", "explored", "evaluated")  # of a state
+COUNTS = ("iterations", "explored", "evaluated", "steps")  # of a state
 _digest = partial(blake2b, digest_size=16)
 REMEDY = "Restore the file, or train in another folder."
 WHOLE = "expected an intact checkpoint to resume from"
@@ -165,7 +165,7 @@ class Checkpoints:
         """Return the state in a checkpoint and the digest of the curve up to it; None if it is damaged."""
         try:
             arrays = unpacked(read_whole(path))
-            about = json.loads(arrays["about"].item())
+            about = {"steps": 0} | json.loads(arrays["about"].item())  # older checkpoints do not count steps
             _check_same_run(path, about, self._compared)
             memory = Episodes(*(arrays[f"memory_{name}"] for name in MEMORY))
             counts = {name: about[name] for name in COUNTS}

@@ -25,6 +25,7 @@ class Row(NamedTuple):
 
     iteration: int
     episodes: int
+    steps: int
     evaluation_episodes: int
     exploration_return: float
     exploration_return_sd: float
@@ -45,6 +46,7 @@ class Row(NamedTuple):
         return cls(
             iteration=iteration.number,
             episodes=iteration.episodes_used,
+            steps=iteration.steps_used,
             evaluation_episodes=iteration.state.evaluated,
             exploration_return=iteration.exploration_return,
             exploration_return_sd=float(iteration.exploration_returns.std()),
@@ -61,7 +63,7 @@ class Row(NamedTuple):
 
 
 NAN = float("nan")
-BEGINNING = Row(0, 0, 0, NAN, NAN, NAN, NAN, 0, NAN, NAN, NAN, NAN, NAN, 0.0)  # before the first iteration
+BEGINNING = Row(0, 0, 0, 0, NAN, NAN, NAN, NAN, 0, NAN, NAN, NAN, NAN, NAN, 0.0)  # before the first iteration
 
 
 def columns(rows: Sequence[Row]) -> dict[str, NDArray[Any]]:
@@ -83,14 +85,15 @@ def seconds_left(rows: Sequence[Row], iterations: int) -> float:
     return max(pace, 0.0) * (iterations - newest.iteration)
 
 
-HEADER = ",".join(Row._fields)
-KINDS = tuple(get_type_hints(Row).values())
+KINDS = get_type_hints(Row)
+WITHOUT_STEPS = tuple(name for name in Row._fields if name != "steps")  # columns of runs from before this column
 
 
 class Curve:
     """Learning curve of a run so far.
 
-    Owns its file.
+    Owns its file. A file without the column ``steps`` stays without it, since checkpoints contain a digest of the
+    lines; its rows have 0 steps.
 
     Args:
         path: the file, which may not exist yet.
@@ -98,6 +101,7 @@ class Curve:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._names = Row._fields
 
     def rows(self) -> list[Row]:
         """Return the lines of iterations 1, 2, ..., without an incomplete last line.
@@ -108,6 +112,7 @@ class Curve:
         """
         text = read_whole(self.path).decode("ascii", errors="replace") if self.path.exists() else ""
         *lines, torn = text.split(END)
+        self._names = WITHOUT_STEPS if lines[:1] == [",".join(WITHOUT_STEPS)] else Row._fields
         rows = [self._row(number, line) for number, line in enumerate(lines)]
         if not TORN.fullmatch(torn):
             raise self._damaged(len(lines), torn)
@@ -119,7 +124,7 @@ class Curve:
         Raises:
             OSError: the file cannot be written.
         """
-        write_whole(self.path, "".join(map(_line, [Row._fields, *rows])).encode())
+        write_whole(self.path, "".join(map(_line, [self._names, *map(self._values, rows)])).encode())
 
     def append(self, row: Row) -> None:
         """Append a line.
@@ -131,22 +136,27 @@ class Curve:
             size = self.path.stat().st_size
             try:
                 with self.path.open("ab") as file:
-                    file.write(_line(row).encode())
+                    file.write(_line(self._values(row)).encode())
             except OSError:
                 os.truncate(self.path, size)  # a full disk may have taken a part
                 raise
 
     def _row(self, number: int, line: str) -> Row:
         """Return the values of the line with a number; BEGINNING for the header."""
-        if number == 0 and line == HEADER:
+        if number == 0 and line == ",".join(self._names):
             return BEGINNING
-        row = _row(line)
+        row = _row(self._names, line)
         if row is None or row.iteration != number or number == 0:
             raise self._damaged(number, line)
         return row
 
+    def _values(self, row: Row) -> list[object]:
+        """Return the values of a row in the columns of the file."""
+        return [getattr(row, name) for name in self._names]
+
     def _damaged(self, number: int, got: str) -> ValueError:
-        expected = f"the original line of iteration {number}" if number else f"the header, {HEADER[:20]}..."
+        header = f"the header, {','.join(self._names)[:20]}..."
+        expected = f"the original line of iteration {number}" if number else header
         return ValueError(
             f"{self.path}: line {number + 1} is damaged or was edited; expected {expected}, "
             f"got {truncated(repr(got))}. Restore the file, or train in another folder."
@@ -157,10 +167,10 @@ def _line(values: Iterable[object]) -> str:
     return ",".join(map(str, values)) + END
 
 
-def _row(line: str) -> Row | None:
-    """Return the values of a line; None if `_line` would not write these values as the same line."""
+def _row(names: Sequence[str], line: str) -> Row | None:
+    """Return the values of a line by the names of its columns; None if `_line` would write another line for them."""
     try:
-        row = Row(*(kind(word) for kind, word in zip(KINDS, line.split(","), strict=True)))
+        values = {name: KINDS[name](word) for name, word in zip(names, line.split(","), strict=True)}
     except ValueError:
         return None
-    return row if _line(row) == line + END else None
+    return Row(**{"steps": 0, **values}) if _line(values.values()) == line + END else None

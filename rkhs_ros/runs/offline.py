@@ -63,7 +63,7 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
             outperformed_iterations=state.iterations,
         )
         model_update = train_in_model(settings, training.algorithm, state.policy, experience)
-        state = State(state.iterations + 1, model_update.policy, episodes, len(episodes), 0)
+        state = State(state.iterations + 1, model_update.policy, episodes, len(episodes), 0, episodes.count)
         yield Iteration(
             state=state,
             exploration=episodes,

@@ -81,6 +81,7 @@ def _rows(parts: Sequence[list[RecordedBatch]]) -> Iterator[Row]:
         row = row._replace(
             iteration=row.iteration + 1,
             episodes=row.episodes + len(exploration or ()),
+            steps=row.steps + (exploration.count if exploration else 0),
             evaluation_episodes=row.evaluation_episodes + len(evaluation or ()),
             exploration_return=_mean_return(exploration),
             evaluation_return=_mean_return(evaluation),

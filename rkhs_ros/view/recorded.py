@@ -125,7 +125,7 @@ class Recorded:
         self.nodes: Mapping[str, Mapping[str, Any]] = robot_nodes(loaded(head.configuration))
 
     def _row(self, update: Any, place: Place) -> Row:
-        known = {name: getattr(update, name) for name in Row._fields if name != "seconds"}
+        known = {name: getattr(update, name, 0) for name in Row._fields if name != "seconds"}  # 0 steps in old files
         return Row(**known, seconds=(place.time - self._began_ns) / 1e9)
 
     def _batch(self, place: Place) -> RecordedBatch:

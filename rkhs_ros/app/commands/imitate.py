@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
     policy.save(options.out)
     mean = policy.gaussian.mean
     rms = " ".join(f"{sd:.3g}" for sd in np.sqrt(policy.gaussian.variance(np.zeros((1, mean.input_dim)))[0]))
-    steps, centres = int(episodes.mask.sum()), len(mean.centres)
+    steps, centres = episodes.count, len(mean.centres)
     print(f"Fitted {centres} centres to {steps} steps of {len(episodes)} episodes; rms error of the action: {rms}.")
     print(f"Policy: {options.out}")
     if not task.environment:

@@ -68,7 +68,7 @@ class TaskCheck:
             change_per_step=change_per_decision(features, 1),
             change_per_decision=change_per_decision(features, repeat),
             inputs=inputs,
-            decisions=int(decisions.mask.sum()),
+            decisions=decisions.count,
         )
 
     @property

@@ -114,6 +114,8 @@ def test_exploring_episodes_that_run_ahead_are_bit_identical(
         assert len(one.tried) == len(other.tried) == (2 if isinstance(algorithm.step, LineSearch) else 0)
     ahead = [batch for batch in together.batches if batch.num_evaluation]
     assert len(one_by_one.batches) - len(together.batches) == len(ahead) == {0: 0, 1: 2, 2: 1}[every]
+    steps = [sum(each.count for each in (i.exploration, *i.tried)) for i in train(training, Watching())]
+    assert [i.steps_used for i in train(training, Watching())] == np.cumsum(steps).tolist()
     assert {key for batch in one_by_one.batches for key in batch.keys} == {
         key for batch in together.batches for key in batch.keys
     }  # none after the last iteration
@@ -222,6 +224,7 @@ def test_no_episode_number_repeats_and_exploring_episodes_are_counted() -> None:
         numbers[explore] += got.observations[:, 0, 0].tolist()
     assert numbers == {True: list(range(15)), False: list(range(6))}
     assert (collector.explored, collector.evaluated) == (15, 6)
+    assert collector.steps == 4 * 15
     assert [len(each) for each in (collector.take_tried(), collector.take_tried())] == [2, 0]
 
 

@@ -98,7 +98,7 @@ def test_an_independent_reader_gets_the_same_values(whole: Path) -> None:
 def test_a_recording_contains_the_episodes_of_the_run(whole: Path) -> None:
     recording = read_recording(whole)
     curve = [line.split(",") for line in (whole.parent / "curve.csv").read_text().splitlines()[1:]]
-    assert [str(update.exploration_return) for update in recording.updates] == [line[3] for line in curve]
+    assert [str(update.exploration_return) for update in recording.updates] == [line[4] for line in curve]
     for update in recording.updates:
         batch = next(b for b in recording.batches if b.batch.explore and b.batch.first_episode == update.episodes - 3)
         assert np.array_equal(batch.episodes.returns(CONFIG.training.discount), update.exploration_returns)
@@ -139,6 +139,13 @@ def test_a_flipped_bit_is_always_detected(whole: Path, tmp_path: Path, rng: np.r
         lost += len(found.messages) < len(everything)
         content[at] ^= 1 << bit
     assert 100 < lost < 200
+
+
+def test_a_file_that_continues_with_a_newer_definition_keeps_the_older_messages(tmp_path: Path) -> None:
+    (new,) = noted(["new"])
+    old = replace(new, definition="uint32 number", content=b"\0\1\0\0\7\0\0\0")
+    MessageFile(tmp_path / "a.mcap", [old, new]).close()
+    assert read_messages(tmp_path / "a.mcap").messages == [old, new]
 
 
 def test_messages_after_a_damaged_one_are_read(tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ COLUMNS = [
     *(
         "iteration",
         "episodes",
+        "steps",
         "evaluation_episodes",
         "exploration_return",
         "exploration_return_sd",
@@ -60,6 +61,7 @@ def test_a_run_writes_its_curve_and_policy(
     for iteration, row in zip(iterations, rows, strict=True):
         assert int(row["iteration"]) == iteration.number
         assert int(row["episodes"]) == 3 * iteration.number
+        assert int(row["steps"]) == 3 * 8 * iteration.number
         assert float(row["exploration_return"]) == iteration.exploration_returns.mean()
         assert float(row["exploration_return_sd"]) == iteration.exploration_returns.std()
         assert float(row["evaluation_return"]) == iteration.evaluation_returns.mean()

@@ -1,3 +1,4 @@
+import json
 import resource
 import signal
 import subprocess
@@ -5,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from hashlib import blake2b
 from importlib.machinery import ModuleSpec
 from itertools import chain, repeat
 from pathlib import Path
@@ -18,7 +20,7 @@ from rkhs_ros.app.commands import train
 from rkhs_ros.base import ros
 from rkhs_ros.base.lock import locked
 from rkhs_ros.learning.training_settings import Training
-from rkhs_ros.policies.storage import read_policy, unpacked
+from rkhs_ros.policies.storage import packed, read_policy, unpacked
 from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
@@ -98,6 +100,35 @@ def test_the_best_of_several_evaluation_episodes_is_restored(tmp_path: Path, bat
     config = longer(4, evaluation_episodes=3)
     folder = run_training(config, Stopping(), tmp_path / "whole", quiet=True)
     assert results(resumed(stopped(tmp_path / "run", batches, config), config)) == results(folder)
+
+
+def without_steps(folder: Path) -> Path:
+    """Rewrite the files of a run as they were before steps were counted."""
+    curve = folder / "curve.csv"
+    lines = [line.split(",") for line in curve.read_bytes().decode().splitlines(keepends=True)]
+    place = lines[0].index("steps")
+    older = [",".join(line[:place] + line[place + 1 :]).encode() for line in lines]
+    curve.write_bytes(b"".join(older))
+    for path in (folder / "checkpoints").glob("*.npz"):
+        arrays = unpacked(path.read_bytes())
+        about = json.loads(arrays["about"].item())
+        del about["steps"]
+        about["curve"] = blake2b(b"".join(older[: about["iterations"] + 1]), digest_size=16).hexdigest()
+        path.write_bytes(packed(arrays | {"about": np.array(json.dumps(about).encode())}))
+    return folder
+
+
+@pytest.mark.parametrize("batches", [2, 4])
+def test_a_run_without_a_count_of_steps_resumes(tmp_path: Path, whole: dict[str, object], batches: int) -> None:
+    folder = without_steps(stopped(tmp_path / "run", batches))
+    assert [row.steps for row in Curve(folder / "curve.csv").rows()] == [0] * (batches // 2)
+    with pytest.raises(KeyboardInterrupt):
+        run_training(CONFIG, Stopping(3), folder, quiet=True, resume=True)
+    found = results(resumed(folder))
+    run_training(CONFIG, Stopping(), tmp_path / "whole", quiet=True)
+    assert found["curve.csv"] == results(without_steps(tmp_path / "whole"))["curve.csv"]
+    assert all(found[name] == whole[name] for name in ("best_policy.npz", "policy.npz", "episodes.npz"))
+    assert [row.episodes for row in Curve(folder / "curve.csv").rows()] == [2, 4, 6, 8]
 
 
 def test_a_run_stopped_repeatedly_resumes_bit_identically(tmp_path: Path, whole: dict[str, object]) -> None:
@@ -241,7 +272,7 @@ def test_configuration_and_checkpoints_of_another_run_are_rejected(tmp_path: Pat
 
 
 ROWS = [
-    Row(k, 3 * k, 2 * k, -1.5 / k, 0.1, 1e-17 * k, 0.2, k, 1.0, float("nan"), 0.0, 7.5, 0.1 * k, 0.25 * k)
+    Row(k, 3 * k, 30 * k, 2 * k, -1.5 / k, 0.1, 1e-17 * k, 0.2, k, 1.0, float("nan"), 0.0, 7.5, 0.1 * k, 0.25 * k)
     for k in (1, 2, 3)
 ]
 

@@ -38,7 +38,7 @@ def run_folder(
     training = Training(**{"horizon": 20, "iterations": len(returns) or 1, **settings})
     folder.mkdir(parents=True)
     (folder / "config.yaml").write_text(resolved(Config(Environment("rkhs/Toy-v0", {}), training)))
-    values = dict.fromkeys(Row._fields, 0.0) | {"centres": 3, "evaluation_episodes": 0}
+    values = dict.fromkeys(Row._fields, 0.0) | {"centres": 3, "steps": 0, "evaluation_episodes": 0}
     rows = [
         Row(
             **values
