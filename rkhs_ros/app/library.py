@@ -6,7 +6,6 @@ import time
 from collections.abc import Generator, Iterable, Iterator, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, fields, replace
-from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -186,10 +185,7 @@ def _training(simulation: Simulation, algorithm: Algorithm | str | None, setting
         given["model"] = pick(given["model"], MODELS, "model")()
     name = algorithm if isinstance(algorithm, str) else _name_of(algorithm)
     form = "none" if isinstance(given.get("model"), NoModel) else "gaussian_process"
-    steps = given["horizon"]
-    valid = isinstance(steps, Integral) and int(steps) > 0  # others are reported below
-    steps = int(steps) if valid else Training.horizon
-    untuned = training_from(settings_for(name, form, steps))
+    untuned = training_from(settings_for(name, form, given["horizon"]))
     kernel = given.get("kernel", untuned.kernel)
     if isinstance(kernel, str):
         kernel = replace(untuned.kernel, form=kernel)

@@ -244,7 +244,6 @@ def config_for(environment: str, horizon: int | None, changes: Iterable[str] = (
     chosen = tree_of(changes, {"algorithm": {"name": "rkhs_nac"}, "model": {"form": "gaussian_process"}})
     algorithm, settings = _named(chosen, "algorithm", "name", "rkhs_nac"), _named(chosen, "model", "form", "none")
     steps = chosen.get("horizon", horizon or Training.horizon)
-    steps = steps if isinstance(steps, int) and steps > 0 else Training.horizon  # invalid values are reported below
     tree = {"name": name_of_run(environment), "environment": {"id": environment}}
     config = _changed(tree | settings_for(algorithm, settings, steps), changes)
     return replace(config, sets_horizon=horizon is not None or "horizon" in chosen)

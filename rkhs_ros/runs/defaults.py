@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from numbers import Integral
 from typing import Any
 
 from rkhs_ros.learning.training_settings import AUTO, Training
@@ -37,7 +38,7 @@ HORIZON_PER_TIME_CONSTANT = 4.0  # a long episode is optimised for a quarter of 
 
 
 def settings_for(
-    algorithm: str = "rkhs_nac", model: str = "gaussian_process", horizon: int = Training.horizon
+    algorithm: str = "rkhs_nac", model: str = "gaussian_process", horizon: object = Training.horizon
 ) -> dict[str, Any]:
     """Return the default settings of the learner for an untuned task.
 
@@ -47,14 +48,16 @@ def settings_for(
     Args:
         algorithm: name of the algorithm.
         model: form of the model; training without a model has other defaults.
-        horizon: maximum number of steps per episode, at least 1.
+        horizon: maximum number of steps per episode; an invalid one, which `Training` rejects later, counts as the
+            default.
     """
+    steps = int(horizon) if isinstance(horizon, Integral) and int(horizon) > 0 else Training.horizon
     is_model_based = model != "none"
     form, batches, few = ("rbf", MODEL_BASED, {}) if is_model_based else ("rbf + linear", WITHOUT_MODEL, FEW_SAMPLES)
     return {
         **batches,
-        "horizon": horizon,
-        "discount": max(Training.discount, 1.0 - HORIZON_PER_TIME_CONSTANT / horizon),
+        "horizon": steps,
+        "discount": max(Training.discount, 1.0 - HORIZON_PER_TIME_CONSTANT / steps),
         "action_repeat": AUTO,
         "exploration_sd": "range",
         "kernel": {"form": form, "bandwidth": "dimension"},
