@@ -36,12 +36,19 @@ def reported_names(names: object, count: int) -> tuple[str, ...]:
     return tuple(names) if good else ()  # type: ignore[arg-type]
 
 
-def input_names(inputs: Inputs, names: Names) -> tuple[str, ...]:
-    """Return the names of the policy's inputs in their order."""
+def input_names(inputs: Inputs, names: Names, action_repeat: int = 1) -> tuple[str, ...]:
+    """Return the names of the policy's inputs in their order.
+
+    Args:
+        inputs: the inputs.
+        names: names of a task's components.
+        action_repeat: number of steps between two decisions, which a history contains.
+    """
     observed = _with_angles(names.observations, inputs.columns)
     if inputs.history > 1:
-        ages = range(inputs.history - 1, -1, -1)
-        observed = [name for ago in ages for name in [*_with_age(observed, ago), *_with_age(names.actions, ago + 1)]]
+        ages = range((inputs.history - 1) * action_repeat, -1, -action_repeat)
+        earlier = ((_with_age(observed, ago), _with_age(names.actions, ago + action_repeat)) for ago in ages)
+        observed = [name for both in earlier for part in both for name in part]
     if inputs.degree == 0:
         return tuple(observed)
     chosen = combinations_with_replacement(range(len(observed) + 1), inputs.degree)

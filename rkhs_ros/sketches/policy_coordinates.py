@@ -36,9 +36,13 @@ class PolicyCoordinates:
         return self.policy.inputs if self.policy else Inputs()
 
     @property
+    def _repeat(self) -> int:
+        return self.policy.action_repeat if self.policy else 1
+
+    @property
     def labels(self) -> tuple[str, ...]:
         """Names of the coordinates."""
-        return self.names.observations if self.are_observed else input_names(self._inputs, self.names)
+        return self.names.observations if self.are_observed else input_names(self._inputs, self.names, self._repeat)
 
     def of(self, episodes: Episodes) -> list[Array]:
         """Return the points visited in each episode, shape (steps, coordinates)."""
@@ -47,7 +51,7 @@ class PolicyCoordinates:
 
     def _decided(self, episodes: Episodes) -> Array:
         """Return the inputs of the decision at each step, shape (N, H, inputs)."""
-        repeat = self.policy.action_repeat if self.policy else 1
+        repeat = self._repeat
         inputs = self._inputs.unfold(episodes.observations[:, ::repeat], episodes.actions[:, ::repeat])
         return np.repeat(inputs, repeat, axis=1)[:, : episodes.horizon]
 

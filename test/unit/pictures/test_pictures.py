@@ -364,6 +364,8 @@ def test_names_of_inputs_match_their_columns() -> None:
         "push, 3 steps ago",
     )
     assert labels[-4:] == ("sine of angle", "cosine of angle", "speed", "push, 1 step ago")
+    held = input_names(inputs, names, 3)
+    assert (held[2], held[3], held[-1]) == ("speed, 6 steps ago", "push, 9 steps ago", "push, 3 steps ago")
     made = episodes(1, 9, 2, 1)
     (point,) = inputs.at(np.array([8]), made.observations, made.actions)[0]
     o, a = made.observations[0], made.actions[0]
