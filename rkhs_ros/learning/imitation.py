@@ -10,11 +10,13 @@ from rkhs_ros.base.settings import Settings, build, setting
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.gaussian import MOST_REPEAT, GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.pursuit import pursue
 
+UNDISCOUNTED = 1.0  # rewards do not matter
 LEAST_SD = 1e-6  # minimum exploration, for demonstrations that are fitted without error
 
 
@@ -29,27 +31,33 @@ class Imitation(Settings):
 
     centres: int = setting(40, "maximum number of centres of the policy", minimum=1, maximum=2000)
     ridge: float = setting(1e-6, "penalty lambda on the squared norm in the RKHS", minimum=0.0, maximum=1e6)
+    action_repeat: int = setting(
+        1, "number of steps for which the policy holds an action", minimum=1, maximum=MOST_REPEAT
+    )
     inputs: Inputs = Inputs()
     kernel: KernelChoice = KernelChoice()
 
-    def fit(self, episodes: Episodes) -> GaussianPolicy:
+    def fit(self, episodes: Episodes, spaces: Spaces) -> GaussianPolicy:
         """Fit a policy whose exploration is the error of the fit.
 
         Args:
-            episodes: demonstrated observations and actions, at least one step in total.
+            episodes: demonstrated observations and actions, at least one step in total. The fit uses the steps at which
+                the policy decides.
+            spaces: spaces of the task.
 
         Raises:
             ValueError: there is no step, or the inputs do not match the observations.
         """
         require(bool(episodes.mask.any()), "episodes", "at least one step", "none")
-        demonstrated = episodes.with_inputs(self.inputs)
+        demonstrated = episodes.decisions(self.action_repeat, UNDISCOUNTED, spaces).with_inputs(self.inputs)
         points, actions = demonstrated.flat(demonstrated.observations), demonstrated.flat(demonstrated.actions)
         kernel = self.kernel.fit(points, self.inputs.ages)
         mean = pursue(
             kernel, points, actions, points, budget=self.centres, ridge=self.ridge, rank=4 * self.centres
         ).function
         sd = np.sqrt(np.mean((actions - mean(points)) ** 2, axis=0))
-        return GaussianPolicy(mean, ConstantVariance(np.maximum(sd, LEAST_SD) ** 2), self.inputs)
+        variance = ConstantVariance(np.maximum(sd, LEAST_SD) ** 2)
+        return GaussianPolicy(mean, variance, self.inputs, action_repeat=self.action_repeat)
 
 
 def imitation_from(tree: dict[str, object]) -> Imitation:

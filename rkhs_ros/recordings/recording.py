@@ -75,6 +75,12 @@ class Recording:
         return self.heads[0] if self.heads else None
 
     @property
+    def action_repeat(self) -> int | None:
+        """Action repeat of the newest trained policy; None if there is none."""
+        trained = [policy for policy in self.policies.values() if len(policy.mean.centres) > 0]
+        return trained[-1].action_repeat if trained else None
+
+    @property
     def finished(self) -> list[RecordedBatch]:
         """The completed episodes, each once, as batches of one episode."""
         return list(self.by_numbers().values())

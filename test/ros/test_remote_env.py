@@ -16,6 +16,7 @@ from gymnasium.spaces import Box
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
+import rkhs_ros
 import test.ros.uneven  # noqa: F401  # registers the environment
 from rkhs_interfaces.msg import Observation
 from rkhs_ros.base.endings import RunError
@@ -86,6 +87,27 @@ def test_a_thousand_steps_equal_those_of_the_environment(simulator: Simulate, ma
             over += 1
             assert_same(remote.reset(), direct.reset())
     assert over >= STEPS // 100
+
+
+def test_a_policy_that_holds_its_actions_is_trained_and_acts_alike(simulator: Simulate, make: Make) -> None:
+    task = "rkhs/Pendulum-v0"
+    simulator(task)
+    settings = {"iterations": 2, "episodes_per_iteration": 2, "evaluation_episodes": 1, "horizon": 30}
+    results = [
+        rkhs_ros.train(make(gymnasium.make, name), model="none", action_repeat=3, progress=False, **settings)
+        for name in ("rkhs/Remote-v0", task)
+    ]
+    for name in results[0].curve.keys() - {"seconds"}:
+        np.testing.assert_array_equal(*(result.curve[name] for result in results))
+    assert results[0].curve["steps"].tolist() == [60, 120]
+    policy, remote = results[0].policy, make(gymnasium.make, "rkhs/Remote-v0")
+    observation, _ = remote.reset(seed=5)
+    actions = []
+    for _ in range(9):
+        actions.append(policy(observation))
+        observation, *_ = remote.step(actions[-1])
+    assert np.array_equal(actions, np.repeat(actions[::3], 3, axis=0))
+    assert len(np.unique(actions)) == 3
 
 
 def test_automatic_resets_equal_those_of_gymnasium(simulator: Simulate, make: Make) -> None:

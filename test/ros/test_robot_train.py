@@ -13,9 +13,11 @@ from rkhs_interfaces.srv import DescribeTask
 from rkhs_ros.app.launcher import robot_parameters
 from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.policies.storage import read_policy
+from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.episode_files import load_episodes
+from rkhs_ros.runs.replay import replay
 from test.ros.conftest import ROOT, Probe, Process
 from test.ros.robot_bench import CONFIG, QUICK
 
@@ -44,10 +46,12 @@ def test_the_nodes_of_the_launch_file_learn_on_a_simulated_robot(start: Start, t
     assert len(list((folder / "checkpoints" / "episodes").glob("*_steps_40.npz"))) == 2
 
 
-def test_a_policy_is_evaluated_on_the_robot_without_exploration(start: Start, tmp_path: Path) -> None:
-    folder = tmp_path / "run"
-    code, _, err = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *QUICK, "iterations=1").finish()
+def test_a_policy_that_holds_its_actions_is_evaluated_without_exploration(start: Start, tmp_path: Path) -> None:
+    repeat = 3
+    folder, short = tmp_path / "run", (*QUICK, "iterations=1", f"action_repeat={repeat}")
+    code, _, err = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *short).finish()
     assert code == 0, err
+    assert len(list(replay(read_recording(folder)))) == 1
     journal = {file.name for file in folder.glob("checkpoints/episodes/*")}
     code, out, err = start("rkhs", "evaluate", folder, "--episodes", 2, "--discount", 1.0).finish()
     assert code == 0, err
@@ -57,12 +61,13 @@ def test_a_policy_is_evaluated_on_the_robot_without_exploration(start: Start, tm
     policy, _, spaces = read_policy(folder / "policy.npz")
     assert spaces is not None
     assert spaces.observation_names == ("motor position (rad)", "motor velocity (rad/s)")
-    mean = policy.mean(policy.inputs.features(episodes.observations.reshape(-1, 2))).reshape(episodes.actions.shape)
+    decided = policy.mean(policy.inputs.features(episodes.observations[:, ::repeat].reshape(-1, 2)))
+    mean = np.repeat(decided.reshape(2, -1, 1), repeat, axis=1)[:, : episodes.horizon]
     np.testing.assert_allclose(episodes.actions, mean)  # without exploration noise
     assert {file.name for file in folder.glob("checkpoints/episodes/*")} == journal
     code, _, err = start("rkhs", "render", folder).finish()
     assert (code, len(err.splitlines())) == (2, 1)
-    assert f"rkhs evaluate {folder} moves it" in err
+    assert f"rkhs evaluate {folder} to run episodes" in err
 
 
 def test_a_run_on_a_simulated_robot_can_be_resumed(start: Start, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.imitation import imitation_from
 from rkhs_ros.policies.policy import Policy
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.policies.storage import Task
+from rkhs_ros.policies.storage import Task, read_policy
 from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.runs.config import Environment, tree_of
 from rkhs_ros.runs.episode_files import load_episodes
@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="extend",
         default=[],
         metavar="KEY=VALUE",
-        help="centres, ridge, and inputs.* and kernel.* as for train",
+        help="centres, ridge, action_repeat, and inputs.* and kernel.* as for train",
     )
     add(
         "--out",
@@ -49,14 +49,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Fit the policy, save it, and print its distance from the demonstrations."""
     file = options.episodes / "episodes.npz" if (options.episodes / "episodes.npz").is_file() else options.episodes
-    episodes, recorded_task = load_episodes(file) if file.suffix == ".npz" else _recorded(file)
-    imitation = imitation_from(tree_of(options.set))
+    episodes, recorded_task, repeat = _stored(file) if file.suffix == ".npz" else _recorded(file)
+    imitation = imitation_from(tree_of([f"action_repeat={repeat}", *options.set]))
     task = _task(episodes, recorded_task, options.env)
     spaces = spaces_of(Environment(task.environment, task.options)) if task.environment else _plain(episodes)
     for what, size in (("observations", spaces.observation_dim), ("actions", spaces.action_dim)):
         got = getattr(episodes, what).shape[2]
         require(got == size, f"{file}: {what}", f"{size} numbers for {task.environment}", got)
-    policy = Policy(imitation.fit(episodes), task, spaces)
+    policy = Policy(imitation.fit(episodes, spaces), task, spaces)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     policy.save(options.out)
     mean = policy.gaussian.mean
@@ -69,10 +69,17 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _recorded(file: Path) -> tuple[Episodes, Task | None]:
-    """Return the completed episodes of a recording, and their task."""
+def _stored(file: Path) -> tuple[Episodes, Task | None, int]:
+    """Return the episodes in a file, their task, and the action repeat of the policy in the same folder, if any."""
+    policy = file.with_name("policy.npz")
+    repeat = read_policy(policy).policy.action_repeat if file.name == "episodes.npz" and policy.is_file() else 1
+    return *load_episodes(file), repeat
+
+
+def _recorded(file: Path) -> tuple[Episodes, Task | None, int]:
+    """Return the completed episodes of a recording, their task, and the action repeat of the newest policy."""
     recording = read_recording(file)
-    return recording.episodes(), recording.head.task if recording.head else None
+    return recording.episodes(), recording.head.task if recording.head else None, recording.action_repeat or 1
 
 
 def _task(episodes: Episodes, recorded: Task | None, environment: str | None) -> Task:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from rkhs_ros.base.streams import Lossy
 from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.training_settings import AUTO
 from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import save_policy
@@ -64,6 +66,9 @@ def _train(options: argparse.Namespace) -> int:
     changes = [f"iterations={options.iterations}", f"horizon={episodes.horizon}"]
     changes += [f"seed={options.seed}"] if options.seed is not None else []
     config, spaces = _settings(recordings, files[0] if files else None, [*changes, *options.set])
+    if config.training.action_repeat == AUTO:
+        repeats = [each.action_repeat for each in recordings.values() if each.action_repeat]
+        config = replace(config, training=replace(config.training, action_repeat=repeats[0] if repeats else AUTO))
     folder = new_folder(options.out, config.training.name)
     use_one_thread()
     print(_train_into(folder, config, spaces, episodes, quiet=options.quiet), file=Lossy(sys.stdout), flush=True)

@@ -15,6 +15,7 @@ from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.inline_runner import InlineRunner
@@ -23,6 +24,7 @@ from rkhs_ros.runs.episode_files import load_episodes, save_episodes
 
 MakePolicy = Callable[..., GaussianPolicy]
 MakeEpisodes = Callable[..., Episodes]
+SPACES = Spaces.unbounded(2, 2)
 
 
 def test_with_all_states_as_centres_it_is_kernel_ridge_regression(
@@ -30,7 +32,7 @@ def test_with_all_states_as_centres_it_is_kernel_ridge_regression(
 ) -> None:
     shown = random_episodes(random_policy(), n=5, horizon=6, masked=True)
     points, actions = shown.flat(shown.observations), shown.flat(shown.actions)
-    fitted = Imitation(centres=len(points), ridge=0.01, kernel=KernelChoice(bandwidth=(0.7,))).fit(shown)
+    fitted = Imitation(centres=len(points), ridge=0.01, kernel=KernelChoice(bandwidth=(0.7,))).fit(shown, SPACES)
     oracle = KernelRidge(alpha=0.01 * len(points), kernel="rbf", gamma=0.5 / 0.7**2).fit(points, actions)
     x = np.linspace(-2, 2, 30).reshape(15, 2)
     np.testing.assert_allclose(fitted.mean(x), oracle.predict(x), atol=1e-8)
@@ -40,14 +42,26 @@ def test_with_all_states_as_centres_it_is_kernel_ridge_regression(
 
 def test_imitation_uses_the_inputs_of_the_policy(random_policy: MakePolicy, random_episodes: MakeEpisodes) -> None:
     shown = random_episodes(random_policy(), n=5, horizon=6)
-    fitted = Imitation(inputs=Inputs(history=2)).fit(shown)
+    fitted = Imitation(inputs=Inputs(history=2)).fit(shown, SPACES)
     assert fitted.mean.input_dim == 2 * (2 + 2)
     assert fitted.inputs == Inputs(history=2)
 
 
+def test_an_imitated_policy_that_holds_its_actions_is_fitted_to_its_decisions(
+    random_policy: MakePolicy, random_episodes: MakeEpisodes
+) -> None:
+    decided = random_episodes(random_policy(), n=5, horizon=6)
+    fitted = Imitation(action_repeat=3, centres=10).fit(decided.held(3, 18), SPACES)
+    alike = Imitation(centres=10).fit(decided, SPACES)
+    assert fitted.action_repeat == 3
+    assert np.array_equal(fitted.mean.centres, alike.mean.centres)
+    assert np.array_equal(fitted.mean.weights, alike.mean.weights)
+    assert np.array_equal(fitted.variance.values, alike.variance.values)
+
+
 def test_imitation_without_steps_is_rejected(random_policy: MakePolicy, random_episodes: MakeEpisodes) -> None:
     with pytest.raises(ValueError, match="episodes: expected at least one step, got none"):
-        Imitation().fit(random_episodes(random_policy()).take(slice(0)))
+        Imitation().fit(random_episodes(random_policy()).take(slice(0)), SPACES)
 
 
 @pytest.mark.slow
@@ -56,7 +70,7 @@ def test_an_imitated_policy_performs_alike_and_can_be_trained_further() -> None:
     training = Training(iterations=25, exploration_sd=(2.0,))
     *_, last = train(training, runner)
     assert last.evaluation_return > 48.0  # of 51.8
-    fitted = Imitation().fit(last.evaluation)
+    fitted = Imitation().fit(last.evaluation, runner.spaces)
     batch = Batch(7, 0, 20, 100, explore=False)
     shown, imitated = (runner.collect(policy, batch).returns(0.99).mean() for policy in (last.policy, fitted))
     assert imitated > shown - 2.0

@@ -58,6 +58,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
         config("toy_power", "iterations=4", "evaluate_every=3"),
         config("pendulum_pomdp_power", "iterations=2", "horizon=20"),
         config("pendulum_model_nac", "iterations=3", "horizon=30", "model.updates=3", "model.rollouts=10"),
+        config("pendulum_nac", "iterations=3", "horizon=60", "action_repeat=4", "inputs.history=2"),
     ],
     ids=lambda run: run.training.name,
 )

@@ -103,6 +103,31 @@ def test_a_recording_is_imitated(whole: Path, rkhs: Callable[..., Result]) -> No
     assert "Fitted 5 centres to 100 steps of 20 episodes" in done.out
 
 
+def test_held_actions_are_imitated_trained_offline_and_exported(tmp_path: Path, rkhs: Callable[..., Result]) -> None:
+    pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    small = ("iterations=2", "episodes_per_iteration=4", "evaluation_episodes=1", "horizon=200", "seed=1")
+    held = ("action_repeat=auto", "exploration_sd=[1.0]")
+    config = load_config(ROOT / "config" / "pendulum_nac.yaml", (*small, *held))
+    run = recorded_run(tmp_path / "run", config).parent
+    repeat = load_policy(run / "policy.npz")[0].action_repeat
+    assert repeat > 1
+    for shown in (run, run / "recording.mcap"):
+        done = rkhs("imitate", shown, "--set", "centres=5", "--out", "shown.npz")
+        assert (done.code, done.err) == (0, "")
+        assert load_policy(Path("shown.npz"))[0].action_repeat == repeat
+    done = rkhs("offline", run, *SHORT, "--out", "learnt")
+    assert (done.code, done.err) == (0, "")
+    assert load_policy(Path("learnt/policy.npz"))[0].action_repeat == repeat
+    assert load_config(Path("learnt/config.yaml")).training.action_repeat == repeat
+    assert rkhs("export", run, "--lerobot", "out", "--fps", 10).code == 0
+    actions = np.array(parquet.read_table("out/data/chunk-000/file-000.parquet")["action"].to_pylist())
+    last = actions[-200:].reshape(-1, repeat)
+    assert (last == last[:, :1]).all()
+    assert len(np.unique(last)) == 200 // repeat
+
+
 @pytest.mark.parametrize("plugin", list(StoragePlugin))
 def test_a_bag_of_the_topics_is_read(of_a_robot: Path, tmp_path: Path, plugin: StoragePlugin) -> None:
     recording = read_recording(of_a_robot)
