@@ -83,6 +83,9 @@ def _named(text: str, known: dict[str, Entry]) -> Dimension:
                 f"--over: {name}: expected a range, such as {name}=LOW:HIGH, got none for {truncated(entry.value)}"
             )
         return own
+    if isinstance(entry.value, str) and ":" in wanted:
+        expected = f"choices, since its value is '{entry.value}' (for a range, set a number first)"
+        require(False, f"--over: {name}", expected, f"the range {truncated(wanted)}")
     return _of_choices(entry, wanted.split(",")) if isinstance(entry.value, str) else _of_range(entry, wanted)
 
 
@@ -90,7 +93,8 @@ def _own(entry: Entry) -> Dimension | None:
     """Return the dimension of a setting from its range; None if the range is not sufficient."""
     name, value, about = entry
     if isinstance(value, str):
-        return Dimension(name, choices=about["choices"]) if value in about["choices"] else None
+        is_choice = value in about["choices"] and len(about["choices"]) > 1
+        return Dimension(name, choices=about["choices"]) if is_choice else None
     number, low, high = _number(value), about["minimum"], about["maximum"]
     if number is None or low is None or high is None:
         return None

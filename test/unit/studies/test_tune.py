@@ -53,6 +53,16 @@ def test_named_settings_have_a_default_range_a_given_range_or_choices() -> None:
     )
 
 
+def test_a_number_is_searched_only_from_a_number() -> None:
+    named = ["action_repeat=1:8"]
+    assert search_space(load_config(CONFIG), named) == (Dimension("action_repeat", 1, 8, is_whole=True),)
+    auto = load_config(CONFIG, ["action_repeat=auto"])
+    with pytest.raises(ValueError, match=r"^--over: action_repeat: expected choices, .*number.*, got the range 1:8"):
+        search_space(auto, named)
+    with pytest.raises(ValueError, match=r"^--over: action_repeat: expected a range"):
+        search_space(auto, ["action_repeat"])
+
+
 VARIANTS = [
     ("name: rkhs_nac",),
     ("name: rkhs_nac, critic: trajectory",),
