@@ -103,6 +103,11 @@ def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy |
     return State(0, policy, memory if is_model_based else memory.with_inputs(policy.inputs), 0, 0, 0)
 
 
+def chooses_action_repeat(state: State, training: Training) -> bool:
+    """Return whether the next episodes determine the action repeat: the first ones, unless a policy was given."""
+    return training.action_repeat == AUTO and state.iterations == 0 and len(state.policy.mean.centres) == 0
+
+
 def _finds_inputs(training: Training) -> bool:
     """Return whether a run finds its inputs in the data, with none given."""
     return isinstance(training.model, ModelBased) and training.model.discovery != "none" and training.inputs == Inputs()

@@ -10,12 +10,13 @@ from typing import Protocol
 from rkhs_ros.learning.algorithms.algorithm import Experience, Metrics
 from rkhs_ros.learning.discovery.action_repeat import choose_action_repeat
 from rkhs_ros.learning.discovery.angles import with_features
+from rkhs_ros.learning.discovery.found import Known
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
 from rkhs_ros.learning.model.model_based import ModelBased, ModelUpdate, train_in_model
 from rkhs_ros.learning.model.real_experience import RealExperience
-from rkhs_ros.learning.state import State, first_state, first_variance
-from rkhs_ros.learning.training_settings import AUTO, Training
+from rkhs_ros.learning.state import State, chooses_action_repeat, first_state, first_variance
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
@@ -43,6 +44,7 @@ class Iteration:
     """One iteration of the training loop.
 
     Attributes:
+        before: what was known about the task before the iteration.
         state: state of the run after the iteration.
         exploration: exploration episodes before the update.
         exploration_returns: returns of these episodes, shape (N,).
@@ -55,6 +57,7 @@ class Iteration:
         tried: episodes in which the line search tried step sizes, in the order of collection.
     """
 
+    before: Known
     state: State
     exploration: Episodes
     exploration_returns: Array
@@ -75,6 +78,11 @@ class Iteration:
     def episodes_used(self) -> int:
         """Number of exploration episodes so far, including this iteration."""
         return self.state.explored
+
+    @property
+    def known(self) -> Known:
+        """What is known about the task after the iteration."""
+        return Known(self.policy.action_repeat, self.policy.inputs)
 
     @property
     def steps_used(self) -> int:
@@ -237,6 +245,7 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
     explores_next = done < training.iterations
     evaluation = collector.evaluate(policy, explores_next=explores_next) if due else exploration.take(slice(0))
     return Iteration(
+        before=Known.at(state, training),
         state=State(done, policy, memory, collector.explored, collector.evaluated, collector.steps),
         exploration=exploration,
         exploration_returns=exploration.returns(training.discount),
@@ -251,9 +260,9 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
 
 
 def with_action_repeat(state: State, training: Training, exploration: Episodes) -> GaussianPolicy:
-    """Return the policy with the action repeat, which the first episodes determine unless a policy was given."""
+    """Return the policy with the action repeat, which the first episodes may determine."""
     policy = state.policy
-    if training.action_repeat != AUTO or state.iterations > 0 or len(policy.mean.centres) > 0:
+    if not chooses_action_repeat(state, training):
         return policy
     return replace(policy, action_repeat=choose_action_repeat(with_features(exploration, policy.inputs)))
 

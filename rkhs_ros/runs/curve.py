@@ -101,7 +101,7 @@ class Curve:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._names = Row._fields
+        self._names: tuple[str, ...] = Row._fields
 
     def rows(self) -> list[Row]:
         """Return the lines of iterations 1, 2, ..., without an incomplete last line.

@@ -10,6 +10,7 @@ from typing import Any
 from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS
 from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import loaded
+from rkhs_ros.learning.discovery.found import Known
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
 from rkhs_ros.learning.model.model_based import ModelBased, train_in_model
@@ -45,6 +46,7 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
     if not isinstance(settings, ModelBased):
         raise ValueError("model.form: expected gaussian_process for offline training, got none")
     returns = episodes.returns(training.discount)
+    before = Known.at(state, training)
     state = replace(state, policy=with_action_repeat(state, training, episodes))
     repeat = state.policy.action_repeat
     decisions = episodes.decisions(repeat, training.discount, spaces)
@@ -65,6 +67,7 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
         model_update = train_in_model(settings, training.algorithm, state.policy, experience)
         state = State(state.iterations + 1, model_update.policy, episodes, len(episodes), 0, episodes.count)
         yield Iteration(
+            before=before,
             state=state,
             exploration=episodes,
             exploration_returns=returns,
@@ -75,6 +78,7 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
             model_error=model_update.model_error,
             curious=model_update.curious,
         )
+        before = Known.at(state, training)
 
 
 def all_episodes(recordings: Mapping[str, Recording]) -> Episodes:

@@ -24,7 +24,7 @@ from rich.table import Column
 from rich.text import Text
 
 from rkhs_ros.learning.diagnosis import Advice
-from rkhs_ros.learning.discovery.found import Known, newly_found
+from rkhs_ros.learning.discovery.found import newly_found
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.learning.training_settings import Training
 
@@ -68,7 +68,7 @@ class _TwoLines(Progress):
 
 @contextmanager
 def progress_bar(
-    training: Training, done: int = 0, *, quiet: bool = False, folder: Path | None = None
+    training: Training, done: int = 0, *, quiet: bool = False, folder: Path | None = None, is_robot: bool = False
 ) -> Iterator[Show]:
     """Show the progress of a run on standard error; yield a function to call after each iteration.
 
@@ -77,21 +77,21 @@ def progress_bar(
         done: number of iterations before a resumed run.
         quiet: show nothing.
         folder: folder of the results, which each line names.
+        is_robot: whether the task is that of a robot, whose period may match the decisions.
     """
     console = bar_console(quiet=quiet)
     if console.is_terminal or console.is_jupyter or quiet:
-        with _bar(training, done, console, quiet=quiet) as show:
+        with _bar(training, done, console, quiet=quiet, is_robot=is_robot) as show:
             yield show
     else:
-        yield _lines(training, folder)
+        yield _lines(training, folder, is_robot=is_robot)
 
 
 @contextmanager
-def _bar(training: Training, done: int, console: Console, *, quiet: bool) -> Iterator[Show]:
+def _bar(training: Training, done: int, console: Console, *, quiet: bool, is_robot: bool) -> Iterator[Show]:
     with _TwoLines(*bar_columns(), console=console, disable=quiet) as progress:
         bar = progress.add_task(training.name, total=training.iterations, completed=done, returns="return -")
         mean = "-"  # last evaluation return
-        found = _Found(training)
 
         def show(iteration: Iteration, advice: Advice | None = None) -> None:
             nonlocal mean
@@ -99,7 +99,7 @@ def _bar(training: Training, done: int, console: Console, *, quiet: bool) -> Ite
                 mean = f"{iteration.evaluation_return:.4g}"
             text = f"return {iteration.exploration_return:.4g}, evaluation {mean}{_model(iteration)}"
             progress.update(bar, advance=1, returns=text)
-            if text := found(iteration):
+            if text := _found(iteration, is_robot=is_robot):
                 console.print(f"{training.name}: found {text}", markup=False, highlight=False)
             if advice is not None:
                 console.print(f"{training.name}: {advice}", markup=False, highlight=False)
@@ -107,9 +107,8 @@ def _bar(training: Training, done: int, console: Console, *, quiet: bool) -> Ite
         yield show
 
 
-def _lines(training: Training, folder: Path | None) -> Show:
+def _lines(training: Training, folder: Path | None, *, is_robot: bool) -> Show:
     due = 0.0  # monotonic time, seconds
-    found = _Found(training)
     results = f"; {folder}" if folder else ""
 
     def show(iteration: Iteration, advice: Advice | None = None) -> None:
@@ -120,7 +119,7 @@ def _lines(training: Training, folder: Path | None) -> Show:
             text = f"{line}return {iteration.exploration_return:.4g}{mean}{_model(iteration)}{results}"
             print(text, file=sys.stderr, flush=True)
             due = time.monotonic() + LINE_PERIOD_S
-        if text := found(iteration):
+        if text := _found(iteration, is_robot=is_robot):
             print(f"{training.name}: found {text}", file=sys.stderr, flush=True)
         if advice is not None:
             print(f"{training.name}: iteration {iteration.number}: {advice}", file=sys.stderr, flush=True)
@@ -128,20 +127,12 @@ def _lines(training: Training, folder: Path | None) -> Show:
     return show
 
 
-class _Found:
-    """What the iterations of a run have found about the task so far."""
-
-    def __init__(self, training: Training) -> None:
-        self._training = training
-        self._last: Known | None = None
-
-    def __call__(self, iteration: Iteration) -> str:
-        """Return what an iteration has found in addition to the one before; nothing after a resume."""
-        before, self._last = self._last, Known(iteration.policy.action_repeat, iteration.policy.inputs)
-        if before is None and iteration.number == 1:
-            repeat = self._training.action_repeat
-            before = Known(repeat if isinstance(repeat, int) else 0, self._training.inputs)
-        return newly_found(before, self._last, iteration.exploration) if before else ""
+def _found(iteration: Iteration, *, is_robot: bool) -> str:
+    """Return what an iteration has found about the task; for a robot, with the period that gives the same decisions."""
+    text, repeat = newly_found(iteration.before, iteration.known, iteration.exploration), iteration.policy.action_repeat
+    if not is_robot or repeat in (1, iteration.before.action_repeat):
+        return text
+    return f"{text}; {repeat} times the robot's period would give the same decisions"
 
 
 def _model(iteration: Iteration) -> str:

@@ -7,7 +7,6 @@ import time
 from collections import deque
 from collections.abc import Iterable, Iterator
 from datetime import datetime
-from itertools import takewhile
 from math import inf, isnan
 from pathlib import Path
 from shlex import quote
@@ -20,6 +19,7 @@ from rkhs_ros.learning.diagnosis import Advice
 from rkhs_ros.learning.training import Iteration, lower_bound
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import read_policy, save_policy
+from rkhs_ros.runs import config_comments
 from rkhs_ros.runs.attempts import Attempts
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve, Row
@@ -92,9 +92,10 @@ def last_policy(folder: Path) -> Path:
 class Report:
     """Results of a run, written while it runs.
 
-    Owns the files of the folder except the checkpoints. config.yaml is written at the start. curve.csv grows with the
-    run, and so do advice.txt and, if the task has one step, attempts.npz. best_policy.npz holds the policy with the
-    greatest evaluation return minus its standard error. `finish` writes policy.npz and episodes.npz.
+    Owns the files of the folder except the checkpoints. config.yaml is written at the start; its comments grow with
+    what the run finds about its task. curve.csv grows with the run, and so do advice.txt and, if the task has one step,
+    attempts.npz. best_policy.npz holds the policy with the greatest evaluation return minus its standard error.
+    `finish` writes policy.npz and episodes.npz.
 
     Args:
         folder: an empty folder, or the folder of the run that resumes.
@@ -121,20 +122,23 @@ class Report:
         self._attempts = Attempts(folder, config.task, spaces, rows[-1].episodes if rows else 0)
         self._began = time.monotonic() - (rows[-1].seconds if rows else 0.0)
         file = folder / CONFIGURATION
-        write_whole(file, _noted(file, resolved(config), done).encode())
+        write_whole(file, config_comments.resumed(file, resolved(config), done).encode())
         self._curve.begin(rows)
 
     def add(self, iteration: Iteration) -> None:
-        """Write the line of an iteration.
+        """Write the line of an iteration, and add to config.yaml what the iteration found about the task.
 
         Raises:
-            OSError: the line cannot be written.
+            OSError: a file cannot be written.
         """
         row = Row.of(iteration, time.monotonic() - self._began)
         self._curve.append(row)
         self.recent.append(row)
         self._attempts.add(iteration.exploration)
         self._save_if_best(iteration)
+        if comments := config_comments.found_comments(iteration, self._config.training):
+            file = self.folder / CONFIGURATION
+            write_whole(file, config_comments.with_comments(read_whole(file).decode(), comments).encode())
         self._last = iteration
 
     def advise(self, advice: Advice) -> None:
@@ -199,22 +203,6 @@ def begin(folder: Path, config: Config) -> None:
 def resolved(config: Config) -> str:
     """Return the whole configuration as a ROS parameter file, with the current versions in a comment at the top."""
     return f"# {', '.join(provenance_lines())}\n{dumped(config.parameters())}"
-
-
-def _noted(file: Path, content: str, done: int) -> str:
-    """Return the content of a configuration file, with a comment line for each change of code or library versions.
-
-    Args:
-        file: configuration file of the run so far.
-        content: configuration; its first line is a comment with the current versions.
-        done: number of finished iterations.
-    """
-    lines = read_whole(file).decode(errors="replace").splitlines() if done and file.is_file() else []
-    noted = list(takewhile(lambda line: line.startswith("#"), lines))
-    now, _, settings = content.partition("\n")
-    if not noted or noted[-1].endswith(now.removeprefix("#")):
-        return content if len(noted) < 2 else "\n".join([*noted, settings])
-    return "\n".join([*noted, f"# from iteration {done + 1}: {now.removeprefix('# ')}", settings])
 
 
 def evaluation_bounds(rows: Iterable[Row]) -> list[float]:

@@ -106,7 +106,9 @@ def run_training(
             if state:
                 checkpoints.resume_from(state)
             report = Report(folder, config, runner.spaces, done)  # replaces earlier results from here on
-            with finished(report), progress_bar(config.training, done, quiet=quiet, folder=folder) as show:
+            is_robot = bool(config.environment.nodes)
+            bar = progress_bar(config.training, done, quiet=quiet, folder=folder, is_robot=is_robot)
+            with finished(report), bar as show:
                 diagnosis = _diagnosis(config, runner.spaces, report)
                 for iteration in train(config.training, recorder or runner, first):
                     if recorder:

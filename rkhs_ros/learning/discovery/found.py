@@ -1,12 +1,16 @@
-"""Describe in one line what the data of a task revealed."""
+"""What the data of a task revealed, as settings and in one line."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+
 from rkhs_ros.learning.discovery.action_repeat import change_per_decision
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.state import State, chooses_action_repeat
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.inputs import Inputs
 
 
@@ -20,6 +24,35 @@ class Known(NamedTuple):
 
     action_repeat: int
     inputs: Inputs
+
+    @classmethod
+    def at(cls, state: State, training: Training) -> Known:
+        """Return what is known in a state of a run."""
+        return cls(0 if chooses_action_repeat(state, training) else state.policy.action_repeat, state.policy.inputs)
+
+    @classmethod
+    def of(cls, training: Training) -> Known:
+        """Return what the settings of a run say."""
+        return cls(training.action_repeat if isinstance(training.action_repeat, int) else 0, training.inputs)
+
+
+def settings_of(before: Known, after: Known) -> list[str]:
+    """Return what is known in addition to what was known before, as ``KEY=VALUE``.
+
+    Args:
+        before: what was known.
+        after: what is known now.
+    """
+    settings = []
+    if after.action_repeat != before.action_repeat:
+        settings.append(f"action_repeat={after.action_repeat}")
+    if after.inputs.columns != before.inputs.columns:
+        settings.append(f"inputs.angles=[{','.join(map(str, after.inputs.columns))}]")
+        if not np.allclose(after.inputs.full_turns, 2 * np.pi):
+            settings.append(f"inputs.turns=[{','.join(map(repr, after.inputs.full_turns.tolist()))}]")
+    if after.inputs.history != before.inputs.history:
+        settings.append(f"inputs.history={after.inputs.history}")
+    return settings
 
 
 def newly_found(before: Known, after: Known, episodes: Episodes) -> str:

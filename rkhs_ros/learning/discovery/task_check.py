@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,15 +11,17 @@ from rkhs_ros.learning.diagnosis import moves_away
 from rkhs_ros.learning.discovery.action_repeat import change_per_decision, choose_action_repeat
 from rkhs_ros.learning.discovery.angles import with_features
 from rkhs_ros.learning.discovery.evidence import FEWEST_STEPS, discover_inputs
+from rkhs_ros.learning.discovery.found import Known, settings_of
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
-from rkhs_ros.learning.model.model_based import ModelBased
+from rkhs_ros.learning.model.model_based import ModelBased, inputs_may_change
 from rkhs_ros.learning.training_settings import AUTO, Training
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 
 SAME = 1.0 - 1e-9  # absolute correlation of columns that repeat each other
+NOT_TESTED = "not tested, since other settings depend on the inputs"
 FIRST_PART = 4  # the first of four parts of an episode, with which its end is compared
 
 
@@ -34,6 +36,7 @@ class TaskCheck:
         change_per_step: change of the observation per step, in standard deviations.
         change_per_decision: the same per decision with this action repeat.
         inputs: inputs with the angles and the history that the data reveal.
+        inputs_may_change: False if the settings depend on the inputs, which are then not searched.
         decisions: number of decisions with this action repeat.
     """
 
@@ -43,6 +46,7 @@ class TaskCheck:
     change_per_step: float
     change_per_decision: float
     inputs: Inputs
+    inputs_may_change: bool
     decisions: int
 
     @classmethod
@@ -59,7 +63,8 @@ class TaskCheck:
         repeat = choose_action_repeat(features)
         decisions = episodes.decisions(repeat, training.discount, spaces)
         inputs = training.inputs
-        if inputs.degree == 0:
+        may_change = inputs_may_change(inputs, training.algorithm, training.kernel)
+        if may_change:
             inputs = discover_inputs(inputs, decisions, spaces, history=True)
         return cls(
             episodes=episodes,
@@ -68,6 +73,7 @@ class TaskCheck:
             change_per_step=change_per_decision(features, 1),
             change_per_decision=change_per_decision(features, repeat),
             inputs=inputs,
+            inputs_may_change=may_change,
             decisions=decisions.count,
         )
 
@@ -78,17 +84,12 @@ class TaskCheck:
 
     def settings(self, training: Training) -> list[str]:
         """Return the settings that differ from those of a run and that the run would not find, as ``KEY=VALUE``."""
-        settings = []
-        if training.action_repeat not in (AUTO, self.action_repeat):
-            settings.append(f"action_repeat={self.action_repeat}")
         discovery = training.model.discovery if isinstance(training.model, ModelBased) else "none"
-        if discovery == "none" and self.inputs.columns != training.inputs.columns:
-            settings.append(f"inputs.angles=[{','.join(map(str, self.inputs.columns))}]")
-            if not np.allclose(self.inputs.full_turns, 2 * np.pi):
-                settings.append(f"inputs.turns=[{','.join(map(repr, self.inputs.full_turns.tolist()))}]")
-        if discovery != "all" and self.inputs.history != training.inputs.history:
-            settings.append(f"inputs.history={self.inputs.history}")
-        return settings
+        angles = training.inputs if discovery == "none" else self.inputs
+        history = self.inputs.history if discovery == "all" else training.inputs.history
+        inputs = replace(self.inputs, angles=angles.angles, turns=angles.turns, history=history)
+        repeat = self.action_repeat if training.action_repeat == AUTO else int(training.action_repeat)
+        return settings_of(Known(repeat, inputs), Known(self.action_repeat, self.inputs))
 
     def lines(self, step_seconds: float | None) -> list[tuple[str, str]]:
         """Return the findings as names and values.
@@ -101,7 +102,7 @@ class TaskCheck:
             ("ends", self._ends()),
             ("change per step", f"{self.change_per_step:.2f} sd (0.2 to 0.4 is good)"),
             ("action_repeat", f"auto chooses {self.action_repeat} ({self.change_per_decision:.2f} sd per decision)"),
-            ("angles", ", ".join(self._angles()) or "none found"),
+            ("angles", ", ".join(self._angles()) or ("none found" if self.inputs_may_change else NOT_TESTED)),
             ("constant columns", ", ".join(map(self._name, constant_columns(self.observations))) or "none"),
             ("repeated columns", ", ".join(self._repeats()) or "none"),
             ("history", self._history()),
@@ -137,8 +138,8 @@ class TaskCheck:
             yield f"{self._name(column)} repeats {self._name(earlier)}"
 
     def _history(self) -> str:
-        if self.inputs.degree > 0:
-            return "not tested with inputs.degree"
+        if not self.inputs_may_change:
+            return NOT_TESTED
         if self.decisions < FEWEST_STEPS:
             return f"not tested: {self.decisions} decisions of at least {FEWEST_STEPS}; raise --episodes"
         history = self.inputs.history

@@ -14,6 +14,7 @@ from rkhs_ros.learning.algorithms.algorithm import Algorithm, Experience, Metric
 from rkhs_ros.learning.algorithms.function_spaces import Grid
 from rkhs_ros.learning.discovery.evidence import discover_inputs
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.model.dynamics_model import (
     DynamicsModel,
     PredictionTest,
@@ -25,6 +26,7 @@ from rkhs_ros.learning.model.priors import Priors
 from rkhs_ros.learning.model.real_experience import RealExperience
 from rkhs_ros.learning.model.validation import Validation
 from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.noise import NOISES
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch, stream_seed
@@ -164,7 +166,7 @@ def train_in_model(
     """
     episodes, spaces = experience.episodes, experience.spaces
     inputs = policy.inputs
-    if settings.discovery != "none" and _inputs_may_change(policy, algorithm, experience):
+    if settings.discovery != "none" and inputs_may_change(inputs, algorithm, experience.kernel):
         inputs = discover_inputs(inputs, episodes, spaces, history=settings.discovery == "all")
     policy = refit_policy(policy, algorithm, experience, inputs)
     priors = settings.priors(spaces.observation_dim)
@@ -187,10 +189,9 @@ def train_in_model(
     return ModelUpdate(policy, metrics, expected, test.error, curious)
 
 
-def _inputs_may_change(policy: GaussianPolicy, algorithm: Algorithm, experience: RealExperience) -> bool:
+def inputs_may_change(inputs: Inputs, algorithm: Algorithm, kernel: KernelChoice) -> bool:
     """Return False if a setting depends on the inputs: monomials, centres on a grid, or a kernel given for them."""
-    fixed = isinstance(algorithm.space, Grid) or experience.kernel.is_for_given_inputs
-    return policy.inputs.degree == 0 and not fixed
+    return inputs.degree == 0 and not isinstance(algorithm.space, Grid) and not kernel.is_for_given_inputs
 
 
 def _optimise(

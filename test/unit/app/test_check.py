@@ -73,6 +73,21 @@ def test_a_wrapped_angle_is_found_and_a_file_gets_its_settings(rkhs: Rkhs) -> No
     assert values["last"].startswith("try: --set ")
 
 
+@pytest.mark.parametrize(
+    "fixed",
+    [
+        ("inputs.degree=2",),
+        ("kernel.bandwidth=[1.0,4.0]",),
+        ("algorithm={name: enac, grid_low: [-4, -9], grid_high: [4, 9], grid_counts: [3, 4]}", "kernel.bandwidth=1.0"),
+    ],
+)
+def test_inputs_that_training_keeps_are_not_searched(rkhs: Rkhs, fixed: tuple[str, ...]) -> None:
+    wrapped = "environment.options.angle=wrap"
+    values = checked(rkhs, CONFIGS / "pendulum_nac.yaml", "--set", wrapped, *fixed)
+    assert values["angles"] == values["history"] == "not tested, since other settings depend on the inputs"
+    assert "inputs" not in values["last"]
+
+
 def test_a_cart_without_a_rail_and_a_reward(rkhs: Rkhs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "my_cart.py").write_text(MODULE)

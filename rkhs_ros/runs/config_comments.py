@@ -1,0 +1,70 @@
+"""Comments at the top of a run's config.yaml: the versions that ran it, and what the run found about its task."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from itertools import takewhile
+from pathlib import Path
+from shlex import quote
+
+from rkhs_ros.base.files import read_whole
+from rkhs_ros.learning.discovery.found import Known, settings_of
+from rkhs_ros.learning.training import Iteration
+from rkhs_ros.learning.training_settings import Training
+
+FOUND = re.compile(r"# found in iteration (\d+): .*|# from the initial policy: .*")
+
+
+def found_comments(iteration: Iteration, training: Training) -> list[str]:
+    """Return a comment on what an iteration has found about the task, if anything, in the form of ``--set``.
+
+    Before the first iteration, an initial policy may determine such settings too.
+    """
+    of_policy = settings_of(Known.of(training), iteration.before) if iteration.number == 1 else []
+    found = settings_of(iteration.before, iteration.known)
+    return [
+        *([f"# from the initial policy: {_joined(of_policy)}"] if of_policy else []),
+        *([f"# found in iteration {iteration.number}: {_joined(found)}"] if found else []),
+    ]
+
+
+def _joined(settings: Iterable[str]) -> str:
+    return " ".join(map(quote, settings))
+
+
+def with_comments(content: str, comments: Iterable[str]) -> str:
+    """Return a configuration with further comments after those at its top."""
+    earlier = _comments(content)
+    return "\n".join([*earlier, *comments, *content.split("\n")[len(earlier) :]])
+
+
+def resumed(file: Path, content: str, done: int) -> str:
+    """Return the content of a configuration file with the comments of a run that resumes.
+
+    A change of code or library versions adds a comment. What later iterations had found is removed.
+
+    Args:
+        file: configuration file of the run so far.
+        content: configuration; its first line is a comment with the current versions.
+        done: number of finished iterations.
+    """
+    earlier = _comments(read_whole(file).decode(errors="replace")) if done and file.is_file() else []
+    earlier = [line for line in earlier if _found_in(line) <= done]
+    versions = [line for line in earlier if not FOUND.fullmatch(line)]
+    now, _, settings = content.partition("\n")
+    if not versions:
+        return with_comments(content, earlier)
+    if not versions[-1].endswith(now.removeprefix("#")):
+        earlier.append(f"# from iteration {done + 1}: {now.removeprefix('# ')}")
+    return "\n".join([*earlier, settings])
+
+
+def _comments(content: str) -> list[str]:
+    return list(takewhile(lambda line: line.startswith("#"), content.splitlines()))
+
+
+def _found_in(comment: str) -> int:
+    """Return the iteration that found something; 0 for other comments."""
+    match = FOUND.fullmatch(comment)
+    return int(match[1] or 0) if match else 0

@@ -1,0 +1,123 @@
+"""What a run found about its task, in the comments of its config.yaml."""
+
+from dataclasses import replace
+from pathlib import Path
+from shlex import split
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rkhs_ros.learning.discovery.found import Known, settings_of
+from rkhs_ros.learning.training import train
+from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.config import Config, load_config
+from rkhs_ros.runs.config_comments import FOUND, found_comments
+from rkhs_ros.runs.curve import Curve
+from rkhs_ros.runs.progress import progress_bar
+from rkhs_ros.runs.run import run_training
+
+WRAP = {"angle": "wrap"}
+CHANGES = (
+    *("iterations=3", "episodes_per_iteration=2", "evaluation_episodes=1", "horizon=200", "action_repeat=auto"),
+    *("algorithm.centres=10", "model={form: gaussian_process, discovery: all, updates: 2, rollouts: 5, centres: 20}"),
+)
+CONFIG_FILE = Path(__file__).parents[3] / "config" / "pendulum_wrap_model_nac.yaml"
+CONFIG = load_config(CONFIG_FILE, ("inputs.angles=none", *CHANGES))
+
+
+def runner() -> InlineRunner:
+    return InlineRunner(Simulation("rkhs/Pendulum-v0", WRAP))
+
+
+def learn(folder: Path, config: Config = CONFIG, **how: Any) -> Path:
+    return run_training(config, runner(), folder, quiet=True, **how)
+
+
+def comments(folder: Path) -> list[str]:
+    return [line for line in (folder / "config.yaml").read_text().splitlines() if FOUND.fullmatch(line)]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return learn(tmp_path_factory.mktemp("whole") / "run")
+
+
+def returns(folder: Path) -> list[tuple[float, ...]]:
+    return [(row.exploration_return, row.evaluation_return) for row in Curve(folder / "curve.csv").rows()]
+
+
+def test_config_yaml_says_what_the_run_found_and_repeats_the_run(whole: Path, tmp_path: Path) -> None:
+    (line,) = comments(whole)
+    head, found = line.split(": ", maxsplit=1)
+    assert head == "# found in iteration 1"
+    assert load_config(whole / "config.yaml") == CONFIG
+    known = load_config(whole / "config.yaml", split(found)).training
+    assert (known.inputs.columns, known.action_repeat) == ([0], 1)
+    given = learn(tmp_path / "given", load_config(whole / "config.yaml", split(found)))
+    assert comments(given) == []
+    assert returns(given) == returns(whole)
+
+
+def test_a_resumed_run_keeps_what_it_found(whole: Path, tmp_path: Path) -> None:
+    shorter = replace(CONFIG, training=replace(CONFIG.training, iterations=1))
+    folder = learn(tmp_path / "run", shorter)
+    assert comments(folder) == comments(whole)
+    file = folder / "config.yaml"
+    file.write_text(file.read_text().replace("'/**/sim", "# found in iteration 2: of a lost line\n'/**/sim", 1))
+    learn(folder, resume=True)
+    assert comments(folder) == comments(whole)
+    assert returns(folder) == returns(whole)
+
+
+def test_an_initial_policy_brings_settings_that_were_not_found(
+    whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "first_policy.npz").write_bytes((whole / "policy.npz").read_bytes())
+    run_training(CONFIG, runner(), folder)
+    assert comments(folder) == [comments(whole)[0].replace("found in iteration 1", "from the initial policy")]
+    assert "found" not in capsys.readouterr().err
+
+
+def test_inputs_that_change_later_are_found_later() -> None:
+    training = Training(iterations=1, episodes_per_iteration=1, evaluation_episodes=1, horizon=4)
+    (iteration,) = train(training, InlineRunner(Simulation("rkhs/Toy-v0")))
+    assert found_comments(iteration, training) == []
+    later = replace(iteration, before=Known(1, Inputs()), state=replace(iteration.state, iterations=7))
+    policy = replace(later.policy, inputs=Inputs(history=2))
+    later = replace(later, state=replace(later.state, policy=policy))
+    assert found_comments(later, training) == ["# found in iteration 7: inputs.history=2"]
+
+
+@pytest.mark.parametrize(
+    ("inputs", "expected"),
+    [
+        (Inputs(angles=(0.0, 2.0)), ["inputs.angles=[0,2]"]),
+        (Inputs(angles=(1.0,), turns=(360.0,)), ["inputs.angles=[1]", "inputs.turns=[360.0]"]),
+        (Inputs(angles=(0.0,), turns=(2.0 * np.pi,), history=3), ["inputs.angles=[0]", "inputs.history=3"]),
+    ],
+)
+def test_settings_give_the_same_inputs(inputs: Inputs, expected: list[str]) -> None:
+    known, found = Known(1, Inputs()), Known(4, inputs)
+    assert settings_of(known, found) == ["action_repeat=4", *expected]
+    training = load_config(CONFIG_FILE, ("inputs.angles=none", *settings_of(known, found))).training
+    assert training.inputs.is_equivalent_to(inputs)
+    assert settings_of(Known.of(training), found) == settings_of(found, found) == []
+
+
+@pytest.mark.parametrize("is_robot", [False, True])
+def test_only_for_a_robot_the_period_of_the_decisions_is_noted(
+    capsys: pytest.CaptureFixture[str], is_robot: bool
+) -> None:
+    training = Training(iterations=2, episodes_per_iteration=4, horizon=200, seed=1, action_repeat="auto")
+    with progress_bar(training, is_robot=is_robot) as show:
+        for iteration in train(training, InlineRunner(Simulation("rkhs/Pendulum-v0"))):
+            show(iteration)
+    _, found, _ = capsys.readouterr().err.splitlines()
+    assert "found action_repeat 4" in found
+    assert found.endswith("; 4 times the robot's period would give the same decisions") == is_robot
