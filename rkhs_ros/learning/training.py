@@ -148,6 +148,7 @@ class Collector:
         self.explored = state.explored
         self.evaluated = state.evaluated
         self.steps = state.steps
+        self._counts_steps = state.explored == 0 or state.steps > 0  # not in an older run that resumes
         self._tried: list[Episodes] = []
         self._ahead: Episodes | None = None
 
@@ -156,16 +157,13 @@ class Collector:
         ahead, self._ahead = self._ahead, None
         batch = self._exploring(self._training.episodes_per_iteration)
         self.explored += batch.num_envs
-        exploration = self._runner.collect(policy, batch) if ahead is None else ahead
-        self.steps += exploration.count
-        return exploration
+        return self._counted(self._runner.collect(policy, batch) if ahead is None else ahead)
 
     def try_out(self, policy: GaussianPolicy, episodes: int) -> Episodes:
         """Run exploration episodes to try a step size; return them with the policy's inputs as observations."""
         batch = self._exploring(episodes)
         self.explored += episodes
-        tried = self._runner.collect(policy, batch)
-        self.steps += tried.count
+        tried = self._counted(self._runner.collect(policy, batch))
         self._tried.append(tried)
         discount, spaces = self._training.discount, self._runner.spaces
         return tried.decisions(policy.action_repeat, discount, spaces).with_inputs(policy.inputs)
@@ -191,6 +189,10 @@ class Collector:
         both = self._runner.collect(policy, ahead.with_evaluation(batch))
         self._ahead = both.take(slice(ahead.num_envs))
         return both.take(slice(ahead.num_envs, None))
+
+    def _counted(self, episodes: Episodes) -> Episodes:
+        self.steps += episodes.count if self._counts_steps else 0
+        return episodes
 
     def _exploring(self, episodes: int) -> Batch:
         return Batch(self._training.seed, self.explored, episodes, self._training.horizon, explore=True)
