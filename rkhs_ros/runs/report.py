@@ -121,8 +121,8 @@ class Report:
         self._best = self._best_of(rows)
         self._attempts = Attempts(folder, config.task, spaces, rows[-1].episodes if rows else 0)
         self._began = time.monotonic() - (rows[-1].seconds if rows else 0.0)
-        file = folder / CONFIGURATION
-        write_whole(file, config_comments.resumed(file, resolved(config), done).encode())
+        self._configuration = config_comments.resumed(folder / CONFIGURATION, resolved(config), done)
+        write_whole(folder / CONFIGURATION, self._configuration.encode())
         self._curve.begin(rows)
 
     def add(self, iteration: Iteration) -> None:
@@ -137,8 +137,8 @@ class Report:
         self._attempts.add(iteration.exploration)
         self._save_if_best(iteration)
         if comments := config_comments.found_comments(iteration, self._config.training):
-            file = self.folder / CONFIGURATION
-            write_whole(file, config_comments.with_comments(read_whole(file).decode(), comments).encode())
+            self._configuration = config_comments.with_comments(self._configuration, comments)
+            write_whole(self.folder / CONFIGURATION, self._configuration.encode())
         self._last = iteration
 
     def advise(self, advice: Advice) -> None:

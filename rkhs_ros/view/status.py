@@ -16,7 +16,8 @@ def status(source: Source, state: str) -> str:
     lines = [f"### {state.capitalize()}: iteration {rows[-1].iteration if rows else 0} of {source.total}"]
     if rows:
         last = rows[-1]
-        sizes = counted(last.episodes, "episode") + (f", {counted(last.centres, 'centre')}" if last.centres else "")
+        counts = {"episode": last.episodes, "step": last.steps, "centre": last.centres}
+        sizes = ", ".join(counted(count, what) for what, count in counts.items() if count)
         lines.append(f"{sizes}, {clock(last.seconds)}{left(source, state)}")
         lines.append(f"Return: exploration **{last.exploration_return:.4g}**{measured(rows)}")
     lines += [f"**Note**: {advice}" for advice in advice_in(source.path)]

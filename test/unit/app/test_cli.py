@@ -61,6 +61,7 @@ def test_train_writes_its_results_and_prints_their_paths(rkhs: Run, tmp_path: Pa
         *(
             "iteration",
             "episodes",
+            "steps",
             "evaluation_episodes",
             "exploration_return",
             "exploration_return_sd",

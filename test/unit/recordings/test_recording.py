@@ -143,7 +143,7 @@ def test_a_flipped_bit_is_always_detected(whole: Path, tmp_path: Path, rng: np.r
 
 def test_a_file_that_continues_with_a_newer_definition_keeps_the_older_messages(tmp_path: Path) -> None:
     (new,) = noted(["new"])
-    old = replace(new, definition="uint32 number", content=b"\0\1\0\0\7\0\0\0")
+    old = new._replace(definition="uint32 number", content=b"\0\1\0\0\7\0\0\0")
     MessageFile(tmp_path / "a.mcap", [old, new]).close()
     assert read_messages(tmp_path / "a.mcap").messages == [old, new]
 

@@ -193,6 +193,10 @@ def test_the_lock_determines_the_state_of_a_run(folder: Path, tmp_path: Path) ->
     source.total = 5
     assert state_of(source) == ENDED
     assert "iteration 4 of 5" in status(source, ENDED)
+    last = source.rows[-1]
+    assert f"\n\n{last.episodes} episodes, {30 * last.episodes} steps, {last.centres} centres, " in status(
+        source, ENDED
+    )
 
 
 def row(number: int, **values: float) -> Row:
