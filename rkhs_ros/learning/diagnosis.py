@@ -19,7 +19,7 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 
 PATIENCE = 5  # iterations for which a sign lasts; returns of fewer often differ by luck
-EXPLOITS = 0.75  # gap between the two returns, relative to the larger; 0.7 if model rollouts start in better states
+EXPLOITS = 0.75  # gap between the two returns, relative to the range of real returns; random starts cause 0.5
 RISE = 0.05  # smallest rise above the first return, relative to the larger; the noise of a return is often more
 PRECISE = 0.05  # error of a model in which nothing is left to learn, in standard deviations of the changes
 BAD = 0.5  # error of a model that is not good in the states that it leads to; the mean change has 1
@@ -79,9 +79,17 @@ class Summary:
 
 
 def exploits_model(recent: Sequence[Summary]) -> bool:
-    """Return whether the return in the model is much greater than the evaluation return."""
+    """Return whether the return in the model is mostly far above the evaluation return, also in the newest iteration.
+
+    The unit of the gap is the range of all real returns, because returns have no natural zero.
+    """
     known = [each for each in recent if not (isnan(each.evaluation_return) or isnan(each.model_return))][-PATIENCE:]
-    return len(known) == PATIENCE and all(not each.curious and _gap(each) > EXPLOITS for each in known)
+    returns = [each.exploration_return for each in recent] + [each.evaluation_return for each in known]
+    far = EXPLOITS * (max(returns) - min(returns))
+    above = [
+        not each.curious and _gap(each) > ALIKE and each.model_return - each.evaluation_return > far for each in known
+    ]
+    return len(known) == PATIENCE and above[-1] and sum(above) >= PATIENCE - 1
 
 
 def _gap(summary: Summary) -> float:

@@ -47,7 +47,11 @@ def curve(count: int = 8, **values: float | bool) -> list[Summary]:
 
 
 def errors(*values: float) -> list[Summary]:
-    return [known(1.4, model_return=2.0, model_error=value) for value in values]
+    return [known(1.4, exploration_return=0.0, model_return=2.0, model_error=value) for value in values]
+
+
+def of_model(*values: float) -> list[Summary]:
+    return [known(76.0, exploration_return=17.0, model_return=value) for value in values]
 
 
 HEALTHY = [known(value, model_error=error) for value, error in zip(GOOD, ERRORS, strict=True)]
@@ -59,7 +63,8 @@ BAD: list[tuple[Sign, list[Summary]]] = [
     (predicts_badly, curve(evaluation_return=nan, model_error=1.2)),
     (predicts_badly, errors(nan, 6.4, 0.8, 0.4, 0.7)),  # a swimmer
     (exploits_model, curve(model_return=23.0)),
-    (exploits_model, curve(evaluation_return=-600.0, model_return=-100.0)),
+    (exploits_model, curve(exploration_return=-500.0, evaluation_return=-600.0, model_return=-100.0)),
+    (exploits_model, of_model(1740.0, 926.0, 784.0, 248.0, 20.0, 219.0)),
     (stagnates, curve(exploration_return=1.4, model_error=1e-5)),
 ]
 
@@ -95,11 +100,14 @@ def test_unknown_values_get_no_advice() -> None:
 @pytest.mark.parametrize(
     "ordinary",
     [
-        curve(evaluation_return=-200.0, model_return=-130.0),  # random starts
+        curve(exploration_return=-300.0, evaluation_return=-200.0, model_return=-130.0),  # random starts
+        of_model(1740.0, 926.0, 784.0, 115.0, 115.0, 248.0),
+        of_model(926.0, 784.0, 248.0, 219.0, 115.0),  # it becomes better
+        [known(250.0, exploration_return=250.0, model_return=250.0 + 1e-9)] * 8,
         curve(model_return=23.0, curious=True),
         curve(highest_reward=0.0, terminates=True),  # such as 1 for each step without a fall
         curve(saturated=0.9),
-        curve(model_return=2.0, model_error=0.45),
+        errors(nan, 0.45, 0.45, 0.45, 0.45),
         curve(model_return=1.5, model_error=0.8),  # columns that do not matter
         errors(nan, 1.4, 0.2, 0.3, 0.2, 0.3),  # states that are new for one iteration
         errors(nan, 2.6, 0.7, 0.3, 0.2, 0.1, 0.1),  # a model that becomes better
