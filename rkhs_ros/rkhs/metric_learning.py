@@ -20,7 +20,7 @@ ROUNDS = 3  # maximum number of updates of the metric; stops when the evidence n
 
 
 def fit_metric(
-    plain: Coordinates, points: Array, targets: Array, roots: Array, centres: int
+    plain: Coordinates, points: Array, targets: Array, roots: Array, centres: int, *, centred: bool = False
 ) -> tuple[Coordinates, Fit]:
     """Return the coordinates with the greatest evidence, plain or with a learnt metric, and a fit in them.
 
@@ -32,20 +32,27 @@ def fit_metric(
         targets: standardised values of the functions, shape (n, k).
         roots: square roots of the points' weights, shape (n, 1).
         centres: maximum number of centres of the fit.
+        centred: whether to try the centred metric, too.
     """
     some, their_targets, their_roots = (subsample(each, MOST_FITTED) for each in (points, targets, roots))
-    best, fit = _refine_metric(plain, some, their_targets, their_roots, centres)
+    first = best_fit(plain.of(some), their_targets, their_roots, centres)
+    tried = [
+        _refine_metric(plain, first, some, their_targets, their_roots, centres, centred=each)
+        for each in ((False, True) if centred else (False,))
+    ]
+    best, fit = max(tried, key=lambda pair: pair[1].evidence)
     if len(points) > MOST_FITTED:
         fit = best_fit(best.of(points), targets, roots, centres)
     return best, fit
 
 
 def _refine_metric(
-    plain: Coordinates, points: Array, targets: Array, roots: Array, centres: int
+    plain: Coordinates, first: Fit, points: Array, targets: Array, roots: Array, centres: int, *, centred: bool
 ) -> tuple[Coordinates, Fit]:
-    best, fit = plain, best_fit(plain.of(points), targets, roots, centres)
+    """Update the metric, starting from a fit in plain coordinates, while the evidence grows."""
+    best, fit = plain, first
     for _ in range(ROUNDS):
-        axes = _axes(best, fit, points, roots)
+        axes = _axes(best, fit, points, roots, centred=centred)
         if axes is None:
             break
         tried = Coordinates(plain.units, axes)
@@ -56,9 +63,12 @@ def _refine_metric(
     return best, fit
 
 
-def _axes(coordinates: Coordinates, fit: Fit, points: Array, roots: Array) -> Array | None:
+def _axes(coordinates: Coordinates, fit: Fit, points: Array, roots: Array, *, centred: bool) -> Array | None:
     """Return L of the fit's gradients, shape (d, d); None if the functions are constant."""
-    gradients = slopes(fit, coordinates.of(subsample(points, MOST_SLOPES))) * subsample(roots, MOST_SLOPES)[:, :, None]
+    gradients, roots = slopes(fit, coordinates.of(subsample(points, MOST_SLOPES))), subsample(roots, MOST_SLOPES)
+    if centred:
+        gradients -= np.average(gradients, axis=0, weights=roots[:, 0] ** 2)
+    gradients *= roots[:, :, None]
     if coordinates.axes is not None:
         gradients = np.einsum("de,nek->ndk", coordinates.axes, gradients)
     squares, axes = np.linalg.eigh(np.einsum("ndk,nek->de", gradients, gradients))

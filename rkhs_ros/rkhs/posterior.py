@@ -44,7 +44,9 @@ class Posterior:
     evidence: float
 
     @classmethod
-    def fit(cls, points: Array, targets: Array, centres: int, weights: Array | None = None) -> Posterior:
+    def fit(
+        cls, points: Array, targets: Array, centres: int, weights: Array | None = None, *, centred: bool = False
+    ) -> Posterior:
         """Fit the posterior with the coordinates, the bandwidth and the noises of the greatest evidence.
 
         Constant targets do not affect the bandwidth.
@@ -54,11 +56,12 @@ class Posterior:
             targets: shape (n, k).
             centres: maximum number of centres of the kernel part.
             weights: weight of each point, shape (n,); None for 1.
+            centred: whether to try the centred metric, too; see `fit_metric`.
         """
         units, of_targets = Standardizer.of(points, weights), Standardizer.of(targets, weights)
         y = np.where(spreads(targets, weights) > 0, of_targets.standardise(targets), 0.0)
         roots = np.ones((len(points), 1)) if weights is None else np.sqrt(weights)[:, None]
-        coordinates, best = fit_metric(Coordinates(units), points, y, roots, centres)
+        coordinates, best = fit_metric(Coordinates(units), points, y, roots, centres, centred=centred)
         return cls(coordinates, of_targets, best.basis, best.coefficients, best.evidence)
 
     def features(self, points: Array) -> Array:

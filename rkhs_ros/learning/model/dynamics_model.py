@@ -146,6 +146,8 @@ class DynamicsModel:
         spaces: Spaces,
         centres: int,
         priors: Priors = NO_PRIORS,
+        *,
+        centred: bool = False,
     ) -> DynamicsModel:
         """Fit a Gaussian-process dynamics model to episodes.
 
@@ -155,6 +157,7 @@ class DynamicsModel:
             spaces: spaces of the task.
             centres: maximum number of centres of each posterior.
             priors: functions that replace learnt parts.
+            centred: whether to try the centred metric for the changes, too; see `rkhs_ros.rkhs.metric_learning`.
 
         Raises:
             RunError: a prior function failed.
@@ -168,7 +171,7 @@ class DynamicsModel:
             spaces=spaces,
             priors=priors,
             coordinates=coordinates,
-            state_delta=Posterior.fit(steps.points, _residual_changes(steps, coordinates, priors), centres),
+            state_delta=_fit_changes(steps, coordinates, priors, centres, centred=centred),
             rewards=learnt.posterior,
             reward_depends_on_next=learnt.depends_on_next,
             termination=_termination(steps, inputs, centres) if priors.termination_fn is None else None,
@@ -214,13 +217,15 @@ def prediction_test(
     spaces: Spaces,
     centres: int,
     priors: Priors = NO_PRIORS,
+    *,
+    centred: bool = False,
 ) -> PredictionTest:
     """Fit a model to some episodes and test it on others; see `DynamicsModel.fit` for the arguments."""
     earlier, steps = (
         Transitions.of(episodes, inputs, spaces).thinned(MOST_TRANSITIONS) for episodes in (before, after)
     )
     coordinates = coordinates_of(earlier, inputs)
-    model = Posterior.fit(earlier.points, _residual_changes(earlier, coordinates, priors), centres)
+    model = _fit_changes(earlier, coordinates, priors, centres, centred=centred)
     errors = coordinates.wrap(_residual_changes(steps, coordinates, priors) - model.mean(steps.points))
     expected = np.hypot(model.sd(steps.points), model.noise)
     # Rounding errors are always expected, also of a column that is predicted exactly, such as a counter.
@@ -265,6 +270,12 @@ def _apply_prior(priors: Priors, observations: Array, actions: Array) -> Array:
 def _residual_changes(steps: Transitions, coordinates: StateCoordinates, priors: Priors) -> Array:
     """Return the changes of the observations without the prior part, shape (n, d)."""
     return coordinates.difference(_apply_prior(priors, steps.observations, steps.actions), steps.next_observations)
+
+
+def _fit_changes(
+    steps: Transitions, coordinates: StateCoordinates, priors: Priors, centres: int, *, centred: bool
+) -> Posterior:
+    return Posterior.fit(steps.points, _residual_changes(steps, coordinates, priors), centres, centred=centred)
 
 
 class _Rewards(NamedTuple):

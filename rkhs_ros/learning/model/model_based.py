@@ -71,7 +71,8 @@ class ModelBased(Settings):
     discovery: str = setting(
         "none",
         "what to find in the data and add to the policy's inputs, unless these are monomials, the centres are on a "
-        "grid or the kernel has one bandwidth per input: none; angles; or all, angles and a longer history",
+        "grid or the kernel has one bandwidth per input: none; angles; or all, angles and a longer history. all also "
+        "lets the evidence choose between two metrics of the model of the changes",
         choices=DISCOVERIES,
     )
     curiosity: str = setting(
@@ -124,6 +125,11 @@ class ModelBased(Settings):
         noise = as_needed if self.exploration_noise == AS_NEEDED else self.exploration_noise
         return replace(policy, variance=ConstantVariance(share**2 * variance), noise=noise)
 
+    @property
+    def tries_centred_metric(self) -> bool:
+        """Whether the model of the changes also tries the centred metric; see `rkhs_ros.rkhs.metric_learning`."""
+        return self.discovery == "all"
+
     def priors(self, observation_dim: int) -> Priors:
         """Import the functions of the settings.
 
@@ -171,7 +177,7 @@ def train_in_model(
     policy = refit_policy(policy, algorithm, experience, inputs)
     priors = settings.priors(spaces.observation_dim)
     test = _test_previous_model(settings, policy, experience, priors)
-    model = DynamicsModel.fit(episodes, inputs, spaces, settings.centres, priors)
+    model = DynamicsModel.fit(episodes, inputs, spaces, settings.centres, priors, centred=settings.tries_centred_metric)
     nothing_known = experience.reward_depends_on_action_only
     curious = settings.curiosity == AS_NEEDED and nothing_known and priors.reward_fn is None
     runner = ModelRunner(model, test.overconfidence, curious=curious)
@@ -246,7 +252,9 @@ def model_rollouts_of(
     """
     repeat, priors = policy.action_repeat, settings.priors(spaces.observation_dim)
     decisions = episodes.decisions(repeat, discount, spaces)
-    model = DynamicsModel.fit(decisions, policy.inputs, spaces, settings.centres, priors)
+    model = DynamicsModel.fit(
+        decisions, policy.inputs, spaces, settings.centres, priors, centred=settings.tries_centred_metric
+    )
     batch = Batch(0, FROM_THE_START, count, decisions.horizon, explore=False)
     return ModelRunner(model).collect(replace(policy, action_repeat=1), batch).held(repeat, episodes.horizon)
 
@@ -259,7 +267,15 @@ def _test_previous_model(
     if old == 0:
         return PredictionTest(float("nan"), 1.0)
     before, newest = (experience.episodes.take(part) for part in (slice(old), slice(old, None)))
-    return prediction_test(before, newest, policy.inputs, experience.spaces, settings.centres, priors)
+    return prediction_test(
+        before,
+        newest,
+        policy.inputs,
+        experience.spaces,
+        settings.centres,
+        priors,
+        centred=settings.tries_centred_metric,
+    )
 
 
 def _horizon(experience: RealExperience) -> int:

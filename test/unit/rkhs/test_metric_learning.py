@@ -66,6 +66,28 @@ def test_the_metric_improves_predictions_of_a_ridge_function(
     assert with_axes < 0.5 * error()
 
 
+def test_the_centred_metric_leaves_a_strong_linear_trend_to_the_linear_part(
+    rng: np.random.Generator, direction: np.ndarray
+) -> None:
+    trend = 10.0 * np.linalg.qr(np.column_stack([direction, rng.normal(size=D)]))[0][:, 1]  # orthogonal
+    x, elsewhere = rng.normal(size=(N, D)), rng.normal(size=(300, D))
+
+    def error(*, centred: bool) -> float:
+        fitted = Posterior.fit(x, along(x, direction) + x @ trend[:, None], 100, centred=centred)
+        truth = along(elsewhere, direction) + elsewhere @ trend[:, None]
+        return float(np.sqrt(np.mean((fitted.mean(elsewhere) - truth) ** 2)))
+
+    assert error(centred=True) < 0.5 * error(centred=False)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_trying_the_centred_metric_never_lowers_the_evidence(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    x = rng.normal(size=(80, 4))
+    y = np.sin(x[:, :2]) * x[:, 2:] + x[:, :1] + 0.1 * rng.normal(size=(80, 2))
+    assert Posterior.fit(x, y, 50, centred=True).evidence >= Posterior.fit(x, y, 50).evidence
+
+
 def test_an_isotropic_function_keeps_plain_coordinates(rng: np.random.Generator) -> None:
     x = rng.normal(size=(300, 2))
     y = np.exp(-0.5 * np.sum(x**2, axis=1))[:, None] + 0.01 * rng.normal(size=(300, 1))
