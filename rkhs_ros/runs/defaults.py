@@ -20,6 +20,7 @@ MODEL: Mapping[str, Any] = {
     "discovery": "all",
     "curiosity": "as_needed",
     "validation_rollouts": 20,
+    "reward_margin": 1.0,
 }
 MODEL_BASED: Mapping[str, Any] = {"iterations": 20, "episodes_per_iteration": 1}
 WITHOUT_MODEL: Mapping[str, Any] = {"iterations": 60, "episodes_per_iteration": 5}

@@ -75,6 +75,13 @@ class ModelBased(Settings):
         "lets the evidence choose between two metrics of the model of the changes",
         choices=DISCOVERIES,
     )
+    reward_margin: float = setting(
+        0.0,
+        "how far rewards of the model may lie outside the range of observed rewards, relative to that range. With 0, "
+        "the model knows nothing better than what was observed; with a margin, policies seek greater rewards",
+        minimum=0.0,
+        maximum=100.0,
+    )
     curiosity: str = setting(
         "none",
         "when the policy trains to reach states that the model does not know. none: never. as_needed: while a cost of "
@@ -180,7 +187,7 @@ def train_in_model(
     model = DynamicsModel.fit(episodes, inputs, spaces, settings.centres, priors, centred=settings.tries_centred_metric)
     nothing_known = experience.reward_depends_on_action_only
     curious = settings.curiosity == AS_NEEDED and nothing_known and priors.reward_fn is None
-    runner = ModelRunner(model, test.overconfidence, curious=curious)
+    runner = ModelRunner(model, test.overconfidence, curious=curious, reward_margin=settings.reward_margin)
     rounds = max(1, round(settings.updates / test.overconfidence))
     repeat = policy.action_repeat
     policy, metrics, expected = _optimise(

@@ -27,12 +27,16 @@ class ModelRunner:
         caution: factor on the deviation of the drawn functions from their mean.
         curious: reward steps by the model's uncertainty about them instead of the task's rewards, so that the policy
             explores states that were not visited yet.
+        reward_margin: how far drawn rewards may lie outside the observed range, relative to that range.
     """
 
-    def __init__(self, model: DynamicsModel, caution: float = 1.0, *, curious: bool = False) -> None:
+    def __init__(
+        self, model: DynamicsModel, caution: float = 1.0, *, curious: bool = False, reward_margin: float = 0.0
+    ) -> None:
         self._model = model
         self._caution = caution
         self._curious = curious
+        self._reward_margin = reward_margin
 
     @property
     def spaces(self) -> Spaces:
@@ -96,7 +100,7 @@ class ModelRunner:
         return observations, actions, points
 
     def _rewards(self, observations: Array, points: Array, drawn: DrawnFunctions | None) -> Array:
-        """Return the rewards of all steps, shape (N, H): from the prior, or drawn and clipped to the observed range."""
+        """Return the rewards of all steps, shape (N, H): from the prior, or drawn and clipped."""
         reward_fn, n = self._model.priors.reward_fn, self.spaces.action_dim
         if reward_fn is not None:
             steps = (observations[:, :-1], points[..., -n:], observations[:, 1:])
@@ -106,7 +110,10 @@ class ModelRunner:
         if self._model.reward_depends_on_next:
             points = np.concatenate([self._model.inputs.features(observations[:, 1:]), points[..., -n:]], axis=-1)
         rewards = np.stack([drawn.of_draw(row, its_points)[:, 0] for row, its_points in enumerate(points)])
-        return np.clip(rewards, *self._model.reward_range)
+        least, greatest = self._model.reward_range
+        # A margin at one end only would make uncertain states attractive or unattractive on average.
+        margin = self._reward_margin * (greatest - least)
+        return np.clip(rewards, least - margin, greatest + margin)
 
     def _novelty(self, points: Array) -> Array:
         """Return the model's standard deviation of the changes, relative to their spread, shape (N, H)."""

@@ -356,3 +356,16 @@ def test_rewards_of_few_steps_are_not_explained_by_as_many_coefficients(
     spaces = Spaces((1,), np.full(action_dim, -1.0), np.full(action_dim, 1.0))
     assert not reward_depends_on_action_only(episodes, spaces)
     assert reward_depends_on_action_only(replace(episodes, rewards=steps.astype(float)), spaces)
+
+
+def test_rewards_may_lie_outside_the_observed_range_by_the_margin(rng: np.random.Generator) -> None:
+    episodes = simulated_episodes(rng)
+    least, greatest = np.quantile(episodes.rewards, [0.3, 0.6])
+    model = replace(DynamicsModel.fit(episodes, Inputs(), SPACES, 60), reward_range=(least, greatest))
+    policy, batch = policy_of(rng), batch_of(50)
+    free = ModelRunner(model, reward_margin=100.0).collect(policy, batch).rewards
+    for margin in (0.0, 0.1, 1.0):
+        limited = ModelRunner(model, reward_margin=margin).collect(policy, batch).rewards
+        low, high = least - margin * (greatest - least), greatest + margin * (greatest - least)
+        assert free.min() < low or margin == 1.0
+        np.testing.assert_array_equal(limited, np.clip(free, low, high))
