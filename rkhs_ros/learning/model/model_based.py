@@ -184,7 +184,7 @@ def train_in_model(
     policy = refit_policy(policy, algorithm, experience, inputs)
     priors = settings.priors(spaces.observation_dim)
     test = _test_previous_model(settings, policy, experience, priors)
-    model = DynamicsModel.fit(episodes, inputs, spaces, settings.centres, priors, centred=settings.tries_centred_metric)
+    model = fit_model(settings, inputs, episodes, spaces)
     nothing_known = experience.reward_depends_on_action_only
     curious = settings.curiosity == AS_NEEDED and nothing_known and priors.reward_fn is None
     runner = ModelRunner(model, test.overconfidence, curious=curious, reward_margin=settings.reward_margin)
@@ -200,6 +200,16 @@ def train_in_model(
         reward_depends_on_action_only=nothing_known,
     )
     return ModelUpdate(policy, metrics, expected, test.error, curious)
+
+
+def fit_model(settings: ModelBased, inputs: Inputs, episodes: Episodes, spaces: Spaces) -> DynamicsModel:
+    """Fit the model of a run to episodes with one step per decision of the policy.
+
+    Raises:
+        RunError: a prior function failed.
+    """
+    priors = settings.priors(spaces.observation_dim)
+    return DynamicsModel.fit(episodes, inputs, spaces, settings.centres, priors, centred=settings.tries_centred_metric)
 
 
 def inputs_may_change(inputs: Inputs, algorithm: Algorithm, kernel: KernelChoice) -> bool:
@@ -257,11 +267,9 @@ def model_rollouts_of(
     Raises:
         RunError: a prior function failed.
     """
-    repeat, priors = policy.action_repeat, settings.priors(spaces.observation_dim)
+    repeat = policy.action_repeat
     decisions = episodes.decisions(repeat, discount, spaces)
-    model = DynamicsModel.fit(
-        decisions, policy.inputs, spaces, settings.centres, priors, centred=settings.tries_centred_metric
-    )
+    model = fit_model(settings, policy.inputs, decisions, spaces)
     batch = Batch(0, FROM_THE_START, count, decisions.horizon, explore=False)
     return ModelRunner(model).collect(replace(policy, action_repeat=1), batch).held(repeat, episodes.horizon)
 

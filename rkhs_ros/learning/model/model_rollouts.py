@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +16,35 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.posterior import DrawnFunctions, Posterior
 
 START_VISITED_EVERY = 4  # one of this many rollouts starts at a visited observation instead of an initial one
+
+
+@dataclass(frozen=True)
+class Draws:
+    """The random functions and noise of model rollouts.
+
+    Attributes:
+        changes: changes of the observations, drawn once per episode.
+        rewards: rewards, drawn once per episode; None with a prior.
+        noise: noise of the changes, shape (N, H, d).
+    """
+
+    changes: DrawnFunctions
+    rewards: DrawnFunctions | None
+    noise: Array
+
+    def with_rows(self, which: NDArray[np.bool_], fresh: Draws) -> Draws:
+        """Return draws in which fresh ones, one per True in a mask of shape (N,), replace those of some episodes."""
+
+        def merged(old: Array, new: Array) -> Array:
+            result = old.copy()
+            result[which] = new
+            return result
+
+        rewards = self.rewards
+        if rewards is not None and fresh.rewards is not None:
+            rewards = replace(rewards, weights=merged(rewards.weights, fresh.rewards.weights))
+        changes = replace(self.changes, weights=merged(self.changes.weights, fresh.changes.weights))
+        return Draws(changes, rewards, merged(self.noise, fresh.noise))
 
 
 class ModelRunner:
@@ -45,16 +76,33 @@ class ModelRunner:
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Run the episodes of a batch with the policy."""
-        model = self._model
         streams = [stream(batch.seed, "imagination", episode) for episode in batch.episodes]
         starts = self._starts(batch, streams)
+        draws = self.draw(streams, batch.horizon)
+        return self._judged(*self._roll_out(policy, batch, starts, draws), draws)
+
+    def draw(self, streams: list[np.random.Generator], horizon: int) -> Draws:
+        """Draw the functions and the noise of one episode from each random stream."""
+        model = self._model
         changes = self._drawn(model.state_delta, streams)
         rewards = None if model.rewards is None else self._drawn(model.rewards, streams)
-        shape = (batch.horizon, model.spaces.observation_dim)
+        shape = (horizon, model.spaces.observation_dim)
         noise = np.stack([own.standard_normal(shape) for own in streams]) * model.state_delta.noise
-        observations, actions, points = self._roll_out(policy, batch, starts, changes, noise)
-        earned = self._novelty(points) if self._curious else self._rewards(observations, points, rewards)
-        return self._cut(observations, actions, earned)
+        return Draws(changes, rewards, noise)
+
+    def step(self, draws: Draws, steps: NDArray[np.int_], inputs: Array, now: Array, actions: Array) -> Episodes:
+        """Make one step of each rollout, and return it as an episode of one step.
+
+        Args:
+            draws: draws of the rollouts.
+            steps: number of earlier steps of each rollout, shape (N,).
+            inputs: inputs of the policy, shape (N, q).
+            now: current observations, shape (N, d).
+            actions: shape (N, n).
+        """
+        noise = draws.noise[np.arange(len(steps)), steps]
+        points, after = self._advance(draws, noise, inputs, now, actions)
+        return self._judged(np.stack([now, after], axis=1), actions[:, None], points[:, None], draws)
 
     def _starts(self, batch: Batch, streams: list[np.random.Generator]) -> Array:
         """Return the first observations of the episodes.
@@ -73,7 +121,7 @@ class ModelRunner:
         return posterior.draw(self._caution * np.stack([own.standard_normal(shape) for own in streams]))
 
     def _roll_out(
-        self, policy: GaussianPolicy, batch: Batch, starts: Array, changes: DrawnFunctions, noise: Array
+        self, policy: GaussianPolicy, batch: Batch, starts: Array, draws: Draws
     ) -> tuple[Array, Array, Array]:
         """Run the rollouts to the horizon, even if they terminate earlier.
 
@@ -94,10 +142,21 @@ class ModelRunner:
                 features = inputs.features(now)
             else:
                 features = inputs.at(np.array([step]), observations[:, : step + 1], actions[:, : step + 1])[:, 0]
-            points[:, step] = points_of(features, actions[:, step], model.spaces)
-            unknown = changes(points[:, step]) + noise[:, step]
-            observations[:, step + 1] = model.predict(now, points[:, step, -n:], unknown)
+            points[:, step], observations[:, step + 1] = self._advance(
+                draws, draws.noise[:, step], features, now, actions[:, step]
+            )
         return observations, actions, points
+
+    def _advance(self, draws: Draws, noise: Array, inputs: Array, now: Array, actions: Array) -> tuple[Array, Array]:
+        """Return the inputs of the model, shape (N, p), and the next observations, shape (N, d)."""
+        model = self._model
+        points = points_of(inputs, actions, model.spaces)
+        return points, model.predict(now, points[:, -actions.shape[1] :], draws.changes(points) + noise)
+
+    def _judged(self, observations: Array, actions: Array, points: Array, draws: Draws) -> Episodes:
+        """Return the episodes of rollouts with their rewards, each truncated where the model terminates it."""
+        earned = self._novelty(points) if self._curious else self._rewards(observations, points, draws.rewards)
+        return self._cut(observations, actions, earned)
 
     def _rewards(self, observations: Array, points: Array, drawn: DrawnFunctions | None) -> Array:
         """Return the rewards of all steps, shape (N, H): from the prior, or drawn and clipped."""
