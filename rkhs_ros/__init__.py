@@ -1,7 +1,8 @@
 """Policy search in reproducing kernel Hilbert spaces, as a library and as a ROS 2 learning system.
 
 The package imports a public name when it is first used: `train` and `learn` for any Gymnasium environment, `load` for a
-trained `Policy`, the algorithms and step rules, model-based training, the kernels, and the policy inputs (`Inputs`).
+trained `Policy`, `load_model` for the dynamics model of a run, the algorithms and step rules, model-based training, the
+kernels, and the policy inputs (`Inputs`).
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from rkhs_ros.rkhs.kernels import RBF as RBF
     from rkhs_ros.rkhs.kernels import Linear as Linear
     from rkhs_ros.rkhs.kernels import Polynomial as Polynomial
+    from rkhs_ros.runs.learnt_model import load_model as load_model
 
 _HOMES = {
     "app.library": ("Result", "learn", "train"),
@@ -56,6 +58,7 @@ _HOMES = {
     "policies.inputs": ("Inputs",),
     "policies.policy": ("Policy", "load"),
     "rkhs.kernels": ("RBF", "Linear", "Polynomial"),
+    "runs.learnt_model": ("load_model",),
 }
 _MODULES = {name: f"rkhs_ros.{module}" for module, names in _HOMES.items() for name in names}
 __all__ = sorted(_MODULES)

@@ -6,6 +6,7 @@ import time
 from collections.abc import Generator, Iterable, Iterator, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -30,6 +31,7 @@ from rkhs_ros.policies.storage import Task
 from rkhs_ros.rkhs.kernels import Array, Kernel
 from rkhs_ros.rollouts.environments import Source
 from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.model_env import LearntModel
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import name_of_run
 from rkhs_ros.runs.curve import Row, columns
@@ -50,12 +52,14 @@ class Result:
             first evaluation.
         iteration: episodes, returns and metrics of the iteration.
         rows: the lines of curve.csv so far.
+        training: the settings of the run.
     """
 
     policy: Policy
     best_policy: Policy | None
     iteration: Iteration
     rows: tuple[Row, ...]
+    training: Training
 
     def __repr__(self) -> str:
         """Return a summary in one line."""
@@ -68,6 +72,15 @@ class Result:
     def curve(self) -> dict[str, NDArray[Any]]:
         """The columns of curve.csv as arrays by name, with one entry per iteration."""
         return columns(self.rows)
+
+    @cached_property
+    def model(self) -> LearntModel:
+        """The dynamics model, fitted on first use to all real episodes so far.
+
+        Raises:
+            ValueError: the run has no model.
+        """
+        return LearntModel.of(self.training, self.iteration.state, self.policy.spaces)
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Return a figure of the learning curve.
@@ -235,4 +248,4 @@ def _results(training: Training, runner: InlineRunner, warm_start: Policy | None
             policy = Policy(iteration.policy, task, runner.spaces)
             if iteration.evaluation_bound > highest:
                 highest, best = iteration.evaluation_bound, policy
-            yield Result(policy, best, iteration, rows)
+            yield Result(policy, best, iteration, rows, training)

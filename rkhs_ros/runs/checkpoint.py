@@ -135,6 +135,18 @@ class Checkpoints:
             raise OtherRunError(f"{damaged[0]}: {WHOLE}, got damaged ones only. {REMEDY}")
         return None
 
+    def last(self) -> State:
+        """Return the state after the last iteration, from the newest intact checkpoint; warn for each damaged one.
+
+        Raises:
+            ValueError: there is no intact checkpoint, or it has another schema or other settings.
+            OSError: the disk failed.
+        """
+        for path in sorted(self._folder.glob("*.npz"), reverse=True):
+            if found := self._read(path):
+                return found[0]
+        raise ValueError(f"{self._folder}: expected an intact checkpoint, got none")
+
     def resume_from(self, state: State) -> None:
         """Sync the checkpoint of a state to the disk, and delete newer ones.
 

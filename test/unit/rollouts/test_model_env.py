@@ -1,0 +1,132 @@
+"""Episodes in a dynamics model as an environment are those of `ModelRunner`, and follow Gymnasium's conventions."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+from gymnasium.utils.env_checker import check_env
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.model.dynamics_model import DynamicsModel
+from rkhs_ros.learning.model.model_rollouts import ModelRunner
+from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.streams import Batch, stream
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF
+from rkhs_ros.rollouts.model_env import LearntModel
+
+SPACES = Spaces((2,), np.array([-1.0]), np.array([1.0]))
+HORIZON, EPISODES = 12, 3
+INPUTS = {
+    "an observation": Inputs(),
+    "an angle": Inputs(angles=(0.0,)),
+    "a window": Inputs(history=3),
+    "monomials": Inputs(history=2, degree=2),
+}
+
+
+def episodes_of(rng: np.random.Generator) -> Episodes:
+    """Return episodes of an oscillator, which end when the first number is above 1."""
+    count, horizon = 40, HORIZON
+    observations, actions = np.zeros((count, horizon + 1, 2)), rng.uniform(-1.5, 1.5, (count, horizon, 1))
+    observations[:, 0] = rng.uniform(-0.8, 0.8, (count, 2))
+    for t in range(horizon):
+        x, v = observations[:, t].T
+        push = np.clip(actions[:, t, 0], -1.0, 1.0) + 0.05 * rng.standard_normal(count)
+        observations[:, t + 1] = np.stack([x + 0.3 * v, v - 0.3 * np.sin(x) + 0.4 * push], axis=1)
+    over = observations[:, 1:, 0] > 1.0
+    terminated = over.any(axis=1)
+    last = np.where(terminated, over.argmax(axis=1), horizon - 1)
+    mask = np.arange(horizon) <= last[:, None]
+    rewards = np.where(mask, 1.0 - observations[:, :-1, 0] ** 2 - 5.0 * over, 0.0)
+    final = observations[np.arange(count), last + 1]
+    kept = mask[:, :, None]
+    return Episodes(
+        np.where(kept, observations[:, :-1], 0.0), np.where(kept, actions, 0.0), rewards, mask, final, terminated
+    )
+
+
+def policy_of(rng: np.random.Generator, inputs: Inputs) -> GaussianPolicy:
+    size = inputs.dimension(2, 1)
+    mean = Function(RBF((2.0,)), rng.normal(size=(8, size)), 0.3 * rng.normal(size=(8, 1)))
+    return GaussianPolicy(mean, ConstantVariance(np.array([1.0])), inputs)
+
+
+def model_of(rng: np.random.Generator, inputs: Inputs = Inputs()) -> LearntModel:  # noqa: B008
+    return LearntModel(DynamicsModel.fit(episodes_of(rng), inputs, SPACES, 40), HORIZON, 1, 0.5)
+
+
+@pytest.mark.parametrize("inputs", INPUTS.values(), ids=INPUTS)
+def test_an_episode_is_that_of_the_runner_with_the_same_draws(rng: np.random.Generator, inputs: Inputs) -> None:
+    model, policy = model_of(rng, inputs), policy_of(rng, inputs)
+    environment, runner, terminated = model.as_env(caution=1.5), ModelRunner(model.dynamics, 1.5, reward_margin=0.5), 0
+    for number in range(20):
+        batch = Batch(7, 4 * number, 1, HORIZON, explore=True)  # of these numbers, which start like real episodes
+        expected, acting = runner.collect(policy, batch), Acting(policy, batch, explore=True)
+        environment.np_random = stream(batch.seed, "imagination", batch.first_episode)
+        observation, _ = environment.reset()
+        for step in range(expected.count):
+            np.testing.assert_array_equal(observation, expected.observations[0, step])
+            action = acting(step, observation[None])[0]
+            np.testing.assert_array_equal(action, expected.actions[0, step])
+            observation, reward, ends, cut, _ = environment.step(action)
+            # The runner evaluates the rewards of an episode in one product.
+            np.testing.assert_allclose(reward, expected.rewards[0, step], rtol=1e-9, atol=1e-9)
+            assert (ends or cut) == (step == expected.count - 1)
+        np.testing.assert_array_equal(observation, expected.final_observations[0])
+        assert ends == expected.terminated[0]
+        terminated += ends
+    assert 0 < terminated < 20
+
+
+def test_each_environment_of_a_vector_environment_is_a_single_environment(rng: np.random.Generator) -> None:
+    model = model_of(rng, INPUTS["a window"])
+    singles, many = [model.as_env() for _ in range(EPISODES)], model.as_vector_env(EPISODES)
+    observations, _ = many.reset(seed=5)
+    for row, single in enumerate(singles):
+        np.testing.assert_array_equal(single.reset(seed=5 + row)[0], observations[row])
+    over, ended = np.zeros(EPISODES, dtype=bool), 0
+    for action in rng.uniform(-1.5, 1.5, (40, EPISODES, 1)):
+        observations, *results, _ = many.step(action)
+        for row, single in enumerate(singles):
+            if over[row]:
+                expected: Any = (single.reset()[0], 0.0, False, False)
+            else:
+                expected = single.step(action[row])[:4]
+            for got, value in zip((observations, *results), expected, strict=True):
+                np.testing.assert_array_equal(got[row], value)
+        over = results[1] | results[2]
+        ended += over.sum()
+    assert ended > 2 * EPISODES
+
+
+def test_the_environments_follow_gymnasium(rng: np.random.Generator) -> None:
+    model = model_of(rng)
+    with pytest.raises(ResetNeeded, match=r"^step: expected reset\(\) before the first step"):
+        model.as_env().step(np.zeros(1))
+    with pytest.warns(UserWarning, match="infinity"):  # the bounds of the observations are not known
+        check_env(model.as_env(), skip_render_check=True)
+    with pytest.raises(ValueError, match=r"^seed: expected 2, one for each environment, got 1$"):
+        model.as_vector_env(2).reset(seed=[1])
+    with pytest.raises(ValueError, match=r"^num_envs: expected a whole number >= 1, got 0$"):
+        model.as_vector_env(0)
+
+
+def test_the_same_seed_gives_the_same_functions_and_caution_zero_their_mean(rng: np.random.Generator) -> None:
+    model = model_of(rng)
+
+    def returned(seed: int, caution: float) -> float:
+        environment, total, done = model.as_env(caution), 0.0, False
+        environment.reset(seed=seed)
+        while not done:
+            _, reward, terminated, done, _ = environment.step(np.zeros(1))
+            total, done = total + reward, done or terminated
+        return total
+
+    assert returned(3, 1.0) == returned(3, 1.0)
+    assert len({returned(seed, 1.0) for seed in range(5)}) == 5
+    assert returned(3, 0.0) != returned(3, 1.0)
