@@ -42,7 +42,12 @@ setup(
     maintainer="The rkhs_ros authors",
     maintainer_email="rkhs-ros@example.org",
     packages=find_packages(include=[NAME, f"{NAME}.*", "sim_nodes", "sim_nodes.*"]),
-    package_data={"rkhs_ros.nodes.core": ["*.xml"], "rkhs_ros.recordings": ["msg/*.msg"], "sim_nodes.pr2": ["*.npz"]},
+    package_data={
+        "rkhs_ros.nodes.core": ["*.xml"],
+        "rkhs_ros.policies": ["*.hpp"],
+        "rkhs_ros.recordings": ["msg/*.msg"],
+        "sim_nodes.pr2": ["*.npz"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -66,6 +71,7 @@ setup(
     ],
     extras_require={
         "lerobot": ["pyarrow>=15"],
+        "onnx": ["onnx>=1.15", "onnxruntime>=1.17"],
         "pr2": ["pybullet>=3.2.5"],
         "pr2-meshes": ["example-robot-data>=4.1"],
         "mujoco": ["gymnasium[mujoco]>=1.1"],

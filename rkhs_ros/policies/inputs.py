@@ -137,12 +137,19 @@ class Inputs(Settings):
         """
         if self.degree == 0:
             return x
-        size = x.shape[-1] + 1
-        constant = np.full((*x.shape[:-1], 1), np.sqrt(self.offset))
-        factors = np.concatenate([x, constant], axis=-1)
-        choices = list(combinations_with_replacement(range(size), self.degree))
-        scale = np.sqrt([_multinomial(np.bincount(c, minlength=size).tolist()) for c in choices])
-        return np.asarray(scale * factors[..., np.array(choices)].prod(axis=-1))
+        choices, scale, constant = self.monomials(x.shape[-1])
+        factors = np.concatenate([x, np.full((*x.shape[:-1], 1), constant)], axis=-1)
+        return np.asarray(scale * factors[..., choices].prod(axis=-1))
+
+    def monomials(self, size: int) -> tuple[NDArray[np.int_], Array, float]:
+        """Return the monomials of ``size`` numbers, to which a constant is appended.
+
+        Returns:
+            The columns of the factors, shape (count, degree); the coefficients, shape (count,); the constant.
+        """
+        choices = list(combinations_with_replacement(range(size + 1), self.degree))
+        scale = np.sqrt([_multinomial(np.bincount(c, minlength=size + 1).tolist()) for c in choices])
+        return np.array(choices), scale, float(np.sqrt(self.offset))
 
 
 def _contiguous(points: Array) -> Array:

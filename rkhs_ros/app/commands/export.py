@@ -1,4 +1,4 @@
-"""``rkhs export``: export recorded episodes to other formats."""
+"""``rkhs export``: export policies and recorded episodes to other formats."""
 
 from __future__ import annotations
 
@@ -6,16 +6,25 @@ import argparse
 from pathlib import Path
 
 from rkhs_ros.app.trust import reads_data
+from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.validation import require
+from rkhs_ros.policies.onnx_check import TOLERANCE, export_onnx
+from rkhs_ros.policies.policy import load
+from rkhs_ros.policies.text_file import HEADER, policy_text
 from rkhs_ros.recordings.lerobot import export
 from rkhs_ros.recordings.recording import read_recording
+from rkhs_ros.runs.report import last_policy
+
+FORMATS = (".onnx", ".txt")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
-    add("recording", type=Path, metavar="RECORDING", help="a recording, or the folder of a recorded run")
-    add("--lerobot", type=Path, metavar="DIR", required=True, help="new folder for the LeRobotDataset v3.0")
+    add("source", type=Path, metavar="DIR|FILE", help="a run's folder, a policy file, or a recording")
+    about = "file for the policy: an ONNX graph (.onnx), or text with a C++ header (.txt)"
+    add("policy", type=Path, metavar="POLICY", nargs="?", help=about)
+    add("--lerobot", type=Path, metavar="DIR", help="new folder for the recorded episodes, as a LeRobotDataset v3.0")
     add(
         "--fps",
         type=float,
@@ -27,9 +36,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @reads_data
 def run(options: argparse.Namespace) -> int:
+    """Write the policy or the completed episodes."""
+    given = [name for name in ("policy", "lerobot") if getattr(options, name)]
+    require(len(given) == 1, "export", "a file for the policy or --lerobot DIR", " and ".join(given) or "neither")
+    return _export_episodes(options) if options.lerobot else _export_policy(options.source, options.policy)
+
+
+def _export_policy(source: Path, file: Path) -> int:
+    """Write a policy in the format of the file's suffix; print the result of the check of an ONNX graph."""
+    require(file.suffix in FORMATS, f"{file}", f"a file that ends in {' or '.join(FORMATS)}", file.suffix or "none")
+    policy = load(last_policy(source) if source.is_dir() else source)
+    if file.suffix == ".txt":
+        write_whole(file, policy_text(policy).encode())
+        write_whole(file.with_name(HEADER.name), HEADER.read_bytes())
+        print(f"Exported the policy: {file}, with {HEADER.name}")
+        return 0
+    check = export_onnx(policy, file)
+    print(f"Exported the policy: {file}")
+    print(
+        f"Checked on {check.observations} random observations: relative error {check.error:.1g} "
+        f"(limit {TOLERANCE:g}), {1e6 * check.seconds:.0f} µs per call (median, one thread)"
+    )
+    return 0
+
+
+def _export_episodes(options: argparse.Namespace) -> int:
     """Write the completed episodes and print their number."""
     fps = None if options.fps is None else _whole_fps(options.fps)
-    recording = read_recording(options.recording)
+    recording = read_recording(options.source)
     task = options.task or (recording.head.task.environment if recording.head else "")
     require(bool(task), "--task", "a description of the task, which a bag does not contain", "none")
     spaces = recording.head.spaces if recording.head else None

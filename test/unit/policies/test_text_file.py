@@ -1,0 +1,83 @@
+"""The C++ header acts like the policies that it reads."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rkhs_ros.policies.text_file import FIRST_LINE, HEADER, policy_text
+from test.unit.policies.exported import INPUTS, KERNELS, STEPS, acted, random_episode, small_policy
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(shutil.which("g++") is None, reason="there is no compiler")]
+LINES = 150  # of the header
+PROGRAM = """
+#include <cstdio>
+#include <iostream>
+#include "rkhs_policy.hpp"
+int main(int count, char** files) try {  // acts in two episodes with each policy, on the same observations from stdin
+  std::vector<double> numbers;
+  for (double number; std::cin >> number;) numbers.push_back(number);
+  for (int i = 1; i < count; ++i) {
+    rkhs::Policy policy(files[i]);
+    for (int episode = 0; episode < 2; ++episode) {
+      policy.reset();
+      for (auto at = numbers.begin(); at != numbers.end(); at += 4)
+        for (double action : policy({at, at + 4})) std::printf("%.17g ", action);
+    }
+    std::printf("\\n");
+  }
+} catch (const std::exception& error) {
+  std::puts(error.what());
+  return 1;
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("program")
+    (folder / "main.cpp").write_text(PROGRAM)
+    options = ["-std=c++17", "-O1", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-pedantic", "-Werror"]
+    subprocess.run(["g++", *options, f"-I{HEADER.parent}", "main.cpp", "-o", "main"], cwd=folder, check=True)
+    return folder / "main"
+
+
+def run(program: Path, *files: Path) -> subprocess.CompletedProcess[str]:
+    numbers = " ".join(map(repr, random_episode().ravel().tolist()))
+    return subprocess.run([program, *files], input=numbers, capture_output=True, text=True)
+
+
+def test_it_acts_like_the_policy_for_all_kernels_and_inputs(program: Path, tmp_path: Path) -> None:
+    policies = [small_policy(kernel, inputs, repeat) for kernel in KERNELS for inputs in INPUTS for repeat in (1, 3)]
+    policies += [small_policy("rbf", "window", centres=0), small_policy("sum", "angles", 2, scalar=True)]
+    files = [tmp_path / f"{number}.txt" for number in range(len(policies))]
+    for file, policy in zip(files, policies, strict=True):
+        file.write_text(policy_text(policy))
+    done = run(program, *files)
+    assert done.returncode == 0, done.stdout
+    for policy, line in zip(policies, done.stdout.splitlines(), strict=True):
+        expected = acted(policy, random_episode())
+        got = np.array(line.split(), dtype=float).reshape(2, *expected.shape)
+        assert np.allclose(got, expected, rtol=1e-9, atol=1e-9), policy.gaussian
+    assert len(expected) == STEPS
+
+
+def test_a_file_that_is_missing_cut_short_or_of_another_version_is_rejected(program: Path, tmp_path: Path) -> None:
+    text, file = policy_text(small_policy("rbf", "plain")), tmp_path / "policy.txt"
+    for content, reason in {
+        None: "whole policy file",
+        text[:-40]: "whole policy file",
+        text.replace(FIRST_LINE, "rkhs_policy 2"): "'rkhs_policy 1'",
+        text.replace("rbf", "laplace"): "unknown kernel laplace",
+    }.items():
+        if content is not None:
+            file.write_text(content)
+        done = run(program, file)
+        assert done.returncode == 1
+        assert reason in done.stdout
+
+
+def test_the_header_stays_small() -> None:
+    assert len(HEADER.read_text().splitlines()) <= LINES
