@@ -13,7 +13,7 @@ from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.validation import require
 from rkhs_ros.policies.onnx_graph import STATE, missing, onnx_model
 from rkhs_ros.policies.policy import Policy
-from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rkhs.kernels import Array, deviations
 
 TOLERANCE = 1e-6  # relative to the greatest action
 COUNT, EPISODES = 10_000, 100  # observations in all; episodes side by side
@@ -110,7 +110,7 @@ def random_observations(policy: Policy) -> Array:
     """Return at least ``COUNT`` observations around the centres, shape (blocks, steps, EPISODES, *observation_shape).
 
     Angles cover a full turn. The other columns are normally distributed with the mean and ``SPREAD`` standard
-    deviations of the centres' column, or of 0 and 1 if the inputs are monomials.
+    deviations of the centres' column, or those of 0 and 1 if the inputs are monomials.
     """
     rng, spaces, inputs = np.random.default_rng(0), policy.spaces, policy.gaussian.inputs
     d, centres = spaces.observation_dim, policy.gaussian.mean.centres
@@ -118,10 +118,10 @@ def random_observations(policy: Policy) -> Array:
     shape = (-(-COUNT // (steps * EPISODES)), steps, EPISODES)
     rest = [column for column in range(d) if column not in inputs.columns]
     observations = SPREAD * rng.normal(size=(*shape, d))
-    if len(centres) and not inputs.degree:
+    if len(centres) and rest and not inputs.degree:
         end = centres.shape[1] - (spaces.action_dim if inputs.history > 1 else 0)
         near = centres[:, end - len(rest) : end]  # of the newest observation
-        observations[..., rest] = near.mean(axis=0) + observations[..., rest] * near.std(axis=0)
+        observations[..., rest] = near.mean(axis=0) + observations[..., rest] * deviations(near)
     observations[..., inputs.columns] = rng.uniform(-0.5, 0.5, (*shape, len(inputs.columns))) * inputs.full_turns
     return observations.reshape(*shape, *spaces.observation_shape)
 
