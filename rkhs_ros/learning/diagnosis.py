@@ -19,12 +19,12 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 
 PATIENCE = 5  # iterations for which a sign lasts; returns of fewer often differ by luck
-EXPLOITS = 0.75  # gap between the two returns, relative to the range of real returns; random starts cause 0.5
+EXPLOITS = 0.75  # gap between the two returns, relative to the range of real returns; random starts alone cause 0.5
 RISE = 0.05  # smallest rise above the first return, relative to the larger; the noise of a return is often more
 PRECISE = 0.05  # error of a model in which nothing is left to learn, in standard deviations of the changes
-BAD = 0.5  # error of a model that is not good in the states that it leads to; the mean change has 1
-TESTS = 4  # tests of models; a single model is bad in states that are new, and the first iteration has none to test
-ALIKE = 0.1  # gap between the two returns of a good model, whatever its error in columns that do not matter
+BAD = 0.5  # error of a model that predicts the newest episodes badly; predicting the mean change has the error 1
+TESTS = 4  # newest models to compare; any model fails in states that are new, and the first iteration has none to test
+ALIKE = 0.1  # relative gap of the two returns up to which a model is good, even if irrelevant columns have large errors
 SATURATED = 0.95  # share of actions at their bounds; good policies that switch between bounds have less
 MOST_RECENT = 256  # iterations that stay in memory, besides the first
 REWARD_PATIENCE = 3  # iterations without a change of the reward; fewer may just not have reached it
@@ -79,9 +79,9 @@ class Summary:
 
 
 def exploits_model(recent: Sequence[Summary]) -> bool:
-    """Return whether the return in the model is mostly far above the evaluation return, also in the newest iteration.
+    """Return whether the return in the model is far above the evaluation return, now and in most recent iterations.
 
-    The unit of the gap is the range of all real returns, because returns have no natural zero.
+    The gap is relative to the range of all real returns, because returns have no natural zero.
     """
     known = [each for each in recent if not (isnan(each.evaluation_return) or isnan(each.model_return))][-PATIENCE:]
     returns = [each.exploration_return for each in recent] + [each.evaluation_return for each in known]

@@ -16,7 +16,7 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.pursuit import pursue
 
-UNDISCOUNTED = 1.0  # rewards do not matter
+UNDISCOUNTED = 1.0  # any discount will do, since imitation ignores rewards
 LEAST_SD = 1e-6  # minimum exploration, for demonstrations that are fitted without error
 
 

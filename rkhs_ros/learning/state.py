@@ -31,8 +31,8 @@ class State:
         memory: episodes that the algorithm stores, or all episodes for model-based training; empty at first.
         explored: number of exploration episodes so far, which is the number of the next one.
         evaluated: number of evaluation episodes so far.
-        steps: number of environment steps of the exploration episodes so far; 0 if unknown, since the run began before
-            steps were counted.
+        steps: number of environment steps of the exploration episodes so far; 0 if unknown, because the run began
+            before steps were counted.
     """
 
     iterations: int
@@ -105,7 +105,7 @@ def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy |
 
 
 def chooses_action_repeat(state: State, training: Training) -> bool:
-    """Return whether the next episodes determine the action repeat: the first ones, unless a policy was given."""
+    """Return whether the next episodes choose the action repeat: only the first ones, if there is no initial policy."""
     return training.action_repeat == AUTO and state.iterations == 0 and len(state.policy.mean.centres) == 0
 
 

@@ -86,7 +86,7 @@ class Iteration:
 
     @property
     def steps_used(self) -> int:
-        """Number of environment steps of these episodes."""
+        """Number of environment steps of the exploration episodes so far; 0 if unknown."""
         return self.state.steps
 
     @property
@@ -148,7 +148,7 @@ class Collector:
         self.explored = state.explored
         self.evaluated = state.evaluated
         self.steps = state.steps
-        self._counts_steps = state.explored == 0 or state.steps > 0  # not in an older run that resumes
+        self._counts_steps = state.explored == 0 or state.steps > 0  # a resumed older run has no count
         self._tried: list[Episodes] = []
         self._ahead: Episodes | None = None
 
@@ -262,7 +262,7 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
 
 
 def with_action_repeat(state: State, training: Training, exploration: Episodes) -> GaussianPolicy:
-    """Return the policy with the action repeat, which the first episodes may determine."""
+    """Return the policy with its action repeat, chosen from the episodes if the settings and the state ask for it."""
     policy = state.policy
     if not chooses_action_repeat(state, training):
         return policy

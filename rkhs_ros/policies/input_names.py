@@ -42,7 +42,7 @@ def input_names(inputs: Inputs, names: Names, action_repeat: int = 1) -> tuple[s
     Args:
         inputs: the inputs.
         names: names of a task's components.
-        action_repeat: number of steps between two decisions, which a history contains.
+        action_repeat: number of steps per decision; the entries of a history are one decision apart.
     """
     observed = _with_angles(names.observations, inputs.columns)
     if inputs.history > 1:

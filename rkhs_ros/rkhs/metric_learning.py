@@ -5,6 +5,9 @@ fit therefore define the squared distances of the next one (Radhakrishnan, Beagl
 "Mechanism for feature learning in neural networks and backpropagation-free machine learning models", Science 383):
 
 .. math:: L L^\top \propto \sum_{i, k} \nabla f_k(x_i)\, \nabla f_k(x_i)^\top
+
+The centred metric subtracts the mean gradient of each function :math:`f_k` first, because the linear part of a fit
+explains a constant gradient.
 """
 
 from __future__ import annotations
@@ -32,7 +35,7 @@ def fit_metric(
         targets: standardised values of the functions, shape (n, k).
         roots: square roots of the points' weights, shape (n, 1).
         centres: maximum number of centres of the fit.
-        centred: whether to try the centred metric, too.
+        centred: also try the centred metric, and return the one with the greater evidence.
     """
     some, their_targets, their_roots = (subsample(each, MOST_FITTED) for each in (points, targets, roots))
     first = best_fit(plain.of(some), their_targets, their_roots, centres)

@@ -56,7 +56,7 @@ class Posterior:
             targets: shape (n, k).
             centres: maximum number of centres of the kernel part.
             weights: weight of each point, shape (n,); None for 1.
-            centred: whether to try the centred metric, too; see `fit_metric`.
+            centred: also try the centred metric; see `rkhs_ros.rkhs.metric_learning`.
         """
         units, of_targets = Standardizer.of(points, weights), Standardizer.of(targets, weights)
         y = np.where(spreads(targets, weights) > 0, of_targets.standardise(targets), 0.0)

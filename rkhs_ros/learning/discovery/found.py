@@ -15,7 +15,7 @@ from rkhs_ros.policies.inputs import Inputs
 
 
 class Known(NamedTuple):
-    """What is known about how a task is written down.
+    """What a run knows about its task: at which rate and from which inputs the policy decides.
 
     Attributes:
         action_repeat: action repeat of the policy; 0 if it is still to be chosen.
@@ -32,12 +32,12 @@ class Known(NamedTuple):
 
     @classmethod
     def of(cls, training: Training) -> Known:
-        """Return what the settings of a run say."""
+        """Return what the settings of a run specify."""
         return cls(training.action_repeat if isinstance(training.action_repeat, int) else 0, training.inputs)
 
 
 def settings_of(before: Known, after: Known) -> list[str]:
-    """Return what is known in addition to what was known before, as ``KEY=VALUE``.
+    """Return the settings that differ from what was known before, as ``KEY=VALUE``.
 
     Args:
         before: what was known.

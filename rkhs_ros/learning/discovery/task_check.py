@@ -21,7 +21,7 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 
 SAME = 1.0 - 1e-9  # absolute correlation of columns that repeat each other
-NOT_TESTED = "not tested, since other settings depend on the inputs"
+NOT_TESTED = "not tested, since inputs.degree, the grid or kernel.bandwidth depends on the inputs"
 FIRST_PART = 4  # the first of four parts of an episode, with which its end is compared
 
 
@@ -36,7 +36,7 @@ class TaskCheck:
         change_per_step: change of the observation per step, in standard deviations.
         change_per_decision: the same per decision with this action repeat.
         inputs: inputs with the angles and the history that the data reveal.
-        inputs_may_change: False if the settings depend on the inputs, which are then not searched.
+        inputs_may_change: whether inputs were searched; False if other settings depend on the inputs.
         decisions: number of decisions with this action repeat.
     """
 

@@ -115,7 +115,7 @@ class DynamicsModel:
         reward_depends_on_next: whether the reward is a function of the next observation instead of the current one.
         termination: posterior that is positive if an observation terminates the episode; None with a prior, or if no
             episode was terminated.
-        terminal_reward: reward that a terminal step earns in addition.
+        terminal_reward: reward that a terminal step earns in addition to the prediction of `rewards`.
         low: lower end of the observed range, shape (d,); -inf for periodic columns.
         high: upper end of the observed range, shape (d,); inf for periodic columns.
         reward_range: smallest and largest observed reward of non-terminal steps.
@@ -157,7 +157,7 @@ class DynamicsModel:
             spaces: spaces of the task.
             centres: maximum number of centres of each posterior.
             priors: functions that replace learnt parts.
-            centred: whether to try the centred metric for the changes, too; see `rkhs_ros.rkhs.metric_learning`.
+            centred: also try the centred metric for the changes; see `rkhs_ros.rkhs.metric_learning`.
 
         Raises:
             RunError: a prior function failed.

@@ -72,13 +72,14 @@ class ModelBased(Settings):
         "none",
         "what to find in the data and add to the policy's inputs, unless these are monomials, the centres are on a "
         "grid or the kernel has one bandwidth per input: none; angles; or all, angles and a longer history. all also "
-        "lets the evidence choose between two metrics of the model of the changes",
+        "compares two metrics for the model of the changes, and uses the one with the greater evidence",
         choices=DISCOVERIES,
     )
     reward_margin: float = setting(
         0.0,
         "how far rewards of the model may lie outside the range of observed rewards, relative to that range. With 0, "
-        "the model knows nothing better than what was observed; with a margin, policies seek greater rewards",
+        "the model predicts no reward above the best observed one; with a margin, it can extrapolate, and policies "
+        "seek greater rewards",
         minimum=0.0,
         maximum=100.0,
     )
@@ -203,9 +204,16 @@ def train_in_model(
 
 
 def fit_model(settings: ModelBased, inputs: Inputs, episodes: Episodes, spaces: Spaces) -> DynamicsModel:
-    """Fit the model of a run to episodes with one step per decision of the policy.
+    """Fit the model of a run.
+
+    Args:
+        settings: settings of the model.
+        inputs: inputs of the policy.
+        episodes: at least one episode, with raw observations and one step per decision of the policy.
+        spaces: spaces of the task.
 
     Raises:
+        ValueError: a prior function does not exist.
         RunError: a prior function failed.
     """
     priors = settings.priors(spaces.observation_dim)
@@ -213,7 +221,7 @@ def fit_model(settings: ModelBased, inputs: Inputs, episodes: Episodes, spaces: 
 
 
 def inputs_may_change(inputs: Inputs, algorithm: Algorithm, kernel: KernelChoice) -> bool:
-    """Return False if a setting depends on the inputs: monomials, centres on a grid, or a kernel given for them."""
+    """Return False if a setting depends on the inputs: monomials, a grid of centres, or one bandwidth per input."""
     return inputs.degree == 0 and not isinstance(algorithm.space, Grid) and not kernel.is_for_given_inputs
 
 

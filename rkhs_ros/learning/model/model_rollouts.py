@@ -23,9 +23,9 @@ class Draws:
     """The random functions and noise of model rollouts.
 
     Attributes:
-        changes: changes of the observations, drawn once per episode.
-        rewards: rewards, drawn once per episode; None with a prior.
-        noise: noise of the changes, shape (N, H, d).
+        changes: functions of the changes of the observations, one draw per episode.
+        rewards: functions of the rewards, one draw per episode; None with a prior.
+        noise: noise of the changes in the observations' units, shape (N, H, d).
     """
 
     changes: DrawnFunctions
@@ -33,7 +33,12 @@ class Draws:
     noise: Array
 
     def with_rows(self, which: NDArray[np.bool_], fresh: Draws) -> Draws:
-        """Return draws in which fresh ones, one per True in a mask of shape (N,), replace those of some episodes."""
+        """Return a copy with new draws for some of the N episodes.
+
+        Args:
+            which: True for the episodes to replace, shape (N,).
+            fresh: one draw for each of these episodes.
+        """
 
         def merged(old: Array, new: Array) -> Array:
             result = old.copy()
@@ -58,7 +63,7 @@ class ModelRunner:
         caution: factor on the deviation of the drawn functions from their mean.
         curious: reward steps by the model's uncertainty about them instead of the task's rewards, so that the policy
             explores states that were not visited yet.
-        reward_margin: how far drawn rewards may lie outside the observed range, relative to that range.
+        reward_margin: how far drawn rewards may lie outside the observed range, relative to the width of that range.
     """
 
     def __init__(
@@ -91,14 +96,14 @@ class ModelRunner:
         return Draws(changes, rewards, noise)
 
     def step(self, draws: Draws, steps: NDArray[np.int_], inputs: Array, now: Array, actions: Array) -> Episodes:
-        """Make one step of each rollout, and return it as an episode of one step.
+        """Advance each rollout by one step; return these steps as N episodes of one step.
 
         Args:
             draws: draws of the rollouts.
             steps: number of earlier steps of each rollout, shape (N,).
             inputs: inputs of the policy, shape (N, q).
             now: current observations, shape (N, d).
-            actions: shape (N, n).
+            actions: actions, clipped to their bounds here, shape (N, n).
         """
         noise = draws.noise[np.arange(len(steps)), steps]
         points, after = self._advance(draws, noise, inputs, now, actions)
@@ -170,7 +175,7 @@ class ModelRunner:
             points = np.concatenate([self._model.inputs.features(observations[:, 1:]), points[..., -n:]], axis=-1)
         rewards = np.stack([drawn.of_draw(row, its_points)[:, 0] for row, its_points in enumerate(points)])
         least, greatest = self._model.reward_range
-        # A margin at one end only would make uncertain states attractive or unattractive on average.
+        # Widen both ends: clipping noisy rewards at one end only would bias their mean where the model is uncertain.
         margin = self._reward_margin * (greatest - least)
         return np.clip(rewards, least - margin, greatest + margin)
 

@@ -9,21 +9,21 @@ import numpy as np
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.posterior import Posterior
 
-FEWEST_ENDS = 5  # terminal steps; fewer cannot tell a function from chance
-FOLDS = 10  # of the cross-validation; the evidence cannot compare functions of more numbers than there are ends
-ALIKE = 0.1  # range of additional rewards that does not matter, relative to their mean
-EXPLAINS = 0.6  # largest error on left-out ends, relative to that of their mean; without a pattern it is about 1
+FEWEST_ENDS = 5  # terminal steps to fit a function to; with fewer, a pattern may be chance
+FOLDS = 10  # of the cross-validation; the evidence cannot compare functions with more parameters than there are ends
+ALIKE = 0.1  # range of the additional rewards, relative to their mean, up to which ends are considered alike
+EXPLAINS = 0.6  # largest error on left-out ends, relative to predicting the mean; about 1 without a pattern
 
 
 @dataclass(frozen=True)
 class TerminalReward:
-    """The reward that a terminal step earns in addition to that of a step that goes on.
+    """The reward that a terminal step earns in addition to the predicted reward of a non-terminal step.
 
     Attributes:
-        mean: its mean over the observed terminal steps.
-        posterior: posterior of it as a function of the final observation's features and the action; None if they do
-            not explain it.
-        limits: smallest and largest observed reward of a terminal step, which limit the function.
+        mean: mean additional reward of the observed terminal steps, used if there is no posterior.
+        posterior: posterior of the additional reward as a function of the final observation's features and the action;
+            None if they do not explain it.
+        limits: smallest and largest observed reward of a terminal step; sums with the posterior are clipped to them.
     """
 
     mean: float = 0.0
@@ -37,8 +37,9 @@ class TerminalReward:
         Args:
             points: features of the final observations and clipped actions, shape (n, p), n at least 1.
             extra: additional rewards, shape (n,).
-            rewards: whole rewards of the terminal steps, shape (n,).
-            ordinary: range of the rewards of other steps; ends whose rewards differ by less are considered alike.
+            rewards: total rewards of the terminal steps, shape (n,).
+            ordinary: range (maximum minus minimum) of the rewards of other steps; ends whose additional rewards differ
+                by at most this range are considered alike.
             centres: maximum number of centres of the posterior.
         """
         mean = float(extra.mean())
@@ -49,7 +50,12 @@ class TerminalReward:
         return cls(mean, posterior, (float(rewards.min()), float(rewards.max())))
 
     def add(self, rewards: Array, points: Array) -> Array:
-        """Add the terminal reward to the rewards of steps, shape (n,), that end at points of shape (n, p)."""
+        """Return the total rewards of terminal steps, shape (n,).
+
+        Args:
+            rewards: predicted rewards without the additional one, shape (n,).
+            points: features of the final observations and clipped actions, shape (n, p).
+        """
         if self.posterior is None:
             return rewards + self.mean
         no_noise = np.zeros((len(points), *self.posterior.coefficients.mean.T.shape))
@@ -57,7 +63,7 @@ class TerminalReward:
 
 
 def _is_explained(points: Array, values: Array, centres: int) -> bool:
-    """Return whether a function of the points predicts values that were left out much better than their mean."""
+    """Return whether a function of the points predicts left-out values much better than the mean of the others does."""
     fold = np.arange(len(points)) % FOLDS
     errors, from_mean = np.empty(len(points)), np.empty(len(points))
     for held in (fold == each for each in range(min(FOLDS, len(points)))):
