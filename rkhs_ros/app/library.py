@@ -79,6 +79,7 @@ class Result:
 
         Raises:
             ValueError: the run has no model.
+            RunError: a prior function failed.
         """
         return LearntModel.of(self.training, self.iteration.state, self.policy.spaces)
 

@@ -30,16 +30,16 @@ Info = dict[str, Any]
 
 @dataclass(frozen=True)
 class LearntModel:
-    """The dynamics model of a run, with what an environment of it needs.
+    """The learnt dynamics model of a run, which can serve as a Gymnasium environment.
 
     A step of the model is one decision of the policy, which is ``action_repeat`` steps of the task. Its reward is the
     discounted sum of the rewards of these steps.
 
     Attributes:
-        dynamics: the model.
+        dynamics: the dynamics model, with one step per decision.
         horizon: maximum number of decisions per episode.
         action_repeat: number of steps of the task per decision.
-        reward_margin: how far rewards may lie outside the observed range, relative to that range.
+        reward_margin: how far rewards may lie outside the observed range, relative to the width of that range.
 
     Example::
 
@@ -55,10 +55,12 @@ class LearntModel:
 
     @classmethod
     def of(cls, training: Training, state: State, spaces: Spaces) -> LearntModel:
-        """Fit the model of a run to all its real episodes; it is bit-identical to that of the last iteration.
+        """Fit the model of a run to all its real episodes.
+
+        The result is bit-identical to the model of the last iteration.
 
         Raises:
-            ValueError: the run has no model, or no episode yet.
+            ValueError: the run has no model or no episode yet, or a prior function does not exist.
             RunError: a prior function failed.
         """
         if not isinstance(training.model, ModelBased):
@@ -78,20 +80,24 @@ class LearntModel:
         return ModelEnv(self.as_vector_env(1, caution))
 
     def as_vector_env(self, num_envs: int, caution: float = 1.0) -> ModelVectorEnv:
-        """Return the model as a Gymnasium vector environment; for the arguments see `ModelVectorEnv`."""
+        """Return the model as a Gymnasium vector environment; see `ModelVectorEnv` for the arguments and errors."""
         return ModelVectorEnv(self, num_envs, caution)
 
 
 class ModelVectorEnv(VectorEnv[Values, Values, Any]):
     """A dynamics model as a vector environment.
 
-    Each episode draws an initial observation of a real episode, functions from the posterior and noise from the random
-    stream of its environment. The step after the last one of an episode resets its environment.
+    Each episode uses the random stream of its environment to draw the initial observation of a real episode, functions
+    from the posterior, and the noise of all steps. The first step after the end of an episode resets its environment,
+    ignores the action and returns the reward 0.
 
     Args:
         model: the model.
-        num_envs: number of environments.
+        num_envs: number of environments, at least 1.
         caution: factor on the deviation of the drawn functions from their posterior mean; 0 for the mean.
+
+    Raises:
+        ValueError: the number of environments is invalid.
     """
 
     metadata: Info = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}
@@ -123,11 +129,17 @@ class ModelVectorEnv(VectorEnv[Values, Values, Any]):
             seed: a seed for each environment, or one number, from which environment i gets ``seed + i``; None to
                 continue the random streams.
             options: ignored.
+
+        Returns:
+            The observations, in the shape of `observation_space`, and an empty dictionary.
+
+        Raises:
+            ValueError: the number of seeds is wrong.
         """
         if seed is not None or not self._streams:
             given = [seed + index for index in range(self.num_envs)] if isinstance(seed, int | np.integer) else seed
             seeds = [None] * self.num_envs if given is None else given
-            require(len(seeds) == self.num_envs, "seed", f"{self.num_envs}, one for each environment", len(seeds))
+            require(len(seeds) == self.num_envs, "seed", f"{self.num_envs} seeds, one for each environment", len(seeds))
             self._streams = [seeding.np_random(each)[0] for each in seeds]
         return self.restart(self._streams), {}
 
@@ -138,17 +150,24 @@ class ModelVectorEnv(VectorEnv[Values, Values, Any]):
         return self._current()
 
     def step(self, actions: ArrayLike) -> tuple[Values, Values, Flags, Flags, Info]:
-        """Make one step in every environment; reset those whose episode has ended.
+        """Advance every environment by one step; reset those whose episode has ended.
+
+        Args:
+            actions: an action for each environment, clipped to its bounds, in the shape of `action_space`.
+
+        Returns:
+            The observations, in the shape of `observation_space`; rewards, terminated and truncated, shape
+            (num_envs,); and an empty dictionary.
 
         Raises:
             ResetNeeded: `reset` was not called before.
         """
         if not self._streams:
-            raise ResetNeeded("step: expected reset() before the first step, got none")
+            raise ResetNeeded("step: cannot step before reset(); call reset() first")
         flat = np.reshape(np.asarray(actions, dtype=np.float64), (self.num_envs, -1))
         newest, over = np.array([self._dynamics.inputs.history]), self._over
         inputs = self._dynamics.inputs.at(newest, self._observations, self._actions)[:, 0]
-        steps = np.minimum(self._steps, self._horizon - 1)  # of an episode that has ended, any one will do
+        steps = np.minimum(self._steps, self._horizon - 1)  # results of environments that are reset are discarded below
         made = self._runner.step(self._draws, steps, inputs, self._observations[:, -1], flat)
         self._observations = np.concatenate([self._observations[:, 1:], made.final_observations[:, None]], axis=1)
         self._actions = np.concatenate([self._actions[:, 1:], flat[:, None]], axis=1)
@@ -176,7 +195,9 @@ class ModelVectorEnv(VectorEnv[Values, Values, Any]):
 
 
 class ModelEnv(gymnasium.Env[Values, Values]):
-    """A dynamics model as a single environment; its episodes are those of a vector environment with the same stream.
+    """A dynamics model as a single environment.
+
+    With the same random stream, its episodes are those of a vector environment.
 
     Args:
         environments: a vector environment of one environment.
@@ -190,11 +211,15 @@ class ModelEnv(gymnasium.Env[Values, Values]):
         self._environments = environments
 
     def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Values, Info]:
-        """Start an episode; without a seed, the random stream ``np_random`` continues."""
+        """Start an episode; without a seed, continue the random stream ``np_random``. Options are ignored."""
         super().reset(seed=seed)
         return self._environments.restart([self.np_random])[0], {}
 
     def step(self, action: ArrayLike) -> tuple[Values, float, bool, bool, Info]:
-        """Make one step."""
+        """Advance by one step, which is one decision, with an action in the shape of `action_space`.
+
+        Raises:
+            ResetNeeded: `reset` was not called before.
+        """
         observations, rewards, terminated, truncated, info = self._environments.step(np.asarray(action)[None])
         return observations[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), info

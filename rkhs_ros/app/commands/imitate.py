@@ -70,14 +70,14 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _stored(file: Path) -> tuple[Episodes, Task | None, int]:
-    """Return the episodes in a file, their task, and the action repeat of the policy in the same folder, if any."""
+    """Return the episodes in a file, their task, and the action repeat of the policy of the same run, or 1."""
     policy = file.with_name("policy.npz")
     repeat = read_policy(policy).policy.action_repeat if file.name == "episodes.npz" and policy.is_file() else 1
     return *load_episodes(file), repeat
 
 
 def _recorded(file: Path) -> tuple[Episodes, Task | None, int]:
-    """Return the completed episodes of a recording, their task, and the action repeat of the newest policy."""
+    """Return the completed episodes of a recording, their task, and the action repeat of its newest policy, or 1."""
     recording = read_recording(file)
     return recording.episodes(), recording.head.task if recording.head else None, recording.action_repeat or 1
 

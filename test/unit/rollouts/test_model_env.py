@@ -106,11 +106,11 @@ def test_each_environment_of_a_vector_environment_is_a_single_environment(rng: n
 
 def test_the_environments_follow_gymnasium(rng: np.random.Generator) -> None:
     model = model_of(rng)
-    with pytest.raises(ResetNeeded, match=r"^step: expected reset\(\) before the first step"):
+    with pytest.raises(ResetNeeded, match=r"^step: cannot step before reset\(\); call reset\(\) first$"):
         model.as_env().step(np.zeros(1))
     with pytest.warns(UserWarning, match="infinity"):  # the bounds of the observations are not known
         check_env(model.as_env(), skip_render_check=True)
-    with pytest.raises(ValueError, match=r"^seed: expected 2, one for each environment, got 1$"):
+    with pytest.raises(ValueError, match=r"^seed: expected 2 seeds, one for each environment, got 1$"):
         model.as_vector_env(2).reset(seed=[1])
     with pytest.raises(ValueError, match=r"^num_envs: expected a whole number >= 1, got 0$"):
         model.as_vector_env(0)
