@@ -132,7 +132,7 @@ class MessageFile:
         self._outgoing.content = b""
 
     def _channel(self, message: Stored) -> int:
-        key = message.topic, message.kind, message.definition  # a resumed run may have an older definition
+        key = message.topic, message.kind, message.definition  # earlier messages of a resumed run may have an older one
         if key not in self._channels:
             schema = self._writer.register_schema(message.kind, "ros2msg", message.definition.encode())
             self._channels[key] = self._writer.register_channel(message.topic, "cdr", schema)

@@ -17,9 +17,9 @@ FOUND = re.compile(r"# found in iteration (\d+): .*|# from the initial policy: .
 
 
 def found_comments(iteration: Iteration, training: Training) -> list[str]:
-    """Return a comment on what an iteration has found about the task, if anything, in the form of ``--set``.
+    """Return comments on what an iteration found about the task, in the form of ``--set``; none if it found nothing.
 
-    Before the first iteration, an initial policy may determine such settings too.
+    For the first iteration, a comment also lists the settings that come from an initial policy.
     """
     of_policy = settings_of(Known.of(training), iteration.before) if iteration.number == 1 else []
     found = settings_of(iteration.before, iteration.known)
@@ -42,7 +42,8 @@ def with_comments(content: str, comments: Iterable[str]) -> str:
 def resumed(file: Path, content: str, done: int) -> str:
     """Return the content of a configuration file with the comments of a run that resumes.
 
-    A change of code or library versions adds a comment. What later iterations had found is removed.
+    A change of code or library versions adds a comment. What iterations after ``done`` found is removed, because the
+    run repeats them.
 
     Args:
         file: configuration file of the run so far.
@@ -65,6 +66,6 @@ def _comments(content: str) -> list[str]:
 
 
 def _found_in(comment: str) -> int:
-    """Return the iteration that found something; 0 for other comments."""
+    """Return the number of the iteration in a comment on what it found; 0 for other comments."""
     match = FOUND.fullmatch(comment)
     return int(match[1] or 0) if match else 0

@@ -86,7 +86,7 @@ def seconds_left(rows: Sequence[Row], iterations: int) -> float:
 
 
 KINDS = get_type_hints(Row)
-WITHOUT_STEPS = tuple(name for name in Row._fields if name != "steps")  # columns of runs from before this column
+WITHOUT_STEPS = tuple(name for name in Row._fields if name != "steps")  # columns of older runs
 
 
 class Curve:
@@ -168,7 +168,7 @@ def _line(values: Iterable[object]) -> str:
 
 
 def _row(names: Sequence[str], line: str) -> Row | None:
-    """Return the values of a line by the names of its columns; None if `_line` would write another line for them."""
+    """Return the values of a line by the names of its columns; None if `_line` would write these values differently."""
     try:
         values = {name: KINDS[name](word) for name, word in zip(names, line.split(","), strict=True)}
     except ValueError:

@@ -49,8 +49,8 @@ def settings_for(
     Args:
         algorithm: name of the algorithm.
         model: form of the model; training without a model has other defaults.
-        horizon: maximum number of steps per episode; an invalid one, which `Training` rejects later, counts as the
-            default.
+        horizon: maximum number of steps per episode. An invalid value, which `Training` rejects later, is replaced by
+            the default.
     """
     steps = int(horizon) if isinstance(horizon, Integral) and int(horizon) > 0 else Training.horizon
     is_model_based = model != "none"

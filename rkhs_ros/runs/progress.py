@@ -77,7 +77,7 @@ def progress_bar(
         done: number of iterations before a resumed run.
         quiet: show nothing.
         folder: folder of the results, which each line names.
-        is_robot: whether the task is that of a robot, whose period may match the decisions.
+        is_robot: whether the task runs on a robot; if so, the line about the action repeat suggests a longer period.
     """
     console = bar_console(quiet=quiet)
     if console.is_terminal or console.is_jupyter or quiet:
@@ -128,11 +128,11 @@ def _lines(training: Training, folder: Path | None, *, is_robot: bool) -> Show:
 
 
 def _found(iteration: Iteration, *, is_robot: bool) -> str:
-    """Return what an iteration has found about the task; for a robot, with the period that gives the same decisions."""
+    """Return what an iteration has found about the task; for a robot, with the period of the same decision rate."""
     text, repeat = newly_found(iteration.before, iteration.known, iteration.exploration), iteration.policy.action_repeat
     if not is_robot or repeat in (1, iteration.before.action_repeat):
         return text
-    return f"{text}; {repeat} times the robot's period would give the same decisions"
+    return f"{text}; a period {repeat} times as long gives the same decision rate"
 
 
 def _model(iteration: Iteration) -> str:

@@ -98,7 +98,7 @@ def replay(recording: Recording) -> Iterator[Iteration]:
         require(
             update.iteration == iteration.number, where, "all earlier updates", f"update {update.iteration} instead"
         )
-        counts_steps = getattr(update, "steps", 0) > 0  # unlike older recordings
+        counts_steps = getattr(update, "steps", 0) > 0  # older recordings have no count of steps
         for name, value in update_fields(iteration).items():
             if name == "steps" and not counts_steps:
                 continue

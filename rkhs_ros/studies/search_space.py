@@ -84,7 +84,7 @@ def _named(text: str, known: dict[str, Entry]) -> Dimension:
             )
         return own
     if isinstance(entry.value, str) and ":" in wanted:
-        expected = f"choices, since its value is '{entry.value}' (for a range, set a number first)"
+        expected = f"choices, because the configured value is '{entry.value}' (to search a range, --set a number first)"
         require(False, f"--over: {name}", expected, f"the range {truncated(wanted)}")
     return _of_choices(entry, wanted.split(",")) if isinstance(entry.value, str) else _of_range(entry, wanted)
 

@@ -120,4 +120,4 @@ def test_only_for_a_robot_the_period_of_the_decisions_is_noted(
             show(iteration)
     _, found, _ = capsys.readouterr().err.splitlines()
     assert "found action_repeat 4" in found
-    assert found.endswith("; 4 times the robot's period would give the same decisions") == is_robot
+    assert found.endswith("; a period 4 times as long gives the same decision rate") == is_robot
