@@ -71,7 +71,7 @@ setup(
     ],
     extras_require={
         "lerobot": ["pyarrow>=15"],
-        "onnx": ["onnx>=1.15", "onnxruntime>=1.17"],
+        "onnx": ["onnx>=1.17", "onnxruntime>=1.20"],
         "pr2": ["pybullet>=3.2.5"],
         "pr2-meshes": ["example-robot-data>=4.1"],
         "mujoco": ["gymnasium[mujoco]>=1.1"],

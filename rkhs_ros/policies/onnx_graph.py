@@ -21,7 +21,7 @@ from rkhs_ros.policies.policy import Policy
 from rkhs_ros.policies.storage import NAMES
 from rkhs_ros.rkhs.kernels import RBF, Array, Kernel, Linear, Polynomial, Product, Sum
 
-OPSET, IR_VERSION = 17, 8  # supported since ONNX 1.12 and ONNX Runtime 1.12
+OPSET, IR_VERSION = 17, 8  # of 2022, which later versions of ONNX Runtime support
 STATE = "state"
 Shapes = dict[str, tuple[int, ...]]
 
@@ -187,7 +187,8 @@ def _angles(graph: Graph, inputs: Inputs, observed: str, count: int) -> str:
         return observed
     angles = graph.add("Gather", observed, np.array(inputs.columns), axis=1)
     turned = graph.add("Mul", angles, 2.0 * np.pi / inputs.full_turns)
-    parts = [graph.add("Sin", turned), graph.add("Cos", turned)]
+    quarter = graph.add("Add", turned, np.array(0.5 * np.pi))  # ONNX Runtime 1.20 has no Cos in float64
+    parts = [graph.add("Sin", turned), graph.add("Sin", quarter)]
     if rest := [column for column in range(count) if column not in inputs.columns]:
         parts.append(graph.add("Gather", observed, np.array(rest), axis=1))
     return graph.concatenated(*parts)

@@ -106,7 +106,7 @@ def _returns(source: Path, config: Config, kind: str) -> dict[str, str]:
     training = config.training
     measured: dict[str, Any] = evaluation_of(episodes, config.environment.id, training.seed, training.discount)
     returns = {f"discounted by {training.discount:g}": measured, "undiscounted": measured["undiscounted"]}
-    of = f"of the last {len(episodes)} {kind} episodes"
+    of = f"of the last {kind} episodes ({len(episodes)})"
     return {
         f"Return, {name}": f"{Estimate(each['mean'], *(each['interval_95'] or (nan, nan)))}, mean {of}"
         for name, each in returns.items()

@@ -84,7 +84,7 @@ def test_a_published_folder_describes_and_loads_the_policy(
         assert f"({name})" in card(folder)
     returns = np.genfromtxt(run / "curve.csv", delimiter=",", names=True)["evaluation_return"]
     assert f"| Return, discounted by 0.99 | {returns[-1]:.5g} [" in card(folder)
-    assert "mean of the last 4 evaluation episodes" in card(folder)
+    assert "mean of the last evaluation episodes (4)" in card(folder)
     assert "| Training | rkhs_nac, 6 episodes, 90 steps, seed 0 |" in card(folder)
     assert "numpy" in card(folder)
     observation = np.array([0.3, -0.2])
@@ -109,7 +109,7 @@ def test_a_run_without_evaluation_is_published_with_its_exploration_return(rkhs:
     train(rkhs, "blind", "evaluation_episodes=4", "evaluate_every=0")
     (Path("blind") / "film.gif").write_bytes(b"a film")
     assert rkhs("publish", "blind", "out").code == 0
-    assert "last 3 exploration episodes" in card(Path("out"))
+    assert "last exploration episodes (3)" in card(Path("out"))
 
 
 def test_an_unfinished_run_is_not_published(run: Path, rkhs: Run) -> None:

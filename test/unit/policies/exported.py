@@ -11,11 +11,11 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
-from rkhs_ros.rkhs.kernels import COMPOSITIONS, LEAVES, RBF, Kernel, Linear, Polynomial, kernel_from_terms
+from rkhs_ros.rkhs.kernels import COMPOSITIONS, RBF, Kernel, Linear, Polynomial, kernel_from_terms
 
 TASK = Task("Pendulum-v1", {}, 20, 0.99)
 OBSERVED, STEPS = 4, 12
-# A kernel for each entry of the registries, made for points of a dimension.
+# A kernel for each entry of LEAVES, made for points of a dimension.
 EACH_LEAF: dict[str, Callable[[int], Kernel]] = {
     "rbf": lambda d: RBF(tuple(np.linspace(0.8, 2.0, d))),
     "polynomial": lambda d: Polynomial(0.5, 3),
@@ -23,7 +23,7 @@ EACH_LEAF: dict[str, Callable[[int], Kernel]] = {
 }
 SHORT: Callable[[int], Kernel] = lambda d: RBF((1.5,))  # noqa: E731
 KERNELS: dict[str, Callable[[int], Kernel]] = {
-    **{name: EACH_LEAF[name] for name in LEAVES},  # fails for a new one, which needs an export
+    **EACH_LEAF,
     "one bandwidth": SHORT,
     **{
         name: lambda d, name=name: kernel_from_terms(  # type: ignore[misc]

@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rkhs_ros.policies import text_file
 from rkhs_ros.policies.text_file import FIRST_LINE, HEADER, policy_text
-from test.unit.policies.exported import INPUTS, KERNELS, STEPS, acted, random_episode, small_policy
+from rkhs_ros.rkhs.kernels import COMPOSITIONS, LEAVES
+from test.unit.policies.exported import EACH_LEAF, INPUTS, KERNELS, STEPS, acted, random_episode, small_policy
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(shutil.which("g++") is None, reason="there is no compiler")]
 LINES = 150  # of the header
@@ -47,6 +49,11 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def run(program: Path, *files: Path) -> subprocess.CompletedProcess[str]:
     numbers = " ".join(map(repr, random_episode().ravel().tolist()))
     return subprocess.run([program, *files], input=numbers, capture_output=True, text=True)
+
+
+def test_all_registered_kernels_are_exported_and_tested() -> None:
+    assert set(EACH_LEAF) == set(LEAVES)
+    assert {*LEAVES, *COMPOSITIONS} == text_file.KERNELS
 
 
 def test_it_acts_like_the_policy_for_all_kernels_and_inputs(program: Path, tmp_path: Path) -> None:
