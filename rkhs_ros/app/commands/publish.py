@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
     for name, write in {"policy.onnx": _write_onnx, FILM: _write_film}.items():
         try:
             write(options, policy, folder / name)
-        except (ValueError, RunError) as error:  # the card does without it
+        except (ValueError, RunError) as error:  # the file is optional
             print(f"note: {name} is missing. {error_message(error)}", file=sys.stderr)
     write_whole(folder / "README.md", _card(source, folder, policy, config).encode())
     print(*sorted(folder.iterdir()), sep="\n")
@@ -62,7 +62,7 @@ def _write_onnx(options: argparse.Namespace, policy: Policy, file: Path) -> None
 
 
 def _write_film(options: argparse.Namespace, policy: Policy, file: Path) -> None:
-    """Render an episode unless the run has a film, or is a robot's."""
+    """Render an episode, unless the run has a film or belongs to a robot."""
     if file.is_file() or robot_of(options.run_folder) is not None:
         return
     with load_acting(options.run_folder, options.env) as acting:
@@ -101,7 +101,7 @@ def _card(source: Path, folder: Path, policy: Policy, config: Config) -> str:
 
 
 def _returns(source: Path, config: Config, kind: str) -> dict[str, str]:
-    """Return the mean returns of the last episodes with their 95 % intervals, as lines of the table."""
+    """Return the mean returns of the last episodes with their 95 % intervals, as names and values for the table."""
     episodes = load_episodes(source / "episodes.npz").episodes
     training = config.training
     measured: dict[str, Any] = evaluation_of(episodes, config.environment.id, training.seed, training.discount)
