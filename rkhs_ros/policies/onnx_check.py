@@ -16,8 +16,8 @@ from rkhs_ros.policies.policy import Policy
 from rkhs_ros.rkhs.kernels import Array, deviations
 
 TOLERANCE = 1e-6  # relative to the greatest action
-COUNT, EPISODES = 10_000, 100  # observations in all; episodes side by side
-CALLS = 1000  # whose time is measured
+COUNT, EPISODES = 10_000, 100  # minimum number of observations; episodes per batch
+CALLS = 1000  # timed calls
 SPREAD = 2.0  # of the observations, in standard deviations of the centres
 
 
@@ -27,7 +27,7 @@ class OnnxCheck(NamedTuple):
     Attributes:
         observations: number of random observations.
         error: greatest difference between the actions, relative to the greatest action.
-        seconds: median time of a call with one observation, on one thread.
+        seconds: median duration of a call with one observation on one thread, in seconds.
     """
 
     observations: int
@@ -57,11 +57,15 @@ class OnnxPolicy:
         self._state: Any = None
 
     def reset(self) -> None:
-        """Begin a new episode."""
+        """Start a new episode."""
         self._state = None
 
     def __call__(self, observations: Array) -> Array:
-        """Return the actions for a batch of observations."""
+        """Return the clipped mean actions, shape (batch, *action_shape).
+
+        Args:
+            observations: finite float64 numbers, shape (batch, *observation_shape).
+        """
         if self._columns is None:
             action: Array = self._session.run(None, {"observation": observations})[0]
             return action
@@ -84,10 +88,10 @@ def export_onnx(policy: Policy, file: Path) -> OnnxCheck:
 
 
 def check_onnx(policy: Policy, content: bytes) -> OnnxCheck:
-    """Compare an exported policy with the original in random episodes, just long enough to fill the window.
+    """Compare an exported policy with the original in random episodes.
 
-    Longer episodes would feed the rounding of unclipped actions back too often. Steps are ignored if the action of the
-    original is not finite.
+    The episodes are just long enough to fill the window. In longer ones, rounding errors could grow, because the window
+    feeds unclipped actions back. Steps are ignored if the action of the original is not finite.
 
     Raises:
         ValueError: onnxruntime is not installed, or the actions differ by more than the tolerance.
@@ -109,8 +113,9 @@ def check_onnx(policy: Policy, content: bytes) -> OnnxCheck:
 def random_observations(policy: Policy) -> Array:
     """Return at least ``COUNT`` observations around the centres, shape (blocks, steps, EPISODES, *observation_shape).
 
-    Angles cover a full turn. The other columns are normally distributed with the mean and ``SPREAD`` standard
-    deviations of the centres' column, or those of 0 and 1 if the inputs are monomials.
+    Angles are uniformly distributed over a full turn. The other columns are normally distributed: with the mean of the
+    centres' column and ``SPREAD`` times its standard deviation, or, if the inputs are monomials or there are no
+    centres, with mean 0 and standard deviation ``SPREAD``.
     """
     rng, spaces, inputs = np.random.default_rng(0), policy.spaces, policy.gaussian.inputs
     d, centres = spaces.observation_dim, policy.gaussian.mean.centres

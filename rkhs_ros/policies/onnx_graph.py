@@ -3,9 +3,9 @@
 A policy with a history or held actions has a second input, ``state``, and a second output, ``next_state``. A state of
 zeros starts an episode. The caller passes each ``next_state`` as the ``state`` of the next step. A row contains
 
-- the number of steps since the last decision, counting that one; 0 before the first step,
+- the number of steps since the last decision, including the step of the decision; 0 before the first step,
 - the unclipped action of the last decision,
-- the last ``history - 1`` entries of the window, the oldest first.
+- the newest ``history - 1`` entries of the window, from the oldest on.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rkhs_ros.policies.policy import Policy
 from rkhs_ros.policies.storage import NAMES
 from rkhs_ros.rkhs.kernels import RBF, Array, Kernel, Linear, Polynomial, Product, Sum
 
-OPSET, IR_VERSION = 17, 8  # of 2022, which later versions of ONNX Runtime support
+OPSET, IR_VERSION = 17, 8  # versions of 2022, which ONNX Runtime 1.20 and later support
 STATE = "state"
 Shapes = dict[str, tuple[int, ...]]
 
@@ -98,12 +98,18 @@ class Graph:
 
 @singledispatch
 def kernel_values(kernel: Kernel, graph: Graph, points: str, centres: Array) -> str:
-    """Add the kernel of points, shape (batch, d), with centres, shape (m, d), to a graph: shape (batch, m).
+    """Add the nodes of a kernel to a graph; return the name of the kernel's values, shape (batch, m).
 
-    ``kernel_values.register`` adds an implementation for another class of kernels.
+    Use ``kernel_values.register`` to add an implementation for another class of kernels.
+
+    Args:
+        kernel: the kernel.
+        graph: the graph to add nodes to.
+        points: name of the points, shape (batch, d).
+        centres: shape (m, d).
 
     Raises:
-        ValueError: there is none for this kernel.
+        ValueError: the kernel has no ONNX implementation.
     """
     known = ", ".join(each.__name__ for each in kernel_values.registry if each is not object)
     raise ValueError(f"kernel: expected one with an ONNX implementation ({known}), got {type(kernel).__name__}")
@@ -172,7 +178,7 @@ def onnx_model(policy: Policy) -> bytes:
 
 
 def _rows(graph: Graph, value: str, shape: tuple[int, ...], name: str = "") -> str:
-    """Return a batch with each row in a shape."""
+    """Reshape each element of a batch; return the name of the value."""
     return graph.add("Reshape", value, np.array([-1, *shape]), name=name)
 
 
@@ -197,7 +203,7 @@ def _angles(graph: Graph, inputs: Inputs, observed: str, count: int) -> str:
 def _mean(graph: Graph, policy: Policy, window: str) -> str:
     """Return the unclipped mean action for a window, flattened and with angles replaced."""
     mean = policy.gaussian.mean
-    if not len(mean.centres):  # not all versions multiply empty matrices
+    if not len(mean.centres):  # some versions of ONNX Runtime cannot multiply empty matrices
         return graph.add("MatMul", window, np.zeros((_window_dim(policy), mean.output_dim)))
     near = kernel_values(mean.kernel, graph, _monomials(graph, policy, window), mean.centres)
     return graph.add("MatMul", near, mean.weights)

@@ -17,7 +17,7 @@
 namespace rkhs {
 class Policy {
  public:
-  // Read a policy; throws std::runtime_error if the file is missing, cut short, or of another version.
+  // Read a policy; throws std::runtime_error if the file is missing, incomplete, damaged or of another version.
   explicit Policy(const std::string& path) : path_(path), file_(path) {
     if (word() != "rkhs_policy" || word() != "1") throw std::runtime_error(path_ + ": expected 'rkhs_policy 1'");
     columns_ = count(), history_ = count(), repeat_ = count(), low_ = numbers(), high_ = numbers();

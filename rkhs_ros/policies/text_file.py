@@ -23,7 +23,7 @@ def policy_text(policy: Policy) -> str:
     """Return a policy as text.
 
     Raises:
-        ValueError: the header does not know the policy's kernel.
+        ValueError: the header does not implement the policy's kernel.
     """
     inputs, mean, spaces = policy.gaussian.inputs, policy.gaussian.mean, policy.spaces
     terms = mean.kernel.terms()
