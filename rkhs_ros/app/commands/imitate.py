@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
     mean = policy.gaussian.mean
     rms = " ".join(f"{sd:.3g}" for sd in np.sqrt(policy.gaussian.variance(np.zeros((1, mean.input_dim)))[0]))
     steps, centres = episodes.count, len(mean.centres)
-    print(f"Fitted {centres} centres to {steps} steps of {len(episodes)} episodes; rms error of the action: {rms}.")
+    print(f"Fitted {centres} centres to {len(episodes)} episodes with {steps} steps; rms error of the action: {rms}.")
     print(f"Policy: {options.out}")
     if not task.environment:
         print("The policy file names no environment; pass --env ID to evaluate the policy.")

@@ -100,7 +100,7 @@ def test_training_ignores_discarded_episodes(of_a_robot: Path, whole: Path, rkhs
 def test_a_recording_is_imitated(whole: Path, rkhs: Callable[..., Result]) -> None:
     done = rkhs("imitate", whole, "--set", "centres=5", "--out", "shown.npz")
     assert done.code == 0
-    assert "Fitted 5 centres to 100 steps of 20 episodes" in done.out
+    assert "Fitted 5 centres to 20 episodes with 100 steps" in done.out
 
 
 def test_held_actions_are_imitated_trained_offline_and_exported(tmp_path: Path, rkhs: Callable[..., Result]) -> None:

@@ -125,7 +125,7 @@ def test_a_policy_is_imitated_evaluated_and_trained_further(rkhs: Rkhs) -> None:
     assert rkhs(*train, "--iterations", 8, "--out", "shown").code == 0
     result = rkhs("imitate", "shown", "--out", "imitated.npz", "--set", "centres=20")
     assert (result.code, result.err) == (0, "")
-    (centres,) = re.findall(r"^Fitted (\d+) centres to 60 steps of 2 episodes; rms error", result.out)
+    (centres,) = re.findall(r"^Fitted (\d+) centres to 2 episodes with 60 steps; rms error", result.out)
     assert 0 < int(centres) <= 20
     shown, imitated = (
         json.loads(rkhs("evaluate", file, "--episodes", 1).out)["mean"] for file in ("shown", "imitated.npz")
