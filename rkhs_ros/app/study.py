@@ -77,6 +77,7 @@ def make_missing(
     quiet: bool,
     drawn: bool = False,
     record: bool = False,
+    log: Sequence[str] = (),
     provenance_may_change: bool = False,
 ) -> dict[Path, str]:
     """Start or resume the unfinished runs; return the errors of the failed runs by folder.
@@ -88,9 +89,10 @@ def make_missing(
         quiet: show no progress bar.
         drawn: plot each run.
         record: record each run.
+        log: logs of each run, see `run_training`.
         provenance_may_change: resume runs of other code, libraries or threads.
     """
-    how = drawn, record, provenance_may_change
+    how = drawn, record, log, provenance_may_change
     missing = [(path, each, *how) for path, each in runs.items() if not _is_done(path, each, drawn)]
     ends: dict[Path, str | None] = {}
     try:
@@ -115,11 +117,11 @@ def _is_done(folder: Path, config: Config, drawn: bool) -> bool:
 
 
 def _make(
-    folder: Path, config: Config, drawn: bool, record: bool, provenance_may_change: bool
+    folder: Path, config: Config, drawn: bool, record: bool, log: Sequence[str], provenance_may_change: bool
 ) -> tuple[Path, str | None]:
     """Start or resume a run; return its folder and its error, which is None if the run succeeded."""
     try:
-        advance(folder, config, record=record, provenance_may_change=provenance_may_change)
+        advance(folder, config, record=record, log=log, provenance_may_change=provenance_may_change)
         if drawn:
             from rkhs_ros.pictures.run_pictures import draw_run  # here, since most studies do not plot each run
 
@@ -129,12 +131,21 @@ def _make(
     return folder, None
 
 
-def advance(folder: Path, config: Config, *, record: bool = False, provenance_may_change: bool = False) -> None:
+def advance(
+    folder: Path, config: Config, *, record: bool = False, log: Sequence[str] = (), provenance_may_change: bool = False
+) -> None:
     """Start or resume a run in this process until its iterations are done; see `run_training`."""
     if not is_started(folder):
         folder.mkdir(parents=True, exist_ok=True)
         begin(folder, config)
     with runner_of(config.environment) as runner:
         run_training(
-            config, runner, folder, quiet=True, resume=True, record=record, provenance_may_change=provenance_may_change
+            config,
+            runner,
+            folder,
+            quiet=True,
+            resume=True,
+            record=record,
+            log=log,
+            provenance_may_change=provenance_may_change,
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from difflib import get_close_matches
+from importlib.util import find_spec
 from math import isfinite, prod
 from typing import Any, ClassVar, Self, TypeVar
 
@@ -29,6 +30,12 @@ def require(condition: bool, what: str, expected: str, got: object) -> None:
     """Raise ValueError "what: expected ..., got ..." unless the condition holds."""
     if not condition:
         raise ValueError(f"{what}: expected {expected}, got {truncated(got)}")
+
+
+def require_extra(module: str, extra: str, what: str) -> None:
+    """Raise ValueError with an installation hint if a module is missing."""
+    remedy = f"{module} to be installed (pip install {module}, or the extra '{extra}')"
+    require(find_spec(module) is not None, what, remedy, "none")
 
 
 def pick(name: str, table: Mapping[str, T], kind: str) -> T:

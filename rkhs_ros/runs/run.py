@@ -24,6 +24,7 @@ from rkhs_ros.runs.checkpoint import REMEDY, WHOLE, Checkpoints
 from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.control import Control, Rest
 from rkhs_ros.runs.curve import Curve, Row
+from rkhs_ros.runs.logs import logged, logs_of
 from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.report import FIRST_POLICY, Report, advice_in, begin, is_started, new_folder, old_folder
 
@@ -49,6 +50,7 @@ def run_training(
     quiet: bool = False,
     resume: bool = False,
     record: bool = False,
+    log: Sequence[str] = (),
     sync: bool = False,
     provenance_may_change: bool = False,
     rest: Rest = time.sleep,
@@ -64,6 +66,7 @@ def run_training(
         quiet: show no progress bar.
         resume: resume the run in the folder; its results are bit-identical to those of an uninterrupted run.
         record: write recording.mcap; a resumed run continues an existing recording in any case.
+        log: logs to write besides curve.csv, see `LOGS`; a resumed run continues its logs in any case.
         sync: sync each message of the recording to the disk, such as for a robot, whose episodes are costly.
         provenance_may_change: resume a run of other code, libraries or threads; config.yaml records the change.
         rest: function that waits for a number of seconds during a pause.
@@ -75,16 +78,18 @@ def run_training(
 
     Raises:
         ValueError: the folder is not empty, contains no run to resume or a run with other settings, or is used by
-            another process.
+            another process; or the package of a log is not installed.
         OSError: the folder cannot be written.
         KeyboardInterrupt: a viewer stopped the run.
     """
     folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
+    logs = logs_of(folder, log)
     with locked(folder):
         use_one_thread()
         checkpoints = Checkpoints(folder, config, provenance_may_change=provenance_may_change)
         curve = Curve(folder / "curve.csv")
-        lines, iterations = len(curve.rows()), config.training.iterations
+        rows, iterations = curve.rows(), config.training.iterations
+        lines = len(rows)
         require(lines <= iterations, "iterations", f"at least {lines}, the number of finished iterations", iterations)
         state = checkpoints.newest(lines) if resume else None
         if resume and state is None:
@@ -102,7 +107,9 @@ def run_training(
         if not is_started(folder):
             begin(folder, config)
         how = {"sync": sync, "provenance_may_change": provenance_may_change}
-        with _recording(config, runner, folder, **how) if record else nullcontext() as recorder:
+        recording = _recording(config, runner, folder, **how) if record else nullcontext()
+        logging = logged(folder, logs, rows[:done], config.settings)
+        with recording as recorder, logging as log_row:
             if state:
                 checkpoints.resume_from(state)
             report = Report(folder, config, runner.spaces, done)  # replaces earlier results from here on
@@ -114,6 +121,7 @@ def run_training(
                     if recorder:
                         recorder.updated(iteration)
                     report.add(iteration)  # before the checkpoint, which is useless without its line
+                    log_row(report.recent[-1])
                     checkpoints.write(iteration.state)
                     show(iteration, _advise(diagnosis.advise(iteration), report, on_advice))
                     on_iteration(iteration, report.recent)

@@ -15,7 +15,6 @@ from concurrent.futures import CancelledError, Future
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.util import find_spec
 from math import inf
 from queue import SimpleQueue
 from typing import Any, NamedTuple, TypeVar
@@ -26,7 +25,7 @@ from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.processes import terminate_with_parent
-from rkhs_ros.base.validation import require
+from rkhs_ros.base.validation import require, require_extra
 from rkhs_ros.runs.provenance import TASKS, provenance
 
 ALL_CORES = -1
@@ -138,12 +137,6 @@ class Workers:
             opened = nullcontext(Pool(_made, (), width=1, most=1))
         with opened as pool:
             yield pool
-
-
-def require_extra(module: str, extra: str, what: str) -> None:
-    """Raise ValueError with an installation hint if a module is missing."""
-    remedy = f"{module} to be installed (pip install {module}, or the extra '{extra}')"
-    require(find_spec(module) is not None, what, remedy, "none")
 
 
 def _made(call: Callable[..., T], *arguments: Any) -> Future[T]:

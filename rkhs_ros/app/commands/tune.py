@@ -16,14 +16,13 @@ from rkhs_ros.app.study import add_worker_arguments, require_all_used, study_fol
 from rkhs_ros.base.endings import INTERRUPTED, RunError
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.lock import locked
-from rkhs_ros.base.validation import require
+from rkhs_ros.base.validation import require, require_extra
 from rkhs_ros.learning.state import first_state
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.report import resolved
 from rkhs_ros.studies.grid import require_evaluated
 from rkhs_ros.studies.parallel import progress_bar
 from rkhs_ros.studies.search_space import search_space
-from rkhs_ros.studies.workers import require_extra
 
 if TYPE_CHECKING:  # Optuna is an extra
     from optuna.trial import FrozenTrial

@@ -56,6 +56,8 @@ class LearnerNode(ReportingNode):
         about = "resume a run of different code, libraries or threads too"
         self.provenance_may_change = declared(self, tree, "provenance_may_change", False, about)
         self.record = declared(self, tree, "record", False, "record the run in recording.mcap, in its folder")
+        about = "logs to write besides curve.csv, separated by commas: tensorboard, wandb"
+        self.log = declared(self, tree, "log", "", about)
         about = "policy.npz to evaluate instead of learning; empty to learn"
         self.evaluate = declared(self, tree, "evaluate", "", about)
         again, own_process = restarts(self, tree), process(self, tree)
@@ -108,6 +110,7 @@ def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
                 quiet=node.quiet,
                 resume=resume,
                 record=node.record or is_robot,
+                log=[name for name in node.log.split(",") if name],
                 sync=is_robot,
                 provenance_may_change=node.provenance_may_change,
                 rest=node.peers.rest,

@@ -122,6 +122,6 @@ def test_a_missing_ray_cluster_is_reported_in_one_line(rkhs: Run, address: str, 
 def test_a_missing_extra_is_reported(
     rkhs: Run, module: str, arguments: tuple[object, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("rkhs_ros.studies.workers.find_spec", lambda name: None)
+    monkeypatch.setattr("rkhs_ros.base.validation.find_spec", lambda name: None)
     assert_refused(rkhs(*arguments), f"expected {module} to be installed (pip install {module}, or the extra")
     assert list(tmp_path.iterdir()) == []

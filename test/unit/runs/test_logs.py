@@ -1,0 +1,264 @@
+"""Logs of a run: the rows of curve.csv exactly once, read back independently of the package that wrote them."""
+
+import os
+import struct
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from functools import reduce
+from itertools import pairwise
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rkhs_ros.base import ros
+from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.runs import logs
+from rkhs_ros.runs.config import Config, Environment
+from rkhs_ros.runs.curve import BEGINNING, Curve
+from rkhs_ros.runs.logs import Kind, logged, logs_of
+from rkhs_ros.runs.run import run_training
+from test.unit.conftest import Result, assert_refused
+from test.unit.runs.stopping import Stopping
+
+TRAINING = Training(name="short", iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
+CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
+CONFIG_FILE = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
+Cli = Callable[..., Result]
+Rows = dict[int, dict[str, float]]  # values by iteration and column
+
+
+def stopped(folder: Path, batches: int, *names: str) -> Path:
+    with pytest.raises(KeyboardInterrupt):
+        run_training(CONFIG, Stopping(batches), folder, quiet=True, log=names)
+    return folder
+
+
+def resumed(folder: Path, *names: str) -> Path:
+    return run_training(CONFIG, Stopping(), folder, quiet=True, resume=True, log=names)
+
+
+def expected(folder: Path) -> Rows:
+    """Return the finite values of curve.csv."""
+    rows = [row._asdict() for row in Curve(folder / "curve.csv").rows()]
+    return {row.pop("iteration"): {name: value for name, value in row.items() if isfinite(value)} for row in rows}
+
+
+def in_single_precision(rows: Rows) -> Rows:
+    return {step: {name: float(np.float32(value)) for name, value in row.items()} for step, row in rows.items()}
+
+
+def crc32c(data: bytes) -> int:
+    """Return the checksum of RFC 3720, bit by bit."""
+
+    def shifted(crc: int, _: int) -> int:
+        return crc >> 1 ^ 0x82F63B78 * (crc & 1)
+
+    return reduce(lambda crc, byte: reduce(shifted, range(8), crc ^ byte), data, 0xFFFFFFFF) ^ 0xFFFFFFFF
+
+
+def masked(data: bytes) -> int:
+    crc = crc32c(data)
+    return (crc >> 15 | crc << 17) + 0xA282EAD8 & 0xFFFFFFFF
+
+
+def records(content: bytes) -> Iterator[bytes]:
+    """Yield the records of a TFRecord file, and check their checksums."""
+    while content:
+        length, crc = struct.unpack_from("<QI", content)
+        data = content[12 : 12 + length]
+        assert (crc, masked(data)) == (masked(content[:8]), *struct.unpack_from("<I", content, 12 + length))
+        yield data
+        content = content[16 + length :]
+
+
+def message(data: bytes) -> list[tuple[int, Any]]:
+    """Return the fields of a protocol buffer by number: whole numbers, floats, or bytes."""
+    found, at = [], 0
+
+    def varint() -> int:
+        nonlocal at
+        value = shift = 0
+        while True:
+            byte = data[at]
+            at, value, shift = at + 1, value | (byte & 127) << shift, shift + 7
+            if byte < 128:
+                return value
+
+    while at < len(data):
+        key = varint()
+        if key & 7 == 0:
+            found.append((key >> 3, varint()))
+            continue
+        size = {1: 8, 5: 4}[key & 7] if key & 7 != 2 else varint()
+        field, at = data[at : at + size], at + size
+        kind = {1: "<d", 5: "<f"}.get(key & 7)
+        found.append((key >> 3, struct.unpack(kind, field)[0] if kind else field))
+    return found
+
+
+def events(folder: Path) -> list[tuple[int, float, dict[str, float]]]:
+    """Return step, time and values of the events with values, from all event files of a run."""
+    found = []
+    for file in sorted((folder / "tensorboard").iterdir()):
+        for record in records(file.read_bytes()):
+            event = dict(message(record))
+            if 5 in event:
+                values = [dict(message(value)) for _, value in message(event[5])]
+                found.append((event[2], event[1], {value[1].decode(): value.get(2, 0.0) for value in values}))
+    return found
+
+
+def test_the_checksum_is_that_of_the_standard() -> None:
+    assert (crc32c(b"123456789"), crc32c(bytes(32))) == (0xE3069283, 0x8A9136AA)  # RFC 3720, appendix B.4
+
+
+def test_event_files_contain_each_row_once_after_any_interruption(tmp_path: Path) -> None:
+    pytest.importorskip("tensorboardX")
+    folder = stopped(tmp_path / "run", 5, "tensorboard")  # in the third iteration
+    assert [step for step, *_ in events(folder)] == [1, 2]
+    (file,) = (folder / "tensorboard").iterdir()
+    file.write_bytes(file.read_bytes()[:-20])  # as after a power cut
+    logged_rows = events(resumed(folder))
+    assert [step for step, *_ in logged_rows] == [1, 2, 3, 4]
+    assert {step: values for step, _, values in logged_rows} == in_single_precision(expected(folder))
+    assert all(earlier < later for (_, earlier, _), (_, later, _) in pairwise(logged_rows))
+
+
+def test_a_log_that_begins_with_a_resume_contains_all_rows_and_changes_no_result(tmp_path: Path) -> None:
+    pytest.importorskip("tensorboardX")
+    without = run_training(CONFIG, Stopping(), tmp_path / "without", quiet=True)
+    folder = resumed(stopped(tmp_path / "run", 5), "tensorboard")
+    assert [step for step, *_ in events(folder)] == [1, 2, 3, 4]
+    names = ("policy.npz", "episodes.npz", "config.yaml")
+    assert [(folder / name).read_bytes() for name in names] == [(without / name).read_bytes() for name in names]
+
+
+def test_tensorboard_reads_the_rows_also_while_a_run_resumes(tmp_path: Path) -> None:
+    reader = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
+    pytest.importorskip("tensorboardX")
+    folder = stopped(tmp_path / "run", 5, "tensorboard")
+    during = reader.EventAccumulator(str(folder / "tensorboard")).Reload()
+    assert [scalar.step for scalar in during.Scalars("evaluation_return")] == [1, 2]
+    resumed(folder)
+    for read in (during.Reload(), reader.EventAccumulator(str(folder / "tensorboard")).Reload()):
+        rows: Rows = {}
+        for name in read.Tags()["scalars"]:
+            scalars = read.Scalars(name)
+            assert len({scalar.step for scalar in scalars}) == len(scalars)
+            for scalar in scalars:
+                rows.setdefault(scalar.step, {})[name] = scalar.value
+        assert rows == in_single_precision(expected(folder))
+
+
+def wandb_records(file: Path) -> Iterator[Any]:
+    """Yield the records of a run that is stored offline, in the log format of LevelDB."""
+    from wandb.proto.wandb_internal_pb2 import Record
+
+    content, at, data = file.read_bytes(), 7, b""  # after the header
+    while at < len(content):
+        if (left := -at % 32768) and left < 7:  # the rest of a block, too small for a record
+            at += left
+            continue
+        _, length, kind = struct.unpack_from("<IHB", content, at)
+        data, at = data + content[at + 7 : at + 7 + length], at + 7 + length
+        if kind in (1, 4):  # a whole record, or its last part
+            yield Record.FromString(data)
+            data = b""
+
+
+def test_weights_and_biases_stores_each_row_once_on_this_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wandb = pytest.importorskip("wandb")
+    monkeypatch.delenv("WANDB_MODE", raising=False)
+    folder = stopped(tmp_path / "run", 5, "wandb")
+    (first,) = (folder / "wandb").glob("*run-*/*.wandb")
+    resumed(folder)
+    wandb.teardown()  # waits until its service has written all
+    (file,) = (folder / "wandb").glob("offline-run-*/*.wandb")
+    assert file.name == first.name  # the same run of Weights & Biases
+    rows: Rows = {}
+    for record in wandb_records(file):
+        if record.HasField("history"):
+            assert record.history.step.num not in rows
+            items = {item.nested_key[0]: float(item.value_json) for item in record.history.item}
+            rows[record.history.step.num] = {name: value for name, value in items.items() if name[0] != "_"}
+    assert rows == expected(folder)
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+@pytest.mark.skipif(bool(ros.missing_ros()), reason="needs ROS")
+def test_the_learner_node_logs_like_a_run_in_one_process(tmp_path: Path) -> None:
+    pytest.importorskip("tensorboardX")
+    command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", "--quiet"]
+    source = [CONFIG_FILE, "--iterations", "2", "--runner", "ros", "--log", "tensorboard", "--out", "run"]
+    subprocess.run([*command, *source], cwd=tmp_path, check=True, capture_output=True, timeout=100)
+    subprocess.run([*command, "--resume", "run", "--iterations", "3"], cwd=tmp_path, check=True, capture_output=True)
+    logged_rows = events(tmp_path / "run")
+    assert [step for step, *_ in logged_rows] == [1, 2, 3]
+    assert {step: values for step, _, values in logged_rows} == in_single_precision(expected(tmp_path / "run"))
+
+
+def test_a_missing_package_is_reported_before_the_run(
+    rkhs: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module, name in (("tensorboardX", "tensorboard"), ("wandb", "wandb")):
+        monkeypatch.setitem(sys.modules, module, None)
+        remedy = (
+            f"--log {name}: expected {module} to be installed (pip install {module}, or the extra '{name}'), got none"
+        )
+        assert_refused(rkhs("train", CONFIG_FILE, "--log", name, "--out", "run"), remedy)
+        (tmp_path / "old" / name).mkdir(parents=True)
+        with pytest.raises(ValueError, match=f"--log {name}: expected {module} to be installed"):
+            logs_of(tmp_path / "old")
+        (tmp_path / "old" / name).rmdir()
+    assert not (tmp_path / "run").exists()
+    assert_refused(rkhs("train", CONFIG_FILE, "--log", "csv"), "--log: invalid choice: 'csv'")
+
+
+class Broken:
+    """A log whose disk is full from a row on."""
+
+    def __init__(self, row: int) -> None:
+        self.added: list[int] = []
+        self.row = row
+
+    def add(self, row: Any) -> None:
+        if row.iteration >= self.row:
+            raise OSError(28, os.strerror(28), "log")
+        self.added.append(row.iteration)
+
+    def close(self) -> None:
+        self.added.append(-1)
+
+
+@pytest.mark.parametrize("full_from", [0, 2, 9])
+def test_a_run_continues_without_a_log_that_fails(
+    full_from: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken, whole = Broken(full_from), Broken(9)
+
+    def opened(*arguments: object) -> Broken:
+        if full_from == 0:
+            raise OSError(28, os.strerror(28), "log")
+        return broken
+
+    monkeypatch.setattr(logs, "LOGS", {"broken": Kind("json", opened), "whole": Kind("json", lambda *arguments: whole)})
+
+    def interrupted_run() -> None:
+        with logged(tmp_path, ["broken", "whole"], [], {}) as add:
+            for iteration in (1, 2, 3):
+                add(BEGINNING._replace(iteration=iteration))
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted_run()
+    assert whole.added == [1, 2, 3, -1]
+    assert broken.added == {0: [], 2: [1], 9: [1, 2, 3, -1]}[full_from]
+    warning = "warning: --log broken: [Errno 28] No space left on device: 'log'. The run continues without this log\n"
+    assert capsys.readouterr().err == warning * (full_from < 9)
