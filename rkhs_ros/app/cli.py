@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
@@ -37,6 +37,7 @@ COMMANDS = {
     "status": "show the status of the nodes of a run",
     "robot": "send an operator command to the nodes of a robot: arm, stop, start, pause or veto",
     "list": "list the tasks, algorithms, kernels and figures",
+    "completion": "print a script with which bash or zsh completes the command line",
 }
 
 
@@ -76,7 +77,7 @@ def _exit_code(arguments: Sequence[str]) -> int:
     try:
         with tolerate_closed_stdout():
             _check_encoding(arguments)
-            options = _parser(_called(arguments)).parse_args(arguments)
+            options = parser_of(_called(arguments)).parse_args(arguments)
             _check_settings(getattr(options, "set", None) or [])
             return int(options.run(options))
     except (ValueError, OSError, RunError) as error:
@@ -102,28 +103,28 @@ def _check_settings(changes: Sequence[str]) -> None:
             raise ValueError(f"--set: {name}: expected one value, got {given[name]!a} and {value!a}")
 
 
-def _called(arguments: Sequence[str]) -> str | None:
-    """Return the command, which is the first word that is not an option; None if there is none.
+def _called(arguments: Sequence[str]) -> list[str]:
+    """Return the command, which is the first word that is not an option, as a list; it is empty if there is none.
 
     Raises:
         ValueError: the command is unknown.
     """
-    called = next((word for word in arguments if not word.startswith("-")), None)
-    if called is not None and called not in COMMANDS:
+    called = [word for word in arguments if not word.startswith("-")][:1]
+    if not COMMANDS.keys() >= {*called}:
         from rkhs_ros.base.validation import hint, truncated  # imports numpy, which would slow down --help
 
-        raise ValueError(f"unknown command '{truncated(called)}', {hint(called, COMMANDS)}")
+        raise ValueError(f"unknown command '{truncated(called[0])}', {hint(called[0], COMMANDS)}")
     return called
 
 
-def _parser(called: str | None) -> Parser:
-    """Return the parser of all commands, with the arguments of the called command only."""
+def parser_of(called: Collection[str]) -> Parser:
+    """Return the parser of all commands, with the arguments of the called commands only, whose modules it imports."""
     parser = Parser(prog="rkhs", description="Policy search in reproducing kernel Hilbert spaces.")
     parser.add_argument("--version", action="version", version=f"rkhs_ros {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for name, about in COMMANDS.items():
         command = commands.add_parser(name, help=about, description=f"{about[0].upper()}{about[1:]}.")
-        if name == called:
+        if name in called:
             module = import_module(f"rkhs_ros.app.commands.{name}")
             module.add_arguments(command)
             command.set_defaults(run=module.run)
