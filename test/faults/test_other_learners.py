@@ -1,4 +1,4 @@
-"""Learners of Stable-Baselines3 get bit-identical transitions through a simulator node, and learn."""
+"""Learners of Stable-Baselines3 get bit-identical transitions through a simulator node, and learn, also in a model."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 import pytest
 
+import rkhs_ros
 import sim_nodes.envs  # noqa: F401  # registers the tasks
 from test.ros.conftest import Process, domain, start
 
@@ -110,3 +111,17 @@ def test_ppo_learns_in_four_simulators(start: Start) -> None:
         )
         environments.close()
     assert reached["over topics"] == reached["direct"] > before
+
+
+def test_sac_learns_in_the_model_of_a_run() -> None:
+    from stable_baselines3.common.env_checker import check_env
+
+    episodes = 5
+    model = rkhs_ros.train(TASK, iterations=episodes, seed=0, progress=False).model
+    assert model.action_repeat == 1  # `returned` decides in every step
+    check_env(model.as_env())
+    learner = sac(model.as_env())
+    seconds = learnt(learner, LEARNT)
+    reached = returned(learner)
+    print(f"SAC in the model of {episodes} episodes, {LEARNT} steps: {seconds:.0f} s, evaluation return {reached:.1f}")
+    assert reached >= GOOD
