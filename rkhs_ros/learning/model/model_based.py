@@ -279,7 +279,8 @@ def model_rollouts_of(
     decisions = episodes.decisions(repeat, discount, spaces)
     model = fit_model(settings, policy.inputs, decisions, spaces)
     batch = Batch(0, FROM_THE_START, count, decisions.horizon, explore=False)
-    return ModelRunner(model).collect(replace(policy, action_repeat=1), batch).held(repeat, episodes.horizon)
+    runner = ModelRunner(model, reward_margin=settings.reward_margin)
+    return runner.collect(replace(policy, action_repeat=1), batch).held(repeat, episodes.horizon)
 
 
 def _test_previous_model(
