@@ -1,8 +1,8 @@
 """Policy search in reproducing kernel Hilbert spaces, as a library and as a ROS 2 learning system.
 
-The package imports a public name when it is first used: `train` and `learn` for any Gymnasium environment, `load` for a
-trained `Policy`, `load_model` for the dynamics model of a run, the algorithms and step rules, model-based training, the
-kernels, and the policy inputs (`Inputs`).
+The package imports a public name when it is first used: `train` and `learn` for any Gymnasium environment, `evaluate`
+and `compare` for their results, `load` for a trained `Policy`, `load_model` for the dynamics model of a run, the
+algorithms and step rules, model-based training, the kernels, and the policy inputs (`Inputs`).
 """
 
 from __future__ import annotations
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from rkhs_ros.app.library import Result as Result
     from rkhs_ros.app.library import learn as learn
     from rkhs_ros.app.library import train as train
+    from rkhs_ros.app.measure import compare as compare
+    from rkhs_ros.app.measure import evaluate as evaluate
+    from rkhs_ros.base.endings import RunError as RunError
     from rkhs_ros.learning.algorithms.ac import AC as AC
     from rkhs_ros.learning.algorithms.enac import ENAC as ENAC
     from rkhs_ros.learning.algorithms.power import PoWER as PoWER
@@ -41,10 +44,14 @@ if TYPE_CHECKING:
     from rkhs_ros.rkhs.kernels import RBF as RBF
     from rkhs_ros.rkhs.kernels import Linear as Linear
     from rkhs_ros.rkhs.kernels import Polynomial as Polynomial
+    from rkhs_ros.rollouts.evaluation import Evaluation as Evaluation
     from rkhs_ros.runs.learnt_model import load_model as load_model
+    from rkhs_ros.studies.comparison import Comparison as Comparison
 
 _HOMES = {
     "app.library": ("Result", "learn", "train"),
+    "app.measure": ("compare", "evaluate"),
+    "base.endings": ("RunError",),
     "learning.algorithms.ac": ("AC",),
     "learning.algorithms.enac": ("ENAC",),
     "learning.kernel_choice": ("KernelChoice",),
@@ -58,6 +65,8 @@ _HOMES = {
     "policies.inputs": ("Inputs",),
     "policies.policy": ("Policy", "load"),
     "rkhs.kernels": ("RBF", "Linear", "Polynomial"),
+    "rollouts.evaluation": ("Evaluation",),
+    "studies.comparison": ("Comparison",),
     "runs.learnt_model": ("load_model",),
 }
 _MODULES = {name: f"rkhs_ros.{module}" for module, names in _HOMES.items() for name in names}

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+from gymnasium import registry
+
 import sim_nodes.envs  # noqa: F401  # registers the tasks
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.training import Iteration, train
@@ -17,8 +19,13 @@ from rkhs_ros.policies.storage import Task, load_policy
 from rkhs_ros.rollouts.environments import time_limit
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from rkhs_ros.runs.config import Config, Environment, config_for, tree_of
+from rkhs_ros.runs.config import ENVIRONMENT, Config, Environment, config_for, tree_of
 from rkhs_ros.runs.report import last_policy
+
+OF_PYTHON = (
+    "A command cannot create a class or function that was passed to rkhs_ros.train: pass it to rkhs_ros.evaluate, or "
+    "to rkhs_ros.train with resume=True"
+)
 
 
 def runner_of(environment: Environment) -> InlineRunner:
@@ -28,7 +35,12 @@ def runner_of(environment: Environment) -> InlineRunner:
         ValueError: the environment is unknown or a robot, its options do not fit, or a space is not continuous.
     """
     require(not environment.nodes, environment.id, "an environment of this process", "a robot, which needs topics")
-    return InlineRunner(Simulation(environment.id, environment.options, environment.num_envs))
+    try:
+        return InlineRunner(Simulation(environment.id, environment.options, environment.num_envs))
+    except ValueError as error:
+        if ENVIRONMENT.search(environment.id) or environment.id in registry:
+            raise
+        raise ValueError(f"{error}. {OF_PYTHON}") from error
 
 
 def spaces_of(environment: Environment) -> Spaces:
@@ -93,19 +105,33 @@ def load_acting(path: Path, environment: str | None = None) -> Iterator[tuple[Ga
         ValueError: the folder contains no policy yet, the file is damaged, or the policy does not fit its task.
         OSError: the file cannot be read.
     """
-    path = last_policy(path) if path.is_dir() else path
+    path = policy_file(path)
     policy, task = load_policy(path)
     named = task.environment or environment or ""
     require(named != "", f"{path}", "a policy that names its environment", "one without (see --env)")
     require(environment in (None, named), "--env", f"{named}, the environment of {path}", environment)
     task = replace(task, environment=named)
     with runner_of(Environment(task.environment, task.options)) as runner:
-        spaces = runner.spaces
-        input_dim = policy.inputs.dimension(spaces.observation_dim, spaces.action_dim)
-        require(
-            (input_dim, spaces.action_dim) == (policy.mean.input_dim, policy.mean.output_dim),
-            f"{path}",
-            f"a policy from {input_dim} to {spaces.action_dim} dimensions for {task.environment}",
-            f"{policy.mean.input_dim} to {policy.mean.output_dim}",
-        )
+        check_fit(policy, runner, f"{path}")
         yield policy, task, runner
+
+
+def policy_file(path: Path) -> Path:
+    """Return a policy file; the folder of a run stands for its last policy.
+
+    Raises:
+        ValueError: the folder contains no policy yet.
+    """
+    return last_policy(path) if path.is_dir() else path
+
+
+def check_fit(policy: GaussianPolicy, runner: InlineRunner, what: str) -> None:
+    """Raise ValueError, which begins with ``what``, unless a policy fits the environment of a runner."""
+    spaces, mean = runner.spaces, policy.mean
+    input_dim = policy.inputs.dimension(spaces.observation_dim, spaces.action_dim)
+    require(
+        (input_dim, spaces.action_dim) == (mean.input_dim, mean.output_dim),
+        what,
+        f"a policy from {input_dim} to {spaces.action_dim} dimensions for {runner.simulation.environment}",
+        f"{mean.input_dim} to {mean.output_dim}",
+    )

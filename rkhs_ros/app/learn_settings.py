@@ -1,16 +1,25 @@
-"""The keywords of `rkhs_ros.train` and `rkhs_ros.learn`, with their types."""
+"""The keywords of `rkhs_ros.train` and `rkhs_ros.learn`, with their types, checks and defaults."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypedDict
 
+from rkhs_ros.base.settings import Settings
+from rkhs_ros.base.validation import hint, nearest, pick, require
+from rkhs_ros.learning.algorithms.algorithm import Algorithm
+from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.learning.model.model_based import ModelSettings
+from rkhs_ros.learning.model.model_based import MODELS, ModelSettings, NoModel
+from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.policy import Policy
-from rkhs_ros.rkhs.kernels import Kernel
+from rkhs_ros.rkhs.kernels import Array, Kernel
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.config import name_of_run
+from rkhs_ros.runs.defaults import settings_for
 
 
 class LearnSettings(TypedDict, total=False):
@@ -34,6 +43,10 @@ class LearnSettings(TypedDict, total=False):
         policy: the initial policy, or its file.
         options: keyword arguments of the environment, for an id.
         num_envs: the largest number of copies of the environment that run side by side; 0 for no limit.
+        out: new or empty folder for the files of a run, those of ``rkhs train --out``; without it, nothing is written.
+        resume: resume the run in ``out``, which needs equal settings except for ``iterations``; start it if there is
+            none.
+        record: write recording.mcap to ``out``, for replay, offline training and viewing.
     """
 
     name: str
@@ -52,3 +65,63 @@ class LearnSettings(TypedDict, total=False):
     policy: Policy | str | Path
     options: Mapping[str, Any]
     num_envs: int
+    out: str | Path
+    resume: bool
+    record: bool
+
+
+@dataclass(frozen=True)
+class GivenKernel(KernelChoice):
+    """Kernel choice that always returns the given kernel."""
+
+    kernel: Kernel | None = None
+
+    @property
+    def is_for_given_inputs(self) -> bool:
+        """Whether the kernel does not fit other inputs; assumed of a given kernel."""
+        return self.kernel is not None or super().is_for_given_inputs
+
+    def fit(self, points: Array, ages: int = 1) -> Kernel:
+        """Return the kernel."""
+        return self.kernel if self.kernel is not None else super().fit(points, ages)
+
+
+def training_in(simulation: Simulation, algorithm: Algorithm | str | None, settings: Mapping[str, Any]) -> Training:
+    """Return the checked settings of a run in a simulation, with the defaults of `defaults`."""
+    known = {f.name: f for f in fields(Training)}
+    for name in settings:
+        if name not in known:
+            raise ValueError(f"unknown setting '{name}', {_meant(name, known)}")
+    horizon = simulation.time_limit or Training.horizon
+    given = {"name": name_of_run(simulation.environment), "horizon": horizon, **settings}
+    if isinstance(algorithm, str):
+        pick(algorithm, ALGORITHMS, "algorithm")
+    if isinstance(given.get("model"), str):
+        given["model"] = pick(given["model"], MODELS, "model")()
+    name = algorithm if isinstance(algorithm, str) else _name_of(algorithm)
+    form = "none" if isinstance(given.get("model"), NoModel) else "gaussian_process"
+    untuned = training_from(settings_for(name, form, given["horizon"]))
+    kernel = given.get("kernel", untuned.kernel)
+    if isinstance(kernel, str):
+        kernel = replace(untuned.kernel, form=kernel)
+    given["kernel"] = GivenKernel(kernel=kernel) if isinstance(kernel, Kernel) else kernel
+    require(not isinstance(algorithm, type), "algorithm", "an instance such as RKHSNAC()", algorithm)
+    if not isinstance(algorithm, str | None):
+        given["algorithm"] = algorithm
+    nested = {name: value for name, value in given.items() if isinstance(value, Settings)}
+    over = {name: value.with_defaults(getattr(untuned, name)) for name, value in nested.items()}
+    return replace(untuned, **given | over)
+
+
+def _name_of(algorithm: object) -> str:
+    """Return the name of an algorithm, or the default name if the object is not an algorithm."""
+    return next((name for name, each in ALGORITHMS.items() if type(algorithm) is each), "rkhs_nac")
+
+
+def _meant(name: str, known: Iterable[str]) -> str:
+    """Return a hint for an unknown setting: the nearest setting of a run, or of an algorithm."""
+    algorithms: list[type[Algorithm]] = [*reversed(ALGORITHMS.values()), ALGORITHMS["rkhs_nac"]]
+    owners = {f.name: each.__name__ for each in algorithms for f in fields(each)}
+    of_run = dict.fromkeys([*LearnSettings.__annotations__, *known])
+    near = [] if name not in owners and nearest(name, of_run) else nearest(name, owners)
+    return f"did you mean {owners[near[0]]}({near[0]}=...)?" if near else hint(name, of_run)

@@ -2,41 +2,42 @@
 
 from __future__ import annotations
 
+import json
 import time
-from collections.abc import Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 from numpy.typing import NDArray
+from yaml import YAMLError
 
 from rkhs_ros.app.inline import warn_of_horizon
-from rkhs_ros.app.learn_settings import LearnSettings
-from rkhs_ros.base.settings import Settings
+from rkhs_ros.app.learn_settings import LearnSettings, training_in
 from rkhs_ros.base.threads import use_one_thread
-from rkhs_ros.base.validation import hint, nearest, pick, require
+from rkhs_ros.base.validation import require
+from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.algorithms.algorithm import Algorithm
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.diagnosis import Diagnosis
 from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.learning.model.model_based import MODELS, NoModel
-from rkhs_ros.learning.state import first_state
+from rkhs_ros.learning.state import State, first_state
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.learning.training import train as iterations_of
-from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.policy import Policy, load
-from rkhs_ros.policies.storage import Task
-from rkhs_ros.rkhs.kernels import Array, Kernel
 from rkhs_ros.rollouts.environments import Source
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.model_env import LearntModel
 from rkhs_ros.rollouts.simulation import Simulation
-from rkhs_ros.runs.config import name_of_run
-from rkhs_ros.runs.curve import Row, columns
-from rkhs_ros.runs.defaults import settings_for
+from rkhs_ros.runs.config import Config, Environment
+from rkhs_ros.runs.curve import Curve, Row, columns
 from rkhs_ros.runs.progress import progress_bar
+from rkhs_ros.runs.report import FIRST_POLICY, is_started, new_folder
+from rkhs_ros.runs.run import training_steps
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -100,20 +101,7 @@ class Result:
         return figure
 
 
-@dataclass(frozen=True)
-class GivenKernel(KernelChoice):
-    """Kernel choice that always returns the given kernel."""
-
-    kernel: Kernel | None = None
-
-    @property
-    def is_for_given_inputs(self) -> bool:
-        """Whether the kernel does not fit other inputs; assumed of a given kernel."""
-        return self.kernel is not None or super().is_for_given_inputs
-
-    def fit(self, points: Array, ages: int = 1) -> Kernel:
-        """Return the kernel."""
-        return self.kernel if self.kernel is not None else super().fit(points, ages)
+Callback = Callable[[Result], "bool | None"]
 
 
 def train(
@@ -121,6 +109,7 @@ def train(
     algorithm: Algorithm | str | None = None,
     *,
     progress: bool = True,
+    callback: Callback | None = None,
     **settings: Unpack[LearnSettings],
 ) -> Result:
     """Train a policy and return it with its learning curve.
@@ -132,89 +121,128 @@ def train(
         algorithm: an algorithm such as ``RKHSNAC(centres=80)``, or its name; None stands for RKHS-NAC. Settings that
             are not given have the defaults of `rkhs_ros.runs.defaults`.
         progress: show a progress bar on standard error, and what to try if the run does not learn.
-        **settings: keywords of `LearnSettings`, such as ``iterations``, ``seed``, ``kernel`` and ``model``.
+        callback: function that takes the result of each iteration, after its files are written; False stops the run,
+            True or None continues it.
+        **settings: keywords of `LearnSettings`, such as ``iterations``, ``seed``, ``kernel``, ``model`` and ``out``.
 
     Returns:
         The result after the last iteration.
 
     Raises:
-        ValueError: a setting is unknown or invalid, or the environment cannot be used.
+        ValueError: a setting is unknown or invalid, the environment cannot be used, or the folder ``out`` is in use or
+            contains another run.
+        RunError: the environment failed.
+        OSError: the folder ``out`` cannot be written.
     """
-    training, runner, warm_start = _prepared(environment, algorithm, settings)
-    with progress_bar(training, quiet=not progress) as show, closing(_results(training, runner, warm_start)) as results:
-        diagnosis = Diagnosis(training, runner.spaces)
+    with closing(_results(_prepared(environment, algorithm, settings), quiet=not progress)) as results:
         for result in results:  # the last one is returned
-            show(result.iteration, diagnosis.advise(result.iteration) if progress else None)
+            answer = callback(result) if callback else None
+            if answer is not None and not answer:
+                break
     return result
 
 
 def learn(
     environment: Source, algorithm: Algorithm | str | None = None, **settings: Unpack[LearnSettings]
-) -> Iterator[Result]:
-    """Train a policy and yield the result of each iteration, for callbacks and early stopping.
+) -> Generator[Result, None, None]:
+    """Train a policy and yield the result of each iteration, for loops of your own and early stopping.
 
     Args:
         environment: as for `train`.
         algorithm: as for `train`.
-        **settings: keywords of `LearnSettings`, such as ``iterations``, ``seed``, ``kernel`` and ``model``.
+        **settings: keywords of `LearnSettings`, such as ``iterations``, ``seed``, ``kernel``, ``model`` and ``out``.
 
     Raises:
-        ValueError: a setting is unknown or invalid, or the environment cannot be used.
+        ValueError: a setting is unknown or invalid, the environment cannot be used, or the folder ``out`` is in use or
+            contains another run.
+        RunError: the environment failed.
+        OSError: the folder ``out`` cannot be written.
     """
-    return _results(*_prepared(environment, algorithm, settings))
+    return _results(_prepared(environment, algorithm, settings), quiet=True)
 
 
-def _prepared(
-    environment: Source, algorithm: Algorithm | str | None, settings: Mapping[str, Any]
-) -> tuple[Training, InlineRunner, Policy | None]:
-    """Return the checked settings, the runner and the initial policy."""
+class _Prepared(NamedTuple):
+    """A run that is ready to start.
+
+    Attributes:
+        config: its configuration.
+        runner: runner of its episodes.
+        first: state of a new run.
+        out: folder of its files; None for a run without files.
+        resume: whether the folder contains a run to resume.
+        record: whether to record the run.
+    """
+
+    config: Config
+    runner: InlineRunner
+    first: State
+    out: Path | None
+    resume: bool
+    record: bool
+
+
+def _prepared(environment: Source, algorithm: Algorithm | str | None, settings: Mapping[str, Any]) -> _Prepared:
+    """Check the settings of a run and create its folder."""
     use_one_thread()
     _check_order(environment)
     given = dict(settings)
-    start = given.pop("policy", None)
-    simulation = Simulation(environment, given.pop("options", None), given.pop("num_envs", 0))
+    start, options, num_envs = given.pop("policy", None), given.pop("options", None), given.pop("num_envs", 0)
+    out, resume, record = _folder_settings(given)
+    simulation = Simulation(environment, options, num_envs)
     with ExitStack() as undo:
         undo.callback(simulation.close)
         warm_start = load(start) if isinstance(start, str | Path) else start
         good = warm_start is None or isinstance(warm_start, Policy)
         require(good, "policy", "a Policy or a policy file", warm_start)
-        training = _training(simulation, algorithm, given)
+        training = training_in(simulation, algorithm, given)
+        config = Config(Environment(simulation.environment, simulation.options, num_envs), training)
+        first = first_state(training, simulation.spaces, warm_start.gaussian if warm_start else None)
+        if out:
+            resume = _made_folder(out, config, warm_start, resume=resume)
         undo.pop_all()
     if "horizon" not in given:
         warn_of_horizon(simulation, training.horizon, given=False)
-    return training, InlineRunner(simulation), warm_start
+    return _Prepared(config, InlineRunner(simulation), first, out, resume, record)
 
 
-def _training(simulation: Simulation, algorithm: Algorithm | str | None, settings: Mapping[str, Any]) -> Training:
-    """Return the checked settings of a run in a simulation, with the defaults of `defaults`."""
-    known = {f.name: f for f in fields(Training)}
-    for name in settings:
-        if name not in known:
-            raise ValueError(f"unknown setting '{name}', {_meant(name, known)}")
-    horizon = simulation.time_limit or Training.horizon
-    given = {"name": name_of_run(simulation.environment), "horizon": horizon, **settings}
-    if isinstance(algorithm, str):
-        pick(algorithm, ALGORITHMS, "algorithm")
-    if isinstance(given.get("model"), str):
-        given["model"] = pick(given["model"], MODELS, "model")()
-    name = algorithm if isinstance(algorithm, str) else _name_of(algorithm)
-    form = "none" if isinstance(given.get("model"), NoModel) else "gaussian_process"
-    untuned = training_from(settings_for(name, form, given["horizon"]))
-    kernel = given.get("kernel", untuned.kernel)
-    if isinstance(kernel, str):
-        kernel = replace(untuned.kernel, form=kernel)
-    given["kernel"] = GivenKernel(kernel=kernel) if isinstance(kernel, Kernel) else kernel
-    require(not isinstance(algorithm, type), "algorithm", "an instance such as RKHSNAC()", algorithm)
-    if not isinstance(algorithm, str | None):
-        given["algorithm"] = algorithm
-    nested = {name: value for name, value in given.items() if isinstance(value, Settings)}
-    over = {name: value.with_defaults(getattr(untuned, name)) for name, value in nested.items()}
-    return replace(untuned, **given | over)
+def _folder_settings(given: dict[str, Any]) -> tuple[Path | None, bool, bool]:
+    """Remove the settings of the folder from the given ones; return the folder, and whether to resume and to record."""
+    out, resume, record = given.pop("out", None), given.pop("resume", False), given.pop("record", False)
+    require(out is None or isinstance(out, str | Path), "out", "a folder", out)
+    for name, value in {"resume": resume, "record": record}.items():
+        require(isinstance(value, bool), name, "True or False", value)
+        require(out is not None or not value, name, "out=FOLDER as well", "none")
+    return None if out is None else Path(out), resume, record
 
 
-def _name_of(algorithm: object) -> str:
-    """Return the name of an algorithm, or the default name if the object is not an algorithm."""
-    return next((name for name, each in ALGORITHMS.items() if type(algorithm) is each), "rkhs_nac")
+def _made_folder(out: Path, config: Config, first_policy: Policy | None, *, resume: bool) -> bool:
+    """Create the folder of a new run with its initial policy; return whether it contains a run to resume instead.
+
+    Raises:
+        ValueError: the folder is in use, or config.yaml cannot store a setting.
+        OSError: the folder cannot be written.
+    """
+    kernel, options = config.training.kernel, config.environment.options
+    expected = "a text or a KernelChoice, such as KernelChoice(bandwidth=0.5), which out= can store in config.yaml"
+    require(type(kernel) is KernelChoice, "kernel", expected, getattr(kernel, "kernel", kernel))
+    require(_is_storable(options), "options", "values that out= can store in config.yaml", dict(options))
+    if is_started(out):
+        require(resume, f"{out}", "a new or empty folder, or resume=True to continue the run in it", "a run")
+        return True
+    new_folder(out, config.training.name)
+    (out / FIRST_POLICY).unlink(missing_ok=True)  # left by a run that was killed before it started
+    if first_policy is not None:
+        first_policy.save(out / FIRST_POLICY)
+    return False
+
+
+def _is_storable(options: Mapping[str, Any]) -> bool:
+    try:
+        dumped(dict(options))
+        json.dumps(dict(options))  # in policies and checkpoints
+    except (YAMLError, TypeError, ValueError):
+        return False
+    return True
 
 
 def _check_order(environment: object) -> None:
@@ -227,26 +255,46 @@ def _check_order(environment: object) -> None:
     require(not issubclass(kind, Algorithm), "environment", expected, hint)
 
 
-def _meant(name: str, known: Iterable[str]) -> str:
-    """Return a hint for an unknown setting: the nearest setting of a run, or of an algorithm."""
-    algorithms: list[type[Algorithm]] = [*reversed(ALGORITHMS.values()), ALGORITHMS["rkhs_nac"]]
-    owners = {f.name: each.__name__ for each in algorithms for f in fields(each)}
-    of_run = dict.fromkeys([*LearnSettings.__annotations__, *known])
-    near = [] if name not in owners and nearest(name, of_run) else nearest(name, owners)
-    return f"did you mean {owners[near[0]]}({near[0]}=...)?" if near else hint(name, of_run)
-
-
-def _results(training: Training, runner: InlineRunner, warm_start: Policy | None) -> Generator[Result, None, None]:
-    simulation, begin = runner.simulation, time.monotonic()
+def _results(run: _Prepared, *, quiet: bool) -> Generator[Result, None, None]:
+    """Run the iterations and yield the results."""
     rows: tuple[Row, ...] = ()
-    best: Policy | None = None
-    task = Task(simulation.environment, simulation.options, training.horizon, training.discount)
-    highest = float("-inf")
-    with runner:
-        first = first_state(training, runner.spaces, warm_start.gaussian if warm_start else None)
-        for iteration in iterations_of(training, runner, first):
-            rows = (*rows, Row.of(iteration, time.monotonic() - begin))
-            policy = Policy(iteration.policy, task, runner.spaces)
+    acting = partial(Policy, task=run.config.task, spaces=run.runner.spaces)
+    with run.runner, closing(_in_folder(run, run.out, quiet) if run.out else _in_memory(run, quiet)) as steps:
+        for iteration, row, best in steps:
+            if run.out and not rows and iteration.number > 1:
+                rows = tuple(Curve(run.out / "curve.csv").rows()[: iteration.number - 1])
+            rows = (*rows, row)
+            policy, best_policy = acting(iteration.policy), acting(best) if best else None
+            yield Result(policy, best_policy, iteration, rows, run.config.training)
+
+
+Steps = Generator[tuple[Iteration, Row, GaussianPolicy | None], None, None]  # with the best policy so far
+
+
+def _in_memory(run: _Prepared, quiet: bool) -> Steps:
+    """Run the iterations without files."""
+    training, runner, began = run.config.training, run.runner, time.monotonic()
+    highest, best = float("-inf"), None
+    diagnosis = Diagnosis(training, runner.spaces)
+    with progress_bar(training, quiet=quiet) as show:
+        for iteration in iterations_of(training, runner, run.first):
             if iteration.evaluation_bound > highest:
-                highest, best = iteration.evaluation_bound, policy
-            yield Result(policy, best, iteration, rows, training)
+                highest, best = iteration.evaluation_bound, iteration.policy
+            show(iteration, None if quiet else diagnosis.advise(iteration))
+            yield iteration, Row.of(iteration, time.monotonic() - began), best
+
+
+def _in_folder(run: _Prepared, out: Path, quiet: bool) -> Steps:
+    """Run the iterations with all files, those that ``rkhs train`` writes."""
+    from rkhs_ros.pictures.run_pictures import draw_run  # here, since the import is slow
+
+    steps = training_steps(run.config, run.runner, out, quiet=quiet, resume=run.resume, record=run.record)
+    has_learnt = False
+    try:
+        with closing(steps):
+            for iteration, report in steps:
+                has_learnt = True
+                yield iteration, report.recent[-1], report.best_policy
+    finally:
+        if has_learnt and (out / "policy.npz").is_file():  # missing if the disk is full
+            draw_run(out)

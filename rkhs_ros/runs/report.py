@@ -17,6 +17,7 @@ from rkhs_ros.base.user_code import is_installed
 from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.diagnosis import Advice
 from rkhs_ros.learning.training import Iteration, lower_bound
+from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import read_policy, save_policy
 from rkhs_ros.runs import config_comments
@@ -105,6 +106,7 @@ class Report:
 
     Attributes:
         recent: the last lines of the learning curve.
+        best_policy: the policy of best_policy.npz; None before the first evaluation.
 
     Raises:
         OSError: the folder cannot be written.
@@ -118,7 +120,7 @@ class Report:
         self._spaces = spaces
         rows = self._curve.rows()[:done]
         self.recent = deque(rows, MOST_RECENT)
-        self._best = self._best_of(rows)
+        self._best, self.best_policy = self._best_of(rows)
         self._attempts = Attempts(folder, config.task, spaces, rows[-1].episodes if rows else 0)
         self._began = time.monotonic() - (rows[-1].seconds if rows else 0.0)
         self._configuration = config_comments.resumed(folder / CONFIGURATION, resolved(config), done)
@@ -149,25 +151,24 @@ class Report:
         """
         write_whole(self.folder / ADVICE, "".join(f"{line}\n" for line in [*advice_in(self.folder), advice]).encode())
 
-    def _best_of(self, rows: list[Row]) -> float:
-        """Return the bound of best_policy.npz; print a warning and return -inf if the file is damaged or missing."""
+    def _best_of(self, rows: list[Row]) -> tuple[float, GaussianPolicy | None]:
+        """Return the bound and the policy of best_policy.npz; -inf and None, with a warning, if it cannot be read."""
         best = max(evaluation_bounds(rows), default=-inf)
         if best == -inf:
-            return best
+            return best, None
         try:
-            read_policy(self.folder / BEST_POLICY)
+            return best, read_policy(self.folder / BEST_POLICY).policy
         except (ValueError, OSError) as error:
             print(
                 f"warning: {error_message(error)}. The best policy of the next iterations replaces it",
                 file=sys.stderr,
             )
-            return -inf
-        return best
+            return -inf, None
 
     def _save_if_best(self, iteration: Iteration) -> None:
         """Save the policy if the lower end of the interval of its evaluation return is the greatest so far."""
         if iteration.evaluation_bound > self._best:
-            self._best = iteration.evaluation_bound
+            self._best, self.best_policy = iteration.evaluation_bound, iteration.policy
             save_policy(self.folder / BEST_POLICY, iteration.policy, self._config.task, self._spaces)
 
     def finish(self) -> None:

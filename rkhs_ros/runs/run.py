@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,12 +57,67 @@ def run_training(
     on_iteration: OnIteration = ignore_iteration,
     on_advice: OnAdvice | None = None,
 ) -> Path:
-    """Train and write the results.
+    """Train and write the results; see `training_steps`, which has the same arguments and raises the same errors.
 
     Args:
         config: configuration of the run.
         runner: runner of the episodes.
-        folder: folder of the results; None for results/NAME/TIME.
+        folder: folder of the results, new or empty unless the run resumes; None for results/NAME/TIME.
+        quiet: show no progress bar.
+        resume: resume the run in the folder.
+        record: write recording.mcap.
+        log: logs to write besides curve.csv, see `LOGS`.
+        sync: sync each message of the recording to the disk.
+        provenance_may_change: resume a run of other code, libraries or threads.
+        rest: function that waits for a number of seconds during a pause.
+        on_iteration: callback for each iteration, after its results are written.
+        on_advice: callback for advice if the run does not learn; None prints it with the progress.
+
+    Returns:
+        The folder of the results.
+    """
+    folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
+    steps = training_steps(
+        config,
+        runner,
+        folder,
+        quiet=quiet,
+        resume=resume,
+        record=record,
+        log=log,
+        sync=sync,
+        provenance_may_change=provenance_may_change,
+        rest=rest,
+        on_advice=on_advice,
+    )
+    with closing(steps):
+        for iteration, report in steps:
+            on_iteration(iteration, report.recent)
+    return folder
+
+
+def training_steps(
+    config: Config,
+    runner: RecordableRunner,
+    folder: Path,
+    *,
+    quiet: bool = False,
+    resume: bool = False,
+    record: bool = False,
+    log: Sequence[str] = (),
+    sync: bool = False,
+    provenance_may_change: bool = False,
+    rest: Rest = time.sleep,
+    on_advice: OnAdvice | None = None,
+) -> Generator[tuple[Iteration, Report], None, None]:
+    """Train, write the results, and yield each iteration after its results are written.
+
+    The results are complete, and the run can be resumed, when the generator is exhausted or closed.
+
+    Args:
+        config: configuration of the run.
+        runner: runner of the episodes.
+        folder: existing folder of the results.
         quiet: show no progress bar.
         resume: resume the run in the folder; its results are bit-identical to those of an uninterrupted run.
         record: write recording.mcap; a resumed run continues an existing recording in any case.
@@ -70,11 +125,7 @@ def run_training(
         sync: sync each message of the recording to the disk, such as for a robot, whose episodes are costly.
         provenance_may_change: resume a run of other code, libraries or threads; config.yaml records the change.
         rest: function that waits for a number of seconds during a pause.
-        on_iteration: callback for each iteration, after its results are written.
         on_advice: callback for advice if the run does not learn; None prints it with the progress.
-
-    Returns:
-        The folder of the results.
 
     Raises:
         ValueError: the folder is not empty, contains no run to resume or a run with other settings, or is used by
@@ -82,7 +133,6 @@ def run_training(
         OSError: the folder cannot be written.
         KeyboardInterrupt: a viewer stopped the run.
     """
-    folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
     logs = logs_of(folder, log)
     with locked(folder):
         use_one_thread()
@@ -124,10 +174,9 @@ def run_training(
                     log_row(report.recent[-1])
                     checkpoints.write(iteration.state)
                     show(iteration, _advise(diagnosis.advise(iteration), report, on_advice))
-                    on_iteration(iteration, report.recent)
+                    yield iteration, report
                     control.obey()
         control.clear()
-    return folder
 
 
 def _diagnosis(config: Config, spaces: Spaces, report: Report) -> Diagnosis:

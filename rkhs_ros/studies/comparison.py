@@ -77,6 +77,12 @@ class Comparison:
     curves: tuple[LearningCurve, ...]
     notes: tuple[str, ...]
 
+    def __str__(self) -> str:
+        """Return the table with its notes in Markdown."""
+        from rkhs_ros.studies.comparison_table import as_markdown  # here, since it imports this module
+
+        return as_markdown(self)
+
 
 def compare(places: Sequence[Path], labels: Mapping[Path, str] | None = None) -> Comparison:
     """Compare runs, up to the number of exploration episodes at which the shortest run ends.

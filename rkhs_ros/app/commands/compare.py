@@ -48,7 +48,7 @@ def _show(comparison: Comparison) -> None:
     """Print the table: fitted to the width of a terminal, otherwise as Markdown."""
     console = Console()
     if not console.is_terminal:
-        print(as_markdown(comparison))
+        print(comparison)
         return
     about = [CAPTION.replace("\n", " "), *comparison.notes]
     console.print(as_table(comparison), *(Text(f"\n{each}") for each in about), "", sep="\n")

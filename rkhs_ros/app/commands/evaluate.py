@@ -16,7 +16,7 @@ from rkhs_ros.base.ros import require_ros
 from rkhs_ros.base.validation import require
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.rollouts.evaluation import evaluation_of
+from rkhs_ros.rollouts.evaluation import Evaluation
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.report import last_policy, resolved
 
@@ -53,7 +53,8 @@ def run(options: argparse.Namespace) -> int:
     with load_acting(options.policy, options.env) as (policy, task, runner):
         collected = runner.collect(policy, Batch(options.seed, 0, episodes or EPISODES, task.horizon, explore=False))
     discount = task.discount if discount is None else discount
-    print(json.dumps(evaluation_of(collected, task.environment, options.seed, discount), indent=2))
+    evaluation = Evaluation.of(collected, task.environment, options.seed, discount)
+    print(json.dumps(evaluation.statistics(), indent=2))
     return 0
 
 

@@ -17,7 +17,7 @@ from rkhs_ros.pictures.film import shoot
 from rkhs_ros.pictures.film_files import animate
 from rkhs_ros.policies.onnx_check import export_onnx
 from rkhs_ros.policies.policy import Policy, load
-from rkhs_ros.rollouts.evaluation import evaluation_of
+from rkhs_ros.rollouts.evaluation import Evaluation
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.episode_files import load_episodes
@@ -104,7 +104,9 @@ def _returns(source: Path, config: Config, kind: str) -> dict[str, str]:
     """Return the mean returns of the last episodes with their 95 % intervals, as names and values for the table."""
     episodes = load_episodes(source / "episodes.npz").episodes
     training = config.training
-    measured: dict[str, Any] = evaluation_of(episodes, config.environment.id, training.seed, training.discount)
+    measured: dict[str, Any] = Evaluation.of(
+        episodes, config.environment.id, training.seed, training.discount
+    ).statistics()
     returns = {f"discounted by {training.discount:g}": measured, "undiscounted": measured["undiscounted"]}
     of = f"of the last {kind} episodes ({len(episodes)})"
     return {

@@ -23,7 +23,7 @@ from rkhs_ros.nodes.lockstep.simulator_link import ROBOT, SIMULATOR
 from rkhs_ros.nodes.lockstep.topic_runner import TopicRunner
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.rollouts.evaluation import evaluation_of
+from rkhs_ros.rollouts.evaluation import Evaluation
 from rkhs_ros.runs.config import Config, Environment, environment_from
 from rkhs_ros.runs.episode_files import save_episodes
 from rkhs_ros.runs.report import interruption_summary, is_started, new_folder, next_steps, old_folder
@@ -138,7 +138,8 @@ def measure(node: LearnerNode, stop: Stop) -> None:
         batch = Batch(training.seed, 0, training.evaluation_episodes, training.horizon, explore=False)
         episodes = node.runner.collect(policy, batch)
         save_episodes(Path(node.output) / EVALUATION, episodes, task)
-        print(json.dumps(evaluation_of(episodes, environment.id, training.seed, training.discount), indent=2))
+        evaluation = Evaluation.of(episodes, environment.id, training.seed, training.discount)
+        print(json.dumps(evaluation.statistics(), indent=2))
 
 
 def main(draw: Draw = draw_nothing) -> None:

@@ -1,0 +1,78 @@
+"""Library functions: evaluate policies and compare runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from rkhs_ros.app.inline import check_fit, policy_file, runner_of
+from rkhs_ros.base.threads import use_one_thread
+from rkhs_ros.base.validation import require
+from rkhs_ros.policies.policy import Policy
+from rkhs_ros.policies.storage import Task, load_policy
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.rollouts.environments import Source
+from rkhs_ros.rollouts.evaluation import Evaluation
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.config import Environment
+from rkhs_ros.studies.comparison import Comparison
+from rkhs_ros.studies.comparison import compare as compare_runs
+
+
+def evaluate(
+    policy: Policy | str | Path,
+    env: Source | None = None,
+    *,
+    episodes: int = 100,
+    seed: int = 0,
+    discount: float | None = None,
+) -> Evaluation:
+    """Measure the returns of a policy in evaluation episodes, without exploration.
+
+    Args:
+        policy: a policy, its file, or the folder of a run, which stands for its last policy.
+        env: as for `train`; None creates the environment that the policy names.
+        episodes: number of episodes.
+        seed: seed of all randomness.
+        discount: discount factor of the return; None for that of the policy's task.
+
+    Raises:
+        ValueError: an argument is invalid, the folder contains no policy, or the policy does not fit the environment.
+        RunError: the environment failed.
+        OSError: the file cannot be read.
+    """
+    require(type(episodes) is int and episodes >= 1, "episodes", "a whole number >= 1", episodes)
+    require(discount is None or 0.0 <= discount <= 1.0, "discount", "a number in [0, 1]", discount)
+    use_one_thread()
+    if isinstance(policy, Policy):
+        gaussian, task, name = policy.gaussian, policy.task, "policy"
+    else:
+        gaussian, task = load_policy(policy_file(Path(policy)))
+        name = str(policy)
+    source: Source = task.environment if env is None else env
+    with _runner_for(source, task) as runner:
+        check_fit(gaussian, runner, name)
+        collected = runner.collect(gaussian, Batch(seed, 0, episodes, task.horizon, explore=False))
+        environment = runner.simulation.environment
+    return Evaluation.of(collected, environment, seed, task.discount if discount is None else discount)
+
+
+def _runner_for(source: Source, task: Task) -> InlineRunner:
+    """Return a runner in an environment, with the options of the task if its id is that of the task."""
+    if not isinstance(source, str):
+        return InlineRunner(Simulation(source))
+    return runner_of(Environment(source, task.options if source == task.environment else {}))
+
+
+def compare(folders: str | Path | Iterable[str | Path]) -> Comparison:
+    """Compare runs as ``rkhs compare`` does; print the comparison for its table.
+
+    Args:
+        folders: folders of runs, or folders that contain such folders.
+
+    Raises:
+        ValueError: a folder contains no run, or the runs cannot be compared.
+        OSError: a file cannot be read.
+    """
+    return compare_runs([Path(folders)] if isinstance(folders, str | Path) else [Path(each) for each in folders])

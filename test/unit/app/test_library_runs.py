@@ -1,0 +1,205 @@
+"""Runs from Python with a folder, which equals the folder of the command line."""
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+
+import rkhs_ros
+from rkhs_ros.app.cli import main
+from rkhs_ros.runs.curve import Curve
+
+SHORT: dict[str, Any] = {
+    "iterations": 3,
+    "episodes_per_iteration": 2,
+    "evaluation_episodes": 2,
+    "horizon": 8,
+    "seed": 4,
+    "model": rkhs_ros.ModelBased(updates=2, rollouts=5),
+    "progress": False,
+}
+PLAIN = ("iterations", "episodes_per_iteration", "evaluation_episodes", "horizon", "seed")
+CHANGES = [*(f"{name}={SHORT[name]}" for name in PLAIN), "model.updates=2", "model.rollouts=5"]
+WITH_TIMES = {"curve.csv", "recording.mcap"}  # files that contain wall times
+
+
+class Slide(gymnasium.Env[Any, Any]):
+    """A point on a line, to be moved to 0."""
+
+    observation_space = Box(-1.0, 1.0, (1,))
+    action_space = Box(-1.0, 1.0, (1,))
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        super().reset(seed=seed)
+        self.place = self.np_random.uniform(-1.0, 1.0, 1)
+        return self.place.astype(np.float32), {}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        self.place = np.clip(self.place + 0.3 * action, -1.0, 1.0)
+        return self.place.astype(np.float32), -float(self.place[0] ** 2), False, False, {}
+
+
+def command(*words: str | Path) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main([*map(str, words)])
+    assert isinstance(ended.value.code, int)
+    return ended.value.code
+
+
+def written(folder: Path) -> list[Path]:
+    """Return the files of a run without checkpoints, of which the wall time decides how many are stored."""
+    files = [file.relative_to(folder) for file in folder.rglob("*") if file.is_file()]
+    return sorted(file for file in files if file.parts[0] != "checkpoints")
+
+
+def without_times(folder: Path) -> list[tuple[Any, ...]]:
+    return [tuple(f"{each}" for each in row[:-1]) for row in Curve(folder / "curve.csv").rows()]
+
+
+def test_a_run_writes_the_folder_of_the_command_line(tmp_path: Path) -> None:
+    ours, theirs = tmp_path / "python", tmp_path / "command"
+    result = rkhs_ros.train("rkhs/Toy-v0", out=ours, record=True, **SHORT)
+    train = ("train", "--env", "rkhs/Toy-v0", "--runner", "inline", "--quiet", "--record", "--out", theirs)
+    assert command(*train, "--set", *CHANGES) == 0
+    files = [written(each) for each in (ours, theirs)]
+    assert files[0] == files[1]
+    same = [file for file in files[0] if file.name not in WITH_TIMES]
+    assert {"config.yaml", "policy.npz", "best_policy.npz", "episodes.npz", "curve.png"} <= {file.name for file in same}
+    for file in same:
+        assert (ours / file).read_bytes() == (theirs / file).read_bytes(), file
+    assert without_times(ours) == without_times(theirs)
+    assert repr(list(result.rows)) == repr(Curve(ours / "curve.csv").rows())
+    assert without_times(ours) == [tuple(f"{e}" for e in r[:-1]) for r in rkhs_ros.train("rkhs/Toy-v0", **SHORT).rows]
+
+
+def test_commands_work_on_a_run_from_python(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "run"
+    rkhs_ros.train("rkhs/Toy-v0", out=folder, record=True, **SHORT)
+    assert command("plot", folder) == command("replay", folder) == 0
+    assert command("compare", folder, "--out", tmp_path / "c.png") == 0
+    assert str(rkhs_ros.compare(folder)) in capsys.readouterr().out
+    assert command("evaluate", folder, "--episodes", "2") == 0
+    evaluation = rkhs_ros.evaluate(folder, episodes=2)
+    assert f'"mean": {evaluation.discounted_return}' in (printed := capsys.readouterr().out)
+    assert f'"mean": {evaluation.undiscounted_return}' in printed
+    assert command("train", "--resume", folder, "--iterations", "4", "--runner", "inline", "--quiet") == 0
+    assert len(Curve(folder / "curve.csv").rows()) == 4
+
+
+@pytest.mark.parametrize("source", ["rkhs/Toy-v0", Slide, Slide()], ids=["id", "class", "instance"])
+def test_a_run_that_a_callback_stops_resumes_bit_identically(source: Any, tmp_path: Path) -> None:
+    whole = rkhs_ros.train(source, out=tmp_path / "whole", **SHORT)
+    folder, seen = tmp_path / "stopped", list[int]()
+
+    def stop_at_two(result: rkhs_ros.Result) -> bool:
+        seen.append(result.iteration.number)
+        assert len(Curve(folder / "curve.csv").rows()) == len(seen)
+        return len(seen) < 2
+
+    stopped = rkhs_ros.train(source, out=folder, callback=stop_at_two, **SHORT)
+    assert seen == [1, 2] == stopped.curve["iteration"].tolist()
+    assert rkhs_ros.load(folder / "policy.npz").gaussian.mean.weights.tolist()
+    assert (folder / "curve.png").is_file()
+    resumed = rkhs_ros.train(source, out=folder, resume=True, **SHORT)
+    assert without_times(folder) == without_times(tmp_path / "whole")
+    assert repr(list(resumed.rows)) == repr(Curve(folder / "curve.csv").rows())
+    for name in ("policy.npz", "best_policy.npz", "episodes.npz"):
+        assert (folder / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    best = [each.best_policy for each in (resumed, whole)]
+    weights = [each.gaussian.mean.weights.tobytes() for each in best if each]
+    assert len(weights) == 2
+    assert len(set(weights)) == 1
+
+
+def test_a_numpy_bool_of_a_callback_stops_and_none_does_not() -> None:
+    runs = {answer: rkhs_ros.train("rkhs/Toy-v0", callback=lambda _, a=answer: a, **SHORT) for answer in (None, True)}
+    assert [len(run.rows) for run in runs.values()] == [3, 3]
+    assert len(rkhs_ros.train("rkhs/Toy-v0", callback=lambda _: np.bool_(False), **SHORT).rows) == 1
+
+
+def test_a_loop_that_ends_early_leaves_a_complete_folder(tmp_path: Path) -> None:
+    settings = {name: value for name, value in SHORT.items() if name != "progress"}
+    for _ in rkhs_ros.learn("rkhs/Toy-v0", out=tmp_path / "run", **settings):
+        break
+    assert (tmp_path / "run" / "policy.npz").is_file()
+    with (tmp_path / "run" / "curve.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == 1
+
+
+def test_a_folder_is_not_overwritten_and_another_run_not_resumed(tmp_path: Path) -> None:
+    run, other = tmp_path / "run", tmp_path / "other"
+    rkhs_ros.train("rkhs/Toy-v0", out=run, resume=True, **SHORT)  # starts the run, since there is none
+    before = (run / "curve.csv").read_bytes()
+    with pytest.raises(ValueError, match=r"run: expected a new or empty folder, or resume=True to continue .* a run$"):
+        rkhs_ros.train("rkhs/Toy-v0", out=run, **SHORT)
+    with pytest.raises(ValueError, match="seed: expected 4 as at the start of the run, got 5"):
+        rkhs_ros.train("rkhs/Toy-v0", out=run, resume=True, **{**SHORT, "seed": 5})
+    assert (run / "curve.csv").read_bytes() == before
+    other.mkdir()
+    (other / "notes.txt").write_text("mine")
+    with pytest.raises(ValueError, match="other: expected a new or empty folder"):
+        rkhs_ros.train("rkhs/Toy-v0", out=other, resume=True, **SHORT)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"record": True}, r"^record: expected out=FOLDER as well, got none$"),
+        ({"resume": True}, r"^resume: expected out=FOLDER as well, got none$"),
+        ({"out": 3}, r"^out: expected a folder, got 3$"),
+        ({"out": "unused", "kernel": rkhs_ros.RBF((1.0,))}, r"^kernel: expected a text or a KernelChoice, .* got RBF"),
+    ],
+)
+def test_errors_of_the_folder(
+    settings: dict[str, Any], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match=message):
+        rkhs_ros.train("rkhs/Toy-v0", **SHORT | settings)
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_initial_policy_is_part_of_the_folder(tmp_path: Path) -> None:
+    first = rkhs_ros.train("rkhs/Toy-v0", **SHORT).policy
+    expected = rkhs_ros.train("rkhs/Toy-v0", policy=first, **SHORT)
+    run = rkhs_ros.train("rkhs/Toy-v0", policy=first, out=tmp_path / "run", **SHORT)
+    first.save(tmp_path / "first.npz")
+    assert (tmp_path / "run" / "first_policy.npz").read_bytes() == (tmp_path / "first.npz").read_bytes()
+    assert run.curve["exploration_return"].tolist() == expected.curve["exploration_return"].tolist()
+
+
+def test_a_class_is_named_by_commands_that_cannot_create_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "run"
+    result = rkhs_ros.train(Slide, out=folder, record=True, **SHORT)
+    assert command("plot", folder) == command("replay", folder) == 0
+    evaluations = [rkhs_ros.evaluate(*each, episodes=3) for each in ((folder, Slide), (result.policy, Slide()))]
+    assert len({each.discounted_returns.tobytes() for each in evaluations}) == 1
+    assert evaluations[0].undiscounted_return < evaluations[0].discounted_return < 0.0
+    capsys.readouterr()
+    for words in (("evaluate", folder), ("train", "--resume", folder, "--runner", "inline")):
+        assert command(*words) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert "unknown environment 'Slide'" in line
+        assert line.endswith("pass it to rkhs_ros.evaluate, or to rkhs_ros.train with resume=True")
+
+
+def test_runs_in_folders_of_seeds_are_those_of_the_command_line(tmp_path: Path) -> None:
+    for seed in (0, 1):
+        rkhs_ros.train("rkhs/Toy-v0", out=tmp_path / "runs" / f"seed_{seed}", **{**SHORT, "seed": seed})
+    (curve,) = rkhs_ros.compare([tmp_path / "runs"]).curves
+    assert curve.returns.shape == (2, 3)
+    resume = ("train", "--resume", tmp_path / "runs", "--iterations", "3", "--jobs", "1", "--quiet")
+    assert command(*resume) == 0
+
+
+def test_an_environment_that_fails_raises_run_error(tmp_path: Path) -> None:
+    class Fails(Slide):
+        def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+            raise RuntimeError("the cable is loose")
+
+    with pytest.raises(rkhs_ros.RunError, match=r"Fails: step 1 of environment 0: RuntimeError: the cable is loose"):
+        rkhs_ros.train(Fails, out=tmp_path / "run", **SHORT)
