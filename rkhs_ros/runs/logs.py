@@ -67,7 +67,7 @@ def logged(
 ) -> Iterator[Callable[[Row], None]]:
     """Write logs of a run until the context exits; yield a function that adds a row to all of them.
 
-    If a log cannot be written, print a warning and continue without it: the run, perhaps of a robot, matters more.
+    If a log cannot be written, print a warning and continue without it, because the run matters more than its logs.
 
     Args:
         folder: folder of the run.

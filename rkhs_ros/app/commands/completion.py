@@ -27,7 +27,7 @@ COMPLETED_BY = {
     "DIR": "directory",  # like "file" below, a name of shtab
     **dict.fromkeys(("FILE", "FILE.png", "DIR|FILE", "DIR|EPISODES", "RECORDING"), "file"),
     **dict.fromkeys(("KEY", "KEY=VALUE", "KEY=V,V"), "_rkhs_setting"),
-}  # by the placeholder of an argument
+}  # completion by the placeholder of an argument
 FUNCTIONS = {
     "bash": """_rkhs_config_file() { compgen -d -- "$$1"; compgen -f -X '!*.yaml' -- "$$1"; }
 _rkhs_task_file() { compgen -W '$tasks' -- "$$1"; _rkhs_config_file "$$1"; }
@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    """Return the parser of all commands, with what completes their arguments."""
+    """Return the parser of all commands, with completions for their arguments."""
     parser = parser_of(COMMANDS)
     choices = {"ID": list(gymnasium.registry), "NAME": list(ALGORITHMS), "FIGURE": [*known(), "all"]}
     (commands,) = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
@@ -77,7 +77,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _settings(settings: Any, path: str = "") -> Iterator[str]:
-    """Yield the names of the settings with ``=``, of all choices; names may repeat."""
+    """Yield the name of each setting of all choices, followed by ``=``; names may repeat."""
     for f in fields(settings):
         value = getattr(settings, f.name)
         if "table" in f.metadata:
