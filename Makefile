@@ -87,7 +87,7 @@ test-faults: build ## kill nodes, lose and corrupt messages, check for leaks; KI
 test-fast: build ## tests without nodes and pictures, in under a minute
 	@$(ENTER) $(PYTEST) -n auto -m "not ros and not slow and not faults and not clock and not browser and not pages"
 
-EXTRAS ?= test/unit/policies/test_onnx.py test/faults/test_clusters.py test/unit/studies/test_workers.py test/faults/test_other_learners.py test/unit/runs/test_logs.py test/unit/app/test_completion.py
+EXTRAS ?= test/faults/test_clusters.py test/unit/studies/test_workers.py test/faults/test_other_learners.py test/unit/runs/test_logs.py
 test-extras: build .venv-extras/.installed ## tests that need large extras, installed beside .venv
 	@$(ENTER) PYTHONPATH=$(CURDIR)/.venv-extras:$$PYTHONPATH python -m pytest -rsP $(EXTRAS)
 

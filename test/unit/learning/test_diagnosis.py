@@ -76,6 +76,12 @@ def test_each_sign_has_its_advice(sign: Sign, bad: list[Summary]) -> None:
     assert advice_on(bad[:2]) == []  # two iterations may be luck
 
 
+def test_curious_iterations_do_not_show_a_bad_model() -> None:
+    curious = curve(model_return=0.9, model_error=1.2, curious=True)
+    assert not predicts_badly(curious)
+    assert not predicts_badly([*curious, *errors(0.7, 0.7)])
+
+
 def test_a_run_that_learns_and_one_that_has_learnt_get_no_advice() -> None:
     assert all(advice_on(HEALTHY[: k + 1]) == [] for k in range(len(HEALTHY)))
     assert advice_on([*HEALTHY, *[HEALTHY[-1]] * 20]) == []
