@@ -57,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
 
     names = {"tasks": " ".join(gymnasium.registry), "settings": " ".join(dict.fromkeys(_settings(Training())))}
     functions = Template(FUNCTIONS[options.shell]).substitute(names)
-    print(shtab.complete(_parser(), options.shell, preamble={options.shell: functions}) + LAST[options.shell])
+    print(shtab.complete(_parser(), options.shell, preamble=functions) + LAST[options.shell])
     return 0
 
 
