@@ -71,6 +71,14 @@ class LearntModel:
         dynamics = fit_model(training.model, state.policy.inputs, decisions, spaces)
         return cls(dynamics, decisions.horizon, repeat, training.model.reward_margin)
 
+    def __repr__(self) -> str:
+        """Return the sizes of the model, since its arrays fill many pages."""
+        spaces = self.dynamics.spaces
+        return (
+            f"<LearntModel of {spaces.observation_dim} observations and {spaces.action_dim} actions,"
+            f" horizon {self.horizon}, action_repeat {self.action_repeat}>"
+        )
+
     def as_env(self, caution: float = 1.0) -> ModelEnv:
         """Return the model as a Gymnasium environment.
 
@@ -161,11 +169,12 @@ class ModelVectorEnv(VectorEnv[Values, Values, Any]):
 
         Raises:
             ResetNeeded: `reset` was not called before.
+            ValueError: an action has the wrong size, or is not finite.
         """
         if not self._streams:
             raise ResetNeeded("step: cannot step before reset(); call reset() first")
-        flat = np.reshape(np.asarray(actions, dtype=np.float64), (self.num_envs, -1))
         newest, over = np.array([self._dynamics.inputs.history]), self._over
+        flat = self._flattened(actions, ignored=over)
         inputs = self._dynamics.inputs.at(newest, self._observations, self._actions)[:, 0]
         steps = np.minimum(self._steps, self._horizon - 1)  # results of environments that are reset are discarded below
         made = self._runner.step(self._draws, steps, inputs, self._observations[:, -1], flat)
@@ -178,6 +187,15 @@ class ModelVectorEnv(VectorEnv[Values, Values, Any]):
         truncated = self._steps == self._horizon
         self._over = terminated | truncated
         return self._current(), rewards, terminated, truncated, {}
+
+    def _flattened(self, actions: ArrayLike, ignored: Flags) -> Array:
+        """Return checked actions, shape (num_envs, n); those of ignored environments need not be finite."""
+        given, size = np.asarray(actions, dtype=np.float64), self._dynamics.spaces.action_dim
+        expected = f"finite numbers, {size} for each environment"
+        require(given.size == self.num_envs * size, "action", expected, given.tolist())
+        flat: Array = given.reshape(self.num_envs, size)
+        require(bool(np.isfinite(flat[~ignored]).all()), "action", expected, given.tolist())
+        return flat
 
     def _begin(self, which: Flags) -> None:
         """Start an episode in some environments."""
@@ -220,6 +238,7 @@ class ModelEnv(gymnasium.Env[Values, Values]):
 
         Raises:
             ResetNeeded: `reset` was not called before.
+            ValueError: the action has the wrong size, or is not finite.
         """
         observations, rewards, terminated, truncated, info = self._environments.step(np.asarray(action)[None])
         return observations[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), info

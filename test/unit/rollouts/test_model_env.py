@@ -1,5 +1,6 @@
 """Episodes in a dynamics model as an environment are those of `ModelRunner`, and follow Gymnasium's conventions."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -114,6 +115,23 @@ def test_the_environments_follow_gymnasium(rng: np.random.Generator) -> None:
         model.as_vector_env(2).reset(seed=[1])
     with pytest.raises(ValueError, match=r"^num_envs: expected a whole number >= 1, got 0$"):
         model.as_vector_env(0)
+
+
+@pytest.mark.parametrize("action", [[0.0, 0.0], [], [np.nan], [-np.inf]])
+def test_an_action_of_the_wrong_size_or_that_is_not_finite_is_rejected(
+    rng: np.random.Generator, action: list[float]
+) -> None:
+    environment = model_of(rng).as_env()
+    environment.reset(seed=0)
+    message = rf"^action: expected finite numbers, 1 for each environment, got {re.escape(str([action]))}$"
+    with pytest.raises(ValueError, match=message):
+        environment.step(action)
+
+
+def test_a_model_prints_its_sizes_in_one_line(rng: np.random.Generator) -> None:
+    model = model_of(rng)
+    expected = f"<LearntModel of 2 observations and 1 actions, horizon {model.horizon}, action_repeat 1>"
+    assert repr(model) == expected
 
 
 def test_the_same_seed_gives_the_same_functions_and_caution_zero_their_mean(rng: np.random.Generator) -> None:
