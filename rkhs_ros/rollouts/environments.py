@@ -33,7 +33,8 @@ def spec_of(environment: str) -> EnvSpec:
         return gymnasium.spec(name)
     except gymnasium.error.Error as error:
         meant = hint(name, gymnasium.registry, f"{module}:" if module else "")
-        remedy = "" if module else f". For a custom module, use MODULE:{truncated(name)}"
+        registers = f". Module {truncated(module)} does not register it: call gymnasium.register in it"
+        remedy = registers if module else f". For a custom module, use MODULE:{truncated(name)}"
         raise ValueError(
             f"unknown environment '{truncated(environment)}', {meant}{remedy * ('?' not in meant)}"
         ) from error
