@@ -79,7 +79,7 @@ def warn_of_horizon(simulation: Simulation, horizon: int, *, given: bool) -> Non
     """
     name, limit = simulation.environment, simulation.time_limit
     if limit is None and not given:
-        note = f"{name} has no time limit; episodes end after {horizon} steps. Set horizon=N to change that"
+        note = f"{name} declares no time limit; episodes end after {horizon} steps. Set horizon=N to change that"
     elif limit not in (None, horizon):
         note = f"{horizon} steps, instead of the {limit} steps of {name}"
     else:

@@ -221,8 +221,8 @@ def test_episodes_of_an_environment_without_a_time_limit_are_noted_once_unless_t
     unlimited = gymnasium.make("Pendulum-v1", max_episode_steps=-1)
     short = {name: value for name, value in SHORT.items() if name != "horizon"}
     rkhs_ros.train(unlimited, progress=False, **short)
-    note = "note: horizon: Pendulum-v1 has no time limit; episodes end after 100 steps. Set horizon=N to change that\n"
-    assert capsys.readouterr().err == note
+    note = "Pendulum-v1 declares no time limit; episodes end after 100 steps. Set horizon=N to change that"
+    assert capsys.readouterr().err == f"note: horizon: {note}\n"
     rkhs_ros.train(unlimited, progress=False, **SHORT)
     rkhs_ros.train("rkhs/Toy-v0", progress=False, **short)
     assert capsys.readouterr().err == ""

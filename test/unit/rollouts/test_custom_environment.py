@@ -75,7 +75,7 @@ def test_without_a_time_limit_the_default_horizon_is_noted_once(rkhs: Rkhs, sour
     )
     what = ("endless.yaml",) if source == "file" else ("--env", "my_slide:Endless-v0")
     arguments = ("train", *what, "--runner", "inline", "--iterations", 1)
-    note = "note: horizon: my_slide:Endless-v0 has no time limit; episodes end after 100 steps. Set horizon=N to change"
+    note = "horizon: my_slide:Endless-v0 declares no time limit; episodes end after 100 steps. Set horizon=N to change"
     assert rkhs(*arguments, "--out", "run", "--set", *SHORT).err.count(note) == 1
     assert "note:" not in rkhs(*arguments, "--out", "set", "--set", *SHORT, "horizon=7").err
     assert "note:" not in rkhs("train", "--resume", "run", "--runner", "inline", "--iterations", 2).err
