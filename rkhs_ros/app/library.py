@@ -137,6 +137,7 @@ def train(
         RunError: the environment failed.
         OSError: the folder ``out`` cannot be written.
     """
+    require(callback is None or callable(callback), "callback", "a function of a Result", callback)
     with closing(_results(_prepared(environment, algorithm, settings), quiet=not progress)) as results:
         for result in results:  # the last one is returned
             answer = callback(result) if callback else None

@@ -200,6 +200,7 @@ def test_a_kernel_is_given_by_its_form_its_choice_or_itself(kernel: Any) -> None
         (("Pendulum-v1",), {"horizon": np.array(3)}, r"^horizon: expected a whole number, got array\(3\)$"),
         (("Pendulum-v1",), {"exploration_sd": np.array(3.0)}, r"^exploration_sd: expected a list of numbers"),
         (("Pendulum-v1",), {"optoins": {}}, r"^unknown setting 'optoins', did you mean 'options'\?$"),
+        (("Pendulum-v1",), {"callback": "stop"}, r"^callback: expected a function of a Result, got stop$"),
         (("CartPole-v1",), {}, r"^CartPole-v1 actions: expected a continuous space"),
         (("Pendulum-v1",), {"centers": 9}, r"^unknown setting 'centers', did you mean RKHSNAC\(centres=\.\.\.\)\?$"),
         ((rkhs_ros.PoWER(), "Pendulum-v1"), {}, SWAPPED),
