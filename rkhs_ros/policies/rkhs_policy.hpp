@@ -21,20 +21,19 @@ class Policy {
   explicit Policy(const std::string& path) : path_(path), file_(path) {
     if (word() != "rkhs_policy" || word() != "1") throw std::runtime_error(path_ + ": expected 'rkhs_policy 1'");
     columns_ = count(), history_ = count(), repeat_ = count(), low_ = numbers(), high_ = numbers();
-    for (double angle : numbers()) angles_.push_back(static_cast<std::size_t>(angle));
+    for (double angle : numbers()) angles_.push_back(whole(angle, columns_));
     turns_ = numbers();
     for (std::size_t i = 0; i < columns_; ++i)
       if (std::find(angles_.begin(), angles_.end(), i) == angles_.end()) rest_.push_back(i);
     degree_ = count(), factors_ = numbers(), scales_ = numbers(), constant_ = number();
-    terms_.resize(count());
-    for (Term& term : terms_) term.kind = kind(word()), term.parameters = numbers();
+    for (std::size_t left = count(); left > 0; --left) terms_.push_back({kind(word()), numbers()});
     centres_ = numbers(), weights_ = numbers();
     action_.resize(low_.size()), mean_.resize(low_.size()), stack_.resize(terms_.size());
     entry_ = columns_ + angles_.size() + (history_ > 1 ? low_.size() : 0);
-    window_.resize(history_ * entry_), factored_.resize(window_.size() + 1, constant_);
+    window_.resize(whole(static_cast<double>(history_) * static_cast<double>(entry_), most)), factored_.resize(window_.size() + 1, constant_);
     point_.resize(degree_ ? scales_.size() : window_.size());
-    const std::size_t m = weights_.size() / std::max<std::size_t>(low_.size(), 1);
-    if (centres_.size() != m * point_.size()) throw std::runtime_error(path_ + ": the sizes do not match");
+    if (!fits()) throw std::runtime_error(path_ + ": the sizes do not match");
+    for (double factor : factors_) whole(factor, factored_.size());
     file_.close();
   }
 
@@ -58,6 +57,19 @@ class Policy {
     Kind kind;
     std::vector<double> parameters;
   };
+
+  // Return whether the sizes match, so that no call leaves a list.
+  bool fits() const {
+    const std::size_t n = low_.size(), d = point_.size(), m = weights_.size() / std::max<std::size_t>(n, 1);
+    std::size_t depth = 0;  // of the stack
+    for (const Term& term : terms_) {
+      const std::size_t size = term.parameters.size(), sizes[] = {size == 1 ? 1 : d, 2, 2 * d, 0, 0};
+      if (size != sizes[term.kind] || (term.kind >= sum && depth < 2)) return false;
+      depth = term.kind < sum ? depth + 1 : depth - 1;
+    }
+    return depth == 1 && history_ > 0 && repeat_ > 0 && high_.size() == n && turns_.size() == angles_.size() &&
+           factors_.size() == degree_ * scales_.size() && weights_.size() == m * n && centres_.size() == m * d;
+  }
 
   // Shift the window and append the observation with the unclipped action before it; fill the window at the start.
   void observe(const std::vector<double>& observation, bool begins) {
@@ -126,17 +138,23 @@ class Policy {
   double number() {  // in any locale
     const std::string text = word();
     double value = 0.0;
-    if (std::from_chars(text.data(), text.data() + text.size(), value).ec != std::errc())
-      throw std::runtime_error(path_ + ": expected a number, got " + text);
+    const auto read = std::from_chars(text.data(), text.data() + text.size(), value);
+    if (read.ec != std::errc() || *read.ptr) throw std::runtime_error(path_ + ": expected a number, got " + text);
     return value;
   }
-  std::size_t count() { return static_cast<std::size_t>(number()); }
+  std::size_t whole(double value, std::size_t end) const {
+    if (!(value >= 0.0 && value < static_cast<double>(end) && value == std::floor(value)))
+      throw std::runtime_error(path_ + ": expected a whole number below " + std::to_string(end));
+    return static_cast<std::size_t>(value);
+  }
+  std::size_t count() { return whole(number(), most); }
   std::vector<double> numbers() {  // their count, then the numbers
-    std::vector<double> values(count());
-    for (double& value : values) value = number();
+    std::vector<double> values;
+    for (std::size_t left = count(); left > 0; --left) values.push_back(number());
     return values;
   }
 
+  static constexpr std::size_t most = 100000000;  // numbers in a list
   std::string path_;
   std::ifstream file_;
   std::size_t columns_, history_, repeat_, degree_, entry_, steps_ = 0;

@@ -13,7 +13,7 @@ from rkhs_ros.rkhs.kernels import COMPOSITIONS, LEAVES
 from test.unit.policies.exported import EACH_LEAF, INPUTS, KERNELS, STEPS, acted, random_episode, small_policy
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(shutil.which("g++") is None, reason="there is no compiler")]
-LINES = 150  # of the header
+LINES = 170  # of the header
 PROGRAM = """
 #include <cstdio>
 #include <iostream>
@@ -71,13 +71,23 @@ def test_it_acts_like_the_policy_for_all_kernels_and_inputs(program: Path, tmp_p
     assert len(expected) == STEPS
 
 
-def test_a_file_that_is_missing_cut_short_or_of_another_version_is_rejected(program: Path, tmp_path: Path) -> None:
-    text, file = policy_text(small_policy("rbf", "plain")), tmp_path / "policy.txt"
+def test_a_file_that_is_missing_damaged_or_of_another_version_is_rejected(program: Path, tmp_path: Path) -> None:
+    text, angles, monomials = (policy_text(small_policy("rbf", inputs)) for inputs in ("plain", "angles", "monomials"))
+    file = tmp_path / "policy.txt"
     for content, reason in {
         None: "whole policy file",
         text[:-40]: "whole policy file",
         text.replace(FIRST_LINE, "rkhs_policy 2"): "'rkhs_policy 1'",
         text.replace("rbf", "laplace"): "unknown kernel laplace",
+        text.replace("\n4 1 1\n", "\n7 1 1\n"): "the sizes do not match",
+        text.replace("\n4 1 1\n", "\n4 0 1\n"): "the sizes do not match",
+        text.replace("\n4 1 1\n", "\n4 -1 1\n"): "expected a whole number below",
+        text.replace("\n4 1 1\n", "\n4 1.5 1\n"): "expected a whole number below",
+        text.replace("rbf", "sum"): "the sizes do not match",
+        text.replace("rbf 4 ", "rbf 99999999 "): "whole policy file",
+        angles.replace("\n2 2.0 0.0\n", "\n2 9.0 0.0\n"): "expected a whole number below 4",
+        angles.replace("\n2 360.0 1.0\n", "\n1 360.0\n"): "the sizes do not match",
+        monomials.replace("\n30 0.0", "\n30 5.0"): "expected a whole number below 5",
     }.items():
         if content is not None:
             file.write_text(content)
