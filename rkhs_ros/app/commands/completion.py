@@ -24,8 +24,8 @@ SHELLS = ("bash", "zsh")
 COMPLETED_BY = {
     "CONFIG": "_rkhs_config_file",
     "ENV|CONFIG": "_rkhs_task_file",
-    "DIR": "directory",  # like "file" below, a name of shtab
-    **dict.fromkeys(("FILE", "FILE.png", "DIR|FILE", "DIR|EPISODES", "RECORDING"), "file"),
+    **dict.fromkeys(("DIR", "FOLDER"), "directory"),  # like "file" below, a name of shtab
+    **dict.fromkeys(("FILE", "FILE.png", "POLICY", "DIR|FILE", "DIR|EPISODES", "RECORDING"), "file"),
     **dict.fromkeys(("KEY", "KEY=VALUE", "KEY=V,V"), "_rkhs_setting"),
 }  # completion by the placeholder of an argument
 FUNCTIONS = {

@@ -74,7 +74,9 @@ def test_bash_completes_commands_options_and_choices(ask: Ask) -> None:
 def test_bash_completes_configurations_runs_and_tasks(ask: Ask) -> None:
     assert ask("train", "mi") == {"mine.yaml"}
     assert ask("evaluate", "mi") == {"mine.yaml", "mine.npz"}
+    assert ask("export", "runs", "mi") == {"mine.yaml", "mine.npz"}
     assert ask("train", "--resume", "ru") == {"runs"}
+    assert ask("publish", "runs", "ru") == {"runs"}
     assert ask("view", "runs/") == {"runs/first"}
     assert ask("train", "--env", "rkhs/Pend") == {"rkhs/Pendulum-v0", "rkhs/PendulumPOMDP-v0"}
     assert ask("check", "rkhs/Toy") == {"rkhs/Toy-v0"}
