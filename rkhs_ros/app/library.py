@@ -172,8 +172,9 @@ class _Prepared(NamedTuple):
         config: its configuration.
         runner: runner of its episodes.
         first: state of a new run.
+        first_policy: its initial policy, if one was given.
         out: folder of its files; None for a run without files.
-        resume: whether the folder contains a run to resume.
+        resume: whether to resume the run in the folder, if there is one.
         record: whether to record the run.
         log: logs to write besides curve.csv.
     """
@@ -181,6 +182,7 @@ class _Prepared(NamedTuple):
     config: Config
     runner: InlineRunner
     first: State
+    first_policy: Policy | None
     out: Path | None
     resume: bool
     record: bool
@@ -204,11 +206,11 @@ def _prepared(environment: Source, algorithm: Algorithm | str | None, settings: 
         config = Config(Environment(simulation.environment, simulation.options, num_envs), training)
         first = first_state(training, simulation.spaces, warm_start.gaussian if warm_start else None)
         if out:
-            resume = _made_folder(out, config, warm_start, resume=resume)
+            _made_folder(out, config, warm_start, resume=resume)
         undo.pop_all()
     if "horizon" not in given:
         warn_of_horizon(simulation, training.horizon, given=False)
-    return _Prepared(config, InlineRunner(simulation), first, out, resume, record, log)
+    return _Prepared(config, InlineRunner(simulation), first, warm_start, out, resume, record, log)
 
 
 def _folder_settings(given: dict[str, Any]) -> tuple[Path | None, bool, bool, tuple[str, ...]]:
@@ -306,7 +308,8 @@ def _in_folder(run: _Prepared, out: Path, quiet: bool) -> Steps:
     """Run the iterations with all files, those that ``rkhs train`` writes."""
     from rkhs_ros.pictures.run_pictures import draw_run  # here, since the import is slow
 
-    steps = training_steps(run.config, run.runner, out, quiet=quiet, resume=run.resume, record=run.record, log=run.log)
+    resume = _made_folder(out, run.config, run.first_policy, resume=run.resume)  # again: another run may have begun
+    steps = training_steps(run.config, run.runner, out, quiet=quiet, resume=resume, record=run.record, log=run.log)
     has_learnt = False
     try:
         with closing(steps):

@@ -128,14 +128,15 @@ def training_steps(
         on_advice: callback for advice if the run does not learn; None prints it with the progress.
 
     Raises:
-        ValueError: the folder is not empty, contains no run to resume or a run with other settings, or is used by
-            another process; or the package of a log is not installed.
+        ValueError: the folder contains a run that is not to be resumed, no run to resume or a run with other settings,
+            or is used by another process; or the package of a log is not installed.
         OSError: the folder cannot be written.
         KeyboardInterrupt: a viewer stopped the run.
     """
     logs = logs_of(folder, log)
     with locked(folder):
         use_one_thread()
+        require(resume or not is_started(folder), f"{folder}", "a new or empty folder for the results", "a run")
         checkpoints = Checkpoints(folder, config, provenance_may_change=provenance_may_change)
         curve = Curve(folder / "curve.csv")
         rows, iterations = curve.rows(), config.training.iterations
@@ -146,6 +147,8 @@ def training_steps(
             _check_environment(folder, config.environment)
             if lines > 1:  # a kill may come between the first line and the first checkpoint
                 raise ValueError(f"{folder / 'checkpoints'}: {WHOLE}, got none. {REMEDY}")
+            policy = folder / "policy.npz"
+            require(lines > 0 or not policy.exists(), f"{curve.path}", f"the learning curve of {policy}", "none")
             if curve.path.exists():
                 print(f"note: {folder}: no checkpoint to resume from; the run restarts", file=sys.stderr)
         done = state.iterations if state else 0

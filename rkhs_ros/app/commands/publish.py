@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Mapping
 from math import isnan, nan
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from rkhs_ros.app.robots import robot_of
 from rkhs_ros.app.trust import add_trust_argument, reads_data
 from rkhs_ros.base.endings import RunError, error_message
 from rkhs_ros.base.files import read_whole, write_whole
+from rkhs_ros.base.validation import require
 from rkhs_ros.pictures.film import shoot
 from rkhs_ros.pictures.film_files import animate
 from rkhs_ros.policies.onnx_check import export_onnx
@@ -42,6 +44,7 @@ def run(options: argparse.Namespace) -> int:
     """Write the policy, its pictures and the card, and print their paths."""
     source = old_folder(options.run_folder)
     policy, config = load(last_policy(source)), load_config(source / CONFIGURATION)
+    table = _table(source, policy, config)  # before the folder is created, since a file may be missing
     folder = new_folder(options.folder or source / "published", "")
     for name in ("policy.npz", CONFIGURATION, *PICTURES):
         if (source / name).is_file():
@@ -51,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
             write(options, policy, folder / name)
         except (ValueError, RunError) as error:  # the file is optional
             print(f"note: {name} is missing. {error_message(error)}", file=sys.stderr)
-    write_whole(folder / "README.md", _card(source, folder, policy, config).encode())
+    write_whole(folder / "README.md", _card(source, folder, config, table).encode())
     print(*sorted(folder.iterdir()), sep="\n")
     return 0
 
@@ -69,25 +72,32 @@ def _write_film(options: argparse.Namespace, policy: Policy, file: Path) -> None
         animate(file, shoot(*acting))
 
 
-def _card(source: Path, folder: Path, policy: Policy, config: Config) -> str:
-    """Return the text of README.md."""
-    environment, algorithm, spaces = config.environment.id, config.settings["algorithm.name"], policy.spaces
-    settings = read_whole(source / CONFIGURATION).decode()
-    last, mean = Curve(source / "curve.csv").rows()[-1], policy.gaussian.mean
-    table = {
+def _table(source: Path, policy: Policy, config: Config) -> dict[str, str]:
+    """Return the names and values of the table in README.md."""
+    algorithm, spaces, mean = config.settings["algorithm.name"], policy.spaces, policy.gaussian.mean
+    curve = Curve(source / "curve.csv")
+    rows = curve.rows()
+    require(len(rows) > 0, f"{curve.path}", "at least one iteration", "none")
+    last = rows[-1]
+    return {
         **_returns(source, config, "exploration" if isnan(last.evaluation_return) else "evaluation"),
         "Training": f"{algorithm}, {last.episodes} episodes, {last.steps} steps, seed {config.training.seed}",
         "Observation": f"shape {spaces.observation_shape}; {', '.join(spaces.observation_names) or 'no names'}",
         "Action": f"shape {spaces.action_low.shape}; {', '.join(spaces.action_names) or 'no names'}",
         "Bounds": f"{spaces.action_low.tolist()} to {spaces.action_high.tolist()}",
         "Mean": f"{len(mean.centres)} kernel functions of {mean.input_dim} inputs",
-        "Versions": settings.partition("\n")[0].removeprefix("# "),
     }
+
+
+def _card(source: Path, folder: Path, config: Config, table: Mapping[str, str]) -> str:
+    """Return the text of README.md."""
+    settings = read_whole(source / CONFIGURATION).decode()
+    table = {**table, "Versions": settings.partition("\n")[0].removeprefix("# ")}
     pictures = [f"![{about}]({name})" for name, about in PICTURES.items() if (folder / name).is_file()]
     files = [f"| [{name}]({name}) | {use} |" for name, use in FILES.items() if (folder / name).is_file()]
     return "\n".join(
         [
-            f"# A policy for {environment}\n",
+            f"# A policy for {config.environment.id}\n",
             *pictures,
             "\n| | |\n|---|---|",
             *(f"| {name} | {value} |" for name, value in table.items()),

@@ -145,6 +145,19 @@ def test_a_folder_is_not_overwritten_and_another_run_not_resumed(tmp_path: Path)
         rkhs_ros.train("rkhs/Toy-v0", out=other, resume=True, **SHORT)
 
 
+def test_of_two_loops_in_one_folder_the_second_changes_nothing(tmp_path: Path) -> None:
+    settings = {name: value for name, value in SHORT.items() if name != "progress"}
+    first = rkhs_ros.train("rkhs/Toy-v0", **SHORT).policy
+    with_policy = rkhs_ros.learn("rkhs/Toy-v0", policy=first, out=tmp_path / "run", **settings)
+    without = rkhs_ros.learn("rkhs/Toy-v0", out=tmp_path / "run", **settings)
+    list(with_policy)
+    files = {name: (tmp_path / "run" / name).read_bytes() for name in ("curve.csv", "policy.npz", "first_policy.npz")}
+    with pytest.raises(ValueError, match=r"run: expected a new or empty folder, .* got a run$"):
+        next(without)
+    for name, content in files.items():
+        assert (tmp_path / "run" / name).read_bytes() == content
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

@@ -116,3 +116,23 @@ def test_an_unfinished_run_is_not_published(run: Path, rkhs: Run) -> None:
     (run / "policy.npz").unlink()
     assert_refused(rkhs("publish", run), "run/policy.npz: expected the last policy, got none since the run has not")
     assert_refused(rkhs("publish", "nothing"), "nothing: expected the folder of a run")
+
+
+@pytest.mark.parametrize(
+    ("missing", "message"),
+    [("curve.csv", "expected at least one iteration, got none"), ("episodes.npz", "expected an existing file")],
+)
+def test_a_damaged_run_is_not_published_in_part(missing: str, message: str, run: Path, rkhs: Run) -> None:
+    (run / missing).unlink()
+    assert_refused(rkhs("publish", run), f"run/{missing}: {message}")
+    assert not (run / "published").exists()
+
+
+def test_a_published_policy_is_not_replaced_by_a_new_run(run: Path, rkhs: Run) -> None:
+    (run / "film.gif").write_bytes(b"a film")
+    assert rkhs("publish", run).code == 0
+    folder = run / "published"
+    content = (folder / "policy.npz").read_bytes()
+    message = f"{folder / 'curve.csv'}: expected the learning curve of {folder / 'policy.npz'}, got none"
+    assert_refused(rkhs("train", "--resume", folder, "--runner", "inline", "--quiet"), message)
+    assert (folder / "policy.npz").read_bytes() == content
