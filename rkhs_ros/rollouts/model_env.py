@@ -105,13 +105,14 @@ class ModelVectorEnv(VectorEnv[Values, Values, Any]):
         caution: factor on the deviation of the drawn functions from their posterior mean; 0 for the mean.
 
     Raises:
-        ValueError: the number of environments is invalid.
+        ValueError: the number of environments or the caution is invalid.
     """
 
     metadata: Info = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}
 
     def __init__(self, model: LearntModel, num_envs: int, caution: float = 1.0) -> None:
         require(type(num_envs) is int and num_envs >= 1, "num_envs", "a whole number >= 1", num_envs)
+        require(isinstance(caution, float | int) and 0.0 <= caution < np.inf, "caution", "a number >= 0", caution)
         dynamics, spaces = model.dynamics, model.dynamics.spaces
         self.num_envs = num_envs
         self.single_observation_space = Box(-np.inf, np.inf, spaces.observation_shape, np.float64)

@@ -95,6 +95,7 @@ def compare(places: Sequence[Path], labels: Mapping[Path, str] | None = None) ->
         ValueError: a folder contains no run, or the runs cannot be compared.
         OSError: a file cannot be read.
     """
+    require(len(places) > 0, "compare", "at least one run's folder", "none")
     runs, notes = _with_rows(_found(places))
     groups = _grouped(runs)
     task = _common_task(runs)

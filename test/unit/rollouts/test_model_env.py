@@ -115,6 +115,9 @@ def test_the_environments_follow_gymnasium(rng: np.random.Generator) -> None:
         model.as_vector_env(2).reset(seed=[1])
     with pytest.raises(ValueError, match=r"^num_envs: expected a whole number >= 1, got 0$"):
         model.as_vector_env(0)
+    for caution in (-1.0, np.nan, np.inf, "no"):
+        with pytest.raises(ValueError, match=rf"^caution: expected a number >= 0, got {caution}$"):
+            model.as_env(caution)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("action", [[0.0, 0.0], [], [np.nan], [-np.inf]])
