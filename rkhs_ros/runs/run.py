@@ -151,6 +151,8 @@ def training_steps(
             require(lines > 0 or not policy.exists(), f"{curve.path}", f"the learning curve of {policy}", "none")
             if curve.path.exists():
                 print(f"note: {folder}: no checkpoint to resume from; the run restarts", file=sys.stderr)
+        if state:
+            _check_spaces(folder, state.policy, runner.spaces)
         done = state.iterations if state else 0
         first = state or first_state(config.training, runner.spaces, _given(folder))
         control = Control(folder, rest)
@@ -212,6 +214,14 @@ def _check_environment(folder: Path, environment: Environment) -> None:
     """Raise ValueError if the run in the folder has another environment, which no checkpoint may reveal."""
     began = load_config(folder / "config.yaml").environment
     expected, got = (f"{each.id} with options {dict(each.options)}" for each in (began, environment))
+    require(expected == got, f"{folder}: environment", f"{expected} as at the start of the run", got)
+
+
+def _check_spaces(folder: Path, policy: GaussianPolicy, spaces: Spaces) -> None:
+    """Raise ValueError if the environment has other dimensions than at the start, such as an edited class."""
+    n = spaces.action_dim
+    sizes = (policy.mean.input_dim, policy.mean.output_dim), (policy.inputs.dimension(spaces.observation_dim, n), n)
+    expected, got = (f"{d} inputs and {n} actions" for d, n in sizes)
     require(expected == got, f"{folder}: environment", f"{expected} as at the start of the run", got)
 
 

@@ -145,6 +145,21 @@ def test_a_folder_is_not_overwritten_and_another_run_not_resumed(tmp_path: Path)
         rkhs_ros.train("rkhs/Toy-v0", out=other, resume=True, **SHORT)
 
 
+def test_a_run_in_an_environment_of_other_dimensions_is_not_resumed(tmp_path: Path) -> None:
+    class Wide(Slide):
+        observation_space = Box(-1.0, 1.0, (2,))
+
+    Wide.__name__ = Wide.__qualname__ = "Slide"
+    rkhs_ros.train(Slide, out=tmp_path / "run", **SHORT)
+    before = (tmp_path / "run" / "config.yaml").read_bytes()
+    message = (
+        r"run: environment: expected 1 inputs and 1 actions as at the start of the run, got 2 inputs and 1 actions$"
+    )
+    with pytest.raises(ValueError, match=message):
+        rkhs_ros.train(Wide, out=tmp_path / "run", resume=True, **{**SHORT, "iterations": 4})
+    assert (tmp_path / "run" / "config.yaml").read_bytes() == before
+
+
 def test_of_two_loops_in_one_folder_the_second_changes_nothing(tmp_path: Path) -> None:
     settings = {name: value for name, value in SHORT.items() if name != "progress"}
     first = rkhs_ros.train("rkhs/Toy-v0", **SHORT).policy
