@@ -111,7 +111,7 @@ def check_onnx(policy: Policy, content: bytes) -> OnnxCheck:
 
 
 def random_observations(policy: Policy) -> Array:
-    """Return at least ``COUNT`` observations around the centres, shape (blocks, steps, EPISODES, *observation_shape).
+    """Return at least ``COUNT`` observations around the centres, shape (blocks, steps, EPISODES, ...).
 
     Angles are uniformly distributed over a full turn. The other columns are normally distributed: with the mean of the
     centres' column and ``SPREAD`` times its standard deviation, or, if the inputs are monomials or there are no

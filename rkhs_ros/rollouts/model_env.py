@@ -140,7 +140,7 @@ class ModelVectorEnv(VectorEnv[Values, Values, Any]):
             options: ignored.
 
         Returns:
-            The observations, in the shape of `observation_space`, and an empty dictionary.
+            The observations, in the shape of ``observation_space``, and an empty dictionary.
 
         Raises:
             ValueError: the number of seeds is wrong.
@@ -162,10 +162,10 @@ class ModelVectorEnv(VectorEnv[Values, Values, Any]):
         """Advance every environment by one step; reset those whose episode has ended.
 
         Args:
-            actions: an action for each environment, clipped to its bounds, in the shape of `action_space`.
+            actions: an action for each environment, clipped to its bounds, in the shape of ``action_space``.
 
         Returns:
-            The observations, in the shape of `observation_space`; rewards, terminated and truncated, shape
+            The observations, in the shape of ``observation_space``; rewards, terminated and truncated, shape
             (num_envs,); and an empty dictionary.
 
         Raises:
@@ -235,7 +235,7 @@ class ModelEnv(gymnasium.Env[Values, Values]):
         return self._environments.restart([self.np_random])[0], {}
 
     def step(self, action: ArrayLike) -> tuple[Values, float, bool, bool, Info]:
-        """Advance by one step, which is one decision, with an action in the shape of `action_space`.
+        """Advance by one step, which is one decision, with an action in the shape of ``action_space``.
 
         Raises:
             ResetNeeded: `reset` was not called before.

@@ -115,7 +115,7 @@ class DynamicsModel:
         reward_depends_on_next: whether the reward is a function of the next observation instead of the current one.
         termination: posterior that is positive if an observation terminates the episode; None with a prior, or if no
             episode was terminated.
-        terminal_reward: reward that a terminal step earns in addition to the prediction of `rewards`.
+        terminal_reward: reward that a terminal step earns in addition to the prediction of the attribute ``rewards``.
         low: lower end of the observed range, shape (d,); -inf for periodic columns.
         high: upper end of the observed range, shape (d,); inf for periodic columns.
         reward_range: smallest and largest observed reward of non-terminal steps.
