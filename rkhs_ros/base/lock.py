@@ -11,7 +11,7 @@ from typing import IO
 
 from rkhs_ros.base.files import open_regular, require_replaceable
 
-PROBES, PROBE_S = 5, 0.002  # attempts and seconds between them, because `is_locked` takes the lock for a moment
+PROBE_S = 0.002  # seconds between attempts while `is_locked` of other processes shares the lock for a moment
 
 
 def is_locked(folder: Path) -> bool:
@@ -41,16 +41,28 @@ def locked(folder: Path) -> Iterator[None]:
     path = folder / "checkpoints" / "lock"
     require_replaceable(path)
     with path.open("ab") as file:
-        if not any(_is_taken(file) for _ in range(PROBES)):
+        if not _take(file):
             raise ValueError(f"{folder}: expected a free run folder, got one in use by another process")
         yield
 
 
-def _is_taken(file: IO[bytes]) -> bool:
-    """Try to take the lock and return whether that worked; wait a moment if it did not."""
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
+def _take(file: IO[bytes]) -> bool:
+    """Take the lock and return True; return False if a run holds it.
+
+    A run holds the lock exclusively, `is_locked` only shares it. If the lock can be shared, no run holds it, and the
+    next attempt may succeed.
+    """
+    while not _lock(file, fcntl.LOCK_EX):
+        if not _lock(file, fcntl.LOCK_SH):
+            return False
+        fcntl.flock(file, fcntl.LOCK_UN)
         time.sleep(PROBE_S)
+    return True
+
+
+def _lock(file: IO[bytes], kind: int) -> bool:
+    try:
+        fcntl.flock(file, kind | fcntl.LOCK_NB)
+    except BlockingIOError:
         return False
     return True

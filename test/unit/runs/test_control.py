@@ -1,5 +1,6 @@
 """Commands from outside pause, resume and stop a run between two iterations; other content is ignored."""
 
+import fcntl
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rkhs_ros.app.inline import runner_of
-from rkhs_ros.base.lock import PROBES, is_locked, locked
+from rkhs_ros.base.lock import is_locked, locked
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.control import ASKED, PAUSE, RESUME, STOP, WORDS, Control, ask, is_pausing
 from rkhs_ros.runs.run import run_training
@@ -119,11 +120,27 @@ def looking(tmp_path: Path) -> Iterator[Callable[[], None]]:
 
 @pytest.mark.usefixtures("looking")
 def test_watching_a_run_does_not_prevent_its_start(tmp_path: Path) -> None:
-    assert PROBES > 1
     for _ in range(200):
         with locked(tmp_path):
             assert is_locked(tmp_path)
-    time.sleep(0.01)
+
+
+def test_a_slow_watcher_delays_the_start_of_a_run(tmp_path: Path) -> None:
+    (tmp_path / "checkpoints").mkdir()
+    started: list[bool] = []
+
+    def start() -> None:
+        with locked(tmp_path):
+            started.append(True)
+
+    thread = Thread(target=start)
+    with (tmp_path / "checkpoints" / "lock").open("ab") as file:
+        fcntl.flock(file, fcntl.LOCK_SH)
+        thread.start()
+        time.sleep(0.05)  # passes as well if the thread has not tried yet
+        assert not started
+    thread.join()
+    assert started
 
 
 def test_a_folder_without_a_run_is_not_locked(tmp_path: Path) -> None:
