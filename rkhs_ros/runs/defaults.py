@@ -8,7 +8,7 @@ from typing import Any
 
 from rkhs_ros.learning.training_settings import AUTO, Training
 
-LONG_STEPS = {"rule": "kl", "divergence": 0.05, "annealing": 0.05}
+LONG_STEPS = {"rule": "kl", "divergence": 0.05}
 ALGORITHMS: Mapping[str, Mapping[str, Any]] = {
     "rkhs_nac": {"centres": 80, "value_ridge": 0.001, "trace": 0.95, "step": LONG_STEPS},
     "rkhs_npg": {"centres": 80, "step": LONG_STEPS},
@@ -21,6 +21,9 @@ MODEL: Mapping[str, Any] = {
     "curiosity": "as_needed",
     "validation_rollouts": 20,
     "reward_margin": 1.0,
+    "focus": "as_needed",
+    "updates": 60,
+    "exploration_decay": 0.97,
 }
 MODEL_BASED: Mapping[str, Any] = {"iterations": 20, "episodes_per_iteration": 1}
 WITHOUT_MODEL: Mapping[str, Any] = {"iterations": 60, "episodes_per_iteration": 5}

@@ -30,6 +30,7 @@ NORMAL_MEDIAN = 0.4549  # median of the square of a standard normal variable
 MOST_OVERCONFIDENCE = 3.0
 MARGIN = 0.25  # part of the observed range that rollouts may exceed it by: policies learn to exploit hard clipping
 EXPLAINED = 0.1  # part of the rewards' standard deviation that may remain unexplained
+VARYING = 0.1  # spread of the initial observations above which they vary, relative to that of the visited ones
 FEWEST_PER_COST = 2  # steps per coefficient of a cost that is fitted to them
 MOST_TRANSITIONS = 20_000  # more make a fit slower but hardly better
 NO_PRIORS = Priors()
@@ -120,6 +121,7 @@ class DynamicsModel:
         high: upper end of the observed range, shape (d,); inf for periodic columns.
         reward_range: smallest and largest observed reward of non-terminal steps.
         starts: observed initial observations, shape (N, d).
+        starts_vary: whether initial observations may differ by more than a tenth of the spread of all observations.
         visited: observed observations before each step, shape (n, d).
     """
 
@@ -136,6 +138,7 @@ class DynamicsModel:
     high: Array
     reward_range: tuple[float, float]
     starts: Array
+    starts_vary: bool
     visited: Array
 
     @classmethod
@@ -179,6 +182,7 @@ class DynamicsModel:
             **_bounds(steps, coordinates),
             reward_range=(float(steps.rewards[going_on].min()), float(steps.rewards[going_on].max())),
             starts=episodes.observations[:, 0],
+            starts_vary=_starts_vary(episodes.observations[:, 0], steps, inputs),
             visited=steps.observations,
         )
 
@@ -301,6 +305,19 @@ def _rewards(steps: Transitions, going_on: np.ndarray, inputs: Inputs, centres: 
         extra = rewards - best.mean(points[ended])[:, 0]
         terminal = TerminalReward.fit(leads[ended], extra, rewards, float(np.ptp(steps.rewards[~ended])), centres)
     return _Rewards(best, depends_on_next, terminal)
+
+
+def _starts_vary(starts: Array, steps: Transitions, inputs: Inputs) -> bool:
+    """Return whether the features of initial observations vary; a single one does not show it.
+
+    Columns that change in one step by more than their spread are noise and have no effect.
+    """
+    if len(starts) == 1:
+        return True
+    initial, before, after = (inputs.features(each) for each in (starts, steps.observations, steps.next_observations))
+    spread = before.std(axis=0)
+    is_state = (after - before).std(axis=0) < spread
+    return bool((initial.std(axis=0) > VARYING * spread)[is_state].any())
 
 
 def _termination(steps: Transitions, inputs: Inputs, centres: int) -> Posterior | None:

@@ -5,7 +5,7 @@ Model rollouts replace costly real episodes. The algorithms are the same as with
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -35,6 +35,7 @@ from rkhs_ros.rkhs.kernels import Array
 
 DISCOVERIES = ("none", "angles", "all")
 AS_NEEDED = "as_needed"
+FINER = 100.0  # divisor of the ridges of an algorithm that trains a policy for one initial observation
 FUNCTION = "MODULE:FUNCTION, or empty to learn the function; maps batches of"
 FROM_THE_START = 2  # number of the first of three consecutive rollouts that start from initial observations
 VALIDATE_EVERY = 5  # updates
@@ -82,6 +83,13 @@ class ModelBased(Settings):
         "seek greater rewards",
         minimum=0.0,
         maximum=100.0,
+    )
+    focus: str = setting(
+        "none",
+        "whether the policy is trained for its initial observations alone if these are almost the same. as_needed: then "
+        "all model rollouts start there, instead of a quarter from visited observations, and the ridges of the "
+        "algorithm are divided by 100, so that the policy can change faster between states. none: never",
+        choices=("none", AS_NEEDED),
     )
     curiosity: str = setting(
         "none",
@@ -188,7 +196,16 @@ def train_in_model(
     model = fit_model(settings, inputs, episodes, spaces)
     nothing_known = experience.reward_depends_on_action_only
     curious = settings.curiosity == AS_NEEDED and nothing_known and priors.reward_fn is None
-    runner = ModelRunner(model, test.overconfidence, curious=curious, reward_margin=settings.reward_margin)
+    focused = settings.focus == AS_NEEDED and not model.starts_vary
+    if focused:
+        algorithm = _finer(algorithm)
+    runner = ModelRunner(
+        model,
+        test.overconfidence,
+        curious=curious,
+        reward_margin=settings.reward_margin / (1 + experience.episodes_after_greatest_reward),
+        visited_starts=not focused,
+    )
     rounds = max(1, round(settings.updates / test.overconfidence))
     repeat = policy.action_repeat
     policy, metrics, expected = _optimise(
@@ -218,6 +235,12 @@ def fit_model(settings: ModelBased, inputs: Inputs, episodes: Episodes, spaces: 
     """
     priors = settings.priors(spaces.observation_dim)
     return DynamicsModel.fit(episodes, inputs, spaces, settings.centres, priors, centred=settings.tries_centred_metric)
+
+
+def _finer(algorithm: Algorithm) -> Algorithm:
+    """Return the algorithm with smaller ridges."""
+    ridges = {each.name for each in fields(algorithm)} & {"ridge", "value_ridge"}
+    return replace(algorithm, **{name: getattr(algorithm, name) / FINER for name in ridges})
 
 
 def inputs_may_change(inputs: Inputs, algorithm: Algorithm, kernel: KernelChoice) -> bool:

@@ -64,15 +64,23 @@ class ModelRunner:
         curious: reward steps by the model's uncertainty about them instead of the task's rewards, so that the policy
             explores states that were not visited yet.
         reward_margin: how far drawn rewards may lie outside the observed range, relative to the width of that range.
+        visited_starts: let a quarter of the rollouts start from visited observations.
     """
 
     def __init__(
-        self, model: DynamicsModel, caution: float = 1.0, *, curious: bool = False, reward_margin: float = 0.0
+        self,
+        model: DynamicsModel,
+        caution: float = 1.0,
+        *,
+        curious: bool = False,
+        reward_margin: float = 0.0,
+        visited_starts: bool = True,
     ) -> None:
         self._model = model
         self._caution = caution
         self._curious = curious
         self._reward_margin = reward_margin
+        self._visited_starts = visited_starts
 
     @property
     def spaces(self) -> Spaces:
@@ -112,12 +120,12 @@ class ModelRunner:
     def _starts(self, batch: Batch, streams: list[np.random.Generator]) -> Array:
         """Return the first observations of the episodes.
 
-        Three quarters of the rollouts start from initial observations and a quarter from visited ones, so that the
-        rollouts cover all states. If the inputs have a history, all rollouts start from initial observations, because
-        these have no past.
+        With visited starts, a quarter of the rollouts start from visited observations, so that the rollouts cover all
+        states. If the inputs have a history, all rollouts start from initial observations, because these have no past.
         """
         model = self._model
-        places = (model.starts, model.visited if model.inputs.history == 1 else model.starts)
+        anywhere = self._visited_starts and model.inputs.history == 1
+        places = (model.starts, model.visited if anywhere else model.starts)
         chosen = [places[episode % START_VISITED_EVERY == 1] for episode in batch.episodes]
         return np.stack([place[own.integers(len(place))] for place, own in zip(chosen, streams, strict=True)])
 

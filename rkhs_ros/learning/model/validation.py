@@ -6,7 +6,7 @@ from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 
-PATIENCE = 4  # candidates without improvement after which training ends
+PATIENCE = 6  # candidates without improvement after which training ends
 
 
 class Validation:

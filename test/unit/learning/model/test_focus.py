@@ -1,0 +1,154 @@
+"""Training for the initial observations alone, if they are almost the same."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from rkhs_ros.learning.algorithms.algorithm import Experience, Update
+from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.model.dynamics_model import DynamicsModel
+from rkhs_ros.learning.model.model_based import FINER, ModelBased
+from rkhs_ros.learning.model.model_rollouts import ModelRunner
+from rkhs_ros.learning.model.real_experience import RealExperience
+from rkhs_ros.learning.training import Iteration, train
+from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF, Array
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+
+ROWS, STEPS = 4, 30
+
+
+def walks(rng: np.random.Generator, starts: Array) -> Episodes:
+    """Return episodes whose columns move by small steps in the direction of the action, from given observations."""
+    rows, d = starts.shape
+    actions = rng.uniform(-1.0, 1.0, (rows, STEPS, 1))
+    moves = 0.2 * actions + 0.02 * rng.standard_normal((rows, STEPS, d))
+    observations = starts[:, None] + np.concatenate([np.zeros((rows, 1, d)), np.cumsum(moves, axis=1)], axis=1)
+    return of_observations(observations, actions)
+
+
+def of_observations(observations: Array, actions: Array) -> Episodes:
+    """Return episodes that end by their time limit, with rewards of 0."""
+    shape = actions.shape[:2]
+    before, last = observations[:, :-1], observations[:, -1]
+    return Episodes(before, actions, np.zeros(shape), np.ones(shape, dtype=bool), last, np.zeros(shape[0], dtype=bool))
+
+
+def fitted(episodes: Episodes, inputs: Inputs | None = None) -> DynamicsModel:
+    """Return the model of episodes with actions in [-1, 1]."""
+    spaces = Spaces(episodes.observations.shape[2:], -np.ones(1), np.ones(1))
+    return DynamicsModel.fit(episodes, inputs or Inputs(), spaces, 20)
+
+
+@pytest.mark.parametrize(("spread", "varies"), [(0.0, False), (0.01, False), (1.0, True)])
+def test_starts_vary_if_their_spread_is_not_small(rng: np.random.Generator, spread: float, varies: bool) -> None:
+    assert fitted(walks(rng, spread * rng.standard_normal((ROWS, 2)))).starts_vary == varies
+
+
+def test_a_single_start_may_vary(rng: np.random.Generator) -> None:
+    assert fitted(walks(rng, np.zeros((1, 2)))).starts_vary
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1e3])
+def test_neither_units_nor_offsets_matter(rng: np.random.Generator, unit: float) -> None:
+    for spread in (0.01, 1.0):
+        episodes = walks(rng, spread * rng.standard_normal((ROWS, 2)))
+        told = replace(
+            episodes,
+            observations=unit * (episodes.observations + 5.0),
+            final_observations=unit * (episodes.final_observations + 5.0),
+        )
+        assert fitted(told).starts_vary == fitted(episodes).starts_vary
+
+
+def test_columns_of_noise_and_constants_do_not_matter(rng: np.random.Generator) -> None:
+    episodes = walks(rng, 0.01 * rng.standard_normal((ROWS, 2)))
+    observations = np.concatenate([episodes.observations, episodes.final_observations[:, None]], axis=1)
+    shape = (ROWS, STEPS + 1, 1)
+    more = np.concatenate([observations, rng.standard_normal(shape), np.ones(shape)], axis=2)
+    assert not fitted(of_observations(more, episodes.actions)).starts_vary
+
+
+def test_an_angle_at_its_jump_does_not_vary(rng: np.random.Generator) -> None:
+    episodes = walks(rng, np.pi + 0.01 * np.array([[-1.0], [1.0], [-1.0], [1.0]]))
+
+    def wrap(angles: Array) -> Array:
+        return np.mod(angles + np.pi, 2 * np.pi) - np.pi
+
+    wrapped = replace(
+        episodes, observations=wrap(episodes.observations), final_observations=wrap(episodes.final_observations)
+    )
+    assert fitted(wrapped).starts_vary
+    assert not fitted(wrapped, Inputs(angles=(0,))).starts_vary
+
+
+def test_without_visited_starts_all_rollouts_start_from_initial_observations(rng: np.random.Generator) -> None:
+    episodes = walks(rng, 0.01 * rng.standard_normal((ROWS, 2)))
+    policy = GaussianPolicy(Function.zero(RBF((1.0,)), 2, 1), ConstantVariance(np.ones(1)))
+    runner = ModelRunner(fitted(episodes), visited_starts=False)
+    begins = runner.collect(policy, Batch(0, 0, 100, 2, explore=True)).observations[:, 0]
+    assert {row.tobytes() for row in begins} == {row.tobytes() for row in episodes.observations[:, 0]}
+
+
+def ridges_of_a_run(focus: str, environment: str) -> list[tuple[float, float]]:
+    """Return the ridge and the value ridge of all updates of two iterations, without repetitions."""
+    used: dict[tuple[float, float], None] = {}
+
+    @dataclass(frozen=True)
+    class Spy(RKHSNAC):
+        def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
+            used[self.ridge, self.value_ridge] = None
+            return super().update(policy, experience)
+
+    model = ModelBased(updates=2, rollouts=4, centres=20, focus=focus)
+    algorithm = Spy(centres=10, ridge=0.01, value_ridge=0.001)
+    shared = {"iterations": 2, "episodes_per_iteration": 1, "evaluation_episodes": 1, "exploration_sd": "range"}
+    learn(Training(**shared, horizon=20, algorithm=algorithm, model=model), environment)
+    return list(used)
+
+
+def learn(training: Training, environment: str) -> list[Iteration]:
+    """Return all iterations of a run."""
+    with InlineRunner(Simulation(environment)) as runner:
+        return list(train(training, runner))
+
+
+def test_ridges_are_smaller_once_the_starts_are_known_to_be_the_same() -> None:
+    usual, small = (0.01, 0.001), (0.01 / FINER, 0.001 / FINER)
+    assert ridges_of_a_run("as_needed", "rkhs/CartPoleSwingUp-v0") == [usual, small]
+    assert ridges_of_a_run("none", "rkhs/CartPoleSwingUp-v0") == [usual]
+    assert ridges_of_a_run("as_needed", "Pendulum-v1") == [usual]  # which starts at random angles
+
+
+def experience(episodes: Episodes) -> RealExperience:
+    """Return the input of model-based training with episodes."""
+    some = Training()
+    spaces = Spaces((2,), -np.ones(1), np.ones(1))
+    return RealExperience(episodes, 1, 0.99, spaces, some.kernel, np.ones(1), 0, 0, False, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("greatest", "after"), [([0.0, 1.0, 0.5, 0.5], 2), ([0.0, 0.0, 0.0, 0.0], 3), ([0.1, 0.2, 0.3, 1.0], 0)]
+)
+def test_the_age_of_the_greatest_reward(rng: np.random.Generator, greatest: list[float], after: int) -> None:
+    episodes = walks(rng, np.zeros((ROWS, 2)))
+    rewards = np.zeros((ROWS, STEPS))
+    rewards[:, 5] = greatest
+    assert experience(replace(episodes, rewards=rewards)).episodes_after_greatest_reward == after
+
+
+def test_a_slightly_greater_reward_and_steps_after_the_end_do_not_count(rng: np.random.Generator) -> None:
+    episodes = walks(rng, np.zeros((ROWS, 2)))
+    rewards, mask = np.zeros((ROWS, STEPS)), np.ones((ROWS, STEPS), dtype=bool)
+    rewards[:, 5] = [1.0, 0.0, 1.01, 0.0]
+    rewards[3, -1], mask[3, -1] = 9.0, False
+    assert experience(replace(episodes, rewards=rewards, mask=mask)).episodes_after_greatest_reward == 3
