@@ -22,7 +22,7 @@ import numpy as np
 from command import parsed, parser
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.app.seeds import parse_seeds
-from rkhs_ros.base.endings import FAILED, print_error
+from rkhs_ros.base.endings import print_error
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.training import train
 from rkhs_ros.rollouts.environments import time_limit
@@ -41,7 +41,7 @@ class Row(NamedTuple):
         episodes: real episodes so far.
         undiscounted_return: mean over the evaluation episodes.
         balanced: share of the evaluation episodes that stay upright.
-        cpu_seconds: CPU time so far, with evaluations.
+        cpu_seconds: CPU time so far, including evaluations.
     """
 
     seed: int
@@ -118,8 +118,7 @@ def main() -> int:
     try:
         run(options)
     except (ValueError, OSError) as error:
-        print_error(error)
-        return FAILED
+        return print_error(error)
     return 0
 
 

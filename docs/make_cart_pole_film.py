@@ -1,4 +1,4 @@
-"""Make the film of a cart-pole before and after 12 episodes of config/cart_pole_nac.yaml."""
+"""Make the film of a cart-pole before and after 8 episodes of config/cart_pole_nac.yaml."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rkhs_ros.pictures.style import COLOURS, pixels
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.config import Config, load_config
 
-EPISODES = 12
+EPISODES = 8
 
 
 def main() -> None:

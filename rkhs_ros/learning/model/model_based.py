@@ -80,14 +80,14 @@ class ModelBased(Settings):
         0.0,
         "how far rewards of the model may lie outside the range of observed rewards, relative to that range. With 0, "
         "the model predicts no reward above the best observed one; with a margin, it can extrapolate, and policies "
-        "seek greater rewards",
+        "seek greater rewards. It is divided by 1 plus the number of episodes since the greatest reward",
         minimum=0.0,
         maximum=100.0,
     )
     focus: str = setting(
         "none",
-        "whether the policy is trained for its initial observations alone if these are almost the same. as_needed: then "
-        "all model rollouts start there, instead of a quarter from visited observations, and the ridges of the "
+        "whether the policy is trained for the initial observations alone if they are almost the same. as_needed: all "
+        "model rollouts then start there, instead of a quarter from visited observations, and the ridges of the "
         "algorithm are divided by 100, so that the policy can change faster between states. none: never",
         choices=("none", AS_NEEDED),
     )
