@@ -120,8 +120,9 @@ def policy_file(path: Path) -> Path:
     """Return a policy file; the folder of a run stands for its last policy.
 
     Raises:
-        ValueError: the folder contains no policy yet.
+        ValueError: there is no such file or folder, or the folder contains no policy yet.
     """
+    require(path.exists(), f"{path}", "a policy file, or the folder of a run", "neither a file nor a folder")
     return last_policy(path) if path.is_dir() else path
 
 

@@ -72,6 +72,9 @@ class LearnSettings(TypedDict, total=False):
     log: str | Sequence[str]
 
 
+OF_TRAIN = ("environment", "algorithm", "progress", "callback")  # arguments of `train` besides its settings
+
+
 @dataclass(frozen=True)
 class GivenKernel(KernelChoice):
     """Kernel choice that always returns the given kernel."""
@@ -124,6 +127,6 @@ def _meant(name: str, known: Iterable[str]) -> str:
     """Return a hint for an unknown setting: the nearest setting of a run, or of an algorithm."""
     algorithms: list[type[Algorithm]] = [*reversed(ALGORITHMS.values()), ALGORITHMS["rkhs_nac"]]
     owners = {f.name: each.__name__ for each in algorithms for f in fields(each)}
-    of_run = dict.fromkeys([*LearnSettings.__annotations__, *known])
+    of_run = dict.fromkeys([*LearnSettings.__annotations__, *known, *OF_TRAIN])
     near = [] if name not in owners and nearest(name, of_run) else nearest(name, owners)
     return f"did you mean {owners[near[0]]}({near[0]}=...)?" if near else hint(name, of_run)

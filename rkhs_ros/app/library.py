@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
 from collections.abc import Callable, Generator, Mapping
 from contextlib import ExitStack, closing
@@ -11,6 +12,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
+import numpy as np
 from numpy.typing import NDArray
 from yaml import YAMLError
 
@@ -143,6 +145,8 @@ def train(
             answer = callback(result) if callback else None
             if answer is not None and not answer:
                 break
+    if progress and result.iteration.number < result.training.iterations:
+        print(f"stopped by the callback after iteration {result.iteration.number}", file=sys.stderr, flush=True)
     return result
 
 
@@ -248,12 +252,22 @@ def _made_folder(out: Path, config: Config, first_policy: Policy | None, *, resu
     require(_is_storable(options), "options", "values that out= can store in config.yaml", dict(options))
     if is_started(out):
         require(resume, f"{out}", "a new or empty folder, or resume=True to continue the run in it", "a run")
+        same = first_policy is None or _began_with(out, first_policy)
+        require(same, "policy", f"the initial policy of the run in {out}, or none, since it is resumed", "another one")
         return True
     new_folder(out, config.training.name)
     (out / FIRST_POLICY).unlink(missing_ok=True)  # left by a run that was killed before it started
     if first_policy is not None:
         first_policy.save(out / FIRST_POLICY)
     return False
+
+
+def _began_with(out: Path, policy: Policy) -> bool:
+    """Return whether a policy is the stored initial policy of the run in a folder."""
+    if not (out / FIRST_POLICY).is_file():
+        return False
+    own, given = load(out / FIRST_POLICY).gaussian.mean, policy.gaussian.mean
+    return np.array_equal(own.centres, given.centres) and np.array_equal(own.weights, given.weights)
 
 
 def _is_storable(options: Mapping[str, Any]) -> bool:

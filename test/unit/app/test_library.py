@@ -182,6 +182,7 @@ def test_a_kernel_is_given_by_its_form_its_choice_or_itself(kernel: Any) -> None
 @pytest.mark.parametrize(
     ("arguments", "settings", "message"),
     [
+        (("Pendulum-v1",), {"callbck": print}, r"^unknown setting 'callbck', did you mean 'callback'\?$"),
         (("Pendulum-v1",), {"iteratons": 3}, r"^unknown setting 'iteratons', did you mean 'iterations'\?$"),
         (("Pendulum-v1",), {"iterations": -3}, r"^iterations: expected a number in \[1, 1000000\], got -3$"),
         (("Pendulum-v1",), {"iterations": 2.5}, r"^iterations: expected a whole number, got 2\.5$"),

@@ -245,3 +245,28 @@ def test_errors_of_logs(tmp_path: Path, log: Any, error: str) -> None:
     with pytest.raises(ValueError, match=error):
         rkhs_ros.train("rkhs/Toy-v0", out=tmp_path / "run", log=log, **SHORT)
     assert not (tmp_path / "run").exists()
+
+
+def test_resuming_with_another_initial_policy_is_refused(tmp_path: Path) -> None:
+    first, second = (rkhs_ros.train("rkhs/Toy-v0", **{**SHORT, "seed": seed}).policy for seed in (1, 2))
+    run = tmp_path / "run"
+    rkhs_ros.train("rkhs/Toy-v0", out=run, policy=first, **SHORT)
+    longer = {**SHORT, "iterations": 4}
+    for other in (second, first):
+        if other is second:
+            with pytest.raises(ValueError, match=r"^policy: expected the initial policy of the run in .*, got another"):
+                rkhs_ros.train("rkhs/Toy-v0", out=run, resume=True, policy=other, **longer)
+        else:
+            assert len(rkhs_ros.train("rkhs/Toy-v0", out=run, resume=True, policy=other, **longer).rows) == 4
+
+
+def test_one_line_says_that_the_callback_stopped_the_run(capsys: pytest.CaptureFixture[str]) -> None:
+    for answer, lines in ((False, ["stopped by the callback after iteration 1"]), (True, [])):
+        rkhs_ros.train("rkhs/Toy-v0", callback=lambda _, a=answer: a, **{**SHORT, "progress": True})
+        errors = capsys.readouterr().err.splitlines()
+        assert [line for line in errors if "callback" in line] == lines
+
+
+def test_a_missing_policy_is_named_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"nosuch: expected a policy file, or the folder of a run, got neither"):
+        rkhs_ros.evaluate(tmp_path / "nosuch")
