@@ -291,6 +291,7 @@ def _train_in_model(
         outperformed_iterations=outperformed_iterations(
             episodes.returns(training.discount), training.episodes_per_iteration
         ),
+        given_inputs=training.inputs,
     )
     return train_in_model(settings, training.algorithm, policy, experience)
 

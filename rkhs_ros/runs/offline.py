@@ -63,6 +63,7 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
             iteration=state.iterations,
             reward_depends_on_action_only=nothing_known,
             outperformed_iterations=state.iterations,
+            given_inputs=training.inputs,
         )
         model_update = train_in_model(settings, training.algorithm, state.policy, experience)
         state = State(state.iterations + 1, model_update.policy, episodes, len(episodes), 0, episodes.count)

@@ -39,6 +39,8 @@ def with_angles(inputs: Inputs, turns: dict[int, float]) -> Inputs:
     if turns.keys() == set(inputs.columns):
         return inputs
     columns = sorted(turns)
+    if not columns:
+        return replace(inputs, angles="none", turns=())
     return replace(inputs, angles=tuple(map(float, columns)), turns=tuple(turns[column] for column in columns))
 
 

@@ -21,21 +21,31 @@ BLOCK = 5  # consecutive steps that are predicted by a model of the other blocks
 LONGEST_HISTORY = 3
 FALLS = 0.6  # factor on the error of poorly predicted columns that justifies a longer history
 FALLS_MEDIAN = 0.8  # the same for the median column
+KEPT, KEPT_MEDIAN = 0.8, 0.95  # likewise, for a longer history that was found to be kept
 POOR = 0.2  # error of a poorly predicted column, in standard deviations of its change
 GAIN, GAIN_PER_STEP = 20.0, 0.5  # of log evidence, that together justify an angle
 WIDE = 1.0  # range of a column that may be an angle, in turns
 TURNS = (2.0 * np.pi, 360.0)
 
 
-def discover_inputs(inputs: Inputs, episodes: Episodes, spaces: Spaces, *, history: bool) -> Inputs:
+def discover_inputs(
+    inputs: Inputs, episodes: Episodes, spaces: Spaces, *, history: bool, given: Inputs | None = None
+) -> Inputs:
     """Return the inputs with the angles that the episodes reveal, and a history that is longer by one step if it helps.
+
+    Few episodes may have revealed what more episodes refute. So earlier findings are checked first.
 
     Args:
         inputs: inputs so far, without monomials.
         episodes: all episodes, with raw observations.
         spaces: spaces of the task.
-        history: whether the history may become longer.
+        history: whether the history may change.
+        given: inputs before anything was found; None keeps all inputs so far.
     """
+    if given is not None:
+        if history and inputs.history > given.history and not _needs_history(inputs, episodes, spaces):
+            inputs, history = replace(inputs, history=inputs.history - 1), False
+        inputs = _without_refuted_angles(inputs, episodes, spaces, given)
     inputs = with_wrapped_angles(inputs, episodes)
     inputs = _with_unwrapped_angles(inputs, episodes, spaces)
     if history and inputs.history < LONGEST_HISTORY and episodes.mask.sum() >= FEWEST_STEPS:
@@ -56,10 +66,26 @@ def _with_unwrapped_angles(inputs: Inputs, episodes: Episodes, spaces: Spaces) -
             best = _evidence(inputs, episodes, spaces) if best is None else best
             changed = with_angles(inputs, inputs.turns_by_column | {column: turn})
             evidence = _evidence(changed, episodes, spaces)
-            if evidence > best + max(GAIN, GAIN_PER_STEP * min(episodes.mask.sum(), MOST_STEPS)):
+            if evidence > best + _least_gain(episodes):
                 inputs, best = changed, evidence
                 break
     return inputs
+
+
+def _without_refuted_angles(inputs: Inputs, episodes: Episodes, spaces: Spaces, given: Inputs) -> Inputs:
+    """Return the inputs without the angles that were found, do not wrap, and now hardly raise the evidence."""
+    certain = {*given.columns, *with_wrapped_angles(given, episodes).columns}
+    for column in [each for each in inputs.columns if each not in certain]:
+        others = {each: turn for each, turn in inputs.turns_by_column.items() if each != column}
+        fewer = with_angles(inputs, others)
+        if _evidence(inputs, episodes, spaces) - _evidence(fewer, episodes, spaces) < 0.5 * _least_gain(episodes):
+            inputs = fewer
+    return inputs
+
+
+def _least_gain(episodes: Episodes) -> float:
+    """Return the gain of log evidence that justifies an angle; half of it keeps an angle that was found."""
+    return max(GAIN, GAIN_PER_STEP * min(int(episodes.mask.sum()), MOST_STEPS))
 
 
 def _last_steps(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> tuple[Transitions, Array, list[int]]:
@@ -88,7 +114,13 @@ def _errors(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> Array:
     return np.asarray(np.sqrt(np.mean(errors**2, axis=0)) / deviations(changes))[columns]
 
 
-def _predicts_better(errors: Array, longer: Array) -> bool:
+def _predicts_better(errors: Array, longer: Array, falls: float = FALLS, median: float = FALLS_MEDIAN) -> bool:
     """Return whether the errors with a longer history are clearly smaller, where they matter."""
     ratios, poor = longer / np.maximum(errors, np.finfo(float).tiny), errors > POOR
-    return bool(poor.any() and np.exp(np.mean(np.log(ratios[poor]))) < FALLS and np.median(ratios) < FALLS_MEDIAN)
+    return bool(poor.any() and np.exp(np.mean(np.log(ratios[poor]))) < falls and np.median(ratios) < median)
+
+
+def _needs_history(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> bool:
+    """Return whether the errors are still smaller than with a history that is shorter by one step."""
+    shorter = _errors(replace(inputs, history=inputs.history - 1), episodes, spaces)
+    return _predicts_better(shorter, _errors(inputs, episodes, spaces), KEPT, KEPT_MEDIAN)

@@ -47,8 +47,9 @@ def settings_of(before: Known, after: Known) -> list[str]:
     if after.action_repeat != before.action_repeat:
         settings.append(f"action_repeat={after.action_repeat}")
     if after.inputs.columns != before.inputs.columns:
-        settings.append(f"inputs.angles=[{','.join(map(str, after.inputs.columns))}]")
-        if not np.allclose(after.inputs.full_turns, 2 * np.pi):
+        columns = ",".join(map(str, after.inputs.columns))
+        settings.append(f"inputs.angles=[{columns}]" if columns else "inputs.angles=none")
+        if columns and not np.allclose(after.inputs.full_turns, 2 * np.pi):
             settings.append(f"inputs.turns=[{','.join(map(repr, after.inputs.full_turns.tolist()))}]")
     if after.inputs.history != before.inputs.history:
         settings.append(f"inputs.history={after.inputs.history}")
@@ -76,5 +77,7 @@ def newly_found(before: Known, after: Known, episodes: Episodes) -> str:
 
 
 def _angles(inputs: Inputs) -> str:
+    if not inputs.columns:
+        return "inputs.angles none"
     turns = ", ".join(f"{turn:.4g}" for turn in inputs.full_turns)
     return f"inputs.angles {inputs.columns} (a full turn is {turns})"

@@ -189,7 +189,8 @@ def train_in_model(
     episodes, spaces = experience.episodes, experience.spaces
     inputs = policy.inputs
     if settings.discovery != "none" and inputs_may_change(inputs, algorithm, experience.kernel):
-        inputs = discover_inputs(inputs, episodes, spaces, history=settings.discovery == "all")
+        history = settings.discovery == "all"
+        inputs = discover_inputs(inputs, episodes, spaces, history=history, given=experience.given_inputs)
     policy = refit_policy(policy, algorithm, experience, inputs)
     priors = settings.priors(spaces.observation_dim)
     test = _test_previous_model(settings, policy, experience, priors)

@@ -8,6 +8,7 @@ import numpy as np
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.kernel_choice import KernelChoice
+from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 
@@ -29,6 +30,7 @@ class RealExperience:
         iteration: number of previous real iterations.
         reward_depends_on_action_only: whether a cost of the actions explains the rewards of all steps.
         outperformed_iterations: number of previous iterations with a lower return than the newest one.
+        given_inputs: inputs in the settings of the run, before anything was found in its data.
     """
 
     episodes: Episodes
@@ -41,6 +43,7 @@ class RealExperience:
     iteration: int
     reward_depends_on_action_only: bool
     outperformed_iterations: float
+    given_inputs: Inputs
 
     @property
     def episodes_after_greatest_reward(self) -> int:

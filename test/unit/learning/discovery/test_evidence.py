@@ -134,3 +134,25 @@ def test_a_noisy_observation_of_the_whole_state_keeps_the_history() -> None:
 def test_known_angles_stay_if_nothing_is_found() -> None:
     known = Inputs(angles=(0.0,), turns=(10.0,))
     assert discovered(cart(0), known, history=False) == known
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_history_and_an_angle_that_are_not_needed_are_dropped(seed: int) -> None:
+    wrong = Inputs(history=2, angles=(0.0,), turns=(2.0 * np.pi,))
+    episodes = cart(seed)
+    spaces = spaces_of(episodes)
+    found = discover_inputs(wrong, episodes, spaces, history=True, given=Inputs())
+    assert found == Inputs()
+    assert discover_inputs(wrong, episodes, spaces, history=True, given=wrong) == wrong
+    assert discover_inputs(wrong, episodes, spaces, history=False, given=Inputs()).history == 2
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_history_and_an_angle_that_are_needed_are_kept(seed: int) -> None:
+    episodes, angle = pendulum(seed), Inputs(angles=(0.0,), turns=(2.0 * np.pi,))
+    assert discover_inputs(angle, episodes, spaces_of(episodes), history=True, given=Inputs()) == angle
+    hidden, longer = observing(episodes, [0]), replace(angle, history=2)
+    assert discover_inputs(longer, hidden, spaces_of(hidden), history=True, given=angle) == longer
+    late_cart = late(cart(seed))
+    longer = Inputs(history=2)
+    assert discover_inputs(longer, late_cart, spaces_of(late_cart), history=True, given=Inputs()) == longer

@@ -133,7 +133,7 @@ def experience(episodes: Episodes) -> RealExperience:
     """Return the input of model-based training with episodes."""
     some = Training()
     spaces = Spaces((2,), -np.ones(1), np.ones(1))
-    return RealExperience(episodes, 1, 0.99, spaces, some.kernel, np.ones(1), 0, 0, False, 0.0)
+    return RealExperience(episodes, 1, 0.99, spaces, some.kernel, np.ones(1), 0, 0, False, 0.0, Inputs())
 
 
 @pytest.mark.parametrize(

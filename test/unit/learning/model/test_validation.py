@@ -114,6 +114,7 @@ def first_experience(training: Training, episodes: Episodes) -> RealExperience:
         iteration=0,
         reward_depends_on_action_only=reward_depends_on_action_only(episodes, spaces),
         outperformed_iterations=0.0,
+        given_inputs=training.inputs,
     )
 
 
