@@ -22,6 +22,7 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 
+UNDISCOUNTED = 1.0
 MOST_SAMPLES_AHEAD = 10**5  # largest batch that may run exploration episodes ahead; larger ones only cost memory
 
 
@@ -108,6 +109,16 @@ class Iteration:
     def evaluation_return_sd(self) -> float:
         """Standard deviation of the returns of the evaluation episodes; nan in an iteration without evaluation."""
         return float(self.evaluation_returns.std()) if len(self.evaluation) else float("nan")
+
+    @property
+    def undiscounted_exploration_return(self) -> float:
+        """Mean undiscounted return of the exploration episodes."""
+        return float(self.exploration.returns(UNDISCOUNTED).mean())
+
+    @property
+    def undiscounted_evaluation_return(self) -> float:
+        """Mean undiscounted return of the evaluation episodes; nan in an iteration without evaluation."""
+        return float(self.evaluation.returns(UNDISCOUNTED).mean()) if len(self.evaluation) else float("nan")
 
     @property
     def evaluation_bound(self) -> float:

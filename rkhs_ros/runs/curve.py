@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
 
@@ -31,6 +31,8 @@ class Row(NamedTuple):
     exploration_return_sd: float
     evaluation_return: float
     evaluation_return_sd: float
+    undiscounted_exploration_return: float
+    undiscounted_evaluation_return: float
     centres: int
     step_size: float
     kl: float
@@ -52,6 +54,8 @@ class Row(NamedTuple):
             exploration_return_sd=float(iteration.exploration_returns.std()),
             evaluation_return=iteration.evaluation_return,
             evaluation_return_sd=iteration.evaluation_return_sd,
+            undiscounted_exploration_return=iteration.undiscounted_exploration_return,
+            undiscounted_evaluation_return=iteration.undiscounted_evaluation_return,
             centres=metrics.centres,
             step_size=float(metrics.step_size),
             kl=float(metrics.kl),
@@ -63,7 +67,9 @@ class Row(NamedTuple):
 
 
 NAN = float("nan")
-BEGINNING = Row(0, 0, 0, 0, NAN, NAN, NAN, NAN, 0, NAN, NAN, NAN, NAN, NAN, 0.0)  # before the first iteration
+BEGINNING = Row(0, 0, 0, 0, NAN, NAN, NAN, NAN, NAN, NAN, 0, NAN, NAN, NAN, NAN, NAN, 0.0)  # before the first iteration
+ADDED_LATER = ("undiscounted_exploration_return", "undiscounted_evaluation_return")
+MISSING: Mapping[str, Any] = {"steps": 0, **dict.fromkeys(ADDED_LATER, NAN)}  # values of columns that older files lack
 
 
 def columns(rows: Sequence[Row]) -> dict[str, NDArray[Any]]:
@@ -86,14 +92,16 @@ def seconds_left(rows: Sequence[Row], iterations: int) -> float:
 
 
 KINDS = get_type_hints(Row)
-WITHOUT_STEPS = tuple(name for name in Row._fields if name != "steps")  # columns of older runs
+LAYOUTS = tuple(
+    tuple(name for name in Row._fields if name not in without) for without in ((), ADDED_LATER, tuple(MISSING))
+)
 
 
 class Curve:
     """Learning curve of a run so far.
 
-    Owns its file. A file without the column ``steps`` stays without it, since checkpoints contain a digest of the
-    lines; its rows have 0 steps.
+    Owns its file. A file of an older run stays without the columns that were added later, since checkpoints contain a
+    digest of the lines; its rows have 0 steps and undiscounted returns of nan.
 
     Args:
         path: the file, which may not exist yet.
@@ -112,7 +120,7 @@ class Curve:
         """
         text = read_whole(self.path).decode("ascii", errors="replace") if self.path.exists() else ""
         *lines, torn = text.split(END)
-        self._names = WITHOUT_STEPS if lines[:1] == [",".join(WITHOUT_STEPS)] else Row._fields
+        self._names = next((names for names in LAYOUTS if lines[:1] == [",".join(names)]), Row._fields)
         rows = [self._row(number, line) for number, line in enumerate(lines)]
         if not TORN.fullmatch(torn):
             raise self._damaged(len(lines), torn)
@@ -173,4 +181,4 @@ def _row(names: Sequence[str], line: str) -> Row | None:
         values = {name: KINDS[name](word) for name, word in zip(names, line.split(","), strict=True)}
     except ValueError:
         return None
-    return Row(**{"steps": 0, **values}) if _line(values.values()) == line + END else None
+    return Row(**{**MISSING, **values}) if _line(values.values()) == line + END else None

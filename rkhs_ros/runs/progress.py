@@ -115,6 +115,7 @@ def _lines(training: Training, folder: Path | None, *, is_robot: bool) -> Show:
         nonlocal due
         if time.monotonic() >= due or iteration.number == training.iterations:
             mean = f", evaluation {iteration.evaluation_return:.4g}" if len(iteration.evaluation) else ""
+            mean += _undiscounted(iteration, training)
             line = f"{training.name}: iteration {iteration.number} of {training.iterations}, "
             text = f"{line}return {iteration.exploration_return:.4g}{mean}{_model(iteration)}{results}"
             print(text, file=sys.stderr, flush=True)
@@ -133,6 +134,12 @@ def _found(iteration: Iteration, *, is_robot: bool) -> str:
     if not is_robot or repeat in (1, iteration.before.action_repeat):
         return text
     return f"{text}; a period {repeat} times as long gives the same decision rate"
+
+
+def _undiscounted(iteration: Iteration, training: Training) -> str:
+    """Return the undiscounted evaluation return in brackets; empty without a discount or an evaluation."""
+    shows = training.discount < 1 and len(iteration.evaluation)
+    return f" (undiscounted {iteration.undiscounted_evaluation_return:.4g})" if shows else ""
 
 
 def _model(iteration: Iteration) -> str:

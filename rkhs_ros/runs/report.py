@@ -277,8 +277,15 @@ def _end(rows: list[Row]) -> str:
     last = next(row for row in reversed(rows) if not isnan(row.evaluation_return))
     end = "" if last is rows[-1] else f" (after {_episodes(last.episodes)})"
     file = "" if at is last else f", {BEST_POLICY}"
-    final = f"{last.evaluation_return:.4g} in the last evaluation{end}"
+    final = f"{last.evaluation_return:.4g}{_undiscounted(last)} in the last evaluation{end}"
     return f"{final}, {at.evaluation_return:.4g} in the best (after {_episodes(at.episodes)}{file})"
+
+
+def _undiscounted(row: Row) -> str:
+    """Return the undiscounted evaluation return in brackets; empty if it is unknown or no other return."""
+    differs = row.undiscounted_evaluation_return != row.evaluation_return
+    known = not isnan(row.undiscounted_evaluation_return)
+    return f" (undiscounted {row.undiscounted_evaluation_return:.4g})" if known and differs else ""
 
 
 def _episodes(count: int) -> str:

@@ -67,6 +67,8 @@ def test_train_writes_its_results_and_prints_their_paths(rkhs: Run, tmp_path: Pa
             "exploration_return_sd",
             "evaluation_return",
             "evaluation_return_sd",
+            "undiscounted_exploration_return",
+            "undiscounted_evaluation_return",
         ),
         *("centres", "step_size", "kl", "sparsification_error", "model_return", "model_error", "seconds"),
     ]

@@ -30,6 +30,8 @@ COLUMNS = [
         "exploration_return_sd",
         "evaluation_return",
         "evaluation_return_sd",
+        "undiscounted_exploration_return",
+        "undiscounted_evaluation_return",
     ),
     *("centres", "step_size", "kl", "sparsification_error", "model_return", "model_error", "seconds"),
 ]
@@ -66,6 +68,9 @@ def test_a_run_writes_its_curve_and_policy(
         assert float(row["exploration_return_sd"]) == iteration.exploration_returns.std()
         assert float(row["evaluation_return"]) == iteration.evaluation_returns.mean()
         assert float(row["evaluation_return_sd"]) == iteration.evaluation_returns.std()
+        for kind, episodes in (("exploration", iteration.exploration), ("evaluation", iteration.evaluation)):
+            totals = [float(rewards.sum()) for rewards in episodes.rewards]
+            assert float(row[f"undiscounted_{kind}_return"]) == pytest.approx(np.mean(totals), rel=1e-12)
         assert int(row["centres"]) == iteration.metrics.centres
         assert float(row["step_size"]) == iteration.metrics.step_size
         assert float(row["kl"]) == iteration.metrics.kl
@@ -129,9 +134,10 @@ def test_the_summary_contains_the_first_and_the_last_return(tmp_path: Path, runn
         folder = run_training(config, runner, tmp_path / str(iterations), quiet=True)
         rows = rows_of(folder)
         before, after = float(rows[0]["exploration_return"]), float(rows[-1]["evaluation_return"])
+        total = float(rows[-1]["undiscounted_evaluation_return"])
         text = summary(folder, config)
         assert f"Trained on rkhs/Toy-v0 for {3 * iterations} episodes and {2 * iterations} evaluation episodes" in text
-        returns = f"{before:.4g} in the first iteration, {after:.4g} in the last evaluation"
+        returns = f"{before:.4g} in the first iteration, {after:.4g} (undiscounted {total:.4g}) in the last evaluation"
         assert f"Discounted return: {returns}" in text
 
 

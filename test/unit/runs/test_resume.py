@@ -26,7 +26,7 @@ from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs import provenance, report
 from rkhs_ros.runs.config import Config, Environment, load_config
-from rkhs_ros.runs.curve import Curve, Row
+from rkhs_ros.runs.curve import ADDED_LATER, Curve, Row
 from rkhs_ros.runs.run import run_training
 from rkhs_ros.view.recorded import Recorded
 from test.unit.conftest import Result, assert_refused
@@ -102,31 +102,37 @@ def test_the_best_of_several_evaluation_episodes_is_restored(tmp_path: Path, bat
     assert results(resumed(stopped(tmp_path / "run", batches, config), config)) == results(folder)
 
 
-def without_steps(folder: Path) -> Path:
-    """Rewrite the files of a run as they were before steps were counted."""
+def as_older(folder: Path, missing: tuple[str, ...]) -> Path:
+    """Rewrite the files of a run as they were before some columns were added to the curve."""
     curve = folder / "curve.csv"
     lines = [line.split(",") for line in curve.read_bytes().decode().splitlines(keepends=True)]
-    place = lines[0].index("steps")
-    older = [",".join(line[:place] + line[place + 1 :]).encode() for line in lines]
+    places = [place for place, name in enumerate(lines[0]) if name not in missing]
+    older = [",".join(line[place] for place in places).encode() for line in lines]
     curve.write_bytes(b"".join(older))
     for path in (folder / "checkpoints").glob("*.npz"):
         arrays = unpacked(path.read_bytes())
         about = json.loads(arrays["about"].item())
-        del about["steps"]
+        if "steps" in missing:
+            del about["steps"]
         about["curve"] = blake2b(b"".join(older[: about["iterations"] + 1]), digest_size=16).hexdigest()
         path.write_bytes(packed(arrays | {"about": np.array(json.dumps(about).encode())}))
     return folder
 
 
 @pytest.mark.parametrize("batches", [2, 4])
-def test_a_run_without_a_count_of_steps_resumes(tmp_path: Path, whole: dict[str, object], batches: int) -> None:
-    folder = without_steps(stopped(tmp_path / "run", batches))
-    assert [row.steps for row in Curve(folder / "curve.csv").rows()] == [0] * (batches // 2)
+@pytest.mark.parametrize("missing", [ADDED_LATER, ("steps", *ADDED_LATER)])
+def test_a_run_with_fewer_columns_resumes(
+    tmp_path: Path, whole: dict[str, object], batches: int, missing: tuple[str, ...]
+) -> None:
+    folder = as_older(stopped(tmp_path / "run", batches), missing)
+    rows = Curve(folder / "curve.csv").rows()
+    assert [row.steps > 0 for row in rows] == ["steps" not in missing] * (batches // 2)
+    assert np.isnan([row.undiscounted_evaluation_return for row in rows]).all()
     with pytest.raises(KeyboardInterrupt):
         run_training(CONFIG, Stopping(3), folder, quiet=True, resume=True)
     found = results(resumed(folder))
     run_training(CONFIG, Stopping(), tmp_path / "whole", quiet=True)
-    assert found["curve.csv"] == results(without_steps(tmp_path / "whole"))["curve.csv"]
+    assert found["curve.csv"] == results(as_older(tmp_path / "whole", missing))["curve.csv"]
     assert all(found[name] == whole[name] for name in ("best_policy.npz", "policy.npz", "episodes.npz"))
     assert [row.episodes for row in Curve(folder / "curve.csv").rows()] == [2, 4, 6, 8]
 
@@ -272,7 +278,25 @@ def test_configuration_and_checkpoints_of_another_run_are_rejected(tmp_path: Pat
 
 
 ROWS = [
-    Row(k, 3 * k, 30 * k, 2 * k, -1.5 / k, 0.1, 1e-17 * k, 0.2, k, 1.0, float("nan"), 0.0, 7.5, 0.1 * k, 0.25 * k)
+    Row(
+        k,
+        3 * k,
+        30 * k,
+        2 * k,
+        -1.5 / k,
+        0.1,
+        1e-17 * k,
+        0.2,
+        -3.5 / k,
+        1e17 * k,
+        k,
+        1.0,
+        float("nan"),
+        0.0,
+        7.5,
+        0.1 * k,
+        0.25 * k,
+    )
     for k in (1, 2, 3)
 ]
 

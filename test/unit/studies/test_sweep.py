@@ -39,7 +39,9 @@ def test_values_are_yaml_so_that_lists_and_words_can_be_varied() -> None:
 
 
 def row(episodes: int, value: float) -> Row:
-    return Row(episodes // 2, episodes, 10 * episodes, 2, 0.0, 0.0, value, 0.0, 1, 0.0, 0.0, 0.0, NAN, NAN, 0.0)
+    return Row(
+        episodes // 2, episodes, 10 * episodes, 2, 0.0, 0.0, value, 0.0, 0.0, value, 1, 0.0, 0.0, 0.0, NAN, NAN, 0.0
+    )
 
 
 def test_an_outcome_has_final_and_best_return_and_episodes_to_thresholds() -> None:
