@@ -137,7 +137,7 @@ class IterationPanel:
         task, spaces, nodes = self._source.task, self._source.spaces, self._source.nodes
         if self._stage is None:
             self._names, self._scene = appearance_of(task, spaces, nodes, *numbers)
-            self._stage = Stage(self._server, self._scene)
+            self._stage = Stage(self._server, self._scene, has_depth=not isinstance(self._scene, Timeline))
             self._offer_choices(PolicyCoordinates(view.policy, self._names), episode)
         self._motion = None
         try:

@@ -15,6 +15,8 @@ MAX_LETTERS = 160  # of a node's message
 # The commands of the page. Arming is not among them: it requires a person beside the robot.
 STOP = "stop"
 EPISODES = {"Pause": "pause", "Start next": "start", "Veto last": "veto"}
+STANDING = ("disarmed", "stopped")  # states of a gate that lets no command through
+ARM_HINT = "To arm it, make sure that the robot may move, then type `rkhs robot arm` in a terminal beside the robot."
 STOP_HINT = "The gate stops the robot until someone arms it again with rkhs robot arm."
 EPISODES_HINT = (
     "Pause: start no further episode. Start next: confirm that the scene is ready, or end the pause. "
@@ -73,7 +75,8 @@ def gate_text(gate: Mapping[str, Any]) -> str:
         return ""
     state, reason = str(gate["state"]), plain(gate["reason"])
     counts = f"{gate['commands']} commands: {gate['clamps']} limited, {gate['refusals']} refused; {gate['stops']} stops"
-    return f"The gate is **{plain(state)}**" + f": {reason}" * bool(reason) + f"\n\n{counts}"
+    hint = f"\n\n{ARM_HINT}" if state in STANDING else ""
+    return f"The gate is **{plain(state)}**" + f": {reason}" * bool(reason) + f"{hint}\n\n{counts}"
 
 
 def node_text(nodes: Sequence[NodeReport]) -> str:

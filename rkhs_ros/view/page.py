@@ -22,10 +22,10 @@ PANEL_WIDTH_PX = 390
 CURVE_PX, BESIDE_ROBOT_PX = 210, 150  # height of the curve, without and with a robot in the panel
 RECENT = 6  # iterations whose episodes are drawn, including the selected one
 BUTTONS = {
-    RUNNING: {"Pause after this iteration": PAUSE, "Stop": STOP},
-    PAUSED: {"Resume": RESUME, "Stop": STOP},
+    RUNNING: {"Pause after this iteration": PAUSE, "End the run": STOP},
+    PAUSED: {"Resume": RESUME, "End the run": STOP},
 }
-HINT = "Pause: wait until Resume. Stop: end the run as Ctrl-C does; rkhs train --resume continues it later."
+HINT = "Pause: wait until Resume. End the run: as Ctrl-C does; rkhs train --resume continues it later."
 
 
 class Page:

@@ -18,6 +18,8 @@ from rkhs_ros.view.bodies import Surface
 VERTICAL_ANGLE = 0.7  # rad, of the camera
 UP = (0.0, 0.0, 1.0)
 ASPECT = 1.0  # of the view until a browser reports its own
+PHONE = 0.75  # largest aspect of windows whose lower part is below the panel
+FREE_ON_PHONE = 0.4  # part of the height of such a window above the panel
 SAME_ASPECT = 0.02  # greatest difference that does not move the camera
 ROOM = 1.04  # extent of the view, relative to its content
 GAP = 0.1  # between task and picture, relative to the picture's height
@@ -25,6 +27,10 @@ LARGER = 1.6  # height of a picture beside the task, relative to the task's heig
 WIDE = 1.6  # width to height of a task from which the picture is above it, not beside it
 MARKER = 0.011  # radius of the marker on the picture, relative to the picture's width
 MARK = (0, 230, 115)
+CELLS_ACROSS = 12  # of the floor's grid, about
+FLOOR_EXTENT = 1.5  # relative to the task's
+FRONT, SIDE, ABOVE = CAMERAS = ("Front", "Side", "Above")
+SIDE_ANGLE, SIDE_RISE = np.deg2rad(60.0), 0.35  # turn about the vertical axis, and rise of the direction
 
 
 class Stage:
@@ -35,9 +41,11 @@ class Stage:
     Args:
         server: server of the page.
         task: task with 3D bodies.
+        has_depth: whether the bodies are more than a picture; if so, they stand on a floor with a grid, and buttons
+            select the camera's direction.
     """
 
-    def __init__(self, server: ViserServer, task: ShowsBodies) -> None:
+    def __init__(self, server: ViserServer, task: ShowsBodies, *, has_depth: bool) -> None:
         self._server = server
         self._eye = np.array(task.view_direction()) / np.linalg.norm(task.view_direction())
         self._right = np.cross(-self._eye, (0.0, 0.0, 1.0))
@@ -46,7 +54,11 @@ class Stage:
         self._bodies = task.bodies()
         self._light(server.scene)
         self._handles = [_added(server.scene, f"/task/{i}", body) for i, body in enumerate(self._bodies)]
-        self._arrange(*np.array(task.bounds()))
+        low, high = np.array(task.bounds())
+        self._arrange(low, high)
+        if has_depth:
+            self._lay_floor(low, high)
+            self._offer_cameras(low, high)
         self._backdrop: Any = None
         self._picture: Any = None
         self._mark: Any = None
@@ -76,6 +88,37 @@ class Stage:
         whole = np.where(way > 0, task + GAP * board[1] + board, np.maximum(task, board))
         seen = (begin + end) / 2 + (distance + way @ (board - task) / 2) / 2 * way
         self._aim_cameras(self._in_space(seen, depth), whole)
+
+    def _lay_floor(self, low: Array, high: Array) -> None:
+        """Draw a grid below a task whose bounding box has the corners ``low`` and ``high``."""
+        extent = FLOOR_EXTENT * float((high - low).max())
+        cell = _round(extent / CELLS_ACROSS)
+        size, middle = cell * np.ceil(extent / cell), (low + high) / 2
+        lines: Any = {"cell_size": cell, "section_size": 5 * cell, "shadow_opacity": 0.0}
+        self._server.scene.add_grid("/floor", size, size, position=(middle[0], middle[1], low[2]), **lines)
+
+    def _offer_cameras(self, low: Array, high: Array) -> None:
+        """Add a button for each direction of the camera."""
+        hint = "Front: the task and the policy plot. Side, Above: the task. Drag with the mouse to turn the view."
+        buttons = self._server.gui.add_button_group("Camera", CAMERAS, hint=hint)
+        middle, size = (low + high) / 2, np.full(2, FLOOR_EXTENT * float(np.linalg.norm(high - low)))
+
+        @buttons.on_click
+        def _(event: Any) -> None:
+            camera = event.client.camera
+            if event.target.value == FRONT:
+                _aim(camera, camera.aspect, *self._front)
+            else:
+                _aim(camera, camera.aspect, middle, size, self._direction(event.target.value))
+
+    def _direction(self, camera: str) -> Array:
+        """Return the direction to a camera beside or above the task, a unit vector."""
+        if camera == SIDE:
+            turn = SO3.from_z_radians(SIDE_ANGLE).as_matrix()
+            direction = turn @ (self._eye * (1.0, 1.0, 0.0)) + (0.0, 0.0, SIDE_RISE)
+        else:
+            direction = np.array(UP) + 0.05 * self._eye  # the view of a vertical camera has no upper edge
+        return np.asarray(direction / np.linalg.norm(direction))
 
     def set_picture(self, board: Board) -> None:
         """Show a policy plot beside or above the task."""
@@ -125,15 +168,10 @@ class Stage:
 
     def _aim_cameras(self, target: Array, whole: Array) -> None:
         """Aim the camera of each browser so that a rectangle (width, height) fits into its window."""
-
-        def aim(camera: Any, aspect: float) -> None:
-            distance = ROOM * max(whole[0] / aspect, whole[1]) / 2 / np.tan(VERTICAL_ANGLE / 2)
-            camera.fov = VERTICAL_ANGLE
-            camera.up_direction, camera.position, camera.look_at = UP, target + distance * self._eye, target
-
+        self._front = target, whole, self._eye
         initial: Any = self._server.initial_camera
         initial.up = UP
-        aim(initial, ASPECT)
+        _aim(initial, ASPECT, *self._front)
 
         @self._server.on_client_connect
         def _(client: Any) -> None:
@@ -144,9 +182,27 @@ class Stage:
                 nonlocal aimed_for
                 if abs(camera.aspect - aimed_for) > SAME_ASPECT:  # the window was resized
                     aimed_for = camera.aspect
-                    aim(camera, aimed_for)
+                    _aim(camera, aimed_for, *self._front)
 
             fit(client.camera)
+
+
+def _aim(camera: Any, aspect: float, target: Array, whole: Array, direction: Array) -> None:
+    """Aim a camera so that a rectangle (width, height) around the target fits into the free part of its window."""
+    free = FREE_ON_PHONE if aspect < PHONE else 1.0
+    height = ROOM * max(whole[0] / aspect, whole[1] / free)  # of the window, at the target
+    right = np.cross(-direction, UP)
+    up = np.cross(right / np.linalg.norm(right), -direction)
+    middle = target - (1 - free) / 2 * height * up
+    camera.fov = VERTICAL_ANGLE
+    position = middle + height / 2 / np.tan(VERTICAL_ANGLE / 2) * direction
+    camera.up_direction, camera.position, camera.look_at = UP, position, middle  # a new position also moves look_at
+
+
+def _round(length: float) -> float:
+    """Return the greatest of 1, 2 and 5 times a power of ten that is not greater than a length."""
+    unit = 10.0 ** np.floor(np.log10(length))
+    return float(unit * max(factor for factor in (1, 2, 5) if factor * unit <= length))
 
 
 def _added(scene: SceneApi, name: str, body: Body) -> Any:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from rkhs_ros.pictures.style import COLOURS, folded, pixels
@@ -18,8 +19,9 @@ MOST_OBSERVED, MOST_DONE = 8, 4  # observations and actions shown
 MOST_BARS = 120  # in a row
 STEP_S = 0.1  # duration of a step on the page
 SIZE, DPI = (4.7, 4.7), 150  # inches
-LEFT, RIGHT, BOTTOM, TOP = 0.34, 0.97, 0.05, 0.97  # edges of the bars, relative to the picture
+LEFT, RIGHT, BOTTOM, TOP = 0.34, 0.88, 0.1, 0.97  # edges of the bars, relative to the picture
 NAME_IN, NAME_SIZE = 1.45, 9  # width of a name in inches, and its size in points
+SCALE_SIZE = 7  # of the numbers beside the bars, in points
 EDGE = 1.1  # distance of each edge of the picture from its middle
 BLUE, ORANGE, *_ = COLOURS
 CURSOR = Primitive("box", (0.012, 0.004, 2 * EDGE * (TOP - BOTTOM)), "#00B85C")  # at the current step
@@ -75,6 +77,8 @@ class Timeline:
             words = folded(name, NAME_IN, NAME_SIZE).splitlines()
             text = "\n".join(words[:lines]) + " …" * (len(words) > lines)
             axes.text(-0.03, 0.5, text, transform=axes.transAxes, ha="right", va="center", fontsize=NAME_SIZE)
+        panels[-1].xaxis.set_major_locator(MaxNLocator(5, integer=True))
+        panels[-1].set_xlabel("step", fontsize=NAME_SIZE)
         return figure
 
 
@@ -87,5 +91,8 @@ def _draw_bars(axes: Any, values: Array, colour: str) -> None:
     axes.axhline(0.0, color="0.6", linewidth=0.6)
     low, high = min(float(heights.min()), 0.0), max(float(heights.max()), 0.0)
     margin = 0.05 * (high - low) or 1.0
-    axes.set(xlim=(0, len(values)), ylim=(low - margin, high + margin), xticks=[], yticks=[])
+    scale = [each for each in (low, high) if each != 0.0]
+    axes.set(xlim=(0, len(values)), ylim=(low - margin, high + margin), xticks=[])
+    axes.set_yticks(scale, [f"{each:.3g}" for each in scale])
+    axes.tick_params(labelsize=SCALE_SIZE, length=0, right=False, labelleft=False, labelright=True)
     axes.spines[:].set_visible(False)

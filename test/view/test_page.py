@@ -87,7 +87,7 @@ def test_the_page_shows_pauses_resumes_and_stops_a_run(chromium: Browser, serve:
     while lines(out) == done:
         assert time.monotonic() < deadline
         time.sleep(0.1)
-    press(tab, "Stop")
+    press(tab, "End the run")
     tab.wait_for_text("The viewer has ended", PATIENCE_S)
     code, err = train.finish()
     assert code == 130

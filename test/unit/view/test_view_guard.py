@@ -166,7 +166,7 @@ def test_malformed_messages_change_nothing(served: Served, rng: np.random.Genera
         packed({"type": "GuiUpdateMessage"}), packed(update | {"updates": {"value": "three"}}),
         packed(update | {"updates": {"value": 10**6}}), packed(update | {"updates": {"removed": True}}),
         packed(update | {"uuid": ["a"], "updates": {"value": 1}}), packed(update | {"updates": {"update_cb": None}}),
-        packed({"type": "GuiUpdateMessage", "uuid": buttons._impl.uuid, "updates": {"value": "Stop"}}),
+        packed({"type": "GuiUpdateMessage", "uuid": buttons._impl.uuid, "updates": {"value": "End the run"}}),
         packed({"type": "FileTransferStartUpload", "source_component_uuid": "x", "transfer_uuid": "y", "filename": "z",
                 "mime_type": "", "part_count": 1, "size_bytes": 10**12}),
     ]  # fmt: skip
@@ -201,14 +201,14 @@ def test_buttons_match_the_state_of_the_run(served: Served) -> None:
 
     assert visible() == []
     with locked(path):
-        assert visible() == ["Pause after this iteration", "Stop"]
-        for label, word in (("Pause after this iteration", PAUSE), ("Stop", STOP)):
+        assert visible() == ["Pause after this iteration", "End the run"]
+        for label, word in (("Pause after this iteration", PAUSE), ("End the run", STOP)):
             press(served, shown[RUNNING], label)
             assert eventually(lambda word=word: (path / ASKED).exists() and (path / ASKED).read_text() == word)
         (path / ASKED).unlink()
         (path / "pausing").touch()
-        assert visible() == ["Resume", "Stop"]
-        press(served, shown[RUNNING], "Stop")  # hidden by now
+        assert visible() == ["Resume", "End the run"]
+        press(served, shown[RUNNING], "End the run")  # hidden by now
         press(served, shown[PAUSED], "Resume")
         assert eventually((path / ASKED).exists)
         assert (path / ASKED).read_text() == RESUME
@@ -235,6 +235,7 @@ def test_gate_and_nodes_are_shown_while_the_run_is_in_progress(served: Served) -
     assert panel._robot.visible
     assert panel._nodes.visible
     assert "The gate is **stopped**: too fast" in panel._gate.content
+    assert "type `rkhs robot arm`" in panel._gate.content
     assert "3 commands: 3 limited, 3 refused; 3 stops" in panel._gate.content
     assert panel._nodes.content.splitlines()[0] == r"**/gate error** stuck: \<b\>too \*fast\*"
     assert "Nodes without problems: policy" in panel._nodes.content
