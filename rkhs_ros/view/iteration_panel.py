@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from viser import ViserServer
@@ -21,6 +21,7 @@ from rkhs_ros.view.tasks import appearance_of
 from rkhs_ros.view.timeline import Timeline
 
 LONGEST_PLAY_S = 8.0  # longer episodes are played faster
+STILL_S = 0.1  # for which a step without motion is shown
 MAX_LISTED = 20  # episodes of each kind in the list
 MAX_NUMBERS = 8  # in the description of a step
 EXPLORATION, EVALUATION, MODEL = "exploration", "evaluation", "model rollout"
@@ -98,6 +99,18 @@ class IterationPanel:
             self._stage.show(self._motion, min(frame, self._frames - 1), step)
             self.text.content = self._step_text(self.episode, step, steps)
 
+    def play_once(self, wait: Callable[[float], None]) -> None:
+        """Show each moment of the selected episode in turn, and wait after it.
+
+        Args:
+            wait: called with the duration of a moment in seconds.
+        """
+        self._plays.value = False
+        for frame in range(int(self._frame.max) + 1):
+            self._frame.value = self._set_to = frame
+            self.move()
+            wait(STILL_S if self._motion is None else self._seconds_of_frame(self._motion))
+
     def _chosen(self, iteration: int) -> tuple[object, ...]:
         return iteration, self._which.value, *(each.value for each in self._choices)
 
@@ -171,11 +184,14 @@ class IterationPanel:
     def _play(self, motion: BodyTrajectories) -> None:
         """Move the slider to the current time of the looping animation."""
         now = time.monotonic()
-        period = min(float(motion.times[-1]), LONGEST_PLAY_S) / max(self._frames - 1, 1)
-        passed = int((now - self._played_at) / max(period, 1e-3))
+        passed = int((now - self._played_at) / self._seconds_of_frame(motion))
         if passed:
             self._frame.value = (int(self._frame.value) + passed) % self._frames
             self._played_at = now
+
+    def _seconds_of_frame(self, motion: BodyTrajectories) -> float:
+        """Return for how long the animation shows each frame."""
+        return max(min(float(motion.times[-1]), LONGEST_PLAY_S) / max(self._frames - 1, 1), 1e-3)
 
     def _clipped(self, actions: Array) -> Array:
         return actions if self._source.spaces is None else self._source.spaces.clip(actions)

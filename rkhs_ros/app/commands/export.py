@@ -1,11 +1,12 @@
-"""``rkhs export``: export policies and recorded episodes to other formats."""
+"""``rkhs export``: export policies, pages of runs and recorded episodes to other formats."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from rkhs_ros.app.trust import reads_data
+from rkhs_ros.app.commands.view import require_viser
+from rkhs_ros.app.trust import add_trust_argument, reads_data
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.validation import require
 from rkhs_ros.policies.onnx_check import TOLERANCE, export_onnx
@@ -15,15 +16,18 @@ from rkhs_ros.recordings.lerobot import export
 from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.runs.report import last_policy
 
-FORMATS = (".onnx", ".txt")
+PAGE = ".html"
+FORMATS = (".onnx", ".txt", PAGE)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
     add("source", type=Path, metavar="DIR|FILE", help="a run's folder, a policy file, or a recording")
-    about = "file for the policy: an ONNX graph (.onnx), or text with a C++ header (.txt)"
-    add("policy", type=Path, metavar="POLICY", nargs="?", help=about)
+    about = (
+        "file for the policy: an ONNX graph (.onnx), or text with a C++ header (.txt); or for a page of the run (.html)"
+    )
+    add("file", type=Path, metavar="FILE", nargs="?", help=about)
     add("--lerobot", type=Path, metavar="DIR", help="new folder for the recorded episodes, as a LeRobotDataset v3.0")
     add(
         "--fps",
@@ -32,19 +36,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="steps per second, a whole number (default: from the time stamps of a robot)",
     )
     add("--task", metavar="TEXT", help="description of the task (default: id of the environment)")
+    add_trust_argument(parser)
 
 
 @reads_data
 def run(options: argparse.Namespace) -> int:
-    """Write the policy or the completed episodes."""
-    given = [name for name in ("policy", "lerobot") if getattr(options, name)]
-    require(len(given) == 1, "export", "a file for the policy or --lerobot DIR", " and ".join(given) or "neither")
-    return _export_episodes(options) if options.lerobot else _export_policy(options.source, options.policy)
+    """Write the policy, the page or the completed episodes."""
+    given = [name for name in ("file", "lerobot") if getattr(options, name)]
+    require(len(given) == 1, "export", "a file to write or --lerobot DIR", " and ".join(given) or "neither")
+    if options.lerobot:
+        return _export_episodes(options)
+    file = options.file
+    require(file.suffix in FORMATS, f"{file}", f"a file that ends in {' or '.join(FORMATS)}", file.suffix or "none")
+    return (_export_page if file.suffix == PAGE else _export_policy)(options.source, file)
+
+
+def _export_page(source: Path, file: Path) -> int:
+    """Write the page of a run."""
+    require_viser()
+    from rkhs_ros.view.html_page import html_page
+    from rkhs_ros.view.serving import source_of
+
+    write_whole(file, html_page(source_of(source)).encode())
+    print(f"Exported the page of the run: {file}")
+    return 0
 
 
 def _export_policy(source: Path, file: Path) -> int:
     """Write a policy in the format of the file's suffix; print the result of the check of an ONNX graph."""
-    require(file.suffix in FORMATS, f"{file}", f"a file that ends in {' or '.join(FORMATS)}", file.suffix or "none")
     policy = load(last_policy(source) if source.is_dir() else source)
     if file.suffix == ".txt":
         write_whole(file, policy_text(policy).encode())
