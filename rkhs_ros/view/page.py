@@ -25,6 +25,7 @@ BUTTONS = {
     RUNNING: {"Pause after this iteration": PAUSE, "End the run": STOP},
     PAUSED: {"Resume": RESUME, "End the run": STOP},
 }
+NO_OTHERS: Mapping[str, Source] = {}
 HINT = "Pause: wait until Resume. End the run: as Ctrl-C does; rkhs train --resume continues it later."
 
 
@@ -38,11 +39,14 @@ class Page:
         server: server of the page.
         source: run to show.
         monitor: receives the reports of the run's nodes.
+        others: other runs by name, whose evaluation returns are drawn beside those of the run.
     """
 
-    def __init__(self, server: ViserServer, source: Source, monitor: Monitor) -> None:
+    def __init__(
+        self, server: ViserServer, source: Source, monitor: Monitor, others: Mapping[str, Source] = NO_OTHERS
+    ) -> None:
         gui = self._gui = server.gui
-        self._server, self._source = server, source
+        self._server, self._source, self._others = server, source, others
         self._load = lru_cache(MAX_CACHED)(source.load)
         self._state = ""
         gui.configure_theme(show_logo=False, show_share_button=False)
@@ -69,7 +73,9 @@ class Page:
         for its, buttons in self._buttons.items():
             buttons.visible = its == state
         self._status.content = status(self._source, state)
-        self._curve.draw(self._source.rows)
+        for other in self._others.values():
+            other.refresh()
+        self._curve.draw(self._source.rows, {name: other.rows for name, other in self._others.items()})
         self._follow()
 
     def listen(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import redirect_stdout, suppress
 from io import StringIO
 from pathlib import Path
@@ -82,12 +82,18 @@ def opened(host: str, port: int) -> ViserServer:
 
 
 def serve(
-    begun: Callable[[], Source], monitor: Monitor, host: str, port: int, on_address: Callable[[str], None]
+    begun: Callable[[], Source],
+    others: Mapping[str, Source],
+    monitor: Monitor,
+    host: str,
+    port: int,
+    on_address: Callable[[str], None],
 ) -> None:
     """Serve the page of a run until an interrupt.
 
     Args:
         begun: waits for the run to start and returns it; the page is empty until then.
+        others: other runs by name, whose evaluation returns are drawn beside those of the run.
         monitor: receives the reports of the run's nodes.
         host: address to listen on.
         port: port to listen on, or the next free one.
@@ -101,7 +107,7 @@ def serve(
     name = "localhost" if is_local(host) or host == "0.0.0.0" else host
     try:
         on_address(f"http://{name}:{server.get_port()}")
-        page = Page(server, begun(), monitor)
+        page = Page(server, begun(), monitor, others)
         try:
             page.refresh()
             page.tick()

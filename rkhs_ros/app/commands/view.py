@@ -40,6 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR|FILE",
         help="a run's folder, or a recording (default: newest run in results/)",
     )
+    add("others", type=Path, nargs="*", metavar="OTHER", help="other runs, to compare their evaluation returns")
     add("--wait", action="store_true", help="wait for a run that is about to start its recording")
     add("--host", default=HOST, help="address to listen on; 0.0.0.0 admits other machines (default: %(default)s)")
     add(
@@ -70,6 +71,7 @@ def run(options: argparse.Namespace) -> int:
     path = options.path or newest_run(RESULTS)
     source = None if options.wait else source_of(path)
     folder = source.path if source else path.parent
+    others = {str(other): source_of(other) for other in options.others}
     if not is_local(options.host):
         print(
             f"warning: --host {options.host}: everyone who can reach this address can watch and stop the run or robot",
@@ -78,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
     monitor = Monitor(partial(monitor_process, folder))
     print_address = partial(print, f"View {folder} at", flush=True)
     try:
-        serve(lambda: source or wait_for_recording(path), monitor, options.host, options.port, print_address)
+        serve(lambda: source or wait_for_recording(path), others, monitor, options.host, options.port, print_address)
     except KeyboardInterrupt:  # the normal way to stop
         return INTERRUPTED
     return 0

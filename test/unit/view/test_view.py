@@ -209,15 +209,27 @@ def test_the_curve_shows_measured_and_reference_returns() -> None:
     rows = [
         row(i, exploration_return=i, evaluation_return=10 * i if i % 3 == 0 else float("nan")) for i in range(1, 10)
     ]
-    data = plotted(rows, {"optimum": 7.0})
+    data = plotted(rows, {"optimum": 7.0}, {})
     assert list(data) == ["episodes", "exploration_return", "evaluation_return", "optimum"]
     assert data["episodes"].tolist() == [5 * i for i in range(1, 10)]
     assert np.array_equal(data["evaluation_return"], [np.nan, np.nan, *np.arange(30.0, 100.0, 10.0)], equal_nan=True)
     assert set(data["optimum"]) == {7.0}
 
 
+def test_other_runs_are_drawn_over_their_own_episodes() -> None:
+    rows = [row(i, evaluation_return=i) for i in (1, 2, 3)]  # after 5, 10 and 15 episodes
+    longer = [row(i, evaluation_return=10 * i) for i in (2, 4, 6)]
+    unevaluated = [row(1, evaluation_return=float("nan"))]
+    data = plotted(rows, {}, {"longer": longer, "unevaluated": unevaluated, "not begun": []})
+    assert data["episodes"].tolist() == [5, 10, 15, 20, 30]
+    nan = float("nan")
+    assert np.array_equal(data["evaluation_return"], [1, 2, 3, nan, nan], equal_nan=True)
+    assert np.array_equal(data["longer"], [nan, 20, 30, 40, 60], equal_nan=True)
+    assert not {"unevaluated", "not begun"} & set(data)
+
+
 def test_a_long_curve_is_thinned_and_keeps_its_last_row() -> None:
-    data = plotted([row(i, exploration_return=i) for i in range(1, 50_001)], {})
+    data = plotted([row(i, exploration_return=i) for i in range(1, 50_001)], {}, {})
     assert len(data["episodes"]) == MAX_POINTS
     assert data["exploration_return"][-1] == 50_000
 
