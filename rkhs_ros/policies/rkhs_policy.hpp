@@ -42,9 +42,11 @@ class Policy {
     std::fill(mean_.begin(), mean_.end(), 0.0);
   }
 
-  // Return the action; throws std::invalid_argument if the observation has another size.
+  // Return the action; throws std::invalid_argument if the observation has another size or is not finite.
   const std::vector<double>& operator()(const std::vector<double>& observation) {
     if (observation.size() != columns_) throw std::invalid_argument("observation: wrong size");
+    if (!std::all_of(observation.begin(), observation.end(), [](double each) { return std::isfinite(each); }))
+      throw std::invalid_argument("observation: expected finite numbers");
     const bool begins = steps_ == 0, decides = begins || steps_ == repeat_;
     if (decides) observe(observation, begins), decide();
     steps_ = decides ? 1 : steps_ + 1;

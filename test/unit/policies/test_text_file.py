@@ -15,12 +15,13 @@ from test.unit.policies.exported import EACH_LEAF, INPUTS, KERNELS, STEPS, acted
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(shutil.which("g++") is None, reason="there is no compiler")]
 LINES = 170  # of the header
 PROGRAM = """
+#include <cmath>
 #include <cstdio>
 #include <iostream>
 #include "rkhs_policy.hpp"
 int main(int count, char** files) try {  // acts in two episodes with each policy, on the same observations from stdin
   std::vector<double> numbers;
-  for (double number; std::cin >> number;) numbers.push_back(number);
+  for (double number; std::cin >> number;) numbers.push_back(number < 1e300 ? number : NAN);  // streams read no NAN
   for (int i = 1; i < count; ++i) {
     rkhs::Policy policy(files[i]);
     for (int episode = 0; episode < 2; ++episode) {
@@ -94,6 +95,13 @@ def test_a_file_that_is_missing_damaged_or_of_another_version_is_rejected(progra
         done = run(program, file)
         assert done.returncode == 1
         assert reason in done.stdout
+
+
+def test_an_observation_that_is_not_finite_is_rejected(program: Path, tmp_path: Path) -> None:
+    file = tmp_path / "policy.txt"
+    file.write_text(policy_text(small_policy("rbf", "plain")))
+    done = subprocess.run([program, file], input="0 0 1e300 0", capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (1, "observation: expected finite numbers\n")
 
 
 def test_the_header_stays_small() -> None:
