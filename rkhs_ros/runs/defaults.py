@@ -20,7 +20,7 @@ MODEL: Mapping[str, Any] = {
     "discovery": "all",
     "curiosity": "as_needed",
     "validation_rollouts": 20,
-    "reward_margin": 1.0,
+    "reward_margin": 0.3,
     "focus": "as_needed",
     "updates": 60,
     "exploration_decay": 0.97,

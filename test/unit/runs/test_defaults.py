@@ -68,7 +68,7 @@ def test_what_the_data_reveal_is_used_by_default_but_not_by_configurations() -> 
     model = training_on(None).model
     assert isinstance(model, ModelBased)
     assert (model.discovery, model.curiosity, model.validation_rollouts) == ("all", "as_needed", 20)
-    assert (model.focus, model.reward_margin) == ("as_needed", 1.0)
+    assert (model.focus, model.reward_margin) == ("as_needed", 0.3)
     assert ModelBased().with_defaults(model) == model
     changed = training_on(None, "model.discovery=none", "model.curiosity=none", "model.validation_rollouts=0").model
     assert changed == replace(model, discovery="none", curiosity="none", validation_rollouts=0)
