@@ -64,10 +64,10 @@ def test_a_missing_extra_gives_one_line(run: Path, rkhs: Run) -> None:
 
 
 def test_export_needs_one_known_format(rkhs: Run) -> None:
-    assert_refused(rkhs("export", "run"), "export: expected a file for the policy or --lerobot DIR, got neither")
+    assert_refused(rkhs("export", "run"), "export: expected a file to write or --lerobot DIR, got neither")
     both = rkhs("export", "run", "a.onnx", "--lerobot", "b")
-    assert_refused(both, "export: expected a file for the policy or --lerobot DIR, got policy and lerobot")
-    assert_refused(rkhs("export", "run", "a.pt"), "a.pt: expected a file that ends in .onnx or .txt, got .pt")
+    assert_refused(both, "export: expected a file to write or --lerobot DIR, got file and lerobot")
+    assert_refused(rkhs("export", "run", "a.pt"), "a.pt: expected a file that ends in .onnx or .txt or .html, got .pt")
     assert_refused(rkhs("export", "run", "a.txt"), "run: expected an existing file or folder, got none")
 
 
