@@ -25,6 +25,6 @@ def test_the_stored_outputs_of_the_notebook_are_reproduced(tmp_path: Path) -> No
     for cell in executed.cells:
         if cell.cell_type == "code":
             cell.outputs = []
-    NotebookClient(executed, timeout=60, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    NotebookClient(executed, timeout=200, resources={"metadata": {"path": str(tmp_path)}}).execute()
     assert outputs(executed) == outputs(stored)
     assert sum(len(each) for each in outputs(stored)) >= 5
