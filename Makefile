@@ -2,7 +2,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help build pr2 demo demo-long test test-fast test-pages test-faults test-extras test-view test-robots test-noble test-pythons lint types bench tasks docs pictures pictures-pr2 screenshots view-tools clean
+.PHONY: help build pr2 demo demo-long test test-fast test-ci test-nightly test-robots test-view test-extras test-noble test-pythons lint types bench tasks docs pictures pictures-pr2 screenshots view-tools clean
 
 # Use ROS 2 Jazzy if it is installed and sourced. Otherwise install it as wheels for the first Python found: 3.11, for
 # which PyBullet has a wheel as well, then 3.13 and 3.12. PYTHON=... chooses another one.
@@ -67,25 +67,25 @@ demo-long: build ## the same task without a model: 300 episodes
 # The tests start hundreds of processes; without stored bytecode each of them would compile the packages.
 PYTEST := PYTHONDONTWRITEBYTECODE= python -m pytest
 WORKERS ?= $(shell expr $$(nproc) + 1) # tests of nodes wait more than they compute
-test: lint types ## lint, types and tests, except those of faults, robots, code blocks of the docs and the browser
-	@$(ENTER) $(PYTEST) -n $(WORKERS) --dist worksteal -m "not faults and not clock and not browser and not pages"
+test: lint types ## lint, types and tests in minutes
+	@$(ENTER) $(PYTEST) -n $(WORKERS) --dist worksteal -m "not ci and not nightly and not clock and not browser"
 
-test-pages: build ## run the code blocks of the documentation
-	@$(ENTER) $(PYTEST) -n $(WORKERS) --dist worksteal -m pages test/docs
+test-ci: build ## kill a node of each kind, and run the code blocks of the pages that a first user follows
+	@$(ENTER) $(PYTEST) -n $(WORKERS) --dist worksteal -m ci
+
+KILLS ?= 40
+test-nightly: test test-ci test-robots test-view test-noble test-pythons ## all tests, for hours; before a release
+	@$(ENTER) $(PYTEST) -n auto -rP -m nightly --kills $(KILLS) test
+	@$(MAKE) test-extras
 
 test-robots: build ## run robots by the wall clock, one test at a time; a busy machine may miss deadlines
 	@$(ENTER) $(PYTEST) -m clock test/ros
 
-test-view: build ## test the page of a run in Chromium, which `make view-tools` installs
+test-view: build view-tools ## test the page of a run in Chromium
 	@$(ENTER) $(PYTEST) -rs -m browser test/view
 
-KILLS ?= 40
-FAULTS ?= test/faults test/ros test/unit
-test-faults: build ## kill nodes, lose and corrupt messages, check for leaks; KILLS=N, FAULTS=PATHS
-	@$(ENTER) $(PYTEST) -n auto -rP -m faults --kills $(KILLS) $(FAULTS)
-
 test-fast: build ## tests without nodes and pictures, in under a minute
-	@$(ENTER) $(PYTEST) -n auto -m "not ros and not slow and not faults and not clock and not browser and not pages"
+	@$(ENTER) $(PYTEST) -n auto -m "not ros and not slow and not ci and not nightly and not clock and not browser"
 
 EXTRAS ?= test/faults/test_clusters.py test/unit/studies/test_workers.py test/faults/test_other_learners.py test/unit/runs/test_logs.py
 test-extras: build .venv-extras/.installed ## tests that need large extras, installed beside .venv
@@ -100,7 +100,7 @@ test-extras: build .venv-extras/.installed ## tests that need large extras, inst
 # Python 3.12 if found, else 3.11, with the library versions of Ubuntu 24.04; no ROS, no PyBullet.
 NOBLE_PYTHON ?= $(firstword $(foreach p,python3.12 python3.11,$(shell $(p) -c 'print("$(p)")' 2>/dev/null)) python3)
 test-noble: .venv-noble/.installed ## unit tests with the library versions of Ubuntu 24.04, in a separate environment
-	@PYTHONPATH=$(CURDIR) .venv-noble/bin/python -m pytest -n auto -m "not slow" test/unit
+	@PYTHONPATH=$(CURDIR) .venv-noble/bin/python -m pytest -n auto -m "not slow and not nightly" test/unit
 
 .venv-noble/.installed: requirements/noble.txt
 	@echo "Installing the versions of Ubuntu 24.04 into .venv-noble ..."

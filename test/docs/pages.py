@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import dropwhile, groupby
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +47,19 @@ def blocks(page: Path) -> list[Block]:
     before = ["", *(token.content.strip() if token.type == "html_block" else "" for token in tokens)]
     fences = ((token, comment) for token, comment in zip(tokens, before, strict=False) if token.type == "fence")
     return [Block(t.info.strip(), t.content, comment, t.map[0] + 1) for t, comment in fences if t.map]
+
+
+def commands(block: Block) -> list[list[str]]:
+    """Return the arguments of each `rkhs` command of a bash block."""
+    found = []
+    for line in block.code.replace("\\\n", " ").splitlines():
+        shell = shlex.shlex(line, posix=True, punctuation_chars=True)
+        shell.whitespace_split = True
+        for is_operator, words in groupby(shell, lambda word: set(word) <= set(";&|<>()")):
+            command = list(dropwhile(lambda word: "=" in word, words))
+            if command[:1] == ["rkhs"] and not is_operator:
+                found.append(command[1:])
+    return found
 
 
 def run_blocks(page: Path) -> None:

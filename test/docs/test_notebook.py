@@ -3,12 +3,11 @@
 from pathlib import Path
 from typing import Any
 
-import nbformat
 import pytest
-from nbclient import NotebookClient
 
 from test.docs.pages import ROOT
 
+nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
 NOTEBOOK = ROOT / "docs" / "first_steps.ipynb"
 
 
@@ -18,13 +17,13 @@ def outputs(notebook: Any) -> list[list[str]]:
     return [[output.get("text", output.output_type) for output in cell.outputs] for cell in cells]
 
 
-@pytest.mark.pages
+@pytest.mark.nightly
 def test_the_stored_outputs_of_the_notebook_are_reproduced(tmp_path: Path) -> None:
     stored = nbformat.read(NOTEBOOK, as_version=4)
     executed = nbformat.read(NOTEBOOK, as_version=4)
     for cell in executed.cells:
         if cell.cell_type == "code":
             cell.outputs = []
-    NotebookClient(executed, timeout=200, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    nbclient.NotebookClient(executed, timeout=200, resources={"metadata": {"path": str(tmp_path)}}).execute()
     assert outputs(executed) == outputs(stored)
     assert sum(len(each) for each in outputs(stored)) >= 5

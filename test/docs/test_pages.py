@@ -10,6 +10,7 @@ import domain_coordinator
 import numpy as np
 import pytest
 
+from rkhs_ros.app.cli import parser_of
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
@@ -18,11 +19,30 @@ from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF
 from rkhs_ros.runs.curve import Row
-from test.docs.pages import NOT_RUN, PAGES, ROOT, RUN, TIMEOUT_S, Block, anchors, blocks, links, run_page
+from test.docs.pages import (
+    INTO,
+    NOT_RUN,
+    PAGES,
+    ROOT,
+    RUN,
+    TIMEOUT_S,
+    Block,
+    anchors,
+    blocks,
+    commands,
+    links,
+    run_page,
+)
 
 README_MAX_LINES = 150
 over_pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-WITH_CODE = [page for page in PAGES if any(block.is_run for block in blocks(page))]
+# The pages that a first user follows. The others run before a release.
+FIRST = ("README", "start", "library", "custom_task", "custom_algorithm", "your_robot", "recordings", "other_learners")
+WITH_CODE = [
+    pytest.param(page, marks=pytest.mark.ci if page.stem in FIRST else pytest.mark.nightly)
+    for page in PAGES
+    if any(block.is_run for block in blocks(page))
+]
 
 
 @pytest.fixture
@@ -33,13 +53,33 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
         yield number
 
 
-@pytest.mark.pages
 @pytest.mark.ros
 @pytest.mark.timeout(TIMEOUT_S + 20)
 @pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: str(page.relative_to(ROOT)))
 def test_the_code_blocks_of_a_page_run(page: Path, tmp_path: Path, domain: int) -> None:
     result = run_page(page, tmp_path)
     assert result.returncode == 0, f"{result.stdout}\n{result.stderr}"
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page.stem not in FIRST], ids=lambda page: page.stem)
+def test_the_commands_and_the_python_blocks_of_a_page_are_valid(page: Path) -> None:
+    for block in blocks(page):
+        if block.language == "python" and not INTO.fullmatch(block.comment):
+            compile(block.code, f"{page.name}:{block.line}", "exec")
+        for command in commands(block) if block.language == "bash" else ():
+            try:
+                parser_of(command[:1]).parse_args(command)
+            except ValueError as error:
+                pytest.fail(f"{page.name}:{block.line}: rkhs {' '.join(command)}: {error}")
+
+
+def test_commands_of_a_block_are_found_and_invalid_ones_rejected() -> None:
+    code = "A=1 rkhs list  # a comment\nmkdir a && rkhs train x.yaml \\\n  --sed 3 > a/b\nls rkhs/ | cat\n"
+    first, second = commands(Block("bash", code, "", 1))
+    assert (first, second) == (["list"], ["train", "x.yaml", "--sed", "3"])
+    parser_of(first).parse_args(first)
+    with pytest.raises(ValueError, match="--sed"):
+        parser_of(second).parse_args(second)
 
 
 def test_a_block_that_fails_fails_the_page(tmp_path: Path) -> None:

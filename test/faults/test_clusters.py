@@ -20,7 +20,7 @@ from test.ros.conftest import ROOT
 from test.unit.conftest import Result, rkhs
 
 __all__ = ["rkhs"]
-pytestmark = [pytest.mark.faults, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 CONFIG = ROOT / "config" / "toy_nac.yaml"
 TINY = ("horizon=4", "iterations=3", "episodes_per_iteration=2", "evaluation_episodes=2")
 FORTY = ("--vary", "algorithm.ridge=1e-3,1e-2", "kernel.bandwidth_scale=1,2", "--seeds", "0-9", "--quiet")

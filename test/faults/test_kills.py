@@ -30,16 +30,19 @@ def shared_memory(pid: int) -> list[str]:
 
 
 def kill_at_random(
-    run: Process, folder: Path, draws: np.random.Generator, kills: int, names: Sequence[str] = NODES
+    run: Process, folder: Path, draws: np.random.Generator, kills: int, order: Sequence[str] = ()
 ) -> list[str]:
-    """Kill nodes of a run at random times, during training and during the recovery from the last kill."""
+    """Kill nodes of a run at random times, during training and during the recovery from the last kill.
+
+    The nodes are killed in the given order, or drawn from all.
+    """
     done: list[str] = []
     while len(done) < kills and run.popen.poll() is None:
         if draws.random() < 0.7:
             goal = len(curve(folder)) + draws.integers(1, 4)
             wait_for(lambda: len(curve(folder)) >= goal, run)  # noqa: B023  # awaited here
         time.sleep(draws.uniform(0, 0.3))
-        name = str(draws.choice(names))
+        name = order[len(done) % len(order)] if order else str(draws.choice(NODES))
         victims = nodes_of(run, name)
         if victims:
             victim = int(draws.choice(victims))
@@ -47,6 +50,20 @@ def kill_at_random(
             kill(victim)
             done.append(f"{name} after iteration {max(len(curve(folder)) - 1, 0)}")
     return done
+
+
+@pytest.mark.ci
+@pytest.mark.timeout(300)
+def test_a_killed_node_of_each_kind_leaves_the_results_bit_identical(
+    start: Start, tmp_path: Path, undisturbed: Path
+) -> None:
+    folder = tmp_path / "killed"
+    run = start("rkhs", "train", PENDULUM, "--quiet", "--simulators", 2, "--out", folder, "--set", "timeout=60")
+    done = kill_at_random(run, folder, np.random.default_rng(5), len(NODES), NODES)
+    code, _, err = run.finish()
+    assert (code, [name.split()[0] for name in done]) == (0, list(NODES)), err
+    assert "Traceback" not in err
+    assert_same_bits(folder, undisturbed)
 
 
 @pytest.mark.timeout(600)
@@ -74,13 +91,14 @@ def test_killing_simulator_and_policy_node_together_leaves_the_results_bit_ident
 ) -> None:
     share, folder = -(-kills // RUNS), tmp_path / "killed"
     run = start("rkhs", "train", PENDULUM, "--quiet", "--runner", "composed", "--out", folder, "--set", "timeout=60")
-    done = kill_at_random(run, folder, np.random.default_rng(2), share, names=("composed", "learner"))
+    done = kill_at_random(run, folder, np.random.default_rng(2), share, ("composed", "learner"))
     code, _, err = run.finish()
     assert (code, len(done)) == (0, share), err
     assert "Traceback" not in err
     assert_same_bits(folder, undisturbed)
 
 
+@pytest.mark.ci
 @pytest.mark.timeout(300)
 def test_the_nodes_of_a_killed_launcher_exit_and_the_run_can_be_resumed(
     start: Start, tmp_path: Path, undisturbed: Path

@@ -14,7 +14,7 @@ import sim_nodes.envs  # noqa: F401  # registers the tasks
 from test.ros.conftest import Process, domain, start
 
 __all__ = ["domain", "start"]
-pytestmark = [pytest.mark.ros, pytest.mark.faults, pytest.mark.slow, pytest.mark.timeout(1200)]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(1200)]
 TASK, REMOTE = "rkhs/Pendulum-v0", "rkhs/Remote-v0"
 DISCOUNT, GOOD = 0.99, 45.0  # of at most 51.8
 EQUAL, LEARNT = 1_000, 4_000  # steps

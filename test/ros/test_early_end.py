@@ -57,7 +57,7 @@ learner: {ros__parameters: {iterations: 3, episodes_per_iteration: 10, evaluatio
 """
 
 
-@pytest.mark.parametrize("simulators", [pytest.param(1, marks=pytest.mark.faults), 2])
+@pytest.mark.parametrize("simulators", [pytest.param(1, marks=pytest.mark.nightly), 2])
 def test_one_robot_learns_over_topics_as_in_process(
     start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, simulators: int
 ) -> None:

@@ -75,7 +75,7 @@ def test_an_interrupted_run_saves_its_policy_and_leaves_no_process(
     assert {"config.yaml", "curve.csv", "policy.npz", "curve.png", "policy.png"} <= set(os.listdir(tmp_path / "out"))
 
 
-@pytest.mark.parametrize("name", ["learner", pytest.param("simulator", marks=pytest.mark.faults)])
+@pytest.mark.parametrize("name", ["learner", pytest.param("simulator", marks=pytest.mark.nightly)])
 def test_an_interrupt_ends_a_run_with_a_suspended_node(start: Start, tmp_path: Path, name: str) -> None:
     run = start("rkhs", "train", ROOT / "config" / "toy_nac.yaml", "--quiet", "--out", tmp_path / "run")
     while not (tmp_path / "run" / "curve.csv").is_file():
@@ -102,7 +102,7 @@ def test_a_run_interrupted_before_its_first_iteration_can_be_resumed(start: Star
     assert (code, err) == (0, f"note: {folder}: no checkpoint to resume from; the run restarts\n")
 
 
-@pytest.mark.parametrize("name", [pytest.param("simulator", marks=pytest.mark.faults), "policy"])
+@pytest.mark.parametrize("name", [pytest.param("simulator", marks=pytest.mark.nightly), "policy"])
 def test_a_stalled_node_ends_the_run_and_is_named(run: Process, name: str) -> None:
     nodes = children(run)
     (victim,) = [p for p in nodes if f"{name}_node" in Path(f"/proc/{p}/cmdline").read_text()]
@@ -115,7 +115,7 @@ def test_a_stalled_node_ends_the_run_and_is_named(run: Process, name: str) -> No
     assert not any(map(is_running, nodes))
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 def test_a_learner_without_peers_names_the_missing_node(start: Start, parameters: Parameters, tmp_path: Path) -> None:
     out = f"output:={tmp_path / 'out'}"
     file = parameters("toy_nac", "timeout=1")
@@ -151,7 +151,7 @@ def test_a_second_node_of_a_name_exits_and_the_first_continues(
         probe.until(lambda: len(probe.heard["episodes"]) >= count + 5)  # noqa: B023  # awaited in this step
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 def test_a_second_run_with_the_same_names_leaves_the_first_bit_identical(start: Start, tmp_path: Path) -> None:
     def begin(out: str, config: str, *more: object) -> Process:
         return start("rkhs", "train", ROOT / "config" / config, "--quiet", "--out", tmp_path / out, *more)
@@ -171,7 +171,7 @@ def test_a_second_run_with_the_same_names_leaves_the_first_bit_identical(start: 
     assert curve("first")[:201] == curve("alone")
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 def test_of_two_simultaneous_runs_in_a_domain_at_least_one_learns(start: Start, tmp_path: Path) -> None:
     config = ROOT / "config" / "toy_nac.yaml"
     runs = [start("rkhs", "train", config, "--quiet", "--out", tmp_path / name) for name in "ab"]
@@ -182,7 +182,7 @@ def test_of_two_simultaneous_runs_in_a_domain_at_least_one_learns(start: Start, 
         assert "Traceback" not in err
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 def test_runs_choose_separate_domains(start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ROS_DOMAIN_ID")
     monkeypatch.setenv("COLUMNS", "250")
@@ -206,7 +206,7 @@ def test_runs_choose_separate_domains(start: Start, tmp_path: Path, monkeypatch:
     )
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 @pytest.mark.parametrize("stream", ["2>/dev/full", "2>&-"])
 def test_a_run_without_standard_error_survives_a_kill(domain: int, tmp_path: Path, stream: str) -> None:
     command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", str(ROOT / "config" / "toy_nac.yaml")]

@@ -4,7 +4,6 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
-from itertools import product
 from pathlib import Path
 
 import pytest
@@ -17,24 +16,20 @@ from rkhs_interfaces.msg import NodeInstance
 from rkhs_ros.nodes.core.uniqueness import SENDER_QOS, TOPIC
 from test.ros.conftest import PATIENCE, Process
 from test.ros.gate_bench import written
-from test.ros.hardware import AT_REST, IN_MOTION, MOMENTS, TURNING, Hardware, tree_of
+from test.ros.hardware import AT_REST, IN_MOTION, TURNING, Hardware, tree_of
 
 AT_REST_SPEED = 0.02
 SIGNALS = {name: getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP")}
-ENDINGS = (*SIGNALS, "exception", "second gate", "forged instance")
 GOES_ON = ("second gate", "forged instance")  # which end no gate that was there before
-KINDS = ("effort", "velocity", "position")
-SAMPLE = {
+# Ending, moment and kind of commands are independent of each other: the tests of the pure gate combine them.
+TRIALS = (
     ("SIGTERM", TURNING, "effort"),
     ("SIGINT", IN_MOTION, "velocity"),
     ("SIGHUP", AT_REST, "position"),
     ("exception", IN_MOTION, "effort"),
     ("second gate", IN_MOTION, "position"),
     ("forged instance", TURNING, "velocity"),
-}
-ALL = [
-    pytest.param(*each, marks=() if each in SAMPLE else pytest.mark.faults) for each in product(ENDINGS, MOMENTS, KINDS)
-]
+)
 
 
 class Trial:
@@ -130,7 +125,7 @@ def assert_left_at_rest(hardware: Hardware, ended_at: float) -> None:
     assert hardware.kind == "position" or hardware.command == 0.0
 
 
-@pytest.mark.parametrize(("how", "moment", "kind"), ALL)
+@pytest.mark.parametrize(("how", "moment", "kind"), TRIALS)
 def test_a_gate_that_exits_leaves_the_hardware_at_rest(
     trial: Callable[[str], Trial], how: str, moment: str, kind: str
 ) -> None:
@@ -139,7 +134,7 @@ def test_a_gate_that_exits_leaves_the_hardware_at_rest(
     assert_left_at_rest(here.hardware, here.ended_at)
 
 
-@pytest.mark.parametrize("fault", [pytest.param("exit", marks=pytest.mark.faults), "check", "exits", "executor"])
+@pytest.mark.parametrize("fault", [pytest.param("exit", marks=pytest.mark.nightly), "check", "exits", "executor"])
 def test_the_gate_brakes_despite_repeated_failures(trial: Callable[[str], Trial], fault: str) -> None:
     here = trial("velocity")
     here.hardware.arm()

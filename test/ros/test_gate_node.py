@@ -78,7 +78,7 @@ def test_the_gate_dry_runs_until_armed_then_clamps_and_holds(begin: Begin) -> No
     assert gate.finish()[0] == 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGSTOP, pytest.param(signal.SIGKILL, marks=pytest.mark.faults)])
+@pytest.mark.parametrize("number", [signal.SIGSTOP, pytest.param(signal.SIGKILL, marks=pytest.mark.nightly)])
 def test_the_robot_stops_when_the_sender_stops(begin: Begin, start: Callable[..., Process], number: int) -> None:
     _, robot = begin(POSITION | {"limits": POSITION["limits"] | {"velocity": [0.4]}})  # it does not arrive before
     assert robot.arm() == "holding"

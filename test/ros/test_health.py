@@ -86,7 +86,7 @@ def test_every_node_reports_its_status_and_restarts(run: Process, probe: Probe) 
     assert [len(set(hearing.instances[name])) for name in ("/simulator", "/learner")] == [1, 1]
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 def test_a_stuck_learner_reports_it_and_the_reason_of_its_exit(start: Start, probe: Probe, tmp_path: Path) -> None:
     hearing = Hearing(probe)
     arguments = ("--quiet", "--iterations", 10_000, "--out", tmp_path / "out", "--set", "timeout=8")
@@ -113,7 +113,7 @@ def test_a_refusal_is_counted_and_reported(run: Process, probe: Probe) -> None:
     assert hearing.value("/simulator", "last refusal").startswith("action: expected batch ")
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 def test_status_prints_the_nodes_and_an_error_without_nodes(
     run: Process, probe: Probe, start: Start, domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -141,7 +141,7 @@ def test_status_prints_a_refusal_literally() -> None:
     assert refusal.value in console.export_text()
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 @pytest.mark.parametrize("victim", ["simulator", "policy", "learner"])
 def test_the_clock_never_goes_back(run: Process, probe: Probe, victim: str) -> None:
     hearing = Hearing(probe)

@@ -60,7 +60,7 @@ def test_a_run_survives_a_transient_refusal(learn: Learner, probe: Probe) -> Non
     assert len(policy.asked) == 4
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 def test_a_batch_without_progress_restarts_before_it_ends_the_run(learn: Learner, probe: Probe) -> None:
     states: set[tuple[bytes, str]] = set()
 

@@ -87,7 +87,7 @@ def test_progress_equals_the_curve_and_the_run_stays_bit_identical(run: Process,
     assert (folder / "policy.npz").read_bytes() == (alone / "policy.npz").read_bytes()
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 def test_late_subscribers_receive_the_progress(lasting: Process, probe: Probe, folder: Path) -> None:
     probe.until(lambda: len(curve(folder)) > 1)
     ask(folder, "pause")
@@ -120,7 +120,7 @@ def check_markers(markers: list[Any], centres: int) -> None:
     assert [word.split(":")[0] for word in words] == ["position", "-", "move"]
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 def test_events_report_a_restarted_node(lasting: Process, probe: Probe, folder: Path) -> None:
     probe.until(lambda: len(curve(folder)) > 1)
     events = hear(probe, LearningEvent, EVENTS_TOPIC, EVENTS_QOS)

@@ -15,7 +15,7 @@ CONFIG = ROOT / "config" / "pendulum_wrap_model_nac.yaml"
 SHORT = ("--quiet", "--seed", 7, "--iterations", 2)
 
 
-@pytest.mark.parametrize("simulators", [pytest.param(1, marks=pytest.mark.faults), 2])
+@pytest.mark.parametrize("simulators", [pytest.param(1, marks=pytest.mark.nightly), 2])
 def test_model_based_training_over_topics_is_bit_identical(start: Start, tmp_path: Path, simulators: int) -> None:
     small = ("horizon=30", "episodes_per_iteration=2", "evaluation_episodes=2", "timeout=60")
     settings = ("algorithm.centres=20", "model.updates=3", "model.rollouts=10", "model.centres=40")
@@ -28,7 +28,7 @@ def test_model_based_training_over_topics_is_bit_identical(start: Start, tmp_pat
     assert float(rows[1]["model_error"]) > 0.0
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 def test_nodes_wait_while_the_learner_trains_longer_than_the_timeout(start: Start, tmp_path: Path) -> None:
     folder, timeout = tmp_path / "run", 1.0
     small = ("horizon=40", "evaluation_episodes=1", f"timeout={timeout}")

@@ -16,7 +16,7 @@ def lines(folder: Path) -> int:
     return len(Curve(folder / "curve.csv").rows())
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", NAMES)
 def test_a_run_over_topics_writes_to_the_requested_folder(
     start: Callable[..., Process], tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch

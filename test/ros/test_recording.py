@@ -14,7 +14,7 @@ from test.unit.recordings.recorded_runs import content, same_batch
 SHORT = ("--iterations", 3, "--set", "episodes_per_iteration=4", "horizon=10", "timeout=60", "--quiet", "--record")
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 def test_recordings_over_topics_equal_those_in_process(start: Callable[..., Process], tmp_path: Path) -> None:
     arguments = ("train", ROOT / "config" / "toy_nac.yaml", *SHORT)
     runs = {
@@ -30,7 +30,7 @@ def test_recordings_over_topics_equal_those_in_process(start: Callable[..., Proc
     assert over_topics.head.task == in_process.head.task
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 def test_all_topics_can_be_recorded_as_well(start: Callable[..., Process], tmp_path: Path) -> None:
     more = ("raw", "--runner", "ros", "--out", tmp_path / "run", "--iterations", 40)  # it may begin a little late
     assert start("rkhs", "train", ROOT / "config" / "toy_nac.yaml", *SHORT, *more).finish()[0] == 0

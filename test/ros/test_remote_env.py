@@ -69,7 +69,7 @@ def assert_same(ours: Any, theirs: Any) -> None:
             np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.parametrize("task", ["rkhs/Pendulum-v0", pytest.param(UNEVEN, marks=pytest.mark.faults)])
+@pytest.mark.parametrize("task", ["rkhs/Pendulum-v0", pytest.param(UNEVEN, marks=pytest.mark.nightly)])
 def test_a_thousand_steps_equal_those_of_the_environment(simulator: Simulate, make: Make, task: str) -> None:
     simulator(task)
     remote, direct = make(gymnasium.make, "rkhs/Remote-v0"), make(gymnasium.make, task)
@@ -138,7 +138,7 @@ def check_autoreset(make: Make, mode: AutoresetMode) -> None:
     remote.close()
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 def test_a_vector_task_equals_single_environments(simulator: Simulate, make: Make) -> None:
     simulator("rkhs/PendulumPOMDP-v0")
     remote = make(gymnasium.make_vec, "rkhs/Remote-v0", 3)
@@ -184,7 +184,7 @@ def test_invalid_input_is_refused_and_the_episode_continues(simulator: Simulate,
             make(RemoteEnv, **options)
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 def test_a_killed_simulator_is_reported_in_time_and_its_successor_used(simulator: Simulate, make: Make) -> None:
     first = simulator("rkhs/Pendulum-v0")
     remote = make(RemoteEnv, timeout=3.0)
@@ -225,7 +225,7 @@ def test_a_missing_simulator_is_named(make: Make) -> None:
         make(RemoteEnv, namespace="nowhere", timeout=0.5)
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 def test_a_client_that_takes_over_the_simulator_is_reported(simulator: Simulate, make: Make) -> None:
     simulator("rkhs/Pendulum-v0")
     first, second = make(RemoteEnv), make(RemoteEnv)
@@ -282,7 +282,7 @@ def test_a_closed_environment_leaves_nothing_behind(simulator: Simulate, make: M
     rclpy.shutdown()
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 def test_simulate_restarts_a_task_that_dies(start: Start, make: Make) -> None:
     run = start("rkhs", "simulate", "--env", "rkhs/Toy-v0", "--simulators", 2)
     remotes = [make(RemoteEnv, namespace=f"simulator_{k}", timeout=30.0) for k in (1, 2)]

@@ -1,7 +1,7 @@
 """Runs over topics and in process have bit-identical curves and policies."""
 
 import csv
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +10,8 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from rkhs_ros.app.cli import main
-from rkhs_ros.learning.algorithms.function_spaces import GridSettings
-from rkhs_ros.learning.algorithms.registry import ALGORITHMS
-from sim_nodes.envs import TASKS
 from test.ros.conftest import ROOT, Process
 
-LEARNT = ("algorithm.variance=learnt", "algorithm.reuse=2")
 Start = Callable[..., Process]
 SHORT = ("--quiet", "--iterations", 3, "--seed", 7)
 
@@ -25,37 +21,12 @@ def curve(folder: Path) -> list[dict[str, str]]:
     return [{name: value for name, value in row.items() if name != "seconds"} for row in rows]
 
 
-def settings(task: str, algorithm: str) -> Iterator[str]:
-    """Yield settings of short runs that differ in all that goes over topics: inputs, kernels, variances, tries."""
-    grid = issubclass(ALGORITHMS[algorithm], GridSettings)
-    yield from ("episodes_per_iteration=3", "evaluation_episodes=1", "horizon=12", "timeout=60")
-    yield from {
-        "rkhs/Toy-v0": ["inputs.degree=2" if grid else "inputs.degree=5", "inputs.offset=0.2"],
-        "rkhs/Pendulum-v0": ["environment.options.angle=wrap", "inputs.angles=[0]"],
-        "rkhs/PendulumPOMDP-v0": ["inputs.history=3", "inputs.angles=[0]"],
-        "rkhs/CartPoleSwingUp-v0": ["environment.options.observation=wrapped", "environment.options.rail=2.5"],
-    }[task]
-    if grid:
-        yield from ("algorithm.grid_low=-2", "algorithm.grid_high=2", "kernel.bandwidth=3.0")
-        yield f"algorithm.grid_counts={2 if task in ('rkhs/PendulumPOMDP-v0', 'rkhs/CartPoleSwingUp-v0') else 3}"
-    else:
-        yield "algorithm.centres=15"
-        if task == "rkhs/Toy-v0":
-            yield from ("kernel.form=polynomial", "kernel.offset=0", "kernel.degree=1")
-    search = ["algorithm.step.rule=line_search", "algorithm.step.choices=3", "algorithm.step.episodes=2"]
-    yield from {
-        "rkhs_ac": search,
-        "rkhs_npg": ["algorithm.baseline=value"],
-        "rkhs_nac": ["algorithm.critic=trajectory", "algorithm.ridge_norm=scale_free", *LEARNT],
-        "rkhs_power": ["algorithm.variance=as_published", "algorithm.reuse=2"],
-        "ac": ["algorithm.regression=pursuit"],
-        "enac": search,
-        "power": ["algorithm.solution=diagonal", "exploration_sd=[2.0]"],
-    }[algorithm]
-
-
 def assert_same_bits(
-    start: Start, folder: Path, arguments: tuple[object, ...], iterations: int, runner: str = "ros"
+    start: Start,
+    folder: Path,
+    arguments: tuple[object, ...],
+    iterations: int,
+    runner: str = "ros",
 ) -> dict[str, Any]:
     """Train over topics and in this process; return the arrays of the policy, which must be the same."""
     over_topics = start("rkhs", "train", *arguments, "--runner", runner, "--out", folder / "ros")
@@ -75,65 +46,64 @@ def assert_same_bits(
     return arrays
 
 
-def pairs() -> Iterator[Any]:
-    """Yield every algorithm with every task; one for each task is for `make test`."""
-    for i, algorithm in enumerate(ALGORITHMS):
-        for k, task in enumerate(TASKS):
-            yield pytest.param(algorithm, task, marks=() if (i + k) % len(ALGORITHMS) == 0 else pytest.mark.faults)
+SHORT_EPISODES = ("episodes_per_iteration=3", "evaluation_episodes=1", "timeout=60")
+# Together these use all that goes over topics: inputs, kernels, the three variances, held actions, line searches,
+# options of an environment, a time limit, several simulators (of which one has nothing to do), and composed nodes.
+RUNS = {
+    "function variance": (
+        "rkhs/Toy-v0",
+        "rkhs_power",
+        ("kernel.form=rbf + polynomial", "kernel.degree=2", "inputs.degree=5", "inputs.offset=0.2", "horizon=12",
+         "algorithm.centres=15", "algorithm.variance=as_published", "algorithm.reuse=2", "discount=0.9"),
+        "ros",
+    ),
+    "kernel variance": (
+        "rkhs/Pendulum-v0",
+        "power",
+        ("environment.options.angle=wrap", "inputs.angles=[0]", "kernel.bandwidth=3.0", "horizon=200",
+         "algorithm.grid_low=-2", "algorithm.grid_high=2", "algorithm.grid_counts=3", "exploration_sd=[2.0]",
+         "action_repeat=auto"),
+        "composed",
+    ),
+    "learnt variance": (
+        "rkhs/PendulumPOMDP-v0",
+        "rkhs_nac",
+        ("inputs.history=3", "inputs.angles=[0]", "algorithm.centres=20", "algorithm.critic=trajectory", "horizon=20",
+         "algorithm.ridge_norm=scale_free", "algorithm.variance=learnt", "algorithm.reuse=2", "simulators=3"),
+        "ros",
+    ),
+    "line search": (
+        "Pendulum-v1",
+        "rkhs_ac",
+        ("action_repeat=3", "inputs.history=2", "algorithm.centres=15", "algorithm.step.rule=line_search",
+         "algorithm.step.choices=3", "algorithm.step.episodes=2", "horizon=60"),
+        "ros",
+    ),
+}  # fmt: skip
+ARRAYS = {"function variance": {"variance_centres"}, "kernel variance": {"variance_centres", "variance_mass"}}
 
 
-@pytest.mark.parametrize(("algorithm", "task"), pairs())
-def test_training_over_topics_is_bit_identical_to_in_process(
-    start: Start, tmp_path: Path, algorithm: str, task: str
-) -> None:
+@pytest.mark.parametrize("name", RUNS)
+def test_training_over_topics_is_bit_identical_to_in_process(start: Start, tmp_path: Path, name: str) -> None:
+    task, algorithm, changes, runner = RUNS[name]
     config = tmp_path / "run.yaml"
     simulator = f"simulator: {{ros__parameters: {{environment: {{id: {task}}}}}}}\n"
     config.write_text(simulator + f"learner: {{ros__parameters: {{algorithm: {{name: {algorithm}}}}}}}\n")
-    arguments = ("--quiet", "--seed", 7, "--iterations", 2, "--set", *settings(task, algorithm))
-    arrays = assert_same_bits(start, tmp_path, (config, *arguments), 2)
-    kind = {"rkhs_power": "function", "power": "kernel"}.get(algorithm, "constant")
-    assert ("variance_centres" in arrays, "variance_mass" in arrays) == (kind != "constant", kind == "kernel")
+    arrays = assert_same_bits(start, tmp_path, (config, *SHORT, "--set", *SHORT_EPISODES, *changes), 3, runner)
+    assert arrays.keys() & {"variance_centres", "variance_mass"} == ARRAYS.get(name, set())
+    assert arrays["action_repeat"] == {"kernel variance": 2, "line search": 3}.get(name, 1)
     assert arrays["weights"].any()
 
 
-@pytest.mark.parametrize(
-    ("config", "changes"),
-    [
-        ("toy_power", ("kernel.form=rbf + polynomial", "kernel.degree=2", "discount=0.9")),
-        ("pendulum_v1", ("horizon=30", "episodes_per_iteration=5")),
-    ],
-)
-def test_a_run_over_topics_equals_the_run_in_process(
-    start: Start, tmp_path: Path, config: str, changes: tuple[str, ...]
-) -> None:
-    assert_same_bits(start, tmp_path, (ROOT / "config" / f"{config}.yaml", *SHORT, "--set", *changes), 3)
-
-
-def test_composed_nodes_leave_the_results_bit_identical(start: Start, tmp_path: Path) -> None:
-    config = ROOT / "config" / "pendulum_pomdp_nac.yaml"
-    small = ("algorithm.centres=20", "horizon=20", "episodes_per_iteration=5", "evaluation_episodes=2", "timeout=60")
-    assert_same_bits(start, tmp_path, (config, *SHORT, "--set", *small), 3, runner="composed")
-
-
-@pytest.mark.parametrize("simulators", [pytest.param(2, marks=pytest.mark.faults), 3])
-def test_the_number_of_simulators_leaves_the_results_bit_identical(
-    start: Start, tmp_path: Path, simulators: int
-) -> None:
-    config = ROOT / "config" / "pendulum_pomdp_nac.yaml"
-    small = ("algorithm.centres=20", "horizon=20", "episodes_per_iteration=5", "evaluation_episodes=2", "timeout=60")
-    # With 3 simulators and 2 evaluation episodes one has nothing to do.
-    assert_same_bits(start, tmp_path, (config, *SHORT, "--simulators", simulators, "--set", *small), 3)
-
-
-@pytest.mark.parametrize("simulators", [pytest.param(1, marks=pytest.mark.faults), 2])
-def test_the_pr2_moves_identically_over_topics_and_in_process(start: Start, tmp_path: Path, simulators: int) -> None:
+@pytest.mark.nightly
+def test_the_pr2_moves_identically_over_topics_and_in_process(start: Start, tmp_path: Path) -> None:
     pytest.importorskip("pybullet", reason="the PR2 needs PyBullet")
     config = ROOT / "config" / "pr2_door_contextual.yaml"
     small = ("episodes_per_iteration=4", "evaluation_episodes=2", "timeout=60")
-    assert_same_bits(start, tmp_path, (config, *SHORT, "--simulators", simulators, "--set", *small), 3)
+    assert_same_bits(start, tmp_path, (config, *SHORT, "--set", "simulators=2", *small), 3)
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 def test_parallel_runs_in_different_domains_are_isolated(
     start: Start, tmp_path: Path, domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -145,17 +115,3 @@ def test_parallel_runs_in_different_domains_are_isolated(
     assert [alone[0], first.finish()[0], second.finish()[0]] == [0, 0, 0]
     assert curve(tmp_path / "first") == curve(tmp_path / "alone")
     assert curve(tmp_path / "second") != curve(tmp_path / "alone")
-
-
-@pytest.mark.parametrize(
-    ("changes", "expected"),
-    [(("action_repeat=auto",), 4), (("action_repeat=3", "inputs.history=2"), 3)],
-)
-def test_held_actions_are_bit_identical_over_topics_and_in_process(
-    start: Start, tmp_path: Path, changes: tuple[str, ...], expected: int
-) -> None:
-    config = tmp_path / "run.yaml"
-    config.write_text("simulator: {ros__parameters: {environment: {id: rkhs/Pendulum-v0}}}\n")
-    small = ("episodes_per_iteration=4", "evaluation_episodes=1", "horizon=200", "timeout=60", "algorithm.centres=15")
-    arrays = assert_same_bits(start, tmp_path, (config, *SHORT, "--set", *small, *changes), 3)
-    assert arrays["action_repeat"] == expected

@@ -125,7 +125,7 @@ def test_a_second_publisher_is_named(nodes: Nodes, probe: Probe) -> None:
         assert warnings[name].replace("more than one publisher:", "expected one publisher, got") in process.finish()[2]
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "changes", [{"environment.id": "rkhs/PendulumPOMDP-v0"}, {"environment.options.angle": "wrap"}]
 )
@@ -148,7 +148,7 @@ def test_a_simulator_of_another_task_is_refused_by_name(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 def test_a_resumed_run_refuses_another_task_and_is_unchanged(
     start: Start, parameters: Parameters, tmp_path: Path
 ) -> None:

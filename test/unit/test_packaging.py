@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -15,13 +16,17 @@ KEYS = {  # of rosdep, by the names of the packages and those that they are impo
     "PIL": "python3-pil",
     "PyYAML": "python3-yaml",
     "gymnasium": "python3-gymnasium-pip",
+    "lz4": "mcap-ros2-support",
+    "markdown_it": "python3-rich",
     "mcap": "mcap-ros2-support",
+    "mcap_ros2": "mcap-ros2-support",
     "pillow": "python3-pil",
     "pybullet": "python3-pybullet-pip",
     "pybullet_data": "python3-pybullet-pip",
     "pybullet_utils": "python3-pybullet-pip",
     "rosbags": "python3-rosbags-pip",
     "threadpoolctl": "python3-sklearn",
+    "zstandard": "mcap-ros2-support",
 }
 SCRIPT = """
 import gymnasium, rkhs_ros
@@ -45,7 +50,7 @@ def run(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_pip_installs_the_library_and_the_command_without_ros(tmp_path: Path) -> None:
@@ -125,7 +130,11 @@ def extras() -> set[str]:
 
 def imported(path: Path) -> set[str]:
     """Return the packages that a module imports, within functions too."""
-    nodes = list(ast.walk(ast.parse(path.read_text())))
+    return imported_by(list(ast.walk(ast.parse(path.read_text()))))
+
+
+def imported_by(nodes: Sequence[ast.AST]) -> set[str]:
+    """Return the packages that some statements import."""
     names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
     names += [node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)]
     return {name.partition(".")[0] for name in names}
@@ -137,7 +146,20 @@ def test_all_that_is_imported_is_named_in_the_manifest_or_an_extra() -> None:
     found = set().union(*map(imported, sources)) - ours
     assert {"mcap", "rosbags", "rclpy", "launch_ros", "threadpoolctl", "optuna"} <= found
     undeclared = {name for name in found if not {name, KEYS.get(name, f"python3-{name}")} & manifest}
-    assert undeclared <= {*extras(), "trimesh", "lz4", "zstandard"}  # which come with viser, and with mcap
+    assert undeclared <= {*extras(), "trimesh"}  # which comes with viser
+
+
+def test_plain_colcon_can_collect_all_tests() -> None:
+    """Modules import at once only what the manifest names, or what they skip without."""
+    manifest = named("exec_depend", "test_depend")
+    local = {path.stem for folder in ("benchmarks", "docs") for path in (ROOT / folder).glob("*.py")}
+    ours = {*sys.stdlib_module_names, "rkhs_ros", "sim_nodes", "test", *local}
+    missing = {}
+    for path in (ROOT / "test").rglob("*.py"):
+        text = path.read_text()
+        names = imported_by(ast.parse(text).body) - ours - set(re.findall(r'importorskip\("(\w+)', text))
+        missing[path] = {name for name in names if not {name, KEYS.get(name, f"python3-{name}")} & manifest}
+    assert {path: names for path, names in missing.items() if names} == {}
 
 
 def test_commands_are_imported_without_the_extras() -> None:

@@ -80,7 +80,7 @@ def test_the_rkhs_of_another_environment_trains_in_process_and_says_why(tmp_path
     assert (done.returncode, done.stderr.count("\n")) == (0, 1)
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_a_workspace_is_built_and_tested_by_plain_colcon(workspace: Path) -> None:

@@ -122,7 +122,7 @@ def newest(folder: Path, config: Config = CONFIG, lines: int = 99) -> int | None
     return None if state is None else state.iterations
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 @pytest.mark.slow
 @pytest.mark.usefixtures("quick_disk")
 def test_a_truncated_checkpoint_is_skipped_with_a_warning(

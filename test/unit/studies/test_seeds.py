@@ -179,7 +179,7 @@ def workers(process: subprocess.Popen[str]) -> list[int]:
     return [int(pid) for pid in pids if "popen_loky" in Path(f"/proc/{pid}/cmdline").read_text()]
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_interrupted_training_with_several_seeds_resumes(rkhs: Run, tmp_path: Path) -> None:
     many, whole = tmp_path / "many", tmp_path / "whole"
@@ -194,7 +194,7 @@ def test_interrupted_training_with_several_seeds_resumes(rkhs: Run, tmp_path: Pa
     assert [results(path) for path in seed_folders(many)] == [results(path) for path in seed_folders(whole)]
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_a_killed_worker_gives_lines_without_a_traceback(tmp_path: Path) -> None:
     many = tmp_path / "many"
@@ -206,7 +206,7 @@ def test_a_killed_worker_gives_lines_without_a_traceback(tmp_path: Path) -> None
     assert err.splitlines() == [f"error: seed_{k}: its worker process, or another one, was killed" for k in (0, 1)]
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_workers_end_when_the_command_is_killed(tmp_path: Path) -> None:
     many = tmp_path / "many"

@@ -185,7 +185,7 @@ def test_failing_settings_do_not_stop_the_search(rkhs: Run, tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-@pytest.mark.faults
+@pytest.mark.nightly
 @pytest.mark.timeout(900)
 def test_tuning_repairs_a_spoilt_configuration(rkhs: Run, tmp_path: Path) -> None:
     pytest.importorskip("optuna")

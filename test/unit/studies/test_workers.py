@@ -21,7 +21,7 @@ def doubled(number: int) -> int:
     return 2 * number
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_a_worker_with_other_code_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed")

@@ -265,7 +265,7 @@ def test_no_request_arms_a_robot(served: Served) -> None:
         assert not re.search(r"""["'](gate/|~/)?arm["']""", path.read_text()), path
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 @pytest.mark.timeout(600)
 def test_memory_stays_bounded_over_a_long_run(tmp_path: Path) -> None:
     config = load_config(CONFIGS / "toy_few_nac.yaml", ["iterations=3000", "horizon=10", "evaluate_every=0"])
