@@ -88,8 +88,19 @@ def loaded(text: str) -> Any:
     require(len(text) <= MOST_BYTES, "text", f"at most {MOST_BYTES} characters", "more")
     try:
         return yaml.load(text, _Reader)  # makes plain values only
+    except yaml.MarkedYAMLError as error:
+        raise ValueError(_located(text, error)) from error
     except (yaml.YAMLError, ValueError, OverflowError) as error:  # ValueError: a number with very many digits
         raise ValueError(truncated(error)) from error
+
+
+def _located(text: str, error: yaml.MarkedYAMLError) -> str:
+    """Return where the parser failed, the line there, and why."""
+    lines, mark = text.splitlines(), error.problem_mark
+    if mark is None or mark.line >= len(lines):
+        return f"at its end: {truncated(error.problem)}"
+    line = truncated(repr(lines[mark.line].strip()))
+    return f"line {mark.line + 1}, column {mark.column + 1}, {line}: {truncated(error.problem)}"
 
 
 def read_yaml(path: Path) -> Any:

@@ -221,12 +221,13 @@ def _environment(path: Path, sections: Mapping[str, Mapping[str, Any]]) -> Any:
 
 def _nearest(path: Path) -> str:
     """Return a hint with the most similar name of a configuration in the same folder or in config/."""
+    if not path.parent.is_dir():
+        return f"since there is no folder {path.parent}"
     found = {file.stem: file for folder in (Path("config"), path.parent) for file in folder.glob("*.yaml")}
     if near := get_close_matches(path.stem, found, n=1):
         return f"did you mean '{found[near[0]]}'?"
-    return "nor one with a similar name" + f". For an environment, use --env {path}" * bool(
-        ENVIRONMENT.search(str(path))
-    )
+    is_environment = bool(ENVIRONMENT.search(str(path)))
+    return "nor one with a similar name" + f". For an environment, use rkhs train --env {path}" * is_environment
 
 
 def config_for(environment: str, horizon: int | None, changes: Iterable[str] = ()) -> Config:

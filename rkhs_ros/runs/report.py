@@ -68,6 +68,8 @@ def old_folder(folder: Path | None) -> Path:
     Raises:
         ValueError: the folder does not exist or contains no config.yaml.
     """
+    if folder is not None and not folder.exists():
+        raise ValueError(f"{folder}: expected the folder of a run, got no such folder")
     if folder is None or not is_started(folder):
         runs = sorted(file.parent for file in folder.glob("*/config.yaml")) if folder else []
         remedy = f". Pass one of the runs in it, such as {runs[0]}" if runs else ""
@@ -76,18 +78,20 @@ def old_folder(folder: Path | None) -> Path:
 
 
 def last_policy(folder: Path) -> Path:
-    """Return the file of the last policy of a finished run.
+    """Return the file of the last policy of a run; of an unfinished run, the best policy so far, with a note.
 
     Raises:
         ValueError: there is no policy yet, or the folder is not that of a run.
     """
-    file = folder / "policy.npz"
+    file, best = folder / "policy.npz", folder / BEST_POLICY
     if file.is_file():
         return file
     old_folder(folder)
-    best = folder / BEST_POLICY
-    remedy = f". The best policy so far is {best}" * best.is_file()
-    raise ValueError(f"{file}: expected the last policy, got none since the run has not finished{remedy}")
+    remedy = f"Continue with: rkhs train --resume {folder}"
+    if best.is_file():
+        print(f"note: {folder}: the run has not finished; using its best policy so far. {remedy}", file=sys.stderr)
+        return best
+    raise ValueError(f"{file}: expected a policy, got none since the run has not finished. {remedy}")
 
 
 class Report:

@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Explore with the first policy and print the findings."""
+    """Explore with the first policy; print the findings, and what to do about them."""
     episodes = options.episodes
     require(1 <= episodes <= MOST_EPISODES, "--episodes", f"1 to {MOST_EPISODES}", episodes)
     use_one_thread()
@@ -44,8 +44,13 @@ def run(options: argparse.Namespace) -> int:
     width = max(len(name) for name, _ in lines)
     for name, value in lines:
         print(f"{name:<{width}}  {value}")
-    settings = checked.settings(training)
-    print(f"try: --set {' '.join(map(quote, settings))}" if settings else f"the {_kind(options.task)} will do")
+    settings, problems = checked.settings(training), checked.problems()
+    if settings:
+        print(f"try: --set {' '.join(map(quote, settings))}")
+    for problem in problems:
+        print(f"mend: {problem}")
+    if not settings and not problems:
+        print(f"the {_kind(options.task)} will do")
     return 0
 
 

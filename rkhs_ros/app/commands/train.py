@@ -130,7 +130,8 @@ def _check_source(options: argparse.Namespace) -> None:
     names = ("seed", "seeds", "set", "out", "algorithm", "policy")
     wrong = [f"--{name}" for name in names if options.resume and getattr(options, name) not in (None, [])]
     require(bool(options.resume) or not options.allow_provenance_change, ACCEPT, "--resume DIR as well", "none")
-    require(not wrong, "--resume", "the settings and the folder of the run", ", ".join(wrong))
+    remedy = f". To change settings, train {options.resume}/config.yaml in another folder"
+    require(not wrong, "--resume", "the settings and the folder of the run", f"{', '.join(wrong)}{remedy}")
 
 
 def _configuration(options: argparse.Namespace, file: Path | None) -> Config:

@@ -27,15 +27,19 @@ def choose_action_repeat(episodes: Episodes) -> int:
     Args:
         episodes: exploration episodes, with the features of the observations.
     """
-    longest = int(episodes.mask.sum(axis=1).max())
-    most = max(1, min(MOST_REPEAT, longest // FEWEST_DECISIONS))
     changes: list[float] = []
-    for repeat in range(1, most + 1):
+    for repeat in range(1, longest_repeat(episodes) + 1):
         changes.append(change_per_decision(episodes, repeat))
         if changes[-1] > CHANGE:
             break
     distances = [abs(np.log(change / CHANGE)) if change > 0 else np.inf for change in changes]
     return 1 + int(np.argmin(distances))
+
+
+def longest_repeat(episodes: Episodes) -> int:
+    """Return the longest action repeat that leaves `FEWEST_DECISIONS` in the longest episode."""
+    longest = int(episodes.mask.sum(axis=1).max())
+    return max(1, min(MOST_REPEAT, longest // FEWEST_DECISIONS))
 
 
 def change_per_decision(episodes: Episodes, repeat: int) -> float:

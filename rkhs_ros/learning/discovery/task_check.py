@@ -8,7 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rkhs_ros.learning.diagnosis import moves_away
-from rkhs_ros.learning.discovery.action_repeat import change_per_decision, choose_action_repeat
+from rkhs_ros.learning.discovery.action_repeat import (
+    CHANGE,
+    FEWEST_DECISIONS,
+    change_per_decision,
+    choose_action_repeat,
+    longest_repeat,
+)
 from rkhs_ros.learning.discovery.angles import with_features
 from rkhs_ros.learning.discovery.evidence import FEWEST_STEPS, discover_inputs
 from rkhs_ros.learning.discovery.found import Known, settings_of
@@ -22,6 +28,7 @@ from rkhs_ros.rkhs.kernels import Array
 
 SAME = 1.0 - 1e-9  # absolute correlation of columns that repeat each other
 NOT_TESTED = "not tested, since inputs.degree, the grid or kernel.bandwidth depends on the inputs"
+WITHIN = 2.0  # a change per decision within this factor of `CHANGE` is good
 FIRST_PART = 4  # the first of four parts of an episode, with which its end is compared
 
 
@@ -35,6 +42,7 @@ class TaskCheck:
         action_repeat: the number that ``action_repeat=auto`` chooses.
         change_per_step: change of the observation per step, in standard deviations.
         change_per_decision: the same per decision with this action repeat.
+        longest_repeat: longest action repeat that could have been chosen.
         inputs: inputs with the angles and the history that the data reveal.
         inputs_may_change: whether inputs were searched; False if other settings depend on the inputs.
         decisions: number of decisions with this action repeat.
@@ -45,6 +53,7 @@ class TaskCheck:
     action_repeat: int
     change_per_step: float
     change_per_decision: float
+    longest_repeat: int
     inputs: Inputs
     inputs_may_change: bool
     decisions: int
@@ -72,6 +81,7 @@ class TaskCheck:
             action_repeat=repeat,
             change_per_step=change_per_decision(features, 1),
             change_per_decision=change_per_decision(features, repeat),
+            longest_repeat=longest_repeat(features),
             inputs=inputs,
             inputs_may_change=may_change,
             decisions=decisions.count,
@@ -100,8 +110,8 @@ class TaskCheck:
         return [
             ("episodes", self._lengths(step_seconds)),
             ("ends", self._ends()),
-            ("change per step", f"{self.change_per_step:.2f} sd (0.2 to 0.4 is good)"),
-            ("action_repeat", f"auto chooses {self.action_repeat} ({self.change_per_decision:.2f} sd per decision)"),
+            ("change per step", f"{self.change_per_step:.2f} sd of the observations"),
+            ("action_repeat", self._repeat()),
             ("angles", ", ".join(self._angles()) or ("none found" if self.inputs_may_change else NOT_TESTED)),
             ("constant columns", ", ".join(map(self._name, constant_columns(self.observations))) or "none"),
             ("repeated columns", ", ".join(self._repeats()) or "none"),
@@ -111,9 +121,36 @@ class TaskCheck:
             ("observations", self._wandering()),
         ]
 
+    def problems(self) -> list[str]:
+        """Return what no setting of a run mends, each with what to do about it; empty if there is nothing."""
+        problems = []
+        if not self._reward_varies():
+            problems.append("reward: give one that changes")
+        if self._is_too_slow():
+            problems.append("change per decision: run longer episodes, or a task with a lower control rate")
+        elif self.change_per_decision > CHANGE * WITHIN:
+            problems.append("change per decision: run the task at a higher control rate")
+        if away := self._columns_that_run_away():
+            problems.append(f"observations: if {self._columns(away)} can grow without bound, end such episodes early")
+        if not self._is_bounded():
+            problems.append("actions: set exploration_sd in their units")
+        return problems
+
     def _name(self, column: int) -> str:
         names = self.spaces.observation_names
         return f"{column} ({names[column]})" if names else str(column)
+
+    def _columns(self, columns: Sequence[int]) -> str:
+        return f"column{'s' * (len(columns) > 1)} {', '.join(map(self._name, columns))}"
+
+    def _is_too_slow(self) -> bool:
+        return self.change_per_decision < CHANGE / WITHIN
+
+    def _repeat(self) -> str:
+        text = f"auto chooses {self.action_repeat}: {self.change_per_decision:.2f} sd per decision"
+        if self._is_too_slow() and self.action_repeat == self.longest_repeat:
+            return f"{text}, the most with {FEWEST_DECISIONS} decisions in the longest of these episodes"
+        return f"{text}, the nearest to {CHANGE:g}"
 
     def _lengths(self, step_seconds: float | None) -> str:
         lengths = self.episodes.mask.sum(axis=1)
@@ -145,28 +182,35 @@ class TaskCheck:
         history = self.inputs.history
         return f"inputs.history={history} predicts better" if history > 1 else "a longer one does not help"
 
+    def _reward_varies(self) -> bool:
+        return bool(np.ptp(self.episodes.flat(self.episodes.rewards)) > 0)
+
     def _reward(self) -> str:
         rewards = self.episodes.flat(self.episodes.rewards)
-        if rewards.min() == rewards.max():
+        if not self._reward_varies():
             return f"never changes: {rewards[0]:.4g}; if this stays so, nothing can be learnt"
         text = f"{rewards.min():.4g} to {rewards.max():.4g}"
         explained = reward_depends_on_action_only(self.episodes, self.spaces)
         return text + ("; a cost of the actions explains it" if explained else "")
 
+    def _is_bounded(self) -> bool:
+        return bool(np.isfinite([self.spaces.action_low, self.spaces.action_high]).all())
+
     def _actions(self) -> str:
         low, high = (bound.ravel() for bound in (self.spaces.action_low, self.spaces.action_high))
         bounds = dict.fromkeys(f"{a:.4g} to {b:.4g}" for a, b in zip(low, high, strict=True))
-        bounded = bool(np.isfinite([low, high]).all())
-        hint = "" if bounded else "; unbounded: set exploration_sd in their units"
-        return f"{len(low)}, bounds {', '.join(bounds)}{hint}"
+        return f"{len(low)}, bounds {', '.join(bounds)}"
 
-    def _wandering(self) -> str:
+    def _columns_that_run_away(self) -> list[int]:
         mask = self.episodes.mask
         first = self.episodes.observations[mask & (np.cumsum(mask, axis=1) * FIRST_PART <= mask.sum(axis=1)[:, None])]
         columns = set(range(self.spaces.observation_dim)) - set(self.inputs.columns)
-        away = [column for column in sorted(columns) if len(first) and moves_away(self.episodes, first, column)]
-        named = ", ".join(map(self._name, away))
-        return f"{self.spaces.observation_dim} columns" + (f"; run away: {named}; bound the task" if away else "")
+        return [column for column in sorted(columns) if len(first) and moves_away(self.episodes, first, column)]
+
+    def _wandering(self) -> str:
+        away = self._columns_that_run_away()
+        verb = "run" if len(away) > 1 else "runs"
+        return f"{self.spaces.observation_dim} columns" + (f"; {self._columns(away)} {verb} away" if away else "")
 
 
 def _range(numbers: Sequence[int]) -> str:

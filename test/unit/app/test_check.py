@@ -56,9 +56,21 @@ def test_a_pendulum_needs_no_settings(rkhs: Rkhs) -> None:
     assert values["last"] == "the defaults will do"
 
 
+def test_a_number_comes_with_its_reason_and_the_last_line_follows_from_it(rkhs: Rkhs) -> None:
+    fast = ("rkhs/CartPoleSwingUp-v0", "--set", "environment.options.rate=100")
+    short, longer = (rkhs("check", *fast, f"horizon={horizon}").out for horizon in (60, 300))
+    assert (
+        "auto chooses 1: 0.08 sd per decision, the most with 50 decisions in the longest of these episodes\n" in short
+    )
+    assert "mend: change per decision: run longer episodes, or a task with a lower control rate\n" in short
+    assert "will do" not in short
+    assert "auto chooses 4: 0.28 sd per decision, the nearest to 0.3\n" in longer
+    assert longer.endswith("the defaults will do\n")
+
+
 def test_another_pendulum_holds_its_actions(rkhs: Rkhs) -> None:
     values = checked(rkhs, "Pendulum-v1", "--seed", 0)
-    assert values["action_repeat"].startswith("auto chooses 2 (0.")
+    assert values["action_repeat"].startswith("auto chooses 2: 0.")
     assert values["angles"] == "none found"  # a cosine and a sine
     assert values["reward"].startswith("-16")
     assert values["last"] == "the defaults will do"
@@ -96,7 +108,8 @@ def test_a_cart_without_a_rail_and_a_reward(rkhs: Rkhs, tmp_path: Path, monkeypa
     assert values["reward"].startswith("never changes: 0")
     assert values["constant columns"] == "2"
     assert values["repeated columns"] == "3 repeats 1"
-    assert values["observations"] == "4 columns; run away: 0; bound the task"
+    assert values["observations"] == "4 columns; column 0 runs away"
+    assert values["last"] == "mend: observations: if column 0 can grow without bound, end such episodes early"
 
 
 def test_few_decisions_are_no_evidence_for_a_history(rkhs: Rkhs) -> None:

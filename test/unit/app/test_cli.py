@@ -142,7 +142,11 @@ def test_an_option_out_of_range_gives_one_line(rkhs: Run, option: str, value: st
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [(b"a: [1\nb: }", "cannot be parsed"), (b"\xff\xff", "cannot be parsed"), (b"", "expected sections")],
+    [
+        (b"a: [1\nb: }", "cannot be parsed (line 2, column 2, 'b: }': expected ',' or ']', but got ':')"),
+        (b"\xff\xff", "cannot be parsed"),
+        (b"", "expected sections"),
+    ],
 )
 def test_an_invalid_configuration_gives_one_line(rkhs: Run, tmp_path: Path, content: bytes, message: str) -> None:
     (tmp_path / "bad.yaml").write_bytes(content)
@@ -158,7 +162,15 @@ def test_a_missing_file_gives_one_line(rkhs: Run, tmp_path: Path) -> None:
         assert_refused(
             rkhs("train", near, *SHORT), f"{near}: no such configuration, did you mean 'config/toy_nac.yaml'?"
         )
+    missing = "nix/a.yaml: no such configuration, since there is no folder nix"
+    assert_refused(rkhs("train", "nix/a.yaml", *SHORT), missing)
+    sweep = rkhs("sweep", "Toy-v0", "--vary", "algorithm.ridge=1")
+    assert_refused(
+        sweep, "Toy-v0: no such configuration, nor one with a similar name. For an environment, use rkhs train"
+    )
     assert_refused(rkhs("train", tmp_path, *SHORT), f"{tmp_path}: expected a configuration file, got a folder\n")
+    assert_refused(rkhs("evaluate", "none"), "none: expected a policy file, or the folder of a run")
+    assert_refused(rkhs("plot", "none"), "none: expected the folder of a run, got no such folder")
     assert_refused(rkhs("evaluate", "none.npz"), "none.npz")
     assert list(tmp_path.iterdir()) == [tmp_path / "config"]
 
@@ -172,11 +184,18 @@ def test_a_folder_without_a_last_policy_is_rejected_with_a_hint(rkhs: Run, tmp_p
         f"runs: expected the folder of a run, got none with a config.yaml. Pass one of the runs in it, such as {run}"
     )
     assert_refused(rkhs(command, tmp_path / "runs"), named)
-    refusal = "policy.npz: expected the last policy, got none since the run has not finished"
-    assert_refused(rkhs(command, run), f"{refusal}\n")
-    (run / "best_policy.npz").touch()
-    assert_refused(rkhs(command, run), f"{refusal}. The best policy so far is {run / 'best_policy.npz'}")
+    refusal = "policy.npz: expected a policy, got none since the run has not finished"
+    assert_refused(rkhs(command, run), f"{refusal}. Continue with: rkhs train --resume {run}\n")
     assert_refused(rkhs("train", run), f"got a folder. To resume a run, use --resume {run}")
+
+
+def test_the_best_policy_of_an_unfinished_run_is_evaluated_with_a_note(rkhs: Run, tmp_path: Path) -> None:
+    assert rkhs("train", CONFIG, *SHORT, "--quiet", "--runner", "inline", "--out", "run").code == 0
+    (tmp_path / "run" / "policy.npz").unlink()  # as after a kill
+    best = rkhs("evaluate", "run/best_policy.npz", "--episodes", 2)
+    unfinished = rkhs("evaluate", "run", "--episodes", 2)
+    assert (unfinished.code, unfinished.out) == (0, best.out)
+    assert unfinished.err.startswith("note: run: the run has not finished; using its best policy so far. Continue with")
 
 
 @pytest.mark.parametrize("out", ["used", "used/file", "used/file/below"])
@@ -298,7 +317,7 @@ def test_every_command_has_help(rkhs: Run, command: str) -> None:
         (("train", "--resume="), "argument --resume: expected a path, got an empty text"),
         (("train", "x.yaml", "--set", "seed=1", "--set", "seed=2"), "--set: seed: expected one value, got '1' and '2'"),
         (("offline", "x.mcap", "--set", "a.b=1", "a.b=2"), "--set: a.b: expected one value, got '1' and '2'"),
-        (("plot", "none"), "none: expected the folder of a run, got none with a config.yaml"),
+        (("plot", "none"), "none: expected the folder of a run, got no such folder"),
     ],
 )
 def test_invalid_arguments_give_one_line(rkhs: Run, arguments: tuple[str, ...], message: str) -> None:

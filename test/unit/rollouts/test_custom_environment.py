@@ -163,8 +163,8 @@ def test_evaluating_imitated_episodes_requires_an_environment(rkhs: Rkhs) -> Non
             " is similar. Module my_slide does not register it: call gymnasium.register in it",
         ),
         (("train", "--env", "Xyzzy-v0"), " is similar. For a custom module, use MODULE:Xyzzy-v0"),
-        (("train", "Pendulum-v1"), ". For an environment, use --env Pendulum-v1"),
-        (("train", "my_slide:Slide-v0"), ". For an environment, use --env my_slide:Slide-v0"),
+        (("train", "Pendulum-v1"), ". For an environment, use rkhs train --env Pendulum-v1"),
+        (("train", "my_slide:Slide-v0"), ". For an environment, use rkhs train --env my_slide:Slide-v0"),
         (
             ("train", "--env", "no_slide:Slide-v0"),
             "expected an importable module 'no_slide', installed or in this folder, got ModuleNotFoundError",

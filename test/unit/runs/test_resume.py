@@ -539,7 +539,7 @@ def test_the_command_resumes_a_run(rkhs: Cli, tmp_path: Path, whole: dict[str, o
         (("--resume", "run", "--set", "horizon=5"), "folder of the run, got --set"),
         (("--resume", "run", "--out", "other", "--seed", "1"), "got --seed, --out"),
         (("--resume", "run", "--iterations", "0"), "iterations: expected a number in"),
-        (("--resume", "none"), "none: expected the folder of a run, got none with a config.yaml"),
+        (("--resume", "none"), "none: expected the folder of a run, got no such folder"),
         (("--resume", "run/config.yaml"), "run/config.yaml: expected the folder of a run"),
     ],
 )
@@ -608,7 +608,7 @@ def killed(process: subprocess.Popen[str], folder: Path, line: int, delay: float
     return err
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_a_killed_run_resumes_bit_identically(tmp_path: Path, rng: np.random.Generator) -> None:
     run, settings = tmp_path / "run", ("--iterations", 400, "--set", "algorithm.reuse=4")
@@ -626,7 +626,7 @@ def test_a_killed_run_resumes_bit_identically(tmp_path: Path, rng: np.random.Gen
     assert results(run) == results(tmp_path / "whole")
 
 
-@pytest.mark.faults
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_a_second_process_is_rejected_until_the_first_is_killed(tmp_path: Path) -> None:
     run = tmp_path / "run"
