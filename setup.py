@@ -44,7 +44,6 @@ setup(
     packages=find_packages(include=[NAME, f"{NAME}.*", "sim_nodes", "sim_nodes.*"]),
     package_data={
         "rkhs_ros.nodes.core": ["*.xml"],
-        "rkhs_ros.policies": ["*.hpp"],
         "rkhs_ros.recordings": ["msg/*.msg"],
         "sim_nodes.pr2": ["*.npz"],
     },

@@ -11,22 +11,19 @@ from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.validation import require
 from rkhs_ros.policies.onnx_check import TOLERANCE, export_onnx
 from rkhs_ros.policies.policy import load
-from rkhs_ros.policies.text_file import HEADER, policy_text
 from rkhs_ros.recordings.lerobot import export
 from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.runs.report import last_policy
 
 PAGE = ".html"
-FORMATS = (".onnx", ".txt", PAGE)
+FORMATS = (".onnx", PAGE)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
     add("source", type=Path, metavar="DIR|FILE", help="a run's folder, a policy file, or a recording")
-    about = (
-        "file for the policy: an ONNX graph (.onnx), or text with a C++ header (.txt); or for a page of the run (.html)"
-    )
+    about = "file for the policy, an ONNX graph (.onnx), or for a page of the run (.html)"
     add("file", type=Path, metavar="FILE", nargs="?", help=about)
     add("--lerobot", type=Path, metavar="DIR", help="new folder for the recorded episodes, as a LeRobotDataset v3.0")
     add(
@@ -63,14 +60,8 @@ def _export_page(source: Path, file: Path) -> int:
 
 
 def _export_policy(source: Path, file: Path) -> int:
-    """Write a policy in the format of the file's suffix; print the result of the check of an ONNX graph."""
-    policy = load(last_policy(source) if source.is_dir() else source)
-    if file.suffix == ".txt":
-        write_whole(file, policy_text(policy).encode())
-        write_whole(file.with_name(HEADER.name), HEADER.read_bytes())
-        print(f"Exported the policy: {file}, with {HEADER.name}")
-        return 0
-    check = export_onnx(policy, file)
+    """Write a policy as an ONNX graph and print the result of its check."""
+    check = export_onnx(load(last_policy(source) if source.is_dir() else source), file)
     print(f"Exported the policy: {file}")
     print(
         f"Checked on {check.observations} random observations: relative error {check.error:.1g} "

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from rkhs_ros.policies.policy import load
-from rkhs_ros.policies.text_file import HEADER
 from test.unit.conftest import Result, assert_refused
 
 pytestmark = pytest.mark.slow  # draws
@@ -50,12 +49,6 @@ def test_a_policy_is_exported_as_onnx(run: Path, rkhs: Run) -> None:
     assert Path("policy.onnx").is_file()
 
 
-def test_a_policy_is_exported_for_cpp_with_its_header(run: Path, rkhs: Run) -> None:
-    done = rkhs("export", run / "best_policy.npz", "policy.txt")
-    assert done == (0, "Exported the policy: policy.txt, with rkhs_policy.hpp\n", "")
-    assert Path(HEADER.name).read_bytes() == HEADER.read_bytes()
-
-
 @pytest.mark.usefixtures("without_onnx")
 def test_a_missing_extra_gives_one_line(run: Path, rkhs: Run) -> None:
     message = "onnx: expected an installed package, got none. Run pip install onnx onnxruntime"
@@ -67,8 +60,8 @@ def test_export_needs_one_known_format(rkhs: Run) -> None:
     assert_refused(rkhs("export", "run"), "export: expected a file to write or --lerobot DIR, got neither")
     both = rkhs("export", "run", "a.onnx", "--lerobot", "b")
     assert_refused(both, "export: expected a file to write or --lerobot DIR, got file and lerobot")
-    assert_refused(rkhs("export", "run", "a.pt"), "a.pt: expected a file that ends in .onnx or .txt or .html, got .pt")
-    assert_refused(rkhs("export", "run", "a.txt"), "run: expected an existing file or folder, got none")
+    assert_refused(rkhs("export", "run", "a.pt"), "a.pt: expected a file that ends in .onnx or .html, got .pt")
+    assert_refused(rkhs("export", "run", "a.onnx"), "run: expected an existing file or folder, got none")
 
 
 def test_a_published_folder_describes_and_loads_the_policy(
