@@ -52,9 +52,7 @@ class Imitation(Settings):
         demonstrated = episodes.decisions(self.action_repeat, UNDISCOUNTED, spaces).with_inputs(self.inputs)
         points, actions = demonstrated.flat(demonstrated.observations), demonstrated.flat(demonstrated.actions)
         kernel = self.kernel.fit(points, self.inputs.ages)
-        mean = pursue(
-            kernel, points, actions, points, budget=self.centres, ridge=self.ridge, rank=4 * self.centres
-        ).function
+        mean = pursue(kernel, points, actions, points, budget=self.centres, ridge=self.ridge).function
         sd = np.sqrt(np.mean((actions - mean(points)) ** 2, axis=0))
         variance = ConstantVariance(np.maximum(sd, LEAST_SD) ** 2)
         return GaussianPolicy(mean, variance, self.inputs, action_repeat=self.action_repeat)

@@ -21,11 +21,13 @@ class PivotedCholesky(NamedTuple):
         pivots: indices of the selected points, shape (r,).
         values: Newton basis functions at all points, shape (n, r).
         power: remaining diagonal, the squared power function, shape (n,).
+        floor: power up to which the basis functions span a point's kernel function.
     """
 
     pivots: np.ndarray
     values: Array
     power: Array
+    floor: float
 
 
 def pivoted_cholesky(kernel: Kernel, points: Array, rank: int, tolerance: float = 1e-10) -> PivotedCholesky:
@@ -38,7 +40,7 @@ def pivoted_cholesky(kernel: Kernel, points: Array, rank: int, tolerance: float 
         kernel: kernel of the space.
         points: candidates, shape (n, d).
         rank: maximum number of selected points.
-        tolerance: stop when its square is below this fraction of the largest :math:`\kappa(x, x)`.
+        tolerance: stop when the largest power is below this fraction of the largest :math:`\kappa(x, x)`.
     """
     power = np.array(kernel.diagonal(points))
     floor = tolerance * float(power.max(initial=0.0))
@@ -60,7 +62,7 @@ def pivoted_cholesky(kernel: Kernel, points: Array, rank: int, tolerance: float 
             row /= length
             power[block] = np.maximum(power[block] - row**2, 0.0)
         rows[k, pivots[:k]], power[pivot], pivots[k] = 0.0, 0.0, pivot
-    return PivotedCholesky(pivots, rows.T, power)
+    return PivotedCholesky(pivots, rows.T, power, floor)
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,15 @@ r"""Kernel matching pursuit (Vincent and Bengio, 2002): fit many values by a few
 
 The dictionary holds one function :math:`\kappa(c_i, \cdot)` per candidate, represented by its values at the points.
 Inner products are computed in a Newton basis of the candidates' span, which avoids the matrix of all points by all
-candidates: O((n + p) r^2) time and O((n + p) r) memory for n points, p candidates and a basis of rank r.
+candidates: O((n + p) r^2) time and O((n + p) r) memory for n points, p candidates and a basis of rank r. If the
+candidates have a higher rank, the basis represents their projections, which are good enough to select centres but not
+to compute weights.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -21,7 +23,9 @@ from rkhs_ros.rkhs.kernels import Array, Kernel
 from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky
 from rkhs_ros.rkhs.regression import blocks_of
 
-Fitting = Literal["basic", "back_fitting", "pre_fitting"]
+Fitting = Literal["back_fitting", "pre_fitting"]
+LEAST_RANK, RANK_PER_CENTRE = 160, 4  # the Newton basis has at most this size, or, if greater, this times the budget
+RANK_TOLERANCE = 1e-13  # squared distance from its span below which the basis spans a candidate
 DEPENDENCE_TOLERANCE = 1e-10  # squared distance from the span of the selection, relative to the squared length
 SPARSIFICATION_RIDGE = 1e-8
 BLOCK_ROWS = 1000  # points whose basis functions are evaluated at once; a block fits into the cache
@@ -60,7 +64,6 @@ def pursue(
     tolerance: float = 0.0,
     fitting: Fitting = "pre_fitting",
     ridge: float = 0.0,
-    rank: int = 160,
 ) -> Pursuit:
     """Fit values at points by at most ``budget`` kernel functions of the candidates.
 
@@ -71,26 +74,28 @@ def pursue(
         candidates: possible centres, shape (p, d).
         budget: maximum number of selections.
         tolerance: stop when the residual is below this fraction of the targets' norm.
-        fitting: ``basic`` fits only the weight of the newest centre; ``back_fitting`` refits all weights after each
-            selection; ``pre_fitting`` also selects by the residual after the refit.
+        fitting: both fit all weights again after each selection; ``back_fitting`` selects by the residual before the
+            fit, ``pre_fitting`` by the residual after it.
         ridge: weight of the function's squared RKHS norm relative to the mean squared residual.
-        rank: maximum size of the Newton basis that represents the dictionary; the representation is exact if the basis
-            reaches the candidates' numerical rank.
 
     Raises:
         ValueError: the fitting is unknown or the budget is below 1.
     """
     require(fitting in get_args(Fitting), "fitting", f"one of {', '.join(get_args(Fitting))}", f"'{fitting}'")
     require(budget >= 1, "budget", "at least 1 centre", budget)
-    cholesky = pivoted_cholesky(kernel, candidates, rank, tolerance=1e-13)
+    rank = max(LEAST_RANK, RANK_PER_CENTRE * budget)
+    cholesky = pivoted_cholesky(kernel, candidates, rank, RANK_TOLERANCE)
     basis = NewtonBasis.of(kernel, candidates, cholesky)
     size = len(basis.centres)
     blocks = _blocks(lambda rows: basis(points[rows]), targets)
     triangle, reduced, unreachable = _reduce(blocks, size, targets.shape[1], ridge * len(points))
     dictionary = triangle @ cholesky.values.T
-    search = _basic if fitting == "basic" else _orthogonal
     floor = tolerance * float(np.linalg.norm(targets))
-    chosen, weights, squares = search(dictionary, reduced, budget, floor**2 - unreachable, fitting)
+    chosen, weights, squares = _orthogonal(dictionary, reduced, budget, floor**2 - unreachable, fitting)
+    if np.any(cholesky.power[chosen] > cholesky.floor):  # these weights are for projections
+        own = candidates[chosen]  # which their own basis spans
+        fit = pursue(kernel, points, targets, own, budget=len(own), tolerance=tolerance, fitting=fitting, ridge=ridge)
+        return replace(fit, chosen=chosen[fit.chosen])
     residuals = np.sqrt(np.array(squares) + unreachable)
     return Pursuit(chosen, Function(kernel, candidates[chosen], weights), residuals)
 
@@ -236,27 +241,6 @@ def _orthogonalise(column: Array, frame: Array) -> tuple[Array, Array, float]:
     return rest / length, first + second, length
 
 
-def _basic(
-    dictionary: Array, target: Array, budget: int, floor: float, fitting: Fitting
-) -> tuple[np.ndarray, Array, list[float]]:
-    """Select columns and fit only the newest weight; selecting a column again adds to its weight."""
-    lengths = np.maximum(np.einsum("ij,ij->j", dictionary, dictionary), np.finfo(float).tiny)
-    residual = target.copy()
-    weights: dict[int, Array] = {}
-    squares = [float(np.sum(residual**2))]
-    for _ in range(budget if residual.size and dictionary.size else 0):
-        products = residual.T @ dictionary
-        best = int(np.argmax(np.sum(products**2, axis=0) / lengths))
-        step = products[:, best] / lengths[best]
-        if squares[-1] <= floor or not step.any():
-            break
-        weights[best] = weights.get(best, 0.0) + step
-        residual = residual - np.outer(dictionary[:, best], step)
-        squares.append(float(np.sum(residual**2)))
-    values = np.array(list(weights.values())).reshape(len(weights), target.shape[1])
-    return np.array(list(weights), dtype=int), values, squares
-
-
 def sparsify(function: Function, points: Array, *, budget: int, tolerance: float = 0.0) -> Pursuit:
     """Approximate a function at the points by a subset of its centres.
 
@@ -274,5 +258,4 @@ def sparsify(function: Function, points: Array, *, budget: int, tolerance: float
         budget=budget,
         tolerance=tolerance,
         ridge=SPARSIFICATION_RIDGE,
-        rank=4 * budget,
     )

@@ -1,14 +1,15 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from sklearn.kernel_ridge import KernelRidge
 from sklearn.linear_model import OrthogonalMatchingPursuit
 
 from rkhs_ros.rkhs.function import Function
-from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
+from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial, median_bandwidth
 from rkhs_ros.rkhs.pursuit import SPARSIFICATION_RIDGE, Fitting, pursue, pursue_atoms, sparsify
 
-FITTINGS: list[Fitting] = ["basic", "back_fitting", "pre_fitting"]
+FITTINGS: list[Fitting] = ["back_fitting", "pre_fitting"]
 over_fittings = pytest.mark.parametrize("fitting", FITTINGS)
 KERNEL = RBF((0.5,))
 
@@ -77,7 +78,7 @@ def test_the_last_residual_matches_the_function(fitting: Fitting, seed: int, col
     assert np.array_equal(fit.function.centres, candidates[fit.chosen])
 
 
-@pytest.mark.parametrize("fitting", ["back_fitting", "pre_fitting"])
+@over_fittings
 def test_selecting_all_candidates_gives_ridge_regression(fitting: Fitting) -> None:
     points, targets, candidates = problem(3, n=40, p=12, columns=2)
     fit = pursue(KERNEL, points, targets, candidates, budget=12, fitting=fitting, ridge=0.1)
@@ -88,12 +89,42 @@ def test_selecting_all_candidates_gives_ridge_regression(fitting: Fitting) -> No
     assert fit.residuals[-1] ** 2 == pytest.approx(penalised, rel=1e-8)
 
 
-def test_basic_fitting_converges_to_the_fit_of_all_candidates() -> None:
-    points, targets, candidates = problem(4, p=10)
-    dictionary = KERNEL(points, candidates)
-    attainable = np.linalg.norm(targets - dictionary @ np.linalg.lstsq(dictionary, targets)[0])
-    fit = pursue(KERNEL, points, targets, candidates, budget=3000, fitting="basic")
-    assert fit.residuals[-1] == pytest.approx(attainable, rel=1e-6)
+@given(
+    seed=st.integers(0, 10_000),
+    d=st.integers(5, 12),
+    budget=st.integers(1, 50),
+    ridge=st.sampled_from([0.0, 1e-6, 1e-3]),
+    tolerance=st.sampled_from([0.0, 0.9]),
+)
+@settings(max_examples=30)
+def test_a_truncated_basis_only_selects(seed: int, d: int, budget: int, ridge: float, tolerance: float) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(300, d))  # of higher rank than the basis
+    kernel, targets = RBF(median_bandwidth(points)), np.tanh(points @ rng.normal(size=(d, 2)))
+    fit = pursue(kernel, points, targets, points, budget=budget, ridge=ridge, tolerance=tolerance)
+    centres, gram = fit.function.centres, kernel(fit.function.centres, fit.function.centres)
+    assert np.array_equal(centres, points[fit.chosen])
+
+    def squares(weights: np.ndarray) -> float:
+        errors = targets - kernel(points, centres) @ weights
+        return float(np.sum(errors**2) + ridge * len(points) * np.sum(weights * (gram @ weights)))
+
+    design = np.concatenate([kernel(points, centres), np.sqrt(ridge * len(points)) * np.linalg.cholesky(gram).T])
+    best = np.linalg.lstsq(design, np.concatenate([targets, np.zeros((len(centres), 2))]))[0]
+    assert fit.residuals[-1] ** 2 == pytest.approx(squares(fit.function.weights), rel=1e-9)
+    assert squares(fit.function.weights) == pytest.approx(squares(best), rel=1e-9)
+    assert np.all(np.diff(fit.residuals) <= 0)
+
+
+def test_a_truncated_basis_fits_like_kernel_ridge_of_scikit_learn_on_the_same_centres(rng: np.random.Generator) -> None:
+    points = rng.normal(size=(1000, 6))
+    kernel, targets = RBF(median_bandwidth(points)), np.tanh(points @ rng.normal(size=(6, 1)))
+    fit = pursue(kernel, points, targets, points, budget=10, ridge=1e-4)
+    centres = fit.function.centres
+    features = np.linalg.solve(np.linalg.cholesky(kernel(centres, centres)), kernel(centres, points)).T
+    oracle = KernelRidge(alpha=1e-4 * 1000).fit(features, targets).predict(features)  # in an orthonormal basis
+    np.testing.assert_allclose(fit.function(points), oracle, atol=1e-8)
+    assert fit.error < 1
 
 
 @over_fittings
@@ -122,7 +153,7 @@ def test_repeated_candidates_change_nothing(fitting: Fitting) -> None:
     assert (thrice.chosen % len(candidates)).tolist() == once.chosen.tolist()
 
 
-@pytest.mark.parametrize("fitting", ["back_fitting", "pre_fitting"])
+@over_fittings
 def test_dependent_candidates_are_skipped(fitting: Fitting, rng: np.random.Generator) -> None:
     kernel: Kernel = Polynomial(1.0, 1)  # spans 1, x, y: at most three independent functions
     points, candidates = rng.normal(size=(30, 2)), rng.normal(size=(10, 2))
@@ -131,7 +162,7 @@ def test_dependent_candidates_are_skipped(fitting: Fitting, rng: np.random.Gener
     assert np.isfinite(fit.function.weights).all()
 
 
-@pytest.mark.parametrize("fitting", ["back_fitting", "pre_fitting"])
+@over_fittings
 def test_nearly_repeated_candidates_are_skipped(fitting: Fitting) -> None:
     points, targets, candidates = problem(10, p=5)
     pairs = np.concatenate([candidates, candidates + 1e-6])
@@ -178,7 +209,7 @@ def test_sparsifying_with_a_tolerance_keeps_few_centres(rng: np.random.Generator
 
 def test_an_unknown_fitting_and_an_empty_budget_are_rejected() -> None:
     points, targets, candidates = problem(0)
-    with pytest.raises(ValueError, match="fitting: expected one of basic, back_fitting, pre_fitting"):
+    with pytest.raises(ValueError, match="fitting: expected one of back_fitting, pre_fitting"):
         pursue(KERNEL, points, targets, candidates, budget=1, fitting="best")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="budget: expected at least 1 centre, got 0"):
         pursue(KERNEL, points, targets, candidates, budget=0)
@@ -214,7 +245,7 @@ def test_the_pursuit_of_atoms_selects_the_best_atom_in_each_step(seed: int) -> N
         assert choice == np.argmax(np.sum((unit.T @ left) ** 2, axis=1))
 
 
-@pytest.mark.parametrize("fitting", ["back_fitting", "pre_fitting"])
+@over_fittings
 @pytest.mark.parametrize("n", [60, 7], ids=["tall", "wide"])
 def test_the_ridge_of_a_pursuit_of_atoms_penalises_the_fitted_vector(
     fitting: Fitting, n: int, rng: np.random.Generator
@@ -228,7 +259,7 @@ def test_the_ridge_of_a_pursuit_of_atoms_penalises_the_fitted_vector(
     np.testing.assert_allclose(atoms[chosen].T @ weights, vector, rtol=1e-8, atol=1e-10)
 
 
-@pytest.mark.parametrize("fitting", ["basic", "back_fitting", "pre_fitting"])
+@over_fittings
 def test_an_empty_dictionary_selects_nothing(fitting: Fitting) -> None:
     kernel: Kernel = Polynomial(0.0, 1)  # vanishes at 0
     zeros, targets = np.zeros((4, 2)), np.ones((4, 3))
