@@ -58,7 +58,7 @@ pr2: build ## install PyBullet for the PR2; except for Python 3.11 this compiles
 	.venv/bin/python -m pip install -qq --disable-pip-version-check --no-build-isolation \
 	  "$$(grep -om1 'pybullet==[0-9.]*' requirements/core.txt)"; } # with the numpy of .venv; without it, pictures are slow
 
-demo: build ## learn to swing up a pendulum from one episode with model-based training, in seconds
+demo: build ## learn to swing up a pendulum from three episodes with model-based training, in seconds
 	@$(ENTER) python docs/demo.py
 
 demo-long: build ## the same task without a model: 300 episodes

@@ -1,4 +1,4 @@
-"""Learn a pendulum swing-up from one episode over ROS topics, and print the returns before and after: `make demo`."""
+"""Learn a pendulum swing-up from three episodes over ROS topics, and print the returns: `make demo`."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import new_folder
 
 CONFIG = Path(__file__).parents[1] / "config" / "pendulum_wrap_model_nac.yaml"
-TRAIN = ["rkhs", "train", str(CONFIG), "--iterations", "1"]
+EPISODES = 3
+TRAIN = ["rkhs", "train", str(CONFIG), "--iterations", str(EPISODES)]
 # Medians of config/pendulum_wrap_few_nac.yaml in docs/results/configurations.csv.
 WITHOUT_A_MODEL = {45: 15, 50: 25}  # return: episodes
 INTRODUCTION = f"""\
-rkhs_ros demo: swing up a pendulum. Three ROS 2 nodes (simulator, policy, learner) run one real episode,
-fit a dynamics model to it, and train the policy in that model. This takes some seconds.
+rkhs_ros demo: swing up a pendulum. Three ROS 2 nodes (simulator, policy, learner) run {EPISODES} real episodes. After
+each of them, the learner fits a dynamics model and trains the policy in it, which takes some seconds.
 $ {shlex.join([*TRAIN[:2], f"config/{CONFIG.name}", *TRAIN[3:]])}
 """
 
@@ -37,16 +38,19 @@ def main() -> int:
 def summary(folder: Path) -> str:
     """Return the results of the run in a folder, with the next steps."""
     task = load_config(CONFIG).task
-    (row,) = Curve(folder / "curve.csv").rows()
+    first, *others = Curve(folder / "curve.csv").rows()
     (low, few), (high, many) = WITHOUT_A_MODEL.items()
     return f"""
 Discounted return:
-  {row.exploration_return:5.1f}  in the real episode: {task.horizon} steps of random exploration
-  {row.evaluation_return:5.1f}  after model-based training on that episode
+  {first.exploration_return:5.1f}  in the first real episode: {task.horizon} steps of random exploration
+  {first.evaluation_return:5.1f}  after model-based training on that episode
+  {others[-1].evaluation_return:5.1f}  after {EPISODES} episodes
   {max(references(task).values()):5.1f}  at the optimum
 
 Without a model, the same task takes {few} real episodes to reach {low}, and {many} to reach {high}
 (medians over 20 seeds, see docs/configurations.md). To compare: make demo-long
+
+Pictures: {folder}/curve.png (returns) and {folder}/policy.png (the policy's actions, and episodes)
 
 Next: enter the environment, film an episode of the policy, and read docs/start.md.
   . ./setup.bash

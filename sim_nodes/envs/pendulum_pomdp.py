@@ -22,7 +22,7 @@ class PendulumPOMDP(Pendulum):
     observation_names: tuple[str, ...] = ("observed angle (rad)",)
     reference_returns: ClassVar[dict[str, float]] = {
         "optimum with full observation (dynamic programming)": 51.8,
-        "balanced, as published": 25.0,
+        "balanced, according to the paper": 25.0,
     }
     observation_noise_dim = 1
 

@@ -1,11 +1,11 @@
-"""`make demo` learns over topics from one real episode, and prints the returns before and after."""
+"""`make demo` learns over topics from a few real episodes, and prints the returns before and after."""
 
 import re
 import subprocess
 import sys
 from pathlib import Path
 
-from demo import WITHOUT_A_MODEL
+from demo import EPISODES, WITHOUT_A_MODEL
 
 from rkhs_ros.runs.curve import Curve
 from test.ros.conftest import ROOT
@@ -13,17 +13,19 @@ from test.ros.conftest import ROOT
 OPTIMUM = 51.8
 
 
-def test_the_demo_learns_from_one_episode_and_prints_the_returns(tmp_path: Path, domain: int) -> None:
+def test_the_demo_learns_from_few_episodes_and_prints_the_returns(tmp_path: Path, domain: int) -> None:
     demo = subprocess.run(
-        [sys.executable, ROOT / "docs" / "demo.py"], cwd=tmp_path, capture_output=True, text=True, timeout=60
+        [sys.executable, ROOT / "docs" / "demo.py"], cwd=tmp_path, capture_output=True, text=True, timeout=120
     )
     assert demo.returncode == 0, demo.stderr
     (file,) = tmp_path.glob("results/demo/*/curve.csv")
-    (row,) = Curve(file).rows()
-    assert row.episodes == 1
+    row, *_, last = Curve(file).rows()
+    assert (row.episodes, last.episodes) == (1, EPISODES)
     assert OPTIMUM + 1.0 > row.evaluation_return > 45.0 > 30.0 > row.exploration_return
     returns = [float(number) for number in re.findall(r"^ *([\d.]+)  [ia]", demo.stdout, re.MULTILINE)]
-    assert returns == [round(row.exploration_return, 1), round(row.evaluation_return, 1), OPTIMUM]
+    shown = (row.exploration_return, row.evaluation_return, last.evaluation_return)
+    assert returns == [*(round(each, 1) for each in shown), OPTIMUM]
+    assert all((tmp_path / name).is_file() for name in re.findall(r"\S+\.png", demo.stdout))
     assert f"rkhs render {file.parent.relative_to(tmp_path)}" in demo.stdout
 
 
