@@ -19,7 +19,7 @@ TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStampe
 KINDS_OF = {FLOATS: KINDS, TRAJECTORY: (POSITION,), TWIST: (VELOCITY,), TWIST_STAMPED: (VELOCITY,)}
 AXES = tuple(f"{part}.{axis}" for part in ("linear", "angular") for axis in "xyz")  # the "joints" of a Twist
 Numbers = tuple[float, ...]
-OWN_TOPICS = ("command", "stop", "robot/obstacle", "gate/report", "gate/state")  # of every gate
+OWN_TOPICS = ("command", "robot/obstacle", "gate/report", "gate/state")  # of every gate
 LONGEST_END_S = 8.0  # longest time for a robot to come to rest before its gate exits; the launcher waits this long
 
 
@@ -110,9 +110,12 @@ class GateSettings(Settings):
     command_timeout: float = setting(
         0.2, "seconds without a command after which the gate stops a motion", minimum=0.001, maximum=60.0
     )
-    stop_timeout: float = setting(
-        0.0,
-        "seconds without a message of a publisher of 'stop' after which the gate stops; 0 for no timeout",
+    stop_topics: tuple[str, ...] = setting(
+        ("stop",), "topics of std_msgs/Bool on which other nodes request a stop, with one publisher each"
+    )
+    stop_timeout: Numbers = setting(
+        (0.0,),
+        "seconds without a message on a stop topic after which the gate stops, one or one per topic; 0 for no timeout",
         minimum=0.0,
         maximum=60.0,
     )
@@ -122,6 +125,10 @@ class GateSettings(Settings):
     def __post_init__(self) -> None:
         """Raise ValueError if settings are missing or inconsistent."""
         super().__post_init__()
+        topics = self.stop_topics
+        require(len(set(topics)) == len(topics), "stop_topics", "unique names", ", ".join(topics))
+        sizes = (1, len(topics))
+        require(len(self.stop_timeout) in sizes, "stop_timeout", numbers(*sizes), len(self.stop_timeout))
         if not self.joints:
             return  # the defaults, which `rules` refuses
         require(len(set(self.joints)) == len(self.joints), "joints", "unique names", ", ".join(self.joints))
@@ -130,6 +137,11 @@ class GateSettings(Settings):
         if self.command.type in (TWIST, TWIST_STAMPED):
             require(set(self.joints) <= set(AXES), "joints", f"some of {', '.join(AXES)}", ", ".join(self.joints))
             require(not self.sensor.topic, "sensor.topic", "'' for a Twist, which has no joints", self.sensor.topic)
+
+    def stop_timeouts(self) -> dict[str, float]:
+        """Return the timeout of each stop topic, in seconds; 0 for none."""
+        timeouts = self.stop_timeout * len(self.stop_topics) if len(self.stop_timeout) == 1 else self.stop_timeout
+        return dict(zip(self.stop_topics, timeouts, strict=True))
 
 
 def rules(settings: GateSettings) -> Rules:
@@ -167,7 +179,7 @@ def require_own_topic(settings: GateSettings, resolved: Callable[[str], str]) ->
     Raises:
         ValueError: the gate also uses the command topic for another purpose.
     """
-    topic, others = settings.command.topic, [*OWN_TOPICS, settings.sensor.topic]
+    topic, others = settings.command.topic, [*OWN_TOPICS, *settings.stop_topics, settings.sensor.topic]
     taken = {resolved(name) for name in others if name}
     expected = "a topic that the gate does not use for another purpose"
     require(resolved(topic) not in taken, "command.topic", expected, topic)

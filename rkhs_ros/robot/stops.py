@@ -1,71 +1,71 @@
-"""Stop requests on a topic, tracked separately for each publisher."""
+"""Stop requests on a topic that one node publishes on."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from math import inf
 
 from rkhs_ros.robot.gate_state import STOP_REQUESTED
 
-
-class StopRequest(NamedTuple):
-    """The newest message of a publisher.
-
-    Attributes:
-        is_stop: whether it requests a stop.
-        number: of the message; increases with each message of a publisher.
-        heard_at: monotonic time of arrival, seconds.
-    """
-
-    is_stop: bool
-    number: int
-    heard_at: float
+Publishers = Mapping[bytes, str]  # names of their nodes by the identifiers of the publishers
 
 
 @dataclass(frozen=True)
-class Stops:
-    """The newest message of each publisher of a topic; a stop holds until its own publisher clears it.
+class StopRequests:
+    """The stop requests on a topic.
+
+    A message arrives through each subscription that matches its publisher: in order, but not at the same time, and
+    through some perhaps never. A request therefore stands until it is cleared on each subscription that received it. A
+    message does not name its publisher, so none clears a request while the topic has more than one.
 
     Attributes:
         topic: its name, for messages.
-        timeout: seconds of silence of any publisher, or without a publisher, that mean stop; 0 for no timeout.
-        requests: newest message by publisher, also of departed publishers until `without_departed`.
+        timeout: seconds without a message that mean stop; 0 for no timeout.
+        publishers: of the topic, at present.
+        requests: subscriptions whose newest message requests a stop, with the publishers that may have sent it.
+        heard_at: monotonic time of the newest message, seconds.
     """
 
     topic: str
     timeout: float = 0.0
-    requests: Mapping[bytes, StopRequest] = field(default_factory=dict)
+    publishers: Publishers = field(default_factory=dict)
+    requests: Mapping[int, Publishers] = field(default_factory=dict)
+    heard_at: float = -inf
 
-    def with_request(self, publisher: bytes, request: StopRequest) -> Stops:
-        """Return the stops after a message; ignore one that has arrived before, through another subscription."""
-        last = self.requests.get(publisher)
-        if last is not None and request.number <= last.number:
-            return self
-        return replace(self, requests={**self.requests, publisher: request})
+    def heard(self, subscription: int, now: float, *, is_stop: bool) -> StopRequests:
+        """Return the requests after a message, which arrived through one of the subscriptions."""
+        requests = dict(self.requests)
+        if is_stop:
+            requests[subscription] = self.publishers
+        elif len(self.publishers) < 2:
+            requests.pop(subscription, None)
+        return replace(self, requests=requests, heard_at=now)
 
-    def without_departed(self, present: Collection[bytes]) -> Stops:
-        """Remove publishers that no longer exist, which only an operator who arms the gate may do."""
-        return replace(self, requests={each: request for each, request in self.requests.items() if each in present})
+    def without_departed(self) -> StopRequests:
+        """Remove requests whose publishers have all left, which only an operator who arms the gate may do."""
+        present = {each: senders for each, senders in self.requests.items() if senders.keys() & self.publishers.keys()}
+        return replace(self, requests=present)
 
-    def reason(self, now: float, names: Mapping[bytes, str]) -> str:
-        """Return which nodes request a stop or have been silent for too long; empty if none.
+    def reason(self, now: float) -> str:
+        """Return why the robot must stop; empty if it need not.
 
         Args:
             now: monotonic time, seconds.
-            names: of the publishers' nodes, as far as they are known.
         """
         on_topic = f"{STOP_REQUESTED} on the topic '{self.topic}'"
-        if requesting := [each for each, request in self.requests.items() if request.is_stop]:
-            return f"{on_topic} by {_listed(requesting, names)}"
-        if not self.timeout:
-            return ""
-        silent = [each for each, request in self.requests.items() if now - request.heard_at > self.timeout]
-        if silent or not self.requests:
-            by = f"the silence of {_listed(silent, names) or 'all publishers'}"
-            return f"{on_topic} by {by} (stop_timeout {self.timeout:g} s)"
+        if self.requests:
+            senders = [
+                self.publishers.get(each, name) for all_ in self.requests.values() for each, name in all_.items()
+            ]
+            return f"{on_topic} by {_listed(senders, ' or ') or 'a node that has left'}"
+        if len(self.publishers) > 1:
+            return f"{on_topic} by more than one publisher: {_listed(self.publishers.values(), ', ')}"
+        if self.timeout and now - self.heard_at > self.timeout:
+            silent = _listed(self.publishers.values(), ", ") or "all nodes"
+            return f"{on_topic} by the silence of {silent} (stop_timeout {self.timeout:g} s)"
         return ""
 
 
-def _listed(publishers: Iterable[bytes], names: Mapping[bytes, str]) -> str:
-    return ", ".join(sorted({names.get(each, "an unknown node") for each in publishers}))
+def _listed(names: Iterable[str], separator: str) -> str:
+    return separator.join(sorted(set(names)))

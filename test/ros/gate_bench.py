@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import yaml
 from geometry_msgs.msg import TwistStamped
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64MultiArray
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
@@ -67,7 +67,6 @@ class Robot:
         probe.create_subscription(GateReport, "gate/report", self.reports.append, LOCKSTEP_QOS)
         probe.create_subscription(GateState, "gate/state", self.states.append, LATCHED_QOS)
         self.commands = probe.create_publisher(Command, "command", LOCKSTEP_QOS)
-        self.stops = probe.create_publisher(Bool, "stop", LATCHED_QOS)
         self._joints = probe.create_publisher(JointState, "joint_states", 5)
         for name in ("arm", "stop"):
             probe.add_service(f"gate/{name}", Trigger)

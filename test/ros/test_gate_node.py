@@ -106,14 +106,14 @@ def test_the_robot_stops_when_the_sender_stops(begin: Begin, start: Callable[...
 
 def test_a_requested_stop_holds_until_the_gate_is_armed(begin: Begin, start: Callable[..., Process]) -> None:
     _, robot = begin(POSITION)
-    robot.stops.publish(Bool(data=False))
+    stops = robot.probe.create_publisher(Bool, "stop", LATCHED_QOS)
     robot.arm()
     start("sender", 0.9, 7)
     robot.until("moving")
-    robot.stops.publish(Bool(data=True))
-    assert "topic 'stop'" in robot.until("stopped").reason
-    assert "cannot arm while a stop is requested on the topic 'stop' by /probe" in robot.arm()
-    robot.stops.publish(Bool(data=False))
+    stops.publish(Bool(data=True))
+    assert "topic '/stop'" in robot.until("stopped").reason
+    assert "cannot arm while a stop is requested on the topic '/stop' by /probe" in robot.arm()
+    stops.publish(Bool(data=False))
     robot.probe.settle(0.2)
     assert robot.states[-1].state == "stopped"
     robot.probe.ask("gate/arm", Trigger.Request())

@@ -1,7 +1,10 @@
-"""Stops requested on a topic: any quality of service, per publisher, and by silence."""
+"""Stops requested on topics: any quality of service, withdrawn requests, one publisher per topic, and silence."""
 
+import os
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rclpy.duration import Duration
@@ -11,7 +14,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from rkhs_ros.nodes.robot.stop_topic import DEPTH, StopTopic
+from rkhs_ros.nodes.robot.stop_topics import QOS
 from test.processes import is_running
 from test.ros.conftest import Probe, Process, kill
 from test.ros.gate_bench import CALM, Begin, Robot, gates
@@ -19,6 +22,9 @@ from test.ros.gate_bench import CALM, Begin, Robot, gates
 VOLATILE, LATCHED = DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
 SILENCE = 2.0  # seconds
+TWO = CALM | {"stop_topics": ["first", "second"]}
+BUTTON = "cannot arm while a stop is requested on the topic '/stop' by /button"
+Panel = Callable[..., Publisher]
 
 
 @pytest.fixture
@@ -27,107 +33,136 @@ def begin(start: Callable[..., Process], probe: Probe, tmp_path: Path) -> Iterat
 
 
 @pytest.fixture
-def panel(probe: Probe) -> Iterator[Callable[..., Publisher]]:
+def panel(probe: Probe) -> Iterator[Panel]:
     """Make nodes that may request a stop."""
     nodes = []
 
-    def make(name: str, reliability: ReliabilityPolicy = RELIABLE, durability: DurabilityPolicy = LATCHED) -> Publisher:
+    def make(name: str, topic: str = "stop", **qos: Any) -> Publisher:
         nodes.append(Node(name, context=probe.context))
-        return nodes[-1].create_publisher(
-            Bool, "stop", QoSProfile(depth=1, reliability=reliability, durability=durability)
-        )
+        return nodes[-1].create_publisher(Bool, topic, QoSProfile(**{"depth": 1, "durability": LATCHED} | qos))
 
     yield make
     for node in nodes:
         node.destroy_node()
 
 
-def say(robot: Robot, panel: Publisher, is_stop: bool) -> None:
-    """Say it once the gate listens."""
-    robot.probe.until(lambda: panel.get_subscription_count() > 0)
-    robot.probe.settle(0.2)  # the gate has found the publisher, too
-    panel.publish(Bool(data=is_stop))
+def met(robot: Robot, panel: Publisher, subscriptions: int) -> None:
+    """Wait until the gate listens through all subscriptions that match."""
+    robot.probe.until(lambda: panel.get_subscription_count() == subscriptions)
+
+
+def say(panel: Publisher, *requests: bool) -> None:
+    for is_stop in requests:
+        panel.publish(Bool(data=is_stop))
 
 
 def armed_at_last(robot: Robot) -> bool:
     return bool(robot.probe.ask("gate/arm", Trigger.Request()).success)
 
 
-@pytest.mark.parametrize("reliability", [RELIABLE, BEST_EFFORT])
-@pytest.mark.parametrize("durability", [VOLATILE, LATCHED])
-def test_a_stop_is_received_for_any_quality_of_service(
-    begin: Begin, panel: Callable[..., Publisher], reliability: ReliabilityPolicy, durability: DurabilityPolicy
+@pytest.mark.parametrize(
+    ("reliability", "durability", "subscriptions"),
+    [(RELIABLE, LATCHED, 3), (RELIABLE, VOLATILE, 2), (BEST_EFFORT, LATCHED, 1), (BEST_EFFORT, VOLATILE, 1)],
+)
+def test_each_request_stops_the_robot_once_even_if_it_is_withdrawn_before_the_gate_runs(
+    begin: Begin, panel: Panel, reliability: ReliabilityPolicy, durability: DurabilityPolicy, subscriptions: int
 ) -> None:
-    _, robot = begin(CALM)
-    button = panel("button", reliability, durability)
+    gate, robot = begin(CALM)
+    button = panel("button", reliability=reliability, durability=durability, depth=9)
+    met(robot, button, subscriptions)
+    for stops, requests in enumerate([(True,), (True, False), (True, False, True, False)], start=1):
+        robot.probe.until(lambda: armed_at_last(robot))
+        robot.until("holding")
+        os.kill(gate.popen.pid, signal.SIGSTOP)
+        say(button, *requests)
+        os.kill(gate.popen.pid, signal.SIGCONT)
+        assert robot.until("stopped").reason.startswith("a stop is requested on the topic '/stop' by ")
+        assert robot.states[-1].stops == stops
+        if requests[-1]:
+            robot.probe.until(lambda: robot.arm() == BUTTON)  # once the name of the node is known
+            say(button, False)
+
+
+def test_a_flood_of_messages_does_not_hide_a_request(begin: Begin, panel: Panel) -> None:
+    gate, robot = begin(CALM)
+    button = panel("button", durability=VOLATILE)
+    met(robot, button, len(QOS) - 1)
     assert robot.arm() == "holding"
-    say(robot, button, True)
-    assert robot.until("stopped").reason == "a stop is requested on the topic 'stop' by /button"
-    assert robot.arm() == "cannot arm while a stop is requested on the topic 'stop' by /button"
-    button.publish(Bool(data=False))
+    os.kill(gate.popen.pid, signal.SIGSTOP)
+    say(button, True, *[False] * 300)
+    os.kill(gate.popen.pid, signal.SIGCONT)
+    robot.until("stopped")
+    assert button.wait_for_all_acked(Duration(seconds=30))
     robot.probe.until(lambda: armed_at_last(robot))
 
 
-def test_only_the_requesting_publisher_clears_a_stop(begin: Begin, panel: Callable[..., Publisher]) -> None:
-    latched = [panel(name) for name in ("first", "second")]
-    latched[0].publish(Bool(data=True))  # before the gate is there
-    latched[1].publish(Bool(data=False))
+def test_only_the_publisher_of_a_topic_clears_its_stop(begin: Begin, panel: Panel) -> None:
+    first, second = (panel(name, name) for name in TWO["stop_topics"])
+    say(first, True)  # before the gate is there
+    say(second, False)
+    _, robot = begin(TWO)
+    on_first = "cannot arm while a stop is requested on the topic '/first' by /first"
+    robot.probe.until(lambda: robot.arm() == on_first)
+    say(second, True)
+    robot.probe.until(lambda: robot.arm() == f"{on_first}; a stop is requested on the topic '/second' by /second")
+    say(second, False)
+    robot.probe.until(lambda: robot.arm() == on_first)
+    say(first, False)
+    robot.probe.until(lambda: armed_at_last(robot))
+
+
+def test_a_second_publisher_on_a_topic_stops_the_robot_and_clears_no_request(begin: Begin, panel: Panel) -> None:
     _, robot = begin(CALM)
-    robot.probe.until(lambda: robot.arm().endswith("by /first"))
-    for _ in range(3):  # however often another one says that it wants none
-        say(robot, latched[1], False)
-    robot.probe.settle(0.2)
-    assert robot.arm().endswith("by /first")
-    latched[1].publish(Bool(data=True))
-    robot.probe.until(lambda: robot.arm().endswith("by /first, /second"))
-    latched[0].publish(Bool(data=False))
-    robot.probe.until(lambda: robot.arm().endswith("by /second"))
-    latched[1].publish(Bool(data=False))
-    robot.probe.until(lambda: armed_at_last(robot))
+    button = panel("button")
+    met(robot, button, len(QOS))
+    assert robot.arm() == "holding"
+    other = panel("other")
+    say(other, False)
+    assert "by more than one publisher: " in robot.until("stopped").reason
+    crowd = "cannot arm while a stop is requested on the topic '/stop' by more than one publisher: /button, /other"
+    robot.probe.until(lambda: robot.arm() == crowd)
+    say(button, True)
+    requested = "cannot arm while a stop is requested on the topic '/stop' by /button or /other"
+    robot.probe.until(lambda: robot.arm() == requested)
+    say(other, False)
+    assert robot.arm() == requested
+    other.destroy()
+    assert robot.arm() == requested
+
+    def cleared() -> bool:  # once the gate knows that the other one has left
+        say(button, False)
+        return armed_at_last(robot)
+
+    robot.probe.until(cleared)
 
 
 def test_a_dead_publisher_neither_clears_its_stop_nor_blocks_the_robot(
-    begin: Begin, start: Callable[..., Process], panel: Callable[..., Publisher]
+    begin: Begin, start: Callable[..., Process], panel: Panel
 ) -> None:
     _, robot = begin(CALM)
-    other = panel("other")
     assert robot.arm() == "holding"
     button = start("stopper")
     robot.until("stopped")
     robot.probe.until(lambda: robot.arm().endswith("by /stopper"))
     kill(button.popen.pid)
     robot.probe.until(lambda: not is_running(button.popen.pid))
-    say(robot, other, False)
+    say(panel("stopper"), False)  # restarted, while the dead one is still in the graph
+    assert not armed_at_last(robot)
     robot.probe.until(lambda: armed_at_last(robot))  # by a person's word, once its death is known
-    robot.probe.settle(0.2)
-    assert robot.states[-1].state == "holding"
+    robot.until("holding")
 
 
-def test_with_a_timeout_the_silence_of_a_publisher_is_a_stop(begin: Begin, panel: Callable[..., Publisher]) -> None:
-    _, robot = begin(CALM | {"stop_timeout": SILENCE})
-    silence = "cannot arm while a stop is requested on the topic 'stop' by the silence of {} (stop_timeout 2 s)"
-    assert robot.arm() == silence.format("all publishers")
-    hearts = [panel(name, BEST_EFFORT) for name in ("heart_a", "heart_b")]
-    beating = set(hearts)
-    robot.probe.create_timer(SILENCE / 10, lambda: [each.publish(Bool(data=False)) for each in beating])
+def test_with_a_timeout_the_silence_of_a_publisher_is_a_stop(begin: Begin, panel: Panel) -> None:
+    _, robot = begin(TWO | {"stop_timeout": [0.0, SILENCE]})
+    silence = "cannot arm while a stop is requested on the topic '/second' by the silence of {} (stop_timeout 2 s)"
+    assert robot.arm() == silence.format("all nodes")
+    heart = panel("heart", "second", reliability=BEST_EFFORT)
+    beating = robot.probe.create_timer(SILENCE / 10, lambda: say(heart, False))
     robot.probe.until(lambda: robot.arm() == "holding")
     robot.probe.settle(3 * SILENCE)
     assert robot.states[-1].state == "holding"
-    beating.remove(hearts[1])
-    assert robot.until("stopped").reason.endswith("by the silence of /heart_b (stop_timeout 2 s)")
-    assert robot.arm() == silence.format("/heart_b")
-    beating.add(hearts[1])
+    beating.cancel()
+    assert robot.until("stopped").reason.endswith("by the silence of /heart (stop_timeout 2 s)")
+    assert robot.arm() == silence.format("/heart")
+    beating.reset()
     robot.probe.until(lambda: armed_at_last(robot))
-
-
-def test_a_full_queue_counts_as_a_request(probe: Probe, panel: Callable[..., Publisher]) -> None:
-    """A flood of messages could drop another publisher's request."""
-    stops = StopTopic(probe, "stop", 0.0)
-    button, flood = panel("button", durability=VOLATILE), panel("flood", durability=VOLATILE)
-    for publisher in (button, flood):
-        probe.until(lambda publisher=publisher: publisher.get_subscription_count() == 2)  # reliable, and best effort
-    button.publish(Bool(data=True))
-    for _ in range(2 * DEPTH):
-        flood.publish(Bool(data=False))
-    assert flood.wait_for_all_acked(Duration(seconds=30))
-    assert f"{DEPTH} or more messages" in stops.reason()

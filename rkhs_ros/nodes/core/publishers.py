@@ -12,6 +12,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rkhs_ros.nodes.core.names import NODES
 
 DIFFERENT_STAND_S = 0.5  # before two nodes count as publishers: a new node may not have its name yet
+UNKNOWN = "_NODE_NAME_UNKNOWN_"  # rmw's name of a node whose name is not known yet
 SAME_STAND_S = 30.0  # the same for two nodes of one name: a killed node stays in the graph for some seconds
 
 
@@ -22,8 +23,8 @@ def publishers(node: Node, topic: str) -> Counter[str]:
 
 
 def full_name(info: TopicEndpointInfo) -> str:
-    """Return the full name of the node that an endpoint belongs to."""
-    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+    """Return the full name of the node that an endpoint belongs to, as far as it is known."""
+    return "an unknown node" if info.node_name == UNKNOWN else f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 
 
 def listed(node: Node, topic: str) -> str:

@@ -33,7 +33,7 @@ from rkhs_ros.nodes.robot.gate_messages import (
     report_message,
     state_message,
 )
-from rkhs_ros.nodes.robot.stop_topic import StopTopic
+from rkhs_ros.nodes.robot.stop_topics import StopTopics
 from rkhs_ros.robot.gate import armed, begin, commanded, last_output, leave, sensed, stop_requested, stopped, ticked
 from rkhs_ros.robot.gate_settings import GateSettings, require_own_topic, rules
 from rkhs_ros.robot.gate_state import STOP_REQUESTED, Counts, Gate, Mode
@@ -141,7 +141,7 @@ class GateNode(ReportingNode):
                 JointState, sensor.topic, partial(self._sense, self._source), qos_profile_sensor_data
             )
         self.create_subscription(String, OBSTACLE, self._hear_obstacle, LATCHED_QOS)
-        self._stops = StopTopic(self, "stop", self._settings.stop_timeout)
+        self._stops = StopTopics(self, self._settings.stop_timeouts(), self._check_stops)
         self.create_service(Trigger, "~/arm", self._arm)
         self.create_service(Trigger, "~/stop", self._stop)
 
@@ -165,7 +165,7 @@ class GateNode(ReportingNode):
         self._turn(state)
         self._loop.tick(now)
         self.diagnostics.steps += 1
-        self._hear_stops()
+        self._check_stops()
         if rivals := self._rivals():
             self._turn(stopped(self._state, rivals))
 
@@ -210,7 +210,7 @@ class GateNode(ReportingNode):
         """Return the state of the source of joint states in one line."""
         return self._source.line("" if self._is_sensing else self._flaw) if self._source else "not needed"
 
-    def _hear_stops(self) -> None:
+    def _check_stops(self) -> None:
         self._turn(stop_requested(self._state, self._stops.reason()))
 
     def _rivals(self) -> str:
@@ -220,7 +220,7 @@ class GateNode(ReportingNode):
 
     def _arm(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._stops.drop_departed()
-        self._hear_stops()
+        self._check_stops()
         state, reason = armed(self._state, self._rules, time.monotonic())
         if reason and not self._is_sensing:
             reason += f"; {self._joints_line()}"

@@ -1,51 +1,76 @@
-"""Stop requests, per publisher."""
+"""Stop requests on a topic."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from rkhs_ros.robot.stops import StopRequest, Stops
+from rkhs_ros.robot.stops import Publishers, StopRequests
 
-A, B = b"a", b"b"
-NAMES = {A: "/a", B: "/b"}
+A, B = {b"a": "/a"}, {b"b": "/b"}
+Messages = list[tuple[Publishers, bool]]  # who is on the topic, and whether a stop is requested
+PREFIX = "a stop is requested on the topic '/stop'"
 
 
-def after(*messages: tuple[bytes, bool, int], timeout: float = 0.0) -> Stops:
-    """Return the stops after messages a second apart: publisher, whether it requests a stop, and number."""
-    stops = Stops("stop", timeout)
-    for second, (publisher, is_stop, number) in enumerate(messages):
-        stops = stops.with_request(publisher, StopRequest(is_stop, number, float(second)))
-    return stops
+def after(messages: Messages, publishers: Publishers, timeout: float = 0.0) -> StopRequests:
+    """Return the requests after messages a second apart, with these publishers on the topic then."""
+    requests = StopRequests("/stop", timeout)
+    for second, (present, is_stop) in enumerate(messages):
+        requests = StopRequests("/stop", timeout, present, requests.requests, requests.heard_at)
+        requests = requests.heard(0, float(second), is_stop=is_stop)
+    return StopRequests("/stop", timeout, publishers, requests.requests, requests.heard_at)
 
 
 @pytest.mark.parametrize(
-    ("messages", "by"),
+    ("messages", "publishers", "reason"),
     [
-        ([], ""),
-        ([(A, True, 1)], "/a"),
-        ([(A, True, 1), (A, False, 2)], ""),
-        ([(A, True, 1), (B, False, 9)], "/a"),
-        ([(A, True, 1), (B, True, 1), (A, False, 2)], "/b"),
-        ([(A, True, 1), (A, False, 2), (A, True, 1)], ""),  # the first one again, through another subscription
-        ([(A, True, 3), (A, False, 2)], "/a"),  # out of order, as without acknowledgements
-        ([(b"c", True, 1)], "an unknown node"),
+        ([], {}, ""),
+        ([(A, True)], A, "by /a"),
+        ([(A, True), (A, False)], A, ""),
+        ([(A, True), (A, False), (A, True)], A, "by /a"),
+        ([(A, True), (A | B, False)], A, "by /a"),  # perhaps by /b
+        ([(A | B, True)], A, "by /a or /b"),
+        ([(A | B, True), (A, False)], A, ""),
+        ([({}, True)], {}, "by a node that has left"),
+        ([], A | B, "by more than one publisher: /a, /b"),
     ],
 )
-def test_a_stop_holds_until_its_publisher_clears_it(messages: list[tuple[bytes, bool, int]], by: str) -> None:
-    reason = after(*messages).reason(10.0, NAMES)
-    assert reason == (f"a stop is requested on the topic 'stop' by {by}" if by else "")
+def test_a_stop_holds_until_the_only_publisher_clears_it(
+    messages: Messages, publishers: Publishers, reason: str
+) -> None:
+    assert after(messages, publishers).reason(10.0) == (f"{PREFIX} {reason}" if reason else "")
 
 
-def test_a_departed_publisher_counts_until_the_gate_is_armed() -> None:
-    stops = after((A, True, 1), (B, True, 1))
-    assert stops.reason(1e9, NAMES).endswith("by /a, /b")
-    assert stops.without_departed({B}).reason(1e9, NAMES).endswith("by /b")
-    assert stops.without_departed(set()).reason(1e9, NAMES) == ""
+def test_a_request_of_a_departed_publisher_stands_until_the_gate_is_armed() -> None:
+    departed = after([(A, True)], B)
+    assert departed.reason(1e9) == f"{PREFIX} by /a"
+    assert departed.without_departed().reason(1e9) == ""
+    assert after([(A | B, True)], B).without_departed().reason(1e9) == f"{PREFIX} by /a or /b"
 
 
-def test_with_a_timeout_silence_of_any_or_all_publishers_is_a_stop() -> None:
-    stops = after((A, False, 1), (B, False, 1), timeout=1.5)
-    assert stops.reason(1.4, NAMES) == ""
-    assert "by the silence of /a (stop_timeout 1.5 s)" in stops.reason(1.6, NAMES)
-    assert "by the silence of /a, /b" in stops.reason(9.0, NAMES)
-    assert stops.without_departed({B}).reason(1.6, NAMES) == ""
-    assert "by the silence of all publishers" in stops.without_departed(set()).reason(1.6, NAMES)
-    assert stops.with_request(A, StopRequest(True, 2, 1.6)).reason(9.0, NAMES).endswith("by /a")
+def test_with_a_timeout_silence_is_a_stop() -> None:
+    for publishers, silent in ((A, "/a"), ({}, "all nodes")):
+        silence = f"{PREFIX} by the silence of {silent} (stop_timeout 1.5 s)"
+        assert after([], publishers, timeout=1.5).reason(0.0) == silence
+        beating = after([(A, False)], publishers, timeout=1.5)
+        assert beating.reason(1.4) == ""
+        assert beating.reason(1.6) == silence
+
+
+@given(
+    messages=st.lists(st.booleans(), max_size=8),
+    lost=st.sets(st.integers(0, 7)),
+    order=st.lists(st.integers(0, 2), max_size=40),
+)
+def test_each_request_stops_in_whatever_order_the_subscriptions_deliver(
+    messages: list[bool], lost: set[int], order: list[int]
+) -> None:
+    """Two reliable subscriptions receive all messages and a best-effort one some, each in order."""
+    some = [is_stop for number, is_stop in enumerate(messages) if number not in lost]
+    queues = [list(messages), list(messages), list(some)]
+    requests = StopRequests("/stop", publishers=A)
+    for subscription in (*order, *sorted([0, 1, 2] * len(messages))):
+        if queues[subscription]:
+            is_stop = queues[subscription].pop(0)
+            requests = requests.heard(subscription, 0.0, is_stop=is_stop)
+            assert requests.reason(0.0) or not is_stop
+    assert bool(requests.reason(0.0)) == any(received[-1] for received in (messages, some) if received)
