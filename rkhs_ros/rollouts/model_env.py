@@ -69,7 +69,7 @@ class LearntModel:
         repeat = state.policy.action_repeat
         decisions = state.memory.decisions(repeat, training.discount, spaces)
         dynamics = fit_model(training.model, state.policy.inputs, decisions, spaces)
-        return cls(dynamics, decisions.horizon, repeat, training.model.reward_margin)
+        return cls(dynamics, decisions.horizon, repeat, training.model.margin_after(decisions))
 
     def __repr__(self) -> str:
         """Return the sizes of the model, since its arrays fill many pages."""

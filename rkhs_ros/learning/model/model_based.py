@@ -40,6 +40,7 @@ FUNCTION = "MODULE:FUNCTION, or empty to learn the function; maps batches of"
 FROM_THE_START = 2  # number of the first of three consecutive rollouts that start from initial observations
 VALIDATE_EVERY = 5  # updates
 MOST_ROUNDS = 4  # times the usual updates, as long as the policy improves
+NEARLY = 0.05  # distance from the greatest reward that hardly matters, relative to the range of the rewards
 HORIZONS_AHEAD = 3.0  # times 1 / (1 - discount); later steps contribute 5 % of the return
 
 
@@ -141,6 +142,13 @@ class ModelBased(Settings):
         noise = as_needed if self.exploration_noise == AS_NEEDED else self.exploration_noise
         return replace(policy, variance=ConstantVariance(share**2 * variance), noise=noise)
 
+    def margin_after(self, episodes: Episodes) -> float:
+        """Return the reward margin of a model of these episodes; it shrinks while none has a greater reward."""
+        rewards, mask = episodes.rewards, episodes.mask
+        greatest = np.where(mask, rewards, -np.inf).max(axis=1)
+        width = float(np.ptp(rewards[mask]))
+        return self.reward_margin / (len(greatest) - int(np.argmax(greatest >= greatest.max() - NEARLY * width)))
+
     @property
     def tries_centred_metric(self) -> bool:
         """Whether the model of the changes also tries the centred metric; see `rkhs_ros.rkhs.metric_learning`."""
@@ -204,7 +212,7 @@ def train_in_model(
         model,
         test.overconfidence,
         curious=curious,
-        reward_margin=settings.reward_margin / (1 + experience.episodes_after_greatest_reward),
+        reward_margin=settings.margin_after(episodes),
         visited_starts=not focused,
     )
     rounds = max(1, round(settings.updates / test.overconfidence))
@@ -303,7 +311,7 @@ def model_rollouts_of(
     decisions = episodes.decisions(repeat, discount, spaces)
     model = fit_model(settings, policy.inputs, decisions, spaces)
     batch = Batch(0, FROM_THE_START, count, decisions.horizon, explore=False)
-    runner = ModelRunner(model, reward_margin=settings.reward_margin)
+    runner = ModelRunner(model, reward_margin=settings.margin_after(decisions))
     return runner.collect(replace(policy, action_repeat=1), batch).held(repeat, episodes.horizon)
 
 

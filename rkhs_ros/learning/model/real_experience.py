@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
-
-NEARLY = 0.05  # distance from the greatest reward that hardly matters, relative to the range of the rewards
 
 
 @dataclass(frozen=True)
@@ -44,11 +40,3 @@ class RealExperience:
     reward_depends_on_action_only: bool
     outperformed_iterations: float
     given_inputs: Inputs
-
-    @property
-    def episodes_after_greatest_reward(self) -> int:
-        """Number of episodes after the first one with nearly the greatest reward of a step."""
-        rewards, mask = self.episodes.rewards, self.episodes.mask
-        greatest = np.where(mask, rewards, -np.inf).max(axis=1)
-        width = float(np.ptp(rewards[mask]))
-        return len(greatest) - 1 - int(np.argmax(greatest >= greatest.max() - NEARLY * width))

@@ -11,7 +11,6 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model.model_based import FINER, ModelBased
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
-from rkhs_ros.learning.model.real_experience import RealExperience
 from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -129,13 +128,6 @@ def test_ridges_are_smaller_once_the_starts_are_known_to_be_the_same() -> None:
     assert ridges_of_a_run("as_needed", "Pendulum-v1") == [usual]  # which starts at random angles
 
 
-def experience(episodes: Episodes) -> RealExperience:
-    """Return the input of model-based training with episodes."""
-    some = Training()
-    spaces = Spaces((2,), -np.ones(1), np.ones(1))
-    return RealExperience(episodes, 1, 0.99, spaces, some.kernel, np.ones(1), 0, 0, False, 0.0, Inputs())
-
-
 @pytest.mark.parametrize(
     ("greatest", "after"), [([0.0, 1.0, 0.5, 0.5], 2), ([0.0, 0.0, 0.0, 0.0], 3), ([0.1, 0.2, 0.3, 1.0], 0)]
 )
@@ -143,7 +135,7 @@ def test_the_age_of_the_greatest_reward(rng: np.random.Generator, greatest: list
     episodes = walks(rng, np.zeros((ROWS, 2)))
     rewards = np.zeros((ROWS, STEPS))
     rewards[:, 5] = greatest
-    assert experience(replace(episodes, rewards=rewards)).episodes_after_greatest_reward == after
+    assert ModelBased(reward_margin=0.3).margin_after(replace(episodes, rewards=rewards)) == 0.3 / (1 + after)
 
 
 def test_a_slightly_greater_reward_and_steps_after_the_end_do_not_count(rng: np.random.Generator) -> None:
@@ -151,4 +143,4 @@ def test_a_slightly_greater_reward_and_steps_after_the_end_do_not_count(rng: np.
     rewards, mask = np.zeros((ROWS, STEPS)), np.ones((ROWS, STEPS), dtype=bool)
     rewards[:, 5] = [1.0, 0.0, 1.01, 0.0]
     rewards[3, -1], mask[3, -1] = 9.0, False
-    assert experience(replace(episodes, rewards=rewards, mask=mask)).episodes_after_greatest_reward == 3
+    assert ModelBased(reward_margin=0.3).margin_after(replace(episodes, rewards=rewards, mask=mask)) == 0.3 / 4
