@@ -50,6 +50,8 @@ class GaussianPolicy:
             f"{self.mean.output_dim} action dimensions like the mean",
             self.variance.output_dim,
         )
+        n, bounds = self.mean.output_dim, len(self.inputs.action_low)
+        require(bounds in (0, n), "inputs.action_low", f"{n} numbers, one per action, or none", bounds)
         if not isinstance(self.variance, ConstantVariance):
             d = self.mean.input_dim
             require(self.variance.input_dim == d, "variance centres", f"{d} columns", self.variance.input_dim)
@@ -106,7 +108,12 @@ class Acting:
         policy: the policy for the whole batch.
         batch: the episodes.
         explore: whether exploration episodes sample their actions; otherwise all episodes use the mean.
+
+    Attributes:
+        points: inputs of the last decision, shape (num_envs, input_dim).
     """
+
+    points: Array
 
     def __init__(self, policy: GaussianPolicy, batch: Batch, *, explore: bool) -> None:
         self.policy = policy
@@ -134,10 +141,11 @@ class Acting:
         if held:
             return self._actions[:, decision].copy()
         if inputs.history == 1:
-            actions = self._act(step, inputs.features(observations))
+            self.points = inputs.features(observations)
         else:
             self._observations[:, decision] = observations
-            actions = self._act(step, inputs.at(np.array([decision]), self._observations, self._actions)[:, 0])
+            self.points = inputs.at(np.array([decision]), self._observations, self._actions)[:, 0]
+        actions = self._act(step, self.points)
         if self.policy.has_memory:
             self._actions[:, decision] = actions
         return actions

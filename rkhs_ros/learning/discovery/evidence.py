@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -42,43 +44,51 @@ def discover_inputs(
         history: whether the history may change.
         given: inputs before anything was found; None keeps all inputs so far.
     """
+
+    @cache
+    def errors(some: Inputs) -> Array:
+        return _errors(some, episodes, spaces)
+
+    @cache
+    def evidence(some: Inputs) -> float:
+        return _evidence(some, episodes, spaces)
+
     if given is not None:
-        if history and inputs.history > given.history and not _needs_history(inputs, episodes, spaces):
+        if history and inputs.history > given.history and not _needs_history(inputs, errors):
             inputs, history = replace(inputs, history=inputs.history - 1), False
-        inputs = _without_refuted_angles(inputs, episodes, spaces, given)
+        inputs = _without_refuted_angles(inputs, episodes, given, evidence)
     inputs = with_wrapped_angles(inputs, episodes)
-    inputs = _with_unwrapped_angles(inputs, episodes, spaces)
+    inputs = _with_unwrapped_angles(inputs, episodes, evidence)
     if history and inputs.history < LONGEST_HISTORY and episodes.mask.sum() >= FEWEST_STEPS:
         longer = replace(inputs, history=inputs.history + 1)
-        if _predicts_better(_errors(inputs, episodes, spaces), _errors(longer, episodes, spaces)):
+        if _predicts_better(errors(inputs), errors(longer)):
             return longer
     return inputs
 
 
-def _with_unwrapped_angles(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> Inputs:
+def _with_unwrapped_angles(inputs: Inputs, episodes: Episodes, evidence: Callable[[Inputs], float]) -> Inputs:
     """Return the inputs with the wide columns whose effect has the period of a turn."""
     extents = np.ptp(episodes.flat(episodes.observations), axis=0)
-    best = None
     for column in sorted(set(range(len(extents))) - set(inputs.columns)):
         for turn in TURNS:
             if extents[column] < WIDE * turn:
                 continue
-            best = _evidence(inputs, episodes, spaces) if best is None else best
             changed = with_angles(inputs, inputs.turns_by_column | {column: turn})
-            evidence = _evidence(changed, episodes, spaces)
-            if evidence > best + _least_gain(episodes):
-                inputs, best = changed, evidence
+            if evidence(changed) > evidence(inputs) + _least_gain(episodes):
+                inputs = changed
                 break
     return inputs
 
 
-def _without_refuted_angles(inputs: Inputs, episodes: Episodes, spaces: Spaces, given: Inputs) -> Inputs:
+def _without_refuted_angles(
+    inputs: Inputs, episodes: Episodes, given: Inputs, evidence: Callable[[Inputs], float]
+) -> Inputs:
     """Return the inputs without the angles that were found, do not wrap, and now hardly raise the evidence."""
     certain = {*given.columns, *with_wrapped_angles(given, episodes).columns}
     for column in [each for each in inputs.columns if each not in certain]:
         others = {each: turn for each, turn in inputs.turns_by_column.items() if each != column}
         fewer = with_angles(inputs, others)
-        if _evidence(inputs, episodes, spaces) - _evidence(fewer, episodes, spaces) < 0.5 * _least_gain(episodes):
+        if evidence(inputs) - evidence(fewer) < 0.5 * _least_gain(episodes):
             inputs = fewer
     return inputs
 
@@ -120,7 +130,7 @@ def _predicts_better(errors: Array, longer: Array, falls: float = FALLS, median:
     return bool(poor.any() and np.exp(np.mean(np.log(ratios[poor]))) < falls and np.median(ratios) < median)
 
 
-def _needs_history(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> bool:
+def _needs_history(inputs: Inputs, errors: Callable[[Inputs], Array]) -> bool:
     """Return whether the errors are still smaller than with a history that is shorter by one step."""
-    shorter = _errors(replace(inputs, history=inputs.history - 1), episodes, spaces)
-    return _predicts_better(shorter, _errors(inputs, episodes, spaces), KEPT, KEPT_MEDIAN)
+    shorter = replace(inputs, history=inputs.history - 1)
+    return _predicts_better(errors(shorter), errors(inputs), KEPT, KEPT_MEDIAN)

@@ -142,21 +142,16 @@ class ModelRunner:
             The observations, shape (N, H + 1, d); the actions, shape (N, H, n); and the inputs of the model (policy
             inputs and clipped actions), shape (N, H, p).
         """
-        model, inputs = self._model, policy.inputs
         acting = Acting(policy, batch, explore=batch.explore)
         rows, horizon, n = batch.num_envs, batch.horizon, policy.mean.output_dim
         observations = np.empty((rows, horizon + 1, starts.shape[1]))
-        actions, points = np.zeros((rows, horizon, n)), np.empty((rows, horizon, model.state_delta.points.dimension))
+        actions, points = np.zeros((rows, horizon, n)), np.empty((rows, horizon, policy.mean.input_dim + n))
         observations[:, 0] = starts
         for step in range(horizon):
             now = observations[:, step]
             actions[:, step] = acting(step, now)
-            if inputs.history == 1:
-                features = inputs.features(now)
-            else:
-                features = inputs.at(np.array([step]), observations[:, : step + 1], actions[:, : step + 1])[:, 0]
             points[:, step], observations[:, step + 1] = self._advance(
-                draws, draws.noise[:, step], features, now, actions[:, step]
+                draws, draws.noise[:, step], acting.points, now, actions[:, step]
             )
         return observations, actions, points
 
