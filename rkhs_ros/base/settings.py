@@ -31,7 +31,7 @@ class Settings(NamedFields):
         """Raise ValueError if a value has the wrong type or is out of range."""
         types = _types(type(self))  # type: ignore[arg-type]  # a class can be hashed
         for f in fields(self):  # type: ignore[arg-type]  # a subclass is a dataclass
-            if f.metadata or is_dataclass(types[f.name]):
+            if _is_setting(f, types):
                 object.__setattr__(self, f.name, _checked(f, types[f.name], getattr(self, f.name), f.name))
 
     def unused(self) -> set[str]:
@@ -98,11 +98,11 @@ def build(cls: type[T], values: Tree, path: str = "") -> T:
         ValueError: a key is unknown, or a value has the wrong type or is out of range; one line with a hint.
     """
     require(isinstance(values, Mapping), path.rstrip(".") or "configuration", "a section of keys", repr(values))
-    known = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]  # a dataclass
+    types = _types(cls)  # type: ignore[arg-type]  # a class can be hashed
+    known = {f.name: f for f in fields(cls) if _is_setting(f, types)}  # type: ignore[arg-type]  # a dataclass
     for key in values:
         if key not in known:
             raise UnknownKeyError(f"unknown key '{path}{key}', {_meant(str(key), cls, known, path)}")
-    types = _types(cls)  # type: ignore[arg-type]  # a class can be hashed
     complete = {k: _as_given(f.default) for k, f in known.items() if f.default is not MISSING}
     return cls(**complete | {k: _convert(f, types[k], values[k], path + k) for k, f in known.items() if k in values})
 
@@ -123,6 +123,11 @@ def _meant(key: str, cls: type, known: Mapping[str, Any], path: str) -> str:
 @cache
 def _types(cls: type) -> dict[str, Any]:
     return get_type_hints(cls)
+
+
+def _is_setting(f: Field[Any], types: dict[str, Any]) -> bool:
+    """Return whether a field is a setting or a section of settings."""
+    return bool(f.metadata) or is_dataclass(types[f.name])
 
 
 def _build_variant(f: Field[Any], values: Tree, path: str) -> Any:

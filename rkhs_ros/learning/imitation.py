@@ -49,13 +49,14 @@ class Imitation(Settings):
             ValueError: there is no step, or the inputs do not match the observations.
         """
         require(bool(episodes.mask.any()), "episodes", "at least one step", "none")
-        demonstrated = episodes.decisions(self.action_repeat, UNDISCOUNTED, spaces).with_inputs(self.inputs)
+        inputs = self.inputs.within(spaces)
+        demonstrated = episodes.decisions(self.action_repeat, UNDISCOUNTED, spaces).with_inputs(inputs)
         points, actions = demonstrated.flat(demonstrated.observations), demonstrated.flat(demonstrated.actions)
-        kernel = self.kernel.fit(points, self.inputs.ages)
+        kernel = self.kernel.fit(points, inputs.ages)
         mean = pursue(kernel, points, actions, points, budget=self.centres, ridge=self.ridge).function
         sd = np.sqrt(np.mean((actions - mean(points)) ** 2, axis=0))
         variance = ConstantVariance(np.maximum(sd, LEAST_SD) ** 2)
-        return GaussianPolicy(mean, variance, self.inputs, action_repeat=self.action_repeat)
+        return GaussianPolicy(mean, variance, inputs, action_repeat=self.action_repeat)
 
 
 def imitation_from(tree: dict[str, object]) -> Imitation:

@@ -55,7 +55,8 @@ def first_policy(training: Training, spaces: Spaces) -> GaussianPolicy:
     _check_kernel(training, input_dim)
     mean = Function.zero(RBF((1.0,)), input_dim, action_dim)
     repeat = training.action_repeat if isinstance(training.action_repeat, int) else 1  # until it is chosen
-    policy = GaussianPolicy(mean, ConstantVariance(variance), training.inputs, action_repeat=repeat)
+    inputs = training.inputs.within(spaces)
+    policy = GaussianPolicy(mean, ConstantVariance(variance), inputs, action_repeat=repeat)
     if not isinstance(training.model, ModelBased):
         return policy
     training.model.priors(spaces.observation_dim)

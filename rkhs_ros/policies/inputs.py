@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations_with_replacement
 from math import comb, prod
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.base.validation import require
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 
 
@@ -19,12 +20,13 @@ from rkhs_ros.rkhs.kernels import Array
 class Inputs(Settings):
     r"""The map from a history :math:`(o_0, a_0, \dots, o_t)` to the input of the policy's functions.
 
-    The policy evaluates it step by step; the learner evaluates all steps at once.
+    The policy evaluates it step by step; the learner evaluates all steps at once. Actions are clipped to their bounds,
+    as in the task. The bounds are not settings: `within` takes them from the task.
     """
 
     history: int = setting(
         1,
-        "length of the input window: the last observations, each with the preceding unclipped action; "
+        "length of the input window: the last observations, each with the preceding action; "
         "1: the current observation only",
         minimum=1,
         maximum=1000,
@@ -41,6 +43,8 @@ class Inputs(Settings):
     turns: tuple[float, ...] = setting(
         (), "value of a full turn of each angle, such as 360; empty for radians", minimum=1e-12, maximum=1e12
     )
+    action_low: tuple[float, ...] = field(default=(), compare=False)  # empty: unbounded
+    action_high: tuple[float, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         """Raise ValueError if a value is invalid or a column is not a whole number."""
@@ -50,6 +54,14 @@ class Inputs(Settings):
         require(len(set(self.columns)) == len(self.columns), "inputs.angles", "each column once", self.angles)
         good = len(self.turns) in (0, len(self.columns))
         require(good, "inputs.turns", f"{len(self.columns)} numbers, one per angle, or none", self.turns)
+        bounds = (self.action_low, self.action_high)
+        good = len(bounds[0]) == len(bounds[1]) and all(low <= high for low, high in zip(*bounds, strict=True))
+        require(good, "inputs.action_low", "a number for each action, at most that of action_high", bounds)
+
+    def within(self, spaces: Spaces) -> Inputs:
+        """Return the inputs with the action bounds of a task."""
+        low, high = (tuple(bound.ravel().tolist()) for bound in (spaces.action_low, spaces.action_high))
+        return replace(self, action_low=low, action_high=high)
 
     @property
     def columns(self) -> list[int]:
@@ -99,8 +111,8 @@ class Inputs(Settings):
     def at(self, steps: NDArray[np.int_], observations: Array, actions: Array) -> Array:
         """Return the inputs at some steps, shape (num_envs, len(steps), input_dim).
 
-        Before the start of an episode, the window repeats the first observation with zero actions. The inputs of an
-        environment are bit-identical for any number of other environments.
+        Before the start of an episode, the window repeats the first observation with zero actions, clipped as well.
+        The inputs of an environment are bit-identical for any number of other environments.
         """
         if self.history == 1:
             return self.features(observations[:, steps])
@@ -108,6 +120,8 @@ class Inputs(Settings):
         places = steps[:, None] - ago
         observed = self._angles(observations[:, np.maximum(places, 0)])
         done = np.where(places[:, :, None] > 0, actions[:, np.maximum(places - 1, 0)], 0.0)
+        if self.action_low:
+            done = np.minimum(np.maximum(done, self.action_low), self.action_high)
         windows = np.concatenate([observed, done], axis=-1)
         num_envs, length, ages, columns = windows.shape
         return _contiguous(self._monomials(windows.reshape(num_envs, length, ages * columns)))

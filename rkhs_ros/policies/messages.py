@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from math import prod
 from typing import Any
 
@@ -123,6 +124,8 @@ def policy_message(types: Any, policy: GaussianPolicy, version: int) -> Any:
             turns=doubles(np.array(inputs.turns)),
             degree=inputs.degree,
             offset=inputs.offset,
+            action_low=doubles(np.array(inputs.action_low)),
+            action_high=doubles(np.array(inputs.action_high)),
         ),
         noise=policy.noise,
         action_repeat=policy.action_repeat,
@@ -168,7 +171,8 @@ def _inputs_of(message: Any, d: int) -> Inputs:
     numbers = {"history": message.history, "degree": message.degree, "offset": message.offset}
     lists = {"angles": message.angles, "turns": getattr(message, "turns", ())}  # old recordings have no turns
     angles = {name: [float(value) for value in values] for name, values in lists.items() if len(values)}
-    return build(Inputs, {**numbers, **angles}, "inputs.")
+    low, high = (tuple(map(float, bound)) for bound in (message.action_low, message.action_high))
+    return replace(build(Inputs, {**numbers, **angles}, "inputs."), action_low=low, action_high=high)
 
 
 def _variance_fields(types: Any, variance: Variance) -> Mapping[str, Any]:

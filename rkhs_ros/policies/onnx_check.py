@@ -91,7 +91,7 @@ def check_onnx(policy: Policy, content: bytes) -> OnnxCheck:
     """Compare an exported policy with the original in random episodes.
 
     The episodes are just long enough to fill the window. In longer ones, rounding errors could grow, because the window
-    feeds unclipped actions back. Steps are ignored if the action of the original is not finite.
+    feeds actions back. Steps are ignored if the action of the original is not finite.
 
     Raises:
         ValueError: onnxruntime is not installed, or the actions differ by more than the tolerance.

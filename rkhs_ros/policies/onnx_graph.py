@@ -171,8 +171,7 @@ def onnx_model(policy: Policy) -> bytes:
     else:
         action = _mean(graph, policy, observed)
     low, high = (bound.ravel().astype(np.float64) for bound in (spaces.action_low, spaces.action_high))
-    clipped = graph.add("Min", graph.add("Max", action, low), high)
-    _rows(graph, clipped, spaces.action_low.shape, name="action")
+    _rows(graph, _clipped(graph, action, low, high), spaces.action_low.shape, name="action")
     names = {name: ", ".join(getattr(spaces, name)) for name in NAMES if getattr(spaces, name)}
     return graph.model(inputs, outputs, {"environment": policy.task.environment, **names})
 
@@ -180,6 +179,11 @@ def onnx_model(policy: Policy) -> bytes:
 def _rows(graph: Graph, value: str, shape: tuple[int, ...], name: str = "") -> str:
     """Reshape each element of a batch; return the name of the value."""
     return graph.add("Reshape", value, np.array([-1, *shape]), name=name)
+
+
+def _clipped(graph: Graph, action: str, low: Array, high: Array) -> str:
+    """Clip actions to bounds."""
+    return graph.add("Min", graph.add("Max", action, low), high)
 
 
 def _entry_dim(policy: Policy) -> int:
@@ -236,7 +240,9 @@ def _with_state(graph: Graph, policy: Policy, observed: str) -> str:
     decides = graph.add("Or", begins, expired)
     window, kept = observed, []
     if history > 1:
-        newest = graph.concatenated(observed, held)  # a state of zeros has an action of zeros
+        bounds = (policy.gaussian.inputs.action_low, policy.gaussian.inputs.action_high)
+        done = _clipped(graph, held, *map(np.array, bounds)) if bounds[0] else held  # zeros in a state of zeros
+        newest = graph.concatenated(observed, done)
         earlier = graph.columns(STATE, 1 + n, 1 + n + (history - 1) * entry)
         first = graph.add("Tile", newest, np.array([1, history - 1]))
         window = graph.concatenated(graph.add("Where", begins, first, earlier), newest)

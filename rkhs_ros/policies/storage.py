@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from io import BytesIO
 from itertools import pairwise
 from math import prod
@@ -15,7 +15,7 @@ from zipfile import ZipFile
 import numpy as np
 
 from rkhs_ros.base.files import read_whole, require_expansion, write_whole
-from rkhs_ros.base.settings import build
+from rkhs_ros.base.settings import build, entries
 from rkhs_ros.base.validation import finite_array, require
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
@@ -173,7 +173,8 @@ def policy_arrays(policy: GaussianPolicy) -> Arrays:
         "centres": policy.mean.centres,
         "weights": policy.mean.weights,
         **_variance_arrays(policy.variance),
-        "inputs": np.array(json.dumps(asdict(policy.inputs))),
+        "inputs": np.array(json.dumps({entry.name: entry.value for entry in entries(policy.inputs)})),
+        "window_bounds": np.array([policy.inputs.action_low, policy.inputs.action_high]),
         "noise": np.array(policy.noise),
         "action_repeat": np.array(policy.action_repeat),
     }
@@ -187,7 +188,8 @@ def policy_of(arrays: Arrays) -> GaussianPolicy:
         ValueError: the arrays do not form a valid policy.
     """
     mean = Function(_kernel(arrays, "kernel"), arrays["centres"], arrays["weights"])
-    inputs = build(Inputs, json.loads(str(arrays["inputs"])), "inputs.")
+    low, high = (tuple(bound.tolist()) for bound in arrays.get("window_bounds", np.zeros((2, 0))))
+    inputs = replace(build(Inputs, json.loads(str(arrays["inputs"])), "inputs."), action_low=low, action_high=high)
     (action_repeat,) = whole_numbers(np.reshape(arrays.get("action_repeat", 1), 1), "action_repeat")
     return GaussianPolicy(mean, _variance(arrays), inputs, str(arrays.get("noise", "white")), action_repeat)
 

@@ -117,6 +117,8 @@ def leaves(value: Any, path: str = "") -> set[str]:
         return {path.rstrip(".")}
     own: set[str] = set()
     for f in fields(value):
+        if not f.compare:  # taken from the task
+            continue
         child = getattr(value, f.name)
         if "key" in f.metadata:
             own.add(f"{path}{f.name}.{f.metadata['key']}")

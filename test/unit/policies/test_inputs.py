@@ -6,9 +6,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rkhs_ros.base.settings import build
+from rkhs_ros.learning.model.dynamics_model import Transitions
+from rkhs_ros.learning.replay import check_actions
+from rkhs_ros.learning.state import first_policy
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.messages import policy_message
+from rkhs_ros.policies.messages import policy_of as policy_in
+from rkhs_ros.policies.storage import policy_arrays, policy_of
 from rkhs_ros.policies.streams import Batch
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.recordings.definitions import Types
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Polynomial
 from rkhs_ros.rollouts.inline_runner import InlineRunner
@@ -86,6 +96,39 @@ def test_acting_and_learning_use_the_same_inputs(inputs: Inputs, random_policy: 
     points, exploration = episodes.with_inputs(inputs).observations, batch.exploration(1)
     for t in range(9):
         assert np.array_equal(policy.act(points[:, t], exploration[:, t]), episodes.actions[:, t])
+
+
+def test_windows_contain_the_clipped_actions_everywhere(random_policy: MakePolicy) -> None:
+    runner, batch = InlineRunner(Simulation("rkhs/Pendulum-v0")), Batch(3, 20, 4, 9, explore=True)
+    inputs, wide = Inputs(history=3).within(runner.spaces), ConstantVariance(np.array([400.0]))
+    policy = replace(random_policy(d=9, n=1), inputs=inputs, variance=wide)
+    episodes = runner.collect(policy, batch)
+    clipped = np.clip(episodes.actions, runner.spaces.action_low, runner.spaces.action_high)
+    assert not np.array_equal(clipped, episodes.actions)
+    windows = replace(episodes, actions=clipped).with_inputs(Inputs(history=3)).observations
+    np.testing.assert_array_equal(episodes.with_inputs(inputs).observations, windows)
+    np.testing.assert_array_equal(
+        Transitions.of(episodes, inputs, runner.spaces).points[:, :-1], windows.reshape(36, 9)
+    )
+    for again in (policy, policy_of(policy_arrays(policy)), policy_in(policy_message(Types(), policy, 1))):
+        check_actions(episodes, again, batch)
+    start = first_policy(Training(inputs=Inputs(history=3)), runner.spaces).inputs
+    assert (start.action_low, start.action_high) == ((inputs.action_low), (inputs.action_high))
+
+
+@pytest.mark.parametrize(
+    ("low", "high"), [((1.0,), (0.0,)), ((0.0,), ()), ((np.nan,), (1.0,)), ((0.0,) * 2, (1.0,) * 2)]
+)
+def test_bounds_that_do_not_match_are_rejected(
+    low: tuple[float, ...], high: tuple[float, ...], random_policy: MakePolicy
+) -> None:
+    with pytest.raises(ValueError, match=r"inputs\.action_low: expected"):
+        replace(random_policy(d=9, n=1), inputs=Inputs(history=3, action_low=low, action_high=high))
+
+
+def test_bounds_are_no_settings() -> None:
+    with pytest.raises(ValueError, match=r"unknown key 'inputs\.action_low'"):
+        build(Inputs, {"action_low": [1.0]}, "inputs.")
 
 
 @over_inputs
