@@ -146,6 +146,7 @@ class Peers:
             if waited > LOGGED_AFTER_S and not is_logged:
                 self._log_waiting(f"peers of the {name}", begin)
                 is_logged = True
+            self.rest(SIGNAL_CHECK_S)  # a request may contain a whole policy
         return response
 
     def check_progress(self, since: float, what: str) -> bool:
