@@ -27,14 +27,14 @@ def reserved_domain(folder: Path, default: str | None = None) -> Iterator[None]:
 
     Args:
         folder: folder of the run; contains the file ``checkpoints/domain`` while the run is running.
-        default: domain if ROS_DOMAIN_ID is unset, such as that of a robot; None for a free domain.
+        default: domain if ROS_DOMAIN_ID is unset or empty, such as that of a robot; None for a free domain.
 
     Raises:
         RunError: all domains are in use.
         ValueError: another process uses the folder.
         OSError: the folder cannot be written.
     """
-    given = os.environ.get(VARIABLE)
+    given = os.environ.get(VARIABLE)  # ROS treats an empty value like none
     with socket.socket() as claim:
         domain = given or default or str(_claimed(claim))
         with locked(folder):  # otherwise the active run could no longer be found
@@ -45,6 +45,8 @@ def reserved_domain(folder: Path, default: str | None = None) -> Iterator[None]:
         finally:
             if given is None:
                 del os.environ[VARIABLE]
+            else:
+                os.environ[VARIABLE] = given
             with suppress(OSError):
                 _file(folder).unlink(missing_ok=True)
 
