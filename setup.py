@@ -7,6 +7,18 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = "rkhs_ros"
+BY_COLCON = bool({"develop", "install"} & set(sys.argv))
+# colcon installs the nodes into lib/rkhs_ros, where `ros2 run` and launch files find them. pip would install them onto
+# the PATH, where their names clash with others; `robot` is Robot Framework's command.
+NODES = [
+    "simulator = sim_nodes.simulator_node:main",
+    "robot = rkhs_ros.nodes.robot.robot_node:main",
+    "simulated_robot = sim_nodes.robots.simulated_robot_node:main",
+    "gate = rkhs_ros.nodes.robot.gate_node:main",
+    "policy = rkhs_ros.nodes.lockstep.policy_node:main",
+    "learner = rkhs_ros.app.learner:main",
+    "recorder = rkhs_ros.nodes.watch.recorder_node:main",
+]
 
 
 def files(pattern: str) -> list[str]:
@@ -24,7 +36,7 @@ def warn_of_missing_interfaces() -> None:
     """Print how to link the messages if colcon does not find them: it does not search inside packages."""
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     found = any(Path(prefix, "share", "rkhs_interfaces", "package.xml").exists() for prefix in prefixes)
-    if {"develop", "install"} & set(sys.argv) and prefixes != [""] and not found:
+    if BY_COLCON and prefixes != [""] and not found:
         here = Path(__file__).resolve().parent
         print(
             f"rkhs_interfaces: expected the package in the workspace, got none. "
@@ -86,16 +98,5 @@ setup(
         "test": ["pytest"],
     },
     zip_safe=True,
-    entry_points={
-        "console_scripts": [
-            "simulator = sim_nodes.simulator_node:main",
-            "robot = rkhs_ros.nodes.robot.robot_node:main",
-            "simulated_robot = sim_nodes.robots.simulated_robot_node:main",
-            "gate = rkhs_ros.nodes.robot.gate_node:main",
-            "policy = rkhs_ros.nodes.lockstep.policy_node:main",
-            "learner = rkhs_ros.app.learner:main",
-            "recorder = rkhs_ros.nodes.watch.recorder_node:main",
-            "rkhs = rkhs_ros.app.cli:main",
-        ],
-    },
+    entry_points={"console_scripts": ["rkhs = rkhs_ros.app.cli:main", *(NODES if BY_COLCON else [])]},
 )

@@ -3,13 +3,17 @@
 import ast
 import os
 import re
+import runpy
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
+
+from rkhs_ros.app.launcher import MODULES
 
 ROOT = Path(__file__).parents[2]
 KEYS = {  # of rosdep, by the names of the packages and those that they are imported by; of the others: python3-NAME
@@ -96,8 +100,24 @@ def test_pip_installs_the_library_and_the_command_without_ros(tmp_path: Path) ->
     assert "fig3-toy" in run(rkhs, "list", cwd=tmp_path).stdout  # the configurations are there, too
     there = run(python, "-c", "import rclpy", cwd=tmp_path)
     assert "ModuleNotFoundError" in there.stderr
+    assert not {"robot", "gate", "policy", "learner"} & {path.name for path in python.parent.iterdir()}
     refused = run(rkhs, "train", "--env", "still_life:Still-v0", "--runner", "ros", cwd=tmp_path)
     assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+
+
+@pytest.mark.parametrize(
+    ("command", "nodes"),
+    [("bdist_wheel", False), ("editable_wheel", False), ("dist_info", False), ("develop", True), ("install", True)],
+)
+def test_only_colcon_installs_the_nodes(command: str, nodes: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    given: dict[str, Any] = {}
+    monkeypatch.setattr("setuptools.setup", lambda **arguments: given.update(arguments))
+    monkeypatch.setattr("sys.argv", ["setup.py", command])
+    monkeypatch.chdir(ROOT)
+    runpy.run_path("setup.py")
+    scripts = {script.partition(" ")[0] for script in given["entry_points"]["console_scripts"]}
+    launched = set(MODULES) & {"simulator", "gate", "robot", "simulated_robot", "policy", "learner", "recorder"}
+    assert scripts == {"rkhs"} | (launched if nodes else set())
 
 
 def test_the_packages_asked_for_are_those_pinned_and_named_to_rosdep() -> None:
