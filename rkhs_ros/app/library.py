@@ -134,20 +134,30 @@ def train(
         The result after the last iteration.
 
     Raises:
-        ValueError: a setting is unknown or invalid, the environment cannot be used, or the folder ``out`` is in use or
-            contains another run.
+        ValueError: a setting is unknown or invalid, the environment cannot be used, the folder ``out`` is in use or
+            contains another run, or the callback returns something else.
         RunError: the environment failed.
         OSError: the folder ``out`` cannot be written.
     """
     require(callback is None or callable(callback), "callback", "a function of a Result", callback)
     with closing(_results(_prepared(environment, algorithm, settings), quiet=not progress)) as results:
         for result in results:  # the last one is returned
-            answer = callback(result) if callback else None
-            if answer is not None and not answer:
+            if callback and not _continues(callback, callback(result)):
                 break
     if progress and result.iteration.number < result.training.iterations:
         print(f"stopped by the callback after iteration {result.iteration.number}", file=sys.stderr, flush=True)
     return result
+
+
+def _continues(callback: Callback, answer: object) -> bool:
+    """Return whether a callback's answer continues the run.
+
+    Raises:
+        ValueError: the answer is not True, False or None.
+    """
+    name, valid = getattr(callback, "__name__", type(callback).__name__), isinstance(answer, bool | np.bool_ | None)
+    require(valid, f"callback {name}", "True or None to continue, or False to stop", repr(answer))
+    return answer is None or bool(answer)
 
 
 def learn(

@@ -35,6 +35,7 @@ FEW_SAMPLES: Mapping[str, Mapping[str, Any]] = {
         "variance": "learnt",
         "step": {"rule": "kl", "divergence": 0.08, "annealing": 0.1},
     },
+    "power": {"variance": "constant"},  # a learnt one needs a kernel without negative values
 }
 
 

@@ -260,6 +260,17 @@ def test_resuming_with_another_initial_policy_is_refused(tmp_path: Path) -> None
             assert len(rkhs_ros.train("rkhs/Toy-v0", out=run, resume=True, policy=other, **longer).rows) == 4
 
 
+def test_an_answer_that_is_no_bool_is_rejected_with_the_name_of_the_callback() -> None:
+    def returns_an_array(result: rkhs_ros.Result) -> Any:
+        return np.arange(2)
+
+    expected = (
+        r"^callback returns_an_array: expected True or None to continue, or False to stop, got array\(\[0, 1\]\)$"
+    )
+    with pytest.raises(ValueError, match=expected):
+        rkhs_ros.train("rkhs/Toy-v0", callback=returns_an_array, **SHORT)
+
+
 def test_one_line_says_that_the_callback_stopped_the_run(capsys: pytest.CaptureFixture[str]) -> None:
     for answer, lines in ((False, ["stopped by the callback after iteration 1"]), (True, [])):
         rkhs_ros.train("rkhs/Toy-v0", callback=lambda _, a=answer: a, **{**SHORT, "progress": True})
