@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.robot.feedback import CLOCK_TOLERANCE_S, compared, contradiction, flaw, runaway, stale
 from rkhs_ros.robot.gate_state import CLAMPED, MOST_NUMBER, Command, CommandReport, Flags, Gate, Mode, Rules
-from rkhs_ros.robot.limits import EFFORT, MOST, POSITION, VELOCITY, Limits, Sensed
+from rkhs_ros.robot.limits import EFFORT, POSITION, VELOCITY, Limits, Sensed
 from rkhs_ros.robot.motion import Setpoint, advance, rest_at
 
-CLOCK_TOLERANCE_S = 0.01  # a stamp may be ahead of this machine's clock by this much
 SAME = 1e-9  # commands are equal up to this relative difference
 
 
@@ -46,14 +46,19 @@ def commanded(state: Gate, rules: Rules, now: float, command: Command) -> tuple[
 
 
 def sensed(state: Gate, rules: Rules, now: float, news: Sensed) -> tuple[Gate, str]:
-    """Take a sensed joint state, and stop if it exceeds a limit; return why it was refused, or an empty string.
+    """Take a sensed joint state, and stop if it exceeds a limit or contradicts others; return why it was refused.
 
-    A refused state does not replace the previous one, which therefore becomes stale.
+    The reason is empty if the state was not refused. A refused state does not replace the previous one, which therefore
+    becomes stale.
     """
-    reason = _flaw(state, rules, now, news)
+    reason = flaw(state, rules, now, news)
     if reason:
         return _count(state, refusals=1), reason
+    state = runaway(compared(state, rules, now, news), rules, now, news)
     state = _timed_rest(_anchored(replace(state, sensed=news)), rules, now)
+    if reason := contradiction(state, now):  # no effort is safe without feedback
+        state = stopped(state, reason)
+        return replace(state, releases=state.releases or rules.limits.kind == EFFORT), ""
     exceeded = next(rules.sensed.exceeded(news), "")
     return stopped(state, exceeded) if exceeded else state, ""
 
@@ -88,6 +93,7 @@ def armed(state: Gate, rules: Rules, now: float) -> tuple[Gate, str]:
     if not state.is_armed:
         anchor = state.sensed.position if state.sensed is not None else None
         state = replace(state, motion=_start(state.sensed, rules.limits), anchor=anchor)
+    state = replace(state, releases=False, stopped_at=np.inf, top_speed=None)
     return replace(state, mode=Mode.HOLDING, reason="", goal=None, sender=-1, number=-1), ""
 
 
@@ -166,7 +172,7 @@ def _is_still(state: Gate, rules: Rules, now: float) -> bool:
         return False
     if rules.limits.kind != EFFORT:
         return not (state.motion.rate if rules.limits.kind == POSITION else state.motion.value).any()
-    if state.sensed is None or _stale(state, rules, now):
+    if state.sensed is None or stale(state, rules, now):
         return False
     return bool((np.abs(state.sensed.velocity) <= rules.rest_speed).all())
 
@@ -218,35 +224,12 @@ def _is_same(value: Array, goal: Array) -> bool:
     return bool((np.abs(value - goal) <= SAME * (1.0 + np.abs(goal))).all())
 
 
-def _flaw(state: Gate, rules: Rules, now: float, news: Sensed) -> str:
-    """Return why a sensed state cannot be used; empty if it can."""
-    age = now - news.stamp
-    if not -CLOCK_TOLERANCE_S <= age <= rules.stale_after:
-        return f"joint state: expected a stamp within the last {rules.stale_after:g} s, got an age of {age:.3f} s"
-    if state.sensed is not None and news.stamp < state.sensed.stamp:
-        return "joint state: expected a stamp no earlier than that of the previous message, got an earlier one"
-    for name in rules.fields:
-        if not (np.abs(getattr(news, name)) <= MOST).all():
-            return f"joint state: expected the {name} of every joint within {MOST:g}, got {getattr(news, name)}"
-    return ""
-
-
-def _stale(state: Gate, rules: Rules, now: float) -> str:
-    """Return an error message if the sensed state is missing or stale; empty otherwise, or if no sensor is needed."""
-    if rules.stale_after == np.inf:
-        return ""
-    if state.sensed is None:
-        return "no usable joint state has been received"
-    is_stale = now - state.sensed.stamp > rules.stale_after
-    return f"no usable joint state for {rules.stale_after:g} s" if is_stale else ""
-
-
 def _watch(state: Gate, rules: Rules, now: float) -> Gate:
     """Stop if commands fail to arrive, the sensed state is stale or the gate is late; a dry run just ends."""
     is_silent = state.goal is not None and now - state.heard_at > rules.command_timeout
     if is_silent and not state.is_armed:
         return _held(state)
-    fault = f"no command for {rules.command_timeout:g} s" if is_silent else _stale(state, rules, now)
+    fault = f"no command for {rules.command_timeout:g} s" if is_silent else stale(state, rules, now)
     late = now - state.due if np.isfinite(state.due) else 0.0  # the first tick is never late
     if late > min(rules.command_timeout, rules.stale_after):  # messages missed meanwhile are not the senders' fault
         fault = f"the gate itself was late by {late:.2f} s"
@@ -279,7 +262,7 @@ def _holding_effort(state: Gate, rules: Rules, now: float) -> Array:
     joints = state.sensed
     if joints is None or state.anchor is None or state.releases:
         return np.zeros(rules.limits.joints)
-    damping = np.zeros_like(rules.damping) if _stale(state, rules, now) else rules.damping
+    damping = np.zeros_like(rules.damping) if stale(state, rules, now) else rules.damping
     effort = rules.stiffness * (state.anchor - joints.position) - damping * joints.velocity
     return np.clip(effort, *rules.limits.bounds())
 
@@ -290,9 +273,9 @@ def _obstacle(state: Gate, rules: Rules, now: float) -> str:
         return "cannot arm while the gate is shutting down"
     if state.stop_requested:
         return f"cannot arm while {state.stop_requested}"
-    stale = _stale(state, rules, now)
-    if stale or state.sensed is None:
-        return f"cannot arm: {stale}" if stale else ""
+    fault = stale(state, rules, now) or contradiction(state, now)
+    if fault or state.sensed is None:
+        return f"cannot arm: {fault}" if fault else ""
     if exceeded := next(rules.sensed.exceeded(state.sensed), ""):
         return f"cannot arm: {exceeded}"
     start = _start(state.sensed, rules.limits)

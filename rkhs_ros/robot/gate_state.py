@@ -154,8 +154,12 @@ class Gate:
         stop_requested: reason of the requested stop, with its publishers; empty if there is none.
         due: time of the next tick.
         rest_since: time since which the robot has been at rest; infinity while it moves.
+        jumped_at: time of the last jump of a sensed position.
+        contradiction: why the sensed states contradict each other; empty if they did not at the last jump.
+        stopped_at: time of the first sensed state after a stop, for joints that hold by effort.
+        top_speed: greatest sensed speeds soon after that stop, shape (joints,).
         is_shutting_down: whether the gate is about to exit and cannot be armed again.
-        releases: whether efforts go to 0 instead of holding, as the last step before the gate exits.
+        releases: whether efforts go to 0 instead of holding: the gate is about to exit, or its feedback is wrong.
     """
 
     mode: Mode = Mode.DISARMED
@@ -172,6 +176,10 @@ class Gate:
     stop_requested: str = ""
     due: float = -np.inf
     rest_since: float = np.inf
+    jumped_at: float = -np.inf
+    contradiction: str = ""
+    stopped_at: float = np.inf
+    top_speed: Array | None = None
     is_shutting_down: bool = False
     releases: bool = False
 

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import DescribeParameters
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray, String
 from std_srvs.srv import Trigger
 
@@ -261,6 +262,25 @@ def test_problems_of_the_joint_source_are_reported_before_and_when_arming(
     assert not answer.success
     assert answer.message.startswith("cannot arm: no usable joint state has been received; /")
     assert answer.message.endswith(line)
+
+
+def test_a_second_publisher_of_joint_states_stops_the_robot_and_is_named(begin: Begin) -> None:
+    _, robot = begin(CALM)
+    assert robot.arm() == "holding"
+    heard = reports(robot)
+    other = robot.probe.add_node("other")
+    joints = other.create_publisher(JointState, "joint_states", 1)
+
+    def publish() -> None:
+        message = JointState(name=["a"], position=[0.9])
+        message.header.stamp = other.get_clock().now().to_msg()
+        joints.publish(message)
+
+    other.create_timer(0.01, publish)
+    assert "joint states contradict each other: the position of joint 0 went from " in robot.until("stopped").reason
+    named = "; 2 publishers: /other, /probe"
+    robot.probe.until(lambda: named in robot.arm())
+    robot.probe.until(lambda: any(named in value.value for each in heard for value in each.status[0].values))
 
 
 def test_unusable_sensors_of_the_robot_node_prevent_arming(begin: Begin) -> None:

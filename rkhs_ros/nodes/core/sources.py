@@ -56,7 +56,9 @@ class Source:
         rate = (len(self._times) - 1) / seconds if seconds else 0.0
         age = time.monotonic() - self._times[-1]
         how = "silent" if self.is_silent else "received"
-        return f"{topic}: {how}, {rate:.3g} Hz, last {age:.2f} s ago" + f"; {flaw}" * bool(flaw)
+        infos = self._node.get_publishers_info_by_topic(self._topic)
+        several = f"; {len(infos)} publishers: {', '.join(sorted(map(full_name, infos)))}" if len(infos) > 1 else ""
+        return f"{topic}: {how}, {rate:.3g} Hz, last {age:.2f} s ago{several}" + f"; {flaw}" * bool(flaw)
 
     def _published(self) -> str:
         infos = self._node.get_publishers_info_by_topic(self._topic)

@@ -222,7 +222,7 @@ class GateNode(ReportingNode):
         self._stops.drop_departed()
         self._check_stops()
         state, reason = armed(self._state, self._rules, time.monotonic())
-        if reason and not self._is_sensing:
+        if reason and (not self._is_sensing or state.contradiction):
             reason += f"; {self._joints_line()}"
         if not reason and state.mode != self._state.mode and self._obstacle and self.count_publishers(OBSTACLE):
             reason = f"cannot arm while the robot node cannot use its sensors: {self._obstacle}"
