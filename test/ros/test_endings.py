@@ -17,7 +17,7 @@ Start = Callable[..., Process]
 Parameters = Callable[..., Path]
 
 
-@pytest.mark.parametrize("signals", [1, 2])
+@pytest.mark.parametrize("signals", [pytest.param(1, marks=pytest.mark.nightly), 2])
 @pytest.mark.parametrize("name", ["simulator", "policy", "learner"])
 def test_a_node_ends_cleanly_on_one_and_on_two_quick_interrupts(
     start: Start, parameters: Parameters, tmp_path: Path, probe: Probe, name: str, signals: int
@@ -58,7 +58,7 @@ def run(start: Start, tmp_path: Path, probe: Probe) -> Process:
     return process
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.nightly), signal.SIGTERM])
 def test_an_interrupted_run_saves_its_policy_and_leaves_no_process(
     run: Process, tmp_path: Path, number: signal.Signals
 ) -> None:
