@@ -29,14 +29,20 @@ class SavedEpisodes(NamedTuple):
     task: Task | None
 
 
-def save_episodes(path: Path, episodes: Episodes, task: Task) -> None:
+def save_episodes(path: Path, episodes: Episodes, task: Task, **further: np.ndarray) -> None:
     """Write episodes and their task; replace an existing file atomically.
+
+    Args:
+        path: the file.
+        episodes: the episodes.
+        task: their task.
+        **further: further arrays, by name.
 
     Raises:
         OSError: the file cannot be written.
     """
     about = {"task": np.array(json.dumps(asdict(task), sort_keys=True))}
-    write_whole(path, packed({**about, **{name: getattr(episodes, name) for name in NAMES}}))
+    write_whole(path, packed({**about, **further, **{name: getattr(episodes, name) for name in NAMES}}))
 
 
 def load_episodes(path: Path) -> SavedEpisodes:

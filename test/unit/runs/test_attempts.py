@@ -11,6 +11,7 @@ import pytest
 from gymnasium.spaces import Box
 
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
+from rkhs_ros.learning.algorithms.step_rules import LineSearch
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.rollouts.inline_runner import InlineRunner
@@ -55,6 +56,21 @@ def test_every_attempt_is_stored_and_drawn(tmp_path: Path, runner: InlineRunner)
     with_attempts = draw_run(folder)[1].read_bytes()
     (folder / ATTEMPTS).unlink()
     assert draw_run(folder)[1].read_bytes() != with_attempts
+
+
+@pytest.mark.parametrize("most", [10_000, 7])
+def test_a_repeated_iteration_stores_its_attempts_once(
+    tmp_path: Path, runner: InlineRunner, most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rkhs_ros.runs.attempts.MOST_ATTEMPTS", most)
+    search = ALGORITHMS["rkhs_nac"](centres=5, step=LineSearch(choices=2))  # tries further episodes
+    config = replace(CONFIG, training=replace(TRAINING, algorithm=search))
+    folder = run_training(config, runner, tmp_path / "run", quiet=True)
+    whole = load_episodes(folder / ATTEMPTS).episodes
+    run_training(config, runner, folder, quiet=True, resume=True)  # repeats the last iteration
+    stored = load_episodes(folder / ATTEMPTS).episodes
+    np.testing.assert_array_equal(stored.actions, whole.actions[-len(stored) :])
+    assert len(stored) == {10_000: 12, 7: 7}[most]
 
 
 @pytest.mark.parametrize(
