@@ -112,7 +112,7 @@ class Checkpoints:
                 the curve lacks lines of all intact checkpoints; or all checkpoints are damaged.
             OSError: the disk failed.
         """
-        beyond, damaged = list[tuple[Path, int]](), list[Path]()
+        beyond, damaged, final = list[tuple[Path, int]](), list[Path](), list[Path]()
         for path in sorted(self._folder.glob("*.npz"), reverse=True):
             state, digest = self._read(path) or (None, "")
             if not state:
@@ -125,11 +125,17 @@ class Checkpoints:
                     for other, iterations in beyond:
                         _skip(other, f"expected {iterations} lines in curve.csv, got {lines}")
                     return state
+                final.append(path)
         if beyond:
             (newest, iterations), *_ = beyond
             raise OtherRunError(
                 f"{self._curve}: expected the lines of the {iterations} iterations before {newest.name}, "
                 f"got {lines} lines. {REMEDY}"
+            )
+        if damaged and final:
+            raise OtherRunError(
+                f"{damaged[0]}: expected an intact checkpoint from before the last iteration, got a damaged one and "
+                f"{final[0].name} after it. Resume with more iterations, or restore the file."
             )
         if damaged:
             raise OtherRunError(f"{damaged[0]}: {WHOLE}, got damaged ones only. {REMEDY}")

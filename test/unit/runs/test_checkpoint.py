@@ -191,6 +191,16 @@ def test_missing_checkpoints_give_no_state_but_only_damaged_ones_raise(
     assert capsys.readouterr().err.count(": skipped (") == 2
 
 
+def test_a_damaged_checkpoint_before_an_intact_last_one_is_named(folder: Path, states: list[State]) -> None:
+    before, last = write(folder, *states)[-2:]
+    before.write_bytes(b"")
+    expected = (
+        f"{before}: expected an intact checkpoint from before the last iteration, got a damaged one and {last.name}"
+    )
+    with pytest.raises(ValueError, match=re.escape(expected)):
+        newest(folder)
+
+
 def test_a_checkpoint_with_too_few_lines_in_the_curve_is_skipped(
     folder: Path, states: list[State], capsys: pytest.CaptureFixture[str]
 ) -> None:
