@@ -34,4 +34,4 @@ class ENAC(GridSettings, ActorCritic):
         """Return the policy after one step along the natural gradient."""
         samples = self.space.samples(policy, experience.episodes)  # phi, Eq 3
         w = self.chosen_critic.fit(samples, experience.discount)  # of R(xi), see above
-        return self.gradient_step(policy, w, samples, experience, self.step)  # theta + alpha w, Eq 15
+        return self.gradient_step(policy, w, samples, experience, self.step)  # theta + alpha w, section 2.2

@@ -54,7 +54,7 @@ class RKHSNAC(SparseSettings, ActorCritic):
         samples = self.space.samples(policy, episodes)
         w = self.chosen_critic.fit(samples, experience.discount)  # Eq 12, which makes w the gradient of Eq 22
         v = self._spread(samples, w, experience) if self.learns_variance else None
-        update = self.gradient_step(policy, w, samples, experience, self.step, v)  # h + alpha w, Eq 15 and 20
+        update = self.gradient_step(policy, w, samples, experience, self.step, v)  # h + alpha w, Algorithm 1
         return update._replace(memory=episodes.take(slice(self.reuse)))
 
     def _spread(self, samples: Samples, w: Array, experience: Experience) -> Array:

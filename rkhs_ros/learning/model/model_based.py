@@ -174,7 +174,8 @@ class ModelUpdate:
     Attributes:
         policy: the new policy with the exploration of the next real episodes.
         metrics: metrics of the last update.
-        model_return: mean return of the model rollouts before the last update.
+        model_return: mean return of the model rollouts before the last update; with validation, the validation return
+            of the policy.
         model_error: error of the previous model on the newest real episodes; nan in the first iteration.
         curious: whether the model rollouts had rewards for unknown states instead of those of the task.
     """
