@@ -37,7 +37,8 @@ def of_a_robot(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 3])  # a good seed and the worst of ten, all of which reach 45
+# The worst of ten seeds, all of which reach 45, and a good one.
+@pytest.mark.parametrize("seed", [3, pytest.param(0, marks=pytest.mark.nightly)])
 def test_offline_training_solves_the_pendulum_from_ten_exploration_episodes(
     tmp_path: Path, rkhs: Callable[..., Result], seed: int
 ) -> None:

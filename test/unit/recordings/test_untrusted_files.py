@@ -121,6 +121,7 @@ def test_a_chunk_larger_than_declared_is_skipped(tmp_path: Path, compression: Co
     assert "chunk: expected 1125 bytes, got 1126" in found.faults[0]
 
 
+@pytest.mark.nightly
 def test_the_total_expansion_of_chunks_is_limited(tmp_path: Path) -> None:
     path = tmp_path / "bomb.mcap"
     bomb(path, CompressionType.ZSTD, chunks=100, size=2**26 - 100)  # 6.7 GB from 250 kB
@@ -163,7 +164,7 @@ def test_a_changed_byte_after_the_data_has_no_effect(whole: Path, tmp_path: Path
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", range(4))
+@pytest.mark.parametrize("part", [0, *(pytest.param(part, marks=pytest.mark.nightly) for part in (1, 2, 3))])
 def test_a_recording_with_a_changed_byte_is_read_or_rejected(whole: Path, tmp_path: Path, part: int) -> None:
     content, path = whole.read_bytes(), tmp_path / "changed.mcap"
     for place in range(part, len(content), 16):
@@ -172,6 +173,7 @@ def test_a_recording_with_a_changed_byte_is_read_or_rejected(whole: Path, tmp_pa
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_a_recording_without_checksums_is_read_or_rejected_in_one_line(whole: Path, tmp_path: Path) -> None:
     path, unguarded = tmp_path / "changed.mcap", tmp_path / "unguarded.mcap"
     found: Found = read_messages(whole)

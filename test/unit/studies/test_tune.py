@@ -80,6 +80,7 @@ LOOSE = ("exploration_decay: 0.3", "exploration_minimum: 0.1")  # otherwise the 
 SMALL = ("horizon=5", "iterations=3", "episodes_per_iteration=4", "evaluation_episodes=2")
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("variant", VARIANTS, ids=" ".join)
 def test_searched_settings_change_the_result_and_unused_ones_do_not(variant: tuple[str, ...]) -> None:
     algorithm, *changes = variant
@@ -143,6 +144,7 @@ def test_an_interrupted_search_gives_the_same_trials(rkhs: Run, tmp_path: Path) 
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_several_workers_run_each_trial_once(rkhs: Run, tmp_path: Path) -> None:
     optuna = pytest.importorskip("optuna")
     search = (
