@@ -11,9 +11,9 @@ from rkhs_ros.robot.gate_state import Gate, Mode, Rules
 from rkhs_ros.robot.limits import EFFORT, MOST, POSITION, Limits, Sensed
 
 CLOCK_TOLERANCE_S = 0.01  # a stamp may be ahead of this machine's clock by this much
-IMPLIED = 5.0  # times its greatest plausible speed at which a joint cannot have moved
+IMPLIED = 20.0  # times its sensed speed at which a joint cannot have moved; a simulated robot may run at ten times
 NOISE = 0.05  # rad or m by which the position of a joint may jump at any time
-WITHIN_S = 1.0  # between two jumps that contradict each other; one may be a reset of an encoder
+WITHIN_S = 1.0  # between a jump and one back, which contradict each other
 SETTLING_S = 0.2  # after a stop, in which the speed of a joint that holds by effort may still grow
 
 
@@ -41,16 +41,24 @@ def stale(state: Gate, rules: Rules, now: float) -> str:
 
 
 def compared(state: Gate, rules: Rules, now: float, news: Sensed) -> Gate:
-    """Compare a sensed state with the previous one, and record two jumps of a joint within a short time.
+    """Compare a sensed state with the previous one, and record a joint that jumps back after a jump.
 
-    The positions of two publishers alternate, and jump each time.
+    The positions of two publishers alternate, and jump each time. A single jump may be a reset of an encoder.
     """
-    jump = _jump(rules.limits, state.sensed, news) if state.sensed is not None else ""
-    if not jump:
+    before = state.sensed
+    if before is None:
         return state
-    is_second = now - state.jumped_at <= WITHIN_S
-    reason = f"joint states contradict each other: {jump}; expected one publisher of the joints"
-    return replace(state, jumped_at=now, contradiction=reason if is_second else "")
+    jump = _jump(rules.limits, before, news)
+    if not jump.any():
+        return state
+    last = state.jump if state.jump is not None and now - state.jumped_at <= WITHIN_S else np.zeros_like(jump)
+    reasons = [
+        f"joint states contradict each other: the position of joint {joint} went from {before.position[joint]:g} "
+        f"to {news.position[joint]:g} in {news.stamp - before.stamp:.3f} s, and the other way before; "
+        "expected one publisher of the joints"
+        for joint in np.flatnonzero(jump * last < 0.0)
+    ]
+    return replace(state, jump=jump, jumped_at=now, contradiction=next(iter(reasons), ""))
 
 
 def contradiction(state: Gate, now: float) -> str:
@@ -71,19 +79,17 @@ def runaway(state: Gate, rules: Rules, now: float, news: Sensed) -> Gate:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # values that the gate does not need may be anything
-def _jump(limits: Limits, before: Sensed, after: Sensed) -> str:
-    """Return which joint cannot have moved to its position; empty if all can. Whole turns do not count."""
+def _jump(limits: Limits, before: Sensed, after: Sensed) -> Array:
+    """Return the direction in which each joint went further than it can, shape (joints,); 0 if it did not.
+
+    Whole turns do not count.
+    """
     seconds, change = after.stamp - before.stamp, after.position - before.position
-    way = np.abs(change - 2 * np.pi * np.round(change / (2 * np.pi)))
+    way = change - 2 * np.pi * np.round(change / (2 * np.pi))
     fastest = np.fmax(np.nan_to_num(np.abs(before.velocity)), np.nan_to_num(np.abs(after.velocity)))
     if limits.kind != EFFORT:
         fastest = np.maximum(fastest, _commanded_speed(limits))
-    joints = np.flatnonzero(way > NOISE + IMPLIED * fastest * seconds)
-    if not joints.size:
-        return ""
-    joint = joints[0]
-    ends = f"from {before.position[joint]:g} to {after.position[joint]:g}"
-    return f"the position of joint {joint} went {ends} in {seconds:.3f} s at a speed of {fastest[joint]:g} per second"
+    return np.where(np.abs(way) > NOISE + IMPLIED * fastest * seconds, np.sign(way), 0.0)
 
 
 def _commanded_speed(limits: Limits) -> Array:

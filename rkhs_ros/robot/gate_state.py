@@ -154,7 +154,8 @@ class Gate:
         stop_requested: reason of the requested stop, with its publishers; empty if there is none.
         due: time of the next tick.
         rest_since: time since which the robot has been at rest; infinity while it moves.
-        jumped_at: time of the last jump of a sensed position.
+        jump: direction of the last jump of a sensed position, shape (joints,), 0 for joints that did not jump.
+        jumped_at: time of that jump.
         contradiction: why the sensed states contradict each other; empty if they did not at the last jump.
         stopped_at: time of the first sensed state after a stop, for joints that hold by effort.
         top_speed: greatest sensed speeds soon after that stop, shape (joints,).
@@ -176,6 +177,7 @@ class Gate:
     stop_requested: str = ""
     due: float = -np.inf
     rest_since: float = np.inf
+    jump: Array | None = None
     jumped_at: float = -np.inf
     contradiction: str = ""
     stopped_at: float = np.inf

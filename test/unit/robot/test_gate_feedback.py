@@ -106,10 +106,10 @@ def test_one_jump_whole_turns_gaps_and_noise_are_no_contradictions(kind: str) ->
         world.now += PERIOD
     assert world.state.mode == Mode.HOLDING
     world.now += 0.05
-    world.sense(position=home + 0.5 + 5 * 0.05 * 2.0, velocity=np.full(2, 2.0))
+    world.sense(position=home + 0.5 + 20 * 0.05 * 2.0, velocity=np.full(2, 2.0))
     assert world.state.mode == Mode.HOLDING
     world.now += PERIOD
-    world.sense(position=home - 1.0)
+    world.sense(position=home + 0.5)
     assert world.state.mode == Mode.STOPPED
     assert world.state.releases == (kind == EFFORT)
 
