@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from rkhs_ros.base.endings import BAD_INPUT, ENDING, FAILED, INTERRUPTED, deferred_signals
 from rkhs_ros.base.files import write_whole
-from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS, POLICY, ROBOT, SIMULATED_ROBOT, SIMULATOR
+from rkhs_ros.base.parameter_files import GATE, LEARNER, PARAMETERS, POLICY, ROBOT, SIMULATED_ROBOT, SIMULATOR
 from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.base.yaml_text import dumped, loaded, require_ros_value
 from rkhs_ros.nodes.core.names import node_names
@@ -188,7 +188,7 @@ def for_all(parameters: str, simulators: int, further: Further | None = None) ->
     """Return the parameter file of all nodes.
 
     Args:
-        parameters: content of a ROS parameter file. The gate of a simulated robot is armed without a person.
+        parameters: content of a ROS parameter file.
         simulators: number of simulator nodes. The learner receives their environment as well, and rejects simulators
             with another one.
         further: further parameters of nodes, such as paths, which ROS would parse as YAML if they were arguments.
@@ -202,7 +202,8 @@ def for_all(parameters: str, simulators: int, further: Further | None = None) ->
         POLICY: {"simulators": simulators},
     }
     if ROBOT in document:
-        own[ROBOT] = {"simulated": SIMULATED_ROBOT in document}
+        arms_itself = document.get(GATE, {PARAMETERS: {}})[PARAMETERS].get("arms_itself", False)
+        own[ROBOT] = {"simulated": SIMULATED_ROBOT in document and arms_itself}
     for name, given in (further or {}).items():
         require_ros_value(given, name)
         own[f"/**/{name}"] = {**own.get(f"/**/{name}", {}), **given}
@@ -218,7 +219,7 @@ def robot_parameters(config: Config, folder: Path, *, resume: bool, simulated: b
         config: configuration of the run.
         folder: folder of the results; created if missing.
         resume: whether the learner resumes the run in the folder.
-        simulated: whether to use the simulated robot of the configuration, whose gate is armed without a person.
+        simulated: whether to use the simulated robot of the configuration.
 
     Raises:
         ValueError: a setting cannot be a ROS parameter.

@@ -172,6 +172,9 @@ def _checked(f: Field[Any], kind: Any, value: Any, name: str) -> Any:
 
 def _of_type(kind: Any, value: Any, name: str) -> Any:
     text, whole, number = isinstance(value, str), _is_number(value, Integral), _is_number(value, Real)
+    if kind is bool:
+        require(isinstance(value, bool), name, "true or false", repr(value))
+        return value
     if kind == tuple[str, ...]:
         return _texts(value, name)
     row = isinstance(value, list | tuple | np.ndarray) and np.ndim(value) == 1 and len(value) > 0

@@ -119,6 +119,10 @@ class GateSettings(Settings):
         minimum=0.0,
         maximum=60.0,
     )
+    arms_itself: bool = setting(
+        False,
+        "arm without a person while only simulated robots subscribe to the command topic, by the names of the nodes",
+    )
     stale_after: float = setting(0.1, "seconds after which a sensed state is stale", minimum=0.001, maximum=60.0)
     period: float = setting(0.01, "seconds between messages to the hardware", minimum=0.001, maximum=1.0)
 

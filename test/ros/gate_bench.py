@@ -61,7 +61,7 @@ class Robot:
         self.reports: list[GateReport] = []
         self.states: list[GateState] = []
         self.probe = probe
-        probe.create_subscription(
+        self.listener = probe.create_subscription(
             OUTPUTS[output], "cmd_vel" if "Twist" in output else "commands", self._obey, LOCKSTEP_QOS
         )
         probe.create_subscription(GateReport, "gate/report", self.reports.append, LOCKSTEP_QOS)

@@ -283,6 +283,26 @@ def test_a_second_publisher_of_joint_states_stops_the_robot_and_is_named(begin: 
     robot.probe.until(lambda: any(named in value.value for each in heard for value in each.status[0].values))
 
 
+def test_a_gate_arms_itself_only_while_all_its_listeners_are_simulated(begin: Begin) -> None:
+    _, robot = begin(CALM | {"arms_itself": True})
+    probe, heard = robot.probe, reports(robot)
+    probe.add_node("simulated_robot").create_subscription(Float64MultiArray, "commands", lambda message: None, 1)
+    expected = "arms_itself: expected only simulated robots on commands, got /probe"
+    probe.until(lambda: any(each.status[0].message == f"waiting: {expected}" for each in heard))
+    assert {state.state for state in robot.states} == {"disarmed"}
+    probe.destroy_subscription(robot.listener)
+    robot.until("holding")
+    real = probe.create_subscription(Float64MultiArray, "commands", lambda message: None, 1)
+    assert robot.until("stopped").reason.startswith("arms_itself: expected only simulated robots on commands, got ")
+    assert robot.arm() == "holding"  # by a person, who may arm it for any robot
+    probe.ask("gate/stop", Trigger.Request())
+    robot.until("stopped")
+    probe.destroy_subscription(real)
+    heard.clear()
+    probe.until(lambda: len(heard) > 3)  # seconds
+    assert robot.states[-1].state == "stopped"  # on request
+
+
 def test_unusable_sensors_of_the_robot_node_prevent_arming(begin: Begin) -> None:
     _, robot = begin(CALM)
     obstacles = robot.probe.create_publisher(String, "robot/obstacle", LATCHED_QOS)

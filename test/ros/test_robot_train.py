@@ -90,6 +90,7 @@ def test_a_real_robot_waits_for_the_operator_to_arm_it(start: Start, tmp_path: P
     document = load_config(CONFIG, (*QUICK, "iterations=1")).parameters()
     settings = tmp_path / "model.yaml"
     settings.write_text(dumped({"/**/simulated_robot": document.pop("/**/simulated_robot")}))
+    document["/**/gate"]["ros__parameters"]["arms_itself"] = False
     config = tmp_path / "real.yaml"
     config.write_text(dumped(document))
     start("simulated_robot", "--ros-args", "--params-file", settings)  # for this run a robot as any other

@@ -75,11 +75,6 @@ class GateLink:
         return time.monotonic() - self._unanswered_since > self._timeout
 
     @property
-    def stands(self) -> bool:
-        """Whether the gate is running, and disarmed or stopped."""
-        return self._state is not None and self._state.state in (DISARMED, STOPPED)
-
-    @property
     def stop_was_requested(self) -> bool:
         """Whether the gate stopped because of a request."""
         return self._state is not None and self._state.reason.startswith(STOP_REQUESTED)

@@ -21,7 +21,7 @@ from rkhs_ros.nodes.core.arguments import require_section
 from rkhs_ros.nodes.core.diagnostics import STOP, Diagnostics
 from rkhs_ros.nodes.core.messages import LATCHED_QOS, LOCKSTEP_QOS
 from rkhs_ros.nodes.core.parameters import declare, given, process, restarts
-from rkhs_ros.nodes.core.publishers import listed
+from rkhs_ros.nodes.core.publishers import UNKNOWN, full_name, listed
 from rkhs_ros.nodes.core.sources import OBSTACLE, PREFIX, Source
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.core.uniqueness import Uniqueness
@@ -43,6 +43,8 @@ from rkhs_ros.robot.sensors import JOINT_STATE
 YIELDS_S = 3.0  # after its start, during which a gate exits for an older one, unless it was armed
 LAST_OUTPUT_TIMEOUT_S = 0.2  # for the hardware to receive the last output
 LATE = 2  # periods between two ticks above which a tick counts as missed
+RETRY_S = 1.0  # between attempts of a gate to arm itself
+SIMULATED = ("simulated_robot", "recorder")  # nodes that may receive the commands of a gate that arms itself
 HARDWARE_QOS = QoSProfile(depth=1)
 
 
@@ -76,7 +78,7 @@ class GateNode(ReportingNode):
     """Sends commands to the hardware once per period, within limits and unless there is a fault.
 
     Owns the gate's state and the topic of the hardware. It is independent of learning, never widens a limit, and only
-    an operator arms it.
+    an operator arms it, unless its robot is simulated and the settings say so.
     """
 
     def __init__(self) -> None:
@@ -99,6 +101,8 @@ class GateNode(ReportingNode):
         self._loop = Loop(self._settings.period)
         self._joints = JointStates(self._settings.joints)
         self._end_at = inf  # monotonic time, seconds; finite once the gate has been asked to exit
+        self._arm_at = time.monotonic() + RETRY_S  # of a gate that arms itself
+        self._has_armed_itself = False
         self._flaw = ""  # of the last joint state
         self._obstacle = ""  # last reported by the robot node
         self._open_topics()
@@ -112,6 +116,8 @@ class GateNode(ReportingNode):
         now = time.monotonic()
         if now >= self._state.due:
             self._tick(now)
+            if self._settings.arms_itself:
+                self._arm_itself(now)
         self._uniqueness.check()
         return max(min(self.diagnostics.heartbeat(), self._state.due - time.monotonic()), 0.0)
 
@@ -221,19 +227,41 @@ class GateNode(ReportingNode):
     def _arm(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._stops.drop_departed()
         self._check_stops()
+        response.message = self._try_to_arm()
+        response.success = not response.message
+        if response.success:
+            self._uniqueness.stay()
+            self._has_armed_itself = False
+            response.message = str(self._state.mode)
+        return response
+
+    def _try_to_arm(self) -> str:
+        """Arm the gate; return why it cannot be armed, empty if it is."""
         state, reason = armed(self._state, self._rules, time.monotonic())
         if reason and (not self._is_sensing or state.contradiction):
             reason += f"; {self._joints_line()}"
         if not reason and state.mode != self._state.mode and self._obstacle and self.count_publishers(OBSTACLE):
             reason = f"cannot arm while the robot node cannot use its sensors: {self._obstacle}"
-        response.message = self._rivals() or reason
-        response.success = not response.message
-        if response.success:
-            self._uniqueness.stay()
+        reason = self._rivals() or reason
+        if not reason:
             self._turn(state)
-            response.message = str(self._state.mode)
             self.get_logger().warning("armed: the robot may move")
-        return response
+        return reason
+
+    def _arm_itself(self, now: float) -> None:
+        """Arm the gate if its robot is simulated and no stop was requested; stop the robot once others listen, too."""
+        topic, stands = self._settings.command.topic, self._state.mode in (Mode.DISARMED, Mode.STOPPED)
+        listeners = self.get_subscriptions_info_by_topic(self.resolve_topic_name(topic))
+        others = sorted({full_name(each) for each in listeners if not _is_simulated(each.node_name)})
+        expected = f"arms_itself: expected only simulated robots on {topic}, got {', '.join(others)}" if others else ""
+        self.diagnostics.waiting = expected if stands else ""
+        if expected and self._has_armed_itself:
+            self._turn(stopped(self._state, expected))
+        if not stands or now < self._arm_at:
+            return
+        self._arm_at = now + RETRY_S
+        if listeners and not others and not self._state.reason.startswith(STOP_REQUESTED):
+            self._has_armed_itself = not self._try_to_arm()
 
     def _stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._turn(stopped(self._state, f"{STOP_REQUESTED} by the service 'stop'"))
@@ -247,6 +275,11 @@ class GateNode(ReportingNode):
             **self._loop.report(),
             PREFIX + "joints": self._joints_line(),
         }
+
+
+def _is_simulated(name: str) -> bool:
+    """Return whether a node is a simulated robot by its name, or only looks on, such as a tool of the command line."""
+    return name in SIMULATED or (name.startswith("_") and name != UNKNOWN)
 
 
 def main() -> None:

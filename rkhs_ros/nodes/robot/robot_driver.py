@@ -39,7 +39,7 @@ class EpisodeDriver:
         node: the robot node.
         task: the robot's task.
         instance: number of the node's process, by which the gate distinguishes senders.
-        arms: whether to arm the gate and to end protective stops automatically; for simulated robots only.
+        arms: whether the gate arms itself and protective stops end automatically; for simulated robots only.
         ended: called with each episode that has ended, after the command to hold.
 
     Attributes:

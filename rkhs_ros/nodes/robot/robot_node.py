@@ -58,7 +58,7 @@ class RobotNode(ReportingNode):
             tree,
             "simulated",
             False,
-            "arm the gate and end protective stops automatically, for simulated robots only",
+            "end protective stops automatically, for simulated robots whose gate arms itself only",
         )
         again, own_process = restarts(self, tree), process(self, tree)
         self._task = robot_task_from(tree)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from std_srvs.srv import Trigger
@@ -12,16 +10,17 @@ from rkhs_ros.base.validation import truncated
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.nodes.robot.gate_link import GateLink
 
-RETRY_S = 1.0  # between attempts to arm the gate, or to end a protective stop
+RETRY_S = 1.0  # between attempts to end a protective stop
+PATIENCE_S = 5.0  # for the gate to arm itself, after which the operator is told
 NAME = "simulated_robot"
 
 
 class SimulatedRobotLink:
     """The robot node's client of a simulated robot.
 
-    Arms its gate and ends its protective stops automatically, unless a stop was requested.
+    Ends its protective stops automatically, unless a stop was requested; its gate arms itself.
 
-    Owns the robot's last report, and the time of the last attempt.
+    Owns the robot's last report, and the times of the last attempt, of the last obstacle and of its beginning.
 
     Args:
         node: the robot node.
@@ -32,8 +31,7 @@ class SimulatedRobotLink:
         self._node = node
         self._gate = gate
         self._report = DiagnosticStatus()
-        self._asked_at = 0.0
-        self._arm = node.create_client(Trigger, "gate/arm")
+        self._asked_at = self._seen_at = self._since = 0.0
         self._reset = node.create_client(Trigger, f"{NAME}/reset_protective_stop")
         node.create_subscription(DiagnosticStatus, f"{NAME}/violations", self._hear_report, LATCHED_QOS)
 
@@ -46,19 +44,21 @@ class SimulatedRobotLink:
     def make_ready(self, now: float) -> bool:
         """Prepare the robot to move; return whether this happens automatically.
 
-        After a requested stop it does not: as on any robot, an operator has to arm the gate.
+        After a requested stop, or if the gate does not arm itself for some seconds, an operator has to arm it.
+
+        Args:
+            now: monotonic time of this call, seconds; it is repeated while there is an obstacle.
         """
         if self._gate.stop_was_requested:
             return False
-        if now >= self._asked_at + RETRY_S and NAME in self._node.get_node_names():
+        if now > self._seen_at + RETRY_S:
+            self._since = now
+        self._seen_at = now
+        is_due = bool(self.obstacle()) and now >= self._asked_at + RETRY_S
+        if is_due and NAME in self._node.get_node_names() and self._reset.service_is_ready():
             self._asked_at = now
-            self._ask(self._reset, due=bool(self.obstacle()))
-            self._ask(self._arm, due=self._gate.stands)
-        return True
-
-    def _ask(self, service: Any, *, due: bool) -> None:
-        if due and service.service_is_ready():
-            service.call_async(Trigger.Request())
+            self._reset.call_async(Trigger.Request())
+        return now < self._since + PATIENCE_S
 
     def _hear_report(self, message: DiagnosticStatus) -> None:
         self._report = message

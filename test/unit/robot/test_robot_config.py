@@ -104,9 +104,13 @@ def test_all_nodes_of_a_robot_receive_their_parameters() -> None:
     assert learner["environment"]["id"] == "motor_pendulum"
 
 
-def test_only_an_operator_arms_the_gate_of_a_real_robot() -> None:
+@pytest.mark.parametrize("missing", ["simulated robot", "arms_itself"])
+def test_only_an_operator_ends_the_stops_of_a_real_robot(missing: str) -> None:
     document = loaded(resolved(load_config(PENDULUM)))
-    del document["/**/simulated_robot"]
+    if missing == "arms_itself":
+        del document["/**/gate"]["ros__parameters"]["arms_itself"]
+    else:
+        del document["/**/simulated_robot"]
     robot = loaded(for_all(str(document), 1, {"robot": {"journal": "/somewhere"}}))["/**/robot"]["ros__parameters"]
     assert robot["simulated"] is False
 
