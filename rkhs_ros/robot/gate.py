@@ -12,7 +12,17 @@ import numpy as np
 
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.feedback import CLOCK_TOLERANCE_S, compared, contradiction, flaw, runaway, stale
-from rkhs_ros.robot.gate_state import CLAMPED, MOST_NUMBER, Command, CommandReport, Flags, Gate, Mode, Rules
+from rkhs_ros.robot.gate_state import (
+    CLAMPED,
+    MOST_NUMBER,
+    STOP_REQUESTED,
+    Command,
+    CommandReport,
+    Flags,
+    Gate,
+    Mode,
+    Rules,
+)
 from rkhs_ros.robot.limits import EFFORT, POSITION, VELOCITY, Limits, Sensed
 from rkhs_ros.robot.motion import Setpoint, advance, rest_at
 
@@ -83,10 +93,13 @@ def ticked(state: Gate, rules: Rules, now: float) -> tuple[Gate, Array | None]:
 def armed(state: Gate, rules: Rules, now: float) -> tuple[Gate, str]:
     """Arm the gate on request; return the next state and the reason if it refuses, else an empty string.
 
-    A gate that is not moving then accepts commands of any process, whatever numbers it has received before.
+    After a stop by the operator, a disarmed gate refuses once. A gate that is not moving then accepts commands of any
+    process, whatever numbers it has received before.
     """
     if state.mode == Mode.MOVING:
         return state, ""
+    if state.mode == Mode.DISARMED and state.reason:
+        return replace(state, reason=""), f"cannot arm: {state.reason}; arm again if the robot may move"
     obstacle = _obstacle(state, rules, now) if state.mode != Mode.HOLDING else ""
     if obstacle:
         return state, obstacle
@@ -107,7 +120,13 @@ def stopped(state: Gate, reason: str) -> Gate:
 def stop_requested(state: Gate, reason: str) -> Gate:
     """Stop, and refuse to arm, while `reason` names who requests a stop; it is empty if no stop is requested."""
     state = replace(state, stop_requested=reason)
-    return stopped(state, reason) if reason else state
+    is_new = bool(reason) and not state.reason.startswith(STOP_REQUESTED)
+    return stopped_by_operator(state, reason) if is_new and state.is_armed else state
+
+
+def stopped_by_operator(state: Gate, reason: str) -> Gate:
+    """Stop until armed again; a disarmed gate refuses once to arm, so that whoever arms it learns of the request."""
+    return replace(stopped(state, reason), reason=reason)
 
 
 def leave(state: Gate, rules: Rules, now: float) -> tuple[Gate, bool]:

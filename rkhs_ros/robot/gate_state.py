@@ -140,7 +140,7 @@ class Gate:
 
     Attributes:
         mode: of the gate.
-        reason: why it is stopped; else empty.
+        reason: why it is stopped, or refuses once to arm; else empty.
         counts: its counters.
         motion: the newest output; while disarmed, the one that it would send; None while positions are unknown.
         goal: the command to move to, shape (joints,); None while no command is expected.

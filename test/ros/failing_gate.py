@@ -1,10 +1,14 @@
 """A gate with injected failures of a callback, a check or the executor, triggered by a topic."""
 
+from dataclasses import replace
+
+import numpy as np
 from rclpy.executors import Executor
 from std_msgs.msg import String
 
 from rkhs_ros.nodes.core.spin import PeerError, run, serve
 from rkhs_ros.nodes.robot.gate_node import GateNode
+from rkhs_ros.robot.motion import Setpoint
 
 
 class FailingGate(GateNode):
@@ -29,6 +33,8 @@ class FailingGate(GateNode):
         self._fault = message.data
         if self._fault == "callback":
             raise TypeError("a callback failed")
+        if self._fault == "tick":
+            self._state = replace(self._state, motion=Setpoint(np.array([]), np.array([])))
         if self._fault == "exit":
             raise SystemExit(3)
         if self._fault == "executor":

@@ -58,7 +58,7 @@ def test_problems_are_listed_below_the_table() -> None:
     source = "/joint_sates: no messages, no publishers; topics of sensor_msgs/msg/JointState: /joint_states"
     gate = {MODE: "stopped", "ignored": "0", LAST_REFUSAL: "a command", "source joints": source}
     known = {  # as gate and simulated robot report: some of the columns, and what they do
-        "/gate": (b"\2", f"stuck: {why}", gate),
+        "/gate": (b"\2", f"stopped: {why}", gate),
         "/simulated_robot": (b"\0", "ok", {"ignored": "0"}),
         "/robot": (b"\1", "waiting: for an operator", values | {MODE: "getting ready"}),
     }
@@ -70,12 +70,12 @@ def test_problems_are_listed_below_the_table() -> None:
     }
     rows = printed(table(statuses))
     assert [line.split()[:3] for line in rows if line.startswith("/")] == [
-        ["/gate", "stuck", "stopped"],
+        ["/gate", "stopped", "0"],
         ["/robot", "waiting", "getting"],
         ["/simulated_robot", "ok", "0"],
     ]
     assert [str(line) for line in reasons(statuses)] == [
-        f"/gate stuck: {why}",
+        f"/gate stopped: {why}",
         f"/gate joints: {source}",
         "/gate last refused or ignored a command",
         "/robot waiting: for an operator",

@@ -29,8 +29,8 @@ LAST_REPORT_TIMEOUT_S = 0.5  # for subscribers to receive the report of an error
 class Diagnostics:
     """A node's status reports, once a second, and its events.
 
-    Owns the numbers of refused and ignored messages and of steps, why the node is stuck, what the operator has to do,
-    and which subscribed topics have more than one publisher.
+    Owns the numbers of refused and ignored messages and of steps, why the node is stuck or has stopped the robot,
+    what the operator has to do, and which subscribed topics have more than one publisher.
 
     Args:
         node: the reporting node.
@@ -47,6 +47,7 @@ class Diagnostics:
         self.last_refusal = ""
         self.steps = 0
         self.stuck = ""  # why the node is stuck; empty if it is not
+        self.stopped = ""  # why the node has stopped the robot; empty if it has not
         self.waiting = ""  # what the operator has to do; empty if nothing
         self.crowded = ""  # topics with more than one publisher, with the publishers
         self._publishers = SinglePublishers(node, topics)
@@ -125,6 +126,8 @@ class Diagnostics:
         refused, self._refusals_reported = self.refusals > self._refusals_reported, self.refusals
         if self.stuck:
             return DiagnosticStatus.ERROR, f"stuck: {self.stuck}"
+        if self.stopped:
+            return DiagnosticStatus.ERROR, f"stopped: {self.stopped}"
         if self.waiting:
             return DiagnosticStatus.WARN, f"waiting: {self.waiting}"
         if self.crowded:

@@ -34,7 +34,18 @@ from rkhs_ros.nodes.robot.gate_messages import (
     state_message,
 )
 from rkhs_ros.nodes.robot.stop_topics import StopTopics
-from rkhs_ros.robot.gate import armed, begin, commanded, last_output, leave, sensed, stop_requested, stopped, ticked
+from rkhs_ros.robot.gate import (
+    armed,
+    begin,
+    commanded,
+    last_output,
+    leave,
+    sensed,
+    stop_requested,
+    stopped,
+    stopped_by_operator,
+    ticked,
+)
 from rkhs_ros.robot.gate_settings import GateSettings, require_own_topic, rules
 from rkhs_ros.robot.gate_state import STOP_REQUESTED, Counts, Gate, Mode
 from rkhs_ros.robot.motion import Setpoint
@@ -43,6 +54,8 @@ from rkhs_ros.robot.sensors import JOINT_STATE
 YIELDS_S = 3.0  # after its start, during which a gate exits for an older one, unless it was armed
 LAST_OUTPUT_TIMEOUT_S = 0.2  # for the hardware to receive the last output
 LATE = 2  # periods between two ticks above which a tick counts as missed
+STATE = "gate/state"
+MOST_FAILURES = 3  # of successive ticks, after which the gate can no longer bring the robot to rest
 RETRY_S = 1.0  # between attempts of a gate to arm itself
 SIMULATED = ("simulated_robot", "recorder")  # nodes that may receive the commands of a gate that arms itself
 HARDWARE_QOS = QoSProfile(depth=1)
@@ -98,8 +111,10 @@ class GateNode(ReportingNode):
         declare(self, (entry for entry in entries(self._settings) if entry.value != ()))
         self._state = begin(self._rules)
         self._published: tuple[Mode, str, Counts] | None = None
+        self._opened_at, self._gates = time.monotonic(), 1  # publishers of the state
         self._loop = Loop(self._settings.period)
         self._joints = JointStates(self._settings.joints)
+        self._failures = 0  # of the last ticks, before their output was sent
         self._end_at = inf  # monotonic time, seconds; finite once the gate has been asked to exit
         self._arm_at = time.monotonic() + RETRY_S  # of a gate that arms itself
         self._has_armed_itself = False
@@ -119,26 +134,33 @@ class GateNode(ReportingNode):
             if self._settings.arms_itself:
                 self._arm_itself(now)
         self._uniqueness.check()
+        self._renew_state(now)
         return max(min(self.diagnostics.heartbeat(), self._state.due - time.monotonic()), 0.0)
 
     def may_end(self) -> bool:
-        """Stop the robot before the process exits; return whether it is at rest or the timeout is over."""
+        """Stop the robot before the process exits; return whether it is at rest, or cannot come to rest in time."""
         now = time.monotonic()
         self._end_at = min(self._end_at, now + self._settings.rest.timeout)
+        if self._failures >= MOST_FAILURES:  # its state may be damaged, too
+            self._send_last(self._state)
+            return True
         state, is_left = leave(self._state, self._rules, now)
         is_over = is_left or now >= self._end_at
         if is_over:
-            self._send(last_output(state, self._rules))
-            self._hardware.wait_for_all_acked(Duration(seconds=LAST_OUTPUT_TIMEOUT_S))
+            self._send_last(state)
         self._turn(state)
         return is_over
+
+    def _send_last(self, state: Gate) -> None:
+        self._send(last_output(state, self._rules))
+        self._hardware.wait_for_all_acked(Duration(seconds=LAST_OUTPUT_TIMEOUT_S))
 
     def _open_topics(self) -> None:
         command, sensor = self._settings.command, self._settings.sensor
         require_own_topic(self._settings, self.resolve_topic_name)
         self._hardware = self.create_publisher(TYPES[command.type], command.topic, HARDWARE_QOS)
         self._reports = self.create_publisher(GateReport, "gate/report", LOCKSTEP_QOS)
-        self._states = self.create_publisher(GateState, "gate/state", LATCHED_QOS)
+        self._states = self.create_publisher(GateState, STATE, LATCHED_QOS)
         self.create_subscription(Command, "command", self._command, LOCKSTEP_QOS)
         self._source: Source | None = None
         if sensor.topic:
@@ -160,14 +182,23 @@ class GateNode(ReportingNode):
         if state.mode == Mode.STOPPED and is_new and not state.is_shutting_down:
             self.get_logger().error(f"stopped: {state.reason}")
             self.diagnostics.publish_event(STOP, state.reason)
-        self.diagnostics.stuck = state.reason
+        self.diagnostics.stopped = state.reason
         self._states.publish(state_message(state))
         self._published = visible
 
+    def _renew_state(self, now: float) -> None:
+        """Publish the state again after a second gate has appeared or left, so that its state is not the newest one."""
+        gates = max(self.count_publishers(STATE), 1)
+        if gates != self._gates and (self._state.is_armed or now > self._opened_at + YIELDS_S):
+            self._gates = gates
+            self._states.publish(state_message(self._state))
+
     def _tick(self, now: float) -> None:
         """Send an output first, so that no later failure prevents it; then check stops and other publishers."""
+        self._failures += 1
         state, output = ticked(self._state, self._rules, now)
         self._send(state.motion if output is not None else None)
+        self._failures = 0
         self._turn(state)
         self._loop.tick(now)
         self.diagnostics.steps += 1
@@ -238,6 +269,8 @@ class GateNode(ReportingNode):
     def _try_to_arm(self) -> str:
         """Arm the gate; return why it cannot be armed, empty if it is."""
         state, reason = armed(self._state, self._rules, time.monotonic())
+        if reason:
+            self._turn(state)
         if reason and (not self._is_sensing or state.contradiction):
             reason += f"; {self._joints_line()}"
         if not reason and state.mode != self._state.mode and self._obstacle and self.count_publishers(OBSTACLE):
@@ -264,7 +297,7 @@ class GateNode(ReportingNode):
             self._has_armed_itself = not self._try_to_arm()
 
     def _stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._turn(stopped(self._state, f"{STOP_REQUESTED} by the service 'stop'"))
+        self._turn(stopped_by_operator(self._state, f"{STOP_REQUESTED} by the service 'stop'"))
         response.success, response.message = True, str(self._state.mode)
         return response
 

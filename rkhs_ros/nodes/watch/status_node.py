@@ -124,7 +124,8 @@ def table(statuses: Statuses) -> Table:
     for name, status in sorted(statuses.items()):
         values = _values(status)
         state = Text(
-            truncated(" ".join(filter(None, (_word(status), values.get(MODE))))), COLOURS.get(status.level, "red")
+            truncated(" ".join(dict.fromkeys(filter(None, (_word(status), values.get(MODE)))))),
+            COLOURS.get(status.level, "red"),
         )
         result.add_row(Text(truncated(name)), state, *(Text(_cell(key, values.get(key, ""))) for key in COLUMNS))
     return result

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rkhs_ros.robot.gate import is_at_rest, leave
+from rkhs_ros.robot.gate import is_at_rest, leave, stopped_by_operator
 from rkhs_ros.robot.gate_state import Flags, Mode
 from rkhs_ros.robot.limits import EFFORT, KINDS, POSITION, VELOCITY
 from rkhs_ros.robot.motion import braking
@@ -132,6 +132,22 @@ def test_a_requested_stop_prevents_arming(kind: str) -> None:
     unarmed.request_stop(True)
     assert "stop" in unarmed.arm()
     assert unarmed.state.mode == Mode.DISARMED
+
+
+@over_kinds
+def test_a_stop_by_the_operator_is_latched_in_every_state(kind: str) -> None:
+    reason = "a stop is requested by the service 'stop'"
+    unarmed = World(rules_of(kind))
+    unarmed.state = stopped_by_operator(unarmed.state, reason)
+    unarmed.wait(0.1)
+    assert (unarmed.state.mode, unarmed.state.reason, unarmed.outputs) == (Mode.DISARMED, reason, [])
+    assert unarmed.arm() == f"cannot arm: {reason}; arm again if the robot may move"
+    assert unarmed.arm() == ""
+    world = armed_world(kind)
+    world.stop("a fault")
+    assert stopped_by_operator(world.state, reason).reason == reason
+    world.request_stop(True)
+    assert (world.state.reason, world.state.counts.stops) == ("a stop is requested", 1)
 
 
 @pytest.mark.parametrize(
