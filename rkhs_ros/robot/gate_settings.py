@@ -14,9 +14,10 @@ from rkhs_ros.robot.gate_state import Rules
 from rkhs_ros.robot.limits import EFFORT, KINDS, MOST, POSITION, VELOCITY, Limits, SensedLimits
 from rkhs_ros.robot.urdf import JointLimit, located, read_limits
 
-FLOATS, TRAJECTORY = "std_msgs/msg/Float64MultiArray", "trajectory_msgs/msg/JointTrajectory"
+FLOAT, FLOATS = "std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray"
+TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
-KINDS_OF = {FLOATS: KINDS, TRAJECTORY: (POSITION,), TWIST: (VELOCITY,), TWIST_STAMPED: (VELOCITY,)}
+KINDS_OF = {FLOATS: KINDS, FLOAT: KINDS, TRAJECTORY: (POSITION,), TWIST: (VELOCITY,), TWIST_STAMPED: (VELOCITY,)}
 AXES = tuple(f"{part}.{axis}" for part in ("linear", "angular") for axis in "xyz")  # the "joints" of a Twist
 Numbers = tuple[float, ...]
 OWN_TOPICS = ("command", "robot/obstacle", "gate/report", "gate/state")  # of every gate
@@ -138,6 +139,8 @@ class GateSettings(Settings):
         require(len(set(self.joints)) == len(self.joints), "joints", "unique names", ", ".join(self.joints))
         kinds = KINDS_OF[self.command.type]
         require(self.command.kind in kinds, "command.kind", " or ".join(kinds), f"'{self.command.kind}'")
+        if self.command.type == FLOAT:
+            require(len(self.joints) == 1, "joints", f"1 name for {FLOAT}", len(self.joints))
         if self.command.type in (TWIST, TWIST_STAMPED):
             require(set(self.joints) <= set(AXES), "joints", f"some of {', '.join(AXES)}", ", ".join(self.joints))
             require(not self.sensor.topic, "sensor.topic", "'' for a Twist, which has no joints", self.sensor.topic)

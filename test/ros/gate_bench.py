@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import yaml
 from geometry_msgs.msg import TwistStamped
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
@@ -20,7 +20,13 @@ from test.ros.conftest import Probe, Process
 
 TIMEOUT = 1.0  # of commands and sensors: a busy machine is no reason to stop
 FLOATS, TRAJECTORY = "std_msgs/msg/Float64MultiArray", "trajectory_msgs/msg/JointTrajectory"
-OUTPUTS = {FLOATS: Float64MultiArray, TRAJECTORY: JointTrajectory, "geometry_msgs/msg/TwistStamped": TwistStamped}
+FLOAT = "std_msgs/msg/Float64"
+OUTPUTS = {
+    FLOATS: Float64MultiArray,
+    FLOAT: Float64,
+    TRAJECTORY: JointTrajectory,
+    "geometry_msgs/msg/TwistStamped": TwistStamped,
+}
 POSITION = {
     "joints": ["a"],
     "command": {"topic": "commands", "kind": "position"},

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from collections.abc import Callable, Iterator
 from itertools import count, pairwise
 from pathlib import Path
@@ -18,7 +19,7 @@ from rkhs_interfaces.msg import GateReport
 from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from test.ros.conftest import Probe, Process
-from test.ros.gate_bench import BASE, CALM, POSITION, TIMEOUT, TRAJECTORY, Begin, Output, Robot, gates, written
+from test.ros.gate_bench import BASE, CALM, FLOAT, POSITION, TIMEOUT, TRAJECTORY, Begin, Output, Robot, gates, written
 
 PERIOD = 0.01
 
@@ -184,6 +185,13 @@ def test_a_mobile_base_receives_twists(begin: Begin, probe: Probe) -> None:
     assert "std_msgs/msg/Float64MultiArray" in kind.additional_constraints
 
 
+def test_a_single_motor_receives_plain_numbers(begin: Begin) -> None:
+    _, robot = begin(CALM | {"command": {"topic": "commands", "kind": "position", "type": FLOAT}})
+    assert robot.arm() == "holding"
+    robot.command(0.3, number=1)
+    robot.probe.until(lambda: bool(robot.sent) and robot.sent[-1].message.data == pytest.approx(0.3))
+
+
 def test_another_publisher_stops_a_moving_robot(begin: Begin, start: Callable[..., Process]) -> None:
     _, robot = begin(POSITION | {"limits": POSITION["limits"] | {"velocity": [0.1]}})
     assert robot.arm() == "holding"
@@ -204,6 +212,46 @@ def test_another_publisher_prevents_arming(begin: Begin) -> None:
     robot.probe.settle(0.5)
     assert "expected no other publisher, got /commands: /gate, /probe (unknown)" in robot.arm()
     assert robot.states[-1].state == "disarmed"
+
+
+def test_a_second_gate_that_exits_does_not_leave_the_newest_state(
+    begin: Begin, start: Callable[..., Process], tmp_path: Path
+) -> None:
+    _, robot = begin(CALM)
+    assert robot.arm() == "holding"
+    robot.probe.ask("gate/stop", Trigger.Request())
+    robot.until("stopped")
+    before = len(robot.states)
+    second = start("gate", "--ros-args", "--params-file", tmp_path / "gate.yaml", "-p", "instance:=1")
+    robot.probe.until(lambda: any(state.state == "disarmed" for state in robot.states[before:]))
+    assert second.finish()[0] == 1
+    robot.until("stopped")
+
+
+def test_a_gate_whose_ticks_fail_for_ever_sends_its_last_output_at_once(
+    start: Callable[..., Process], probe: Probe, tmp_path: Path
+) -> None:
+    patience = 8.0  # seconds for which the gate would hold the last output
+    gate = start(
+        "failing_gate", "--ros-args", "--params-file", written(tmp_path, BASE | {"rest": {"timeout": patience}})
+    )
+    robot = Robot(probe, BASE["command"]["type"])
+    robot.is_sensed = False
+    faults = probe.create_publisher(String, "fail", 1)
+    probe.until(lambda: faults.get_subscription_count() > 0)
+    assert robot.arm() == "holding"
+    for number in count():
+        robot.command(0.2, -0.3, number=number)
+        if robot.sent and robot.sent[-1].message.twist.linear.x == 0.2:
+            break
+    failed_at = time.monotonic()
+    faults.publish(String(data="tick"))
+    probe.until(lambda: gate.popen.poll() is not None)
+    assert time.monotonic() < failed_at + patience
+    probe.settle(0.1)
+    assert robot.sent[-1].message.twist.linear.x == 0.0
+    assert gate.finish()[0] != 0
+    robot.close()
 
 
 @pytest.mark.parametrize(

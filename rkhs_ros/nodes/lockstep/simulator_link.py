@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -182,10 +183,11 @@ class SimulatorLink:
         return min(self._alive_at - now, SIGNAL_CHECK_S)
 
     def report_waiting(self, text: str) -> None:
-        """Log what the operator of a robot has to do, once."""
-        if text and text != self._logged:
+        """Log what the operator of a robot has to do, once; numbers such as the rate of a sensor may change."""
+        kind = re.sub(r"[0-9.]+", "", text)
+        if text and kind != self._logged:
             self._node.get_logger().warning(f"the {self.name} node is waiting: {text}")
-        self._logged = text
+        self._logged = kind
 
     def begin(
         self, batch: Batch, policy: GaussianPolicy | None, version: int, clock: int, seeds: Sequence[int] = ()

@@ -12,21 +12,27 @@ from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.duration import Duration
 from rclpy.time import Time
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 import rkhs_interfaces.msg as msg
 from rkhs_ros.nodes.core.clocks import now_by_both_clocks
 from rkhs_ros.policies.messages import doubles
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.robot.gate_settings import FLOATS, TRAJECTORY, TWIST, TWIST_STAMPED, GateSettings
+from rkhs_ros.robot.gate_settings import FLOAT, FLOATS, TRAJECTORY, TWIST, TWIST_STAMPED, GateSettings
 from rkhs_ros.robot.gate_state import Command, CommandReport, Gate
 from rkhs_ros.robot.limits import Limits, Sensed
 from rkhs_ros.robot.motion import Setpoint, braking
 from rkhs_ros.robot.sensors import missing_joints
 
 MOST_POINTS = 10  # in a trajectory message; one is sent every period
-TYPES = {FLOATS: Float64MultiArray, TRAJECTORY: JointTrajectory, TWIST: Twist, TWIST_STAMPED: TwistStamped}
+TYPES = {
+    FLOATS: Float64MultiArray,
+    FLOAT: Float64,
+    TRAJECTORY: JointTrajectory,
+    TWIST: Twist,
+    TWIST_STAMPED: TwistStamped,
+}
 
 
 def seconds_of(stamp: Stamp) -> float:
@@ -100,6 +106,8 @@ def hardware_message(settings: GateSettings, limits: Limits, motion: Setpoint) -
     """Return an output as a message of the hardware's type."""
     if settings.command.type == FLOATS:
         return Float64MultiArray(data=doubles(motion.value))
+    if settings.command.type == FLOAT:
+        return Float64(data=float(motion.value[0]))
     if settings.command.type == TRAJECTORY:
         return _trajectory(settings, limits, motion)
     twist = _twist(settings.joints, motion.value)

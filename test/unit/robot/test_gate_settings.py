@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from rkhs_ros.base.settings import build, entries
-from rkhs_ros.robot.gate_settings import FLOATS, TRAJECTORY, TWIST, GateSettings, rules
+from rkhs_ros.robot.gate_settings import FLOAT, FLOATS, TRAJECTORY, TWIST, GateSettings, rules
 from rkhs_ros.robot.gate_state import Rules
 from rkhs_ros.robot.urdf import located
 
@@ -109,6 +109,7 @@ def test_one_number_applies_to_all_joints_and_an_omitted_limit_is_none() -> None
         (EFFORT, {"command": {"kind": None}}, "command.kind: expected position or velocity or effort"),
         (EFFORT, {"command": {"type": TRAJECTORY}}, "command.kind: expected position, got 'effort'"),
         (EFFORT, {"command": {"type": "Float64"}}, "unknown choice 'Float64', known: geometry_msgs/msg/Twist, "),
+        (POSITION, {"command": {"type": FLOAT}}, "joints: expected 1 name for std_msgs/msg/Float64, got 2"),
         (POSITION, {"limits": {"velocity": None}}, "limits.velocity: expected a limit for each joint"),
         (POSITION, {"limits": {"acceleration": None}}, "limits.acceleration: expected a limit for each joint"),
         (POSITION, {"limits": {"maximum": [1.0] * 3}}, "limits.maximum: expected 1 or 2 numbers, got 3"),
