@@ -21,6 +21,11 @@ MAX_CACHED = 12  # iterations in memory
 PANEL_WIDTH_PX = 390
 CURVE_PX, BESIDE_ROBOT_PX = 210, 150  # height of the curve, without and with a robot in the panel
 RECENT = 6  # iterations whose episodes are drawn, including the selected one
+# Below this width, viser puts a narrow panel over the lower part of the scene: widen it, and end the scene above it.
+ON_PHONE = """<style>@media (max-width: 36em) {
+  [style*="width: 20em"] { width: 100% !important; }
+  [style*="inset"]:has(> canvas) { bottom: 60% !important; }
+}</style>"""
 BUTTONS = {
     RUNNING: {"Pause after this iteration": PAUSE, "End the run": STOP},
     PAUSED: {"Resume": RESUME, "End the run": STOP},
@@ -53,12 +58,13 @@ class Page:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(PANEL_WIDTH_PX)
         gui.set_panel_label(source.name)
+        gui.add_html(ON_PHONE)
         self._status = gui.add_markdown("")
         self._buttons = {state: self._offer(state, commands) for state, commands in BUTTONS.items()}
         self._nodes = NodesPanel(gui, monitor)
         height = BESIDE_ROBOT_PX if source.nodes else CURVE_PX
         self._curve = CurvePlot(gui, gui.add_folder("Learning curve"), references(source.task), height)
-        hint = "At its right end the slider follows the run."
+        hint = "From the first to the last stored iteration. At its right end the slider follows the run."
         self._iteration: Any = gui.add_slider("Iteration", 0, 1, 1, 0, disabled=True, hint=hint)
         self._showing = IterationPanel(server, source)
 

@@ -18,8 +18,6 @@ from rkhs_ros.view.bodies import Surface
 VERTICAL_ANGLE = 0.7  # rad, of the camera
 UP = (0.0, 0.0, 1.0)
 ASPECT = 1.0  # of the view until a browser reports its own
-PHONE = 0.75  # largest aspect of windows whose lower part is below the panel
-FREE_ON_PHONE = 0.4  # part of the height of such a window above the panel
 SAME_ASPECT = 0.02  # greatest difference that does not move the camera
 ROOM = 1.04  # extent of the view, relative to its content
 GAP = 0.1  # between task and picture, relative to the picture's height
@@ -173,30 +171,28 @@ class Stage:
         initial.up = UP
         _aim(initial, ASPECT, *self._front)
 
+        # viser runs `async` functions in the order of the messages, and others in threads, of which the one that aims
+        # for the window before the panel was docked could be the last.
         @self._server.on_client_connect
-        def _(client: Any) -> None:
+        async def _(client: Any) -> None:
             aimed_for = 0.0
 
             @client.camera.on_update  # type: ignore[untyped-decorator]
-            def fit(camera: Any) -> None:
+            async def fit(camera: Any) -> None:
                 nonlocal aimed_for
                 if abs(camera.aspect - aimed_for) > SAME_ASPECT:  # the window was resized
                     aimed_for = camera.aspect
                     _aim(camera, aimed_for, *self._front)
 
-            fit(client.camera)
+            await fit(client.camera)
 
 
 def _aim(camera: Any, aspect: float, target: Array, whole: Array, direction: Array) -> None:
-    """Aim a camera so that a rectangle (width, height) around the target fits into the free part of its window."""
-    free = FREE_ON_PHONE if aspect < PHONE else 1.0
-    height = ROOM * max(whole[0] / aspect, whole[1] / free)  # of the window, at the target
-    right = np.cross(-direction, UP)
-    up = np.cross(right / np.linalg.norm(right), -direction)
-    middle = target - (1 - free) / 2 * height * up
+    """Aim a camera so that a rectangle (width, height) around the target fits into its window."""
+    height = ROOM * max(whole[0] / aspect, whole[1])  # of the window, at the target
     camera.fov = VERTICAL_ANGLE
-    position = middle + height / 2 / np.tan(VERTICAL_ANGLE / 2) * direction
-    camera.up_direction, camera.position, camera.look_at = UP, position, middle  # a new position also moves look_at
+    position = target + height / 2 / np.tan(VERTICAL_ANGLE / 2) * direction
+    camera.up_direction, camera.position, camera.look_at = UP, position, target  # a new position also moves look_at
 
 
 def _round(length: float) -> float:

@@ -18,6 +18,7 @@ CONFIGS = Path(__file__).parents[2] / "config"
 EVALUATION, RED, BLUE = (0, 114, 178), (180, 4, 38), (59, 76, 192)
 FLOOR = 100  # brightness below that of the floor's lines, which may leave the window
 ORANGE = ((180, 60, 0), (255, 190, 110))  # range of the colours of the torque's arc, in light and shade
+PANEL_BOX = "document.querySelector('.mantine-Paper-root').getBoundingClientRect()"
 Serve = Callable[..., Viewing]
 
 
@@ -29,6 +30,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     config = load_config(CONFIGS / "pendulum_few_nac.yaml", ["iterations=3"])
     path = tmp_path_factory.mktemp("page") / "run"
     return run_training(config, runner_of(config.environment), path, quiet=True, record=True)
+
+
+def has_free_edges(picture: np.ndarray) -> bool:
+    """Return whether only what is grey, as the floor is, leaves a part of the page at its left, right or bottom."""
+    edges = [edge.reshape(-1, 3).astype(int) for edge in (picture[:, :6], picture[:, -6:], picture[-6:])]
+    return all(bool((edge > FLOOR).all() and (np.ptp(edge, axis=1) < 30).all()) for edge in edges)
 
 
 def shows_policy(picture: np.ndarray) -> bool:
@@ -123,10 +130,20 @@ def test_the_scene_fits_into_the_first_window(chromium: Browser, serve: Serve, f
     tab = chromium.open(serve("view", folder).address, 1280, 800)
     shown(tab, lambda picture: near(picture[:, :880], RED, 60) + near(picture[:, :880], BLUE, 60) > 8_000)
     stop_playing(tab)
-    picture = settled(tab)
-    edges = (picture[150:, :6], picture[150:, 872:878], picture[-6:, :878])  # of the area beside the panel
-    assert all((edge > FLOOR).all() for edge in edges)
-    assert all((np.ptp(edge.astype(int), axis=2) < 30).all() for edge in edges)  # grey, as only the floor is
+    assert has_free_edges(settled(tab)[150:, :878])  # beside the panel, below the browser's notification
+
+
+@pytest.mark.parametrize("height", [560, 800])
+def test_on_a_phone_the_controls_are_below_the_whole_scene(
+    chromium: Browser, serve: Serve, folder: Path, height: int
+) -> None:
+    tab = chromium.open(serve("view", folder).address, 420, height)
+    tab.click_on("document.querySelector('.mantine-Notification-closeButton')")
+    top = round(0.4 * height)
+    tab.wait_for(f"(b => b.left === 0 && b.right === 420 && b.top === {top})({PANEL_BOX})")
+    shown(tab, lambda picture: near(picture[:top], RED, 60) + near(picture[:top], BLUE, 60) > 2_000)
+    stop_playing(tab)
+    assert has_free_edges(settled(tab)[:top])  # with the panel's shadow, which is grey
 
 
 def test_a_recording_alone_shows_each_iteration(chromium: Browser, serve: Serve, folder: Path, tmp_path: Path) -> None:
