@@ -16,20 +16,22 @@ DRAWN_HALF = 1.0  # m, of the drawn rail on each side if the task has no limit
 FLOOR = -0.62  # m
 METRES_PER_NEWTON = 0.05  # of the arrow
 BEADS = 8  # in the row that visualises the force
+RING = 0.1  # m, radius of the drawn target
 CART_SIZE = (0.3, 0.16, 0.12)  # m
 
 
 def draw(axes: Axes, state: Array, force: float, rail: float | None) -> None:
-    """Draw a state and the force in it; the picture follows a cart that leaves it."""
+    """Draw a state, the force in it, and the target of the tip; the picture widens for a cart that leaves it."""
     x, angle = float(state[0]), float(state[2])
     half = rail or DRAWN_HALF
-    slack = max(half - REACH, 0.0)  # of a cart whose pole is still in the picture
-    middle = x - min(max(x, -slack), slack)
-    ends = (middle - half, middle + half) if rail is None else (-rail, rail)
-    axes.plot([middle - half, middle + half], [FLOOR, FLOOR], color=PALE, linewidth=2)
+    left, right = min(-half, x - REACH), max(half, x + REACH)
+    ends = (left, right) if rail is None else (-rail, rail)
+    axes.plot([left, right], [FLOOR, FLOOR], color=PALE, linewidth=2)
     axes.plot(ends, [0.0, 0.0], color=PALE, linewidth=5, solid_capstyle="butt")
     axes.plot([0.0, 0.0], [FLOOR, FLOOR + 0.06], color=DARK, linewidth=2)  # the middle of the rail
-    axes.plot(0.0, REACH, "o", color="none", markeredgecolor=GREEN, markeredgewidth=3, markersize=20)
+    turn = np.linspace(0.0, 2 * np.pi, 60)
+    axes.plot(RING * np.sin(turn), REACH + RING * np.cos(turn), color=GREEN, linewidth=3)
+    axes.text(-1.5 * RING, REACH, "target", ha="right", va="center", color=GREEN, fontsize=12)
     width, _, height = CART_SIZE
     axes.fill_between([x - width / 2, x + width / 2], -height / 2, height / 2, color=DARK, zorder=3)
     tip = x + REACH * np.sin(angle), -REACH * np.cos(angle)
@@ -39,8 +41,10 @@ def draw(axes: Axes, state: Array, force: float, rail: float | None) -> None:
     axes.plot([x, end], [-0.17, -0.17], color=ORANGE, linewidth=3)
     axes.plot(x, 0.0, "o", color=PALE, markersize=5, zorder=5)
     axes.plot(end, -0.17, ">" if force > 0 else "<", color=ORANGE, markersize=8)
-    axes.text(middle + half, 0.72, f"force {force:+.1f} N", ha="right", fontsize=12)
-    axes.set(xlim=(middle - half - 0.1, middle + half + 0.1), ylim=(-0.7, 0.85), aspect="equal")
+    axes.text(0.97, 0.96, f"force {force:+.1f} N", ha="right", va="top", fontsize=12, transform=axes.transAxes)
+    axes.set_xlim(left - 0.1, right + 0.1, auto=True)
+    axes.set_ylim(-0.7, 0.85, auto=True)
+    axes.set_aspect("equal", adjustable="datalim")  # may extend either range, which `auto` permits
 
 
 def bodies(rail: float | None) -> list[Body]:
