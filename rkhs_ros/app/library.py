@@ -32,6 +32,7 @@ from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.policy import Policy, load
 from rkhs_ros.rollouts.environments import Source
+from rkhs_ros.rollouts.final_evaluation import FinalEvaluation, final_evaluation
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.model_env import LearntModel
 from rkhs_ros.rollouts.simulation import Simulation
@@ -55,10 +56,12 @@ class Result:
     Attributes:
         policy: the policy after the iteration.
         best_policy: the policy with the greatest evaluation return minus its standard error so far; None before the
-            first evaluation.
+            first evaluation. After the last iteration, the last policy if that is better in fresh episodes.
         iteration: episodes, returns and metrics of the iteration.
         rows: the lines of curve.csv so far.
         training: the settings of the run.
+        final: returns of the best and the last policy in fresh episodes, after the last iteration of a run with
+            evaluations; else None.
     """
 
     policy: Policy
@@ -66,13 +69,15 @@ class Result:
     iteration: Iteration
     rows: tuple[Row, ...]
     training: Training
+    final: FinalEvaluation | None = None
 
     def __repr__(self) -> str:
         """Return a summary in one line."""
         row, last = self.rows[-1], self.iteration
         returns = f"return {last.exploration_return:.4g}, evaluation return {last.evaluation_return:.4g}"
         name = self.policy.task.environment
-        return f"<Result of {name}: {row.iteration} iterations, {row.episodes} episodes, {returns}>"
+        final = f"; {self.final}" if self.final else ""
+        return f"<Result of {name}: {row.iteration} iterations, {row.episodes} episodes, {returns}{final}>"
 
     @property
     def curve(self) -> dict[str, NDArray[Any]]:
@@ -304,15 +309,16 @@ def _results(run: _Prepared, *, quiet: bool) -> Generator[Result, None, None]:
     rows: tuple[Row, ...] = ()
     acting = partial(Policy, task=run.config.task, spaces=run.runner.spaces)
     with run.runner, closing(_in_folder(run, run.out, quiet) if run.out else _in_memory(run, quiet)) as steps:
-        for iteration, row, best in steps:
+        for iteration, row, best, final in steps:
             if run.out and not rows and iteration.number > 1:
                 rows = tuple(Curve(run.out / "curve.csv").rows()[: iteration.number - 1])
             rows = (*rows, row)
             policy, best_policy = acting(iteration.policy), acting(best) if best else None
-            yield Result(policy, best_policy, iteration, rows, run.config.training)
+            yield Result(policy, best_policy, iteration, rows, run.config.training, final)
 
 
-Steps = Generator[tuple[Iteration, Row, GaussianPolicy | None], None, None]  # with the best policy so far
+# Iterations with the best policy so far and, after the last one, the final evaluation.
+Steps = Generator[tuple[Iteration, Row, GaussianPolicy | None, FinalEvaluation | None], None, None]
 
 
 def _in_memory(run: _Prepared, quiet: bool) -> Steps:
@@ -324,8 +330,12 @@ def _in_memory(run: _Prepared, quiet: bool) -> Steps:
         for iteration in iterations_of(training, runner, run.first):
             if iteration.evaluation_bound > highest:
                 highest, best = iteration.evaluation_bound, iteration.policy
+            row, final = Row.of(iteration, time.monotonic() - began), None
+            if iteration.number == training.iterations and best:
+                final = final_evaluation(training, runner, best, iteration.policy)
+                best = iteration.policy if final.last_is_better else best
             show(iteration, None if quiet else diagnosis.advise(iteration))
-            yield iteration, Row.of(iteration, time.monotonic() - began), best
+            yield iteration, row, best, final
 
 
 def _in_folder(run: _Prepared, out: Path, quiet: bool) -> Steps:
@@ -339,7 +349,7 @@ def _in_folder(run: _Prepared, out: Path, quiet: bool) -> Steps:
         with closing(steps):
             for iteration, report in steps:
                 has_learnt = True
-                yield iteration, report.recent[-1], report.best_policy
+                yield iteration, report.recent[-1], report.best_policy, report.final
     finally:
         if has_learnt and (out / "policy.npz").is_file():  # missing if the disk is full
             draw_run(out)

@@ -19,7 +19,8 @@ from rkhs_ros.learning.diagnosis import Advice
 from rkhs_ros.learning.training import Iteration, lower_bound
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.policies.storage import read_policy, save_policy
+from rkhs_ros.policies.storage import load_policy, read_policy, save_policy
+from rkhs_ros.rollouts.final_evaluation import FinalEvaluation
 from rkhs_ros.runs import config_comments
 from rkhs_ros.runs.attempts import Attempts
 from rkhs_ros.runs.config import Config
@@ -30,6 +31,8 @@ from rkhs_ros.runs.provenance import provenance_lines
 CONFIGURATION = "config.yaml"
 ADVICE = "advice.txt"  # one line for each sign that the run does not learn
 BEST_POLICY = "best_policy.npz"
+BEST_IN_RUN = "checkpoints/best_policy"  # what best_policy.npz was before the last policy replaced it
+FINAL_EVALUATION = "final_evaluation.txt"
 FIRST_POLICY = "first_policy.npz"  # initial policy, if one was given
 MOST_RECENT = 256  # lines of the curve that stay in memory for display
 RAW = "raw.mcap"  # of the recorder node, which starts before the learner
@@ -99,8 +102,8 @@ class Report:
 
     Owns the files of the folder except the checkpoints. config.yaml is written at the start; its comments grow with
     what the run finds about its task. curve.csv grows with the run, and so do advice.txt and, if the task has one step,
-    attempts.npz. best_policy.npz holds the policy with the greatest evaluation return minus its standard error.
-    `finish` writes policy.npz and episodes.npz.
+    attempts.npz. best_policy.npz holds the policy with the greatest evaluation return minus its standard error, which
+    `decide` may replace by the last policy. `finish` writes policy.npz and episodes.npz.
 
     Args:
         folder: an empty folder, or the folder of the run that resumes.
@@ -111,6 +114,7 @@ class Report:
     Attributes:
         recent: the last lines of the learning curve.
         best_policy: the policy of best_policy.npz; None before the first evaluation.
+        final: the evaluation at the end of the run, if there was one.
 
     Raises:
         OSError: the folder cannot be written.
@@ -122,10 +126,12 @@ class Report:
         self._curve = Curve(folder / "curve.csv")
         self._last: Iteration | None = None
         self._spaces = spaces
+        self.final: FinalEvaluation | None = None
+        self._undo_decision()
         rows = self._curve.rows()[:done]
         self.recent = deque(rows, MOST_RECENT)
         self._best, self.best_policy = self._best_of(rows)
-        self._attempts = Attempts(folder, config.task, spaces, rows[-1].episodes if rows else 0)
+        self._attempts = Attempts(folder, config.task, spaces, done)
         self._began = time.monotonic() - (rows[-1].seconds if rows else 0.0)
         self._configuration = config_comments.resumed(folder / CONFIGURATION, resolved(config), done)
         write_whole(folder / CONFIGURATION, self._configuration.encode())
@@ -140,12 +146,32 @@ class Report:
         row = Row.of(iteration, time.monotonic() - self._began)
         self._curve.append(row)
         self.recent.append(row)
-        self._attempts.add(iteration.exploration)
+        self._attempts.add(iteration.number, iteration.exploration)
         self._save_if_best(iteration)
         if comments := config_comments.found_comments(iteration, self._config.training):
             self._configuration = config_comments.with_comments(self._configuration, comments)
             write_whole(self.folder / CONFIGURATION, self._configuration.encode())
         self._last = iteration
+
+    def decide(self, final: FinalEvaluation) -> None:
+        """Write final_evaluation.txt, and the last policy as best_policy.npz if it is better in fresh episodes.
+
+        Raises:
+            OSError: a file cannot be written.
+        """
+        self.final = final
+        if final.last_is_better and self._last is not None:
+            best = self.folder / BEST_POLICY
+            write_whole(self.folder / BEST_IN_RUN, read_whole(best))
+            self.best_policy = self._last.policy
+            save_policy(best, self.best_policy, self._config.task, self._spaces)
+        write_whole(self.folder / FINAL_EVALUATION, f"{final}\n".encode())
+
+    def _undo_decision(self) -> None:
+        """Restore the best policy of the run, which continues."""
+        if (self.folder / BEST_IN_RUN).is_file():
+            (self.folder / BEST_IN_RUN).replace(self.folder / BEST_POLICY)
+        (self.folder / FINAL_EVALUATION).unlink(missing_ok=True)
 
     def advise(self, advice: Advice) -> None:
         """Append a line to advice.txt.
@@ -236,10 +262,12 @@ def summary(folder: Path, config: Config) -> str:
     rows = Curve(folder / "curve.csv").rows()
     first, last = rows[0], rows[-1]
     evaluations = f" and {last.evaluation_episodes} evaluation episodes" if last.evaluation_episodes else ""
+    final = folder / FINAL_EVALUATION
     lines = [
         f"Trained on {config.environment.id} for {_episodes(last.episodes)}{evaluations} in {last.seconds:.1f} s.",
-        f"Discounted return: {first.exploration_return:.4g} in the first iteration, {_end(rows)}; "
-        f"{last.centres} centres.",
+        f"Discounted return: {first.exploration_return:.4g} in the first iteration, {_end(rows, folder)}; "
+        f"{len(load_policy(folder / 'policy.npz')[0].mean.centres)} centres.",
+        *([f"Final evaluation: {read_whole(final).decode().strip()}."] if final.is_file() else []),
         f"Pictures: {folder / 'curve.png'} and {folder / 'policy.png'}",
         next_steps(folder, config),
     ]
@@ -273,14 +301,15 @@ def _trust(config: Config) -> str:
     return "" if all(map(is_installed, config.modules)) else " --trust"
 
 
-def _end(rows: list[Row]) -> str:
+def _end(rows: list[Row], folder: Path) -> str:
     bounds = evaluation_bounds(rows)
     if max(bounds) == -inf:
         return f"{rows[-1].exploration_return:.4g} in the last"
     at = rows[bounds.index(max(bounds))]
     last = next(row for row in reversed(rows) if not isnan(row.evaluation_return))
     end = "" if last is rows[-1] else f" (after {_episodes(last.episodes)})"
-    file = "" if at is last else f", {BEST_POLICY}"
+    is_kept = at is not last and not (folder / BEST_IN_RUN).is_file()
+    file = f", {BEST_POLICY}" if is_kept else ""
     final = f"{last.evaluation_return:.4g}{_undiscounted(last)} in the last evaluation{end}"
     return f"{final}, {at.evaluation_return:.4g} in the best (after {_episodes(at.episodes)}{file})"
 

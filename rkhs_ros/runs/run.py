@@ -14,12 +14,14 @@ from rkhs_ros.base.lock import locked
 from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.diagnosis import Advice, Diagnosis, Summary
+from rkhs_ros.learning.execution import discard
 from rkhs_ros.learning.state import first_state
 from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.recordings.recording import FILE
+from rkhs_ros.rollouts.final_evaluation import final_evaluation
 from rkhs_ros.runs.checkpoint import REMEDY, WHOLE, Checkpoints
 from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.control import Control, Rest
@@ -112,6 +114,8 @@ def training_steps(
 ) -> Generator[tuple[Iteration, Report], None, None]:
     """Train, write the results, and yield each iteration after its results are written.
 
+    After the last iteration, the best and the last policy are evaluated in fresh episodes, except on a robot.
+
     The results are complete, and the run can be resumed, when the generator is exhausted or closed.
 
     Args:
@@ -178,10 +182,24 @@ def training_steps(
                     report.add(iteration)  # before the checkpoint, which is useless without its line
                     log_row(report.recent[-1])
                     checkpoints.write(iteration.state)
+                    if iteration.number == iterations and report.best_policy and not is_robot:
+                        with _unrecorded(runner) if recorder else nullcontext():
+                            best = report.best_policy
+                            report.decide(final_evaluation(config.training, runner, best, iteration.policy))
                     show(iteration, _advise(diagnosis.advise(iteration), report, on_advice))
                     yield iteration, report
                     control.obey()
         control.clear()
+
+
+@contextmanager
+def _unrecorded(runner: RecordableRunner) -> Iterator[None]:
+    """Record no episodes: both policies act in episodes of the same numbers, and no update uses them."""
+    record, runner.record = runner.record, discard
+    try:
+        yield
+    finally:
+        runner.record = record
 
 
 def _diagnosis(config: Config, spaces: Spaces, report: Report) -> Diagnosis:

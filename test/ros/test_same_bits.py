@@ -35,7 +35,7 @@ def assert_same_bits(
     assert end.value.code == 0
     code, out, err = over_topics.finish()
     assert (code, err) == (0, "")
-    assert out.count("\n") == 4
+    assert out.count("\n") == 5
     assert curve(folder / "ros") == curve(folder / "inline")
     assert len(curve(folder / "ros")) == iterations
     with np.load(folder / "ros" / "policy.npz") as a, np.load(folder / "inline" / "policy.npz") as b:

@@ -101,6 +101,10 @@ def execution(batch: Batch, period: int, reason: str = "") -> Execution:
 
 def recorded_run(folder: Path, config: Config = CONFIG, runner: Any = None, **more: Any) -> Path:
     """Record a run, or resume it, and return the recording."""
+    if isinstance(runner, Robot):
+        config = replace(
+            config, environment=replace(config.environment, nodes={"robot": {"task": "rkhs/Toy-v0"}, "gate": {}})
+        )
     runner = runner or InlineRunner(Simulation(config.environment.id, config.environment.options))
     return run_training(config, runner, folder, quiet=True, record=True, **more) / "recording.mcap"
 

@@ -222,6 +222,7 @@ def test_an_interrupted_run_on_a_robot_repeats_no_episode(
     with pytest.raises(KeyboardInterrupt):
         recorded_run(tmp_path / "run", runner=stopped)
     file = recorded_run(tmp_path / "run", runner=goes_on, resume=True)
+    assert not (tmp_path / "run" / "final_evaluation.txt").exists()  # a robot's episodes are costly
     assert len(stopped.moved) == episodes
     assert len(set(stopped.moved + goes_on.moved)) == len(stopped.moved) + len(goes_on.moved) == 20
     assert content(read_recording(file)) == content(never_stopped)

@@ -52,7 +52,8 @@ def test_a_run_writes_its_curve_and_policy(
 ) -> None:
     folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
     assert sorted(p.name for p in folder.iterdir()) == [
-        *("best_policy.npz", "checkpoints", "config.yaml", "curve.csv", "episodes.npz", "policy.npz")
+        *("best_policy.npz", "checkpoints", "config.yaml", "curve.csv", "episodes.npz", "final_evaluation.txt"),
+        "policy.npz",
     ]
     assert draw_run(folder) == [folder / "curve.png", folder / "policy.png"]
     assert all((folder / name).read_bytes().startswith(b"\x89PNG") for name in ("curve.png", "policy.png"))

@@ -38,7 +38,7 @@ ROOT = Path(__file__).parents[3]
 CONFIG_FILE = ROOT / "config" / "toy_nac.yaml"
 TRAINING = Training(name="short", iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
 CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
-RESULTS = ("best_policy.npz", "config.yaml", "curve.csv", "episodes.npz", "policy.npz")
+RESULTS = ("best_policy.npz", "config.yaml", "curve.csv", "episodes.npz", "final_evaluation.txt", "policy.npz")
 DRAWN = {"curve.png", "policy.png"}  # by the command
 INLINE = ("--runner", "inline", "--quiet")
 COMMAND = (sys.executable, "-m", "rkhs_ros.app.cli", "train")
