@@ -12,7 +12,7 @@ import numpy as np
 from command import parsed, parser
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.app.seeds import parse_seeds
-from rkhs_ros.base.threads import use_one_thread
+from rkhs_ros.base.threads import one_thread
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.runs.config import Config, load_config
@@ -24,6 +24,7 @@ GOAL, BEST = 45.0, 51.8  # evaluation returns: the aim, and the best possible
 TEST_EPISODES, TEST_SEED = 100, 10**6
 
 
+@one_thread()
 def main() -> None:
     """Record exploration episodes, train from the recording, and print the returns."""
     command = parser(__doc__)
@@ -32,7 +33,6 @@ def main() -> None:
     command.add_argument("--config", default="pendulum_model_nac")
     command.add_argument("--rounds", type=int, default=3)
     options = parsed(command, config="toy_model_nac", episodes=[2], seeds="100", rounds=1)
-    use_one_thread()
     seeds = parse_seeds(options.seeds)
     for episodes in options.episodes:
         returns = []

@@ -12,7 +12,7 @@ import numpy as np
 
 import fixed_centres
 from rkhs_ros.app.inline import iterations
-from rkhs_ros.base.threads import use_one_thread
+from rkhs_ros.base.threads import one_thread
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.studies.aggregates import Estimate, median_over_runs
@@ -59,9 +59,9 @@ def names() -> list[str]:
     return [*(name for name, task in tasks.items() if task in THRESHOLDS), *CMA_ES]
 
 
+@one_thread()
 def measure(name: str, seed: int, changes: Sequence[str] = ()) -> Result:
     """Train with a seed."""
-    use_one_thread()
     own, sd = CMA_ES.get(name, (name, None))
     evaluation = f"evaluation_episodes={EVALUATION_EPISODES}"
     config = load_config(CONFIGS / f"{own}.yaml", [f"seed={seed}", evaluation, *changes])

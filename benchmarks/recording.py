@@ -10,7 +10,7 @@ from statistics import median
 
 from command import parser
 from rkhs_ros.app.inline import runner_of
-from rkhs_ros.base.threads import use_one_thread
+from rkhs_ros.base.threads import one_thread
 from rkhs_ros.recordings.definitions import Types, encoded
 from rkhs_ros.recordings.recorder import Recorder
 from rkhs_ros.recordings.recording import read_recording
@@ -42,9 +42,9 @@ class Stopwatch:
         return counted
 
 
+@one_thread()
 def main(runs: Sequence[str], iterations: int, repeats: int) -> None:
     """Print the share of the time spent on recording."""
-    use_one_thread()
     watch = Stopwatch()
     begin = time.process_time()
     for kind in KINDS:

@@ -17,7 +17,7 @@ from rkhs_ros.app.seeds import parse_seeds
 from rkhs_ros.app.study import add_worker_arguments, workers_of
 from rkhs_ros.base.endings import FAILED, INTERRUPTED, RunError, print_error
 from rkhs_ros.base.files import write_whole
-from rkhs_ros.base.threads import use_one_thread
+from rkhs_ros.base.threads import one_thread
 from rkhs_ros.base.validation import pick
 from rkhs_ros.studies.parallel import run_parallel
 from trial import Point, write_curve
@@ -59,9 +59,9 @@ def check_options(options: Namespace, **tables: Mapping[str, Any]) -> None:
     options.out = options.out.resolve()  # runs may be in another folder
 
 
+@one_thread()
 def store_curve(path: Path, points: Callable[[], Iterable[Point]]) -> Outcome:
     """Train and write the curve; return its file, and the error if it fails."""
-    use_one_thread()
     try:
         write_curve(path, points())
     except Exception as error:  # a failed run must not end the others

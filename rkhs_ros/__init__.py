@@ -7,16 +7,10 @@ algorithms and step rules, model-based training, the kernels, and the policy inp
 
 from __future__ import annotations
 
-import os
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
-
-# Linear algebra uses one thread. If numpy is not loaded yet, these variables keep it from starting a thread pool that
-# `rkhs_ros.rkhs` would shut down again.
-os.environ |= {"OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 if TYPE_CHECKING:
     from rkhs_ros.app.library import Result as Result

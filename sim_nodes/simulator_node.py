@@ -17,6 +17,7 @@ from rkhs_interfaces import msg
 from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.endings import RunError
+from rkhs_ros.base.threads import one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.nodes.core.arguments import require_section
@@ -250,7 +251,8 @@ class SimulatorNode(ReportingNode):
 
 def main() -> None:
     """Run the simulator node."""
-    run(SimulatorNode, "simulator", serve)
+    with one_thread():
+        run(SimulatorNode, "simulator", serve)
 
 
 if __name__ == "__main__":

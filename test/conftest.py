@@ -2,8 +2,12 @@
 
 import os
 import signal
+from collections.abc import Iterator
+
+import pytest
 
 import sim_nodes.envs  # noqa: F401
+from rkhs_ros.base.threads import one_thread
 
 # Background jobs of a shell ignore SIGINT, and those of nohup ignore SIGHUP. Child processes inherit this, and tests
 # end child processes by signals. Python itself ignores SIGPIPE and SIGXFSZ, and subprocess restores both.
@@ -14,3 +18,10 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.pthread_sigmask(signal.SIG_SETMASK, ())
 for name in ("COLUMNS", "LINES", "FORCE_COLOR", "NO_COLOR"):  # change the texts that commands print
     os.environ.pop(name, None)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def linear_algebra_on_one_thread() -> Iterator[None]:
+    """Let tests compare the last bits with those of other processes."""
+    with one_thread():
+        yield

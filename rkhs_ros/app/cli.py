@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
 from collections.abc import Collection, Sequence
@@ -13,6 +14,7 @@ from typing import Any, NoReturn
 from rkhs_ros import __version__
 from rkhs_ros.base.endings import INTERRUPTED, RunError, print_error
 from rkhs_ros.base.streams import tolerate_closed_stdout, tolerate_lost_stderr
+from rkhs_ros.base.threads import ONE_THREAD
 
 # Each module defines add_arguments(parser) and run(options), which returns the exit code.
 COMMANDS = {
@@ -69,6 +71,7 @@ def _path(word: str) -> Path:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line: print one line and exit with code 2 for bad input, 1 for a failure."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # like Ctrl-C: the run saves its policy
+    os.environ.update(ONE_THREAD)  # before the commands import numpy
     with tolerate_lost_stderr():
         sys.exit(_exit_code(sys.argv[1:] if arguments is None else arguments))
 

@@ -18,7 +18,6 @@ from yaml import YAMLError
 
 from rkhs_ros.app.inline import warn_of_horizon
 from rkhs_ros.app.learn_settings import LearnSettings, training_in
-from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.algorithms.algorithm import Algorithm
@@ -210,7 +209,6 @@ class _Prepared(NamedTuple):
 
 def _prepared(environment: Source, algorithm: Algorithm | str | None, settings: Mapping[str, Any]) -> _Prepared:
     """Check the settings of a run and create its folder."""
-    use_one_thread()
     _check_order(environment)
     given = dict(settings)
     start, options, num_envs = given.pop("policy", None), given.pop("options", None), given.pop("num_envs", 0)

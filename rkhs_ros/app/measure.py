@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from rkhs_ros.app.inline import check_fit, policy_file, runner_of
-from rkhs_ros.base.threads import use_one_thread
+from rkhs_ros.base.threads import one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.policies.policy import Policy
 from rkhs_ros.policies.storage import Task, load_policy
@@ -44,14 +44,13 @@ def evaluate(
     """
     require(type(episodes) is int and episodes >= 1, "episodes", "a whole number >= 1", episodes)
     require(discount is None or 0.0 <= discount <= 1.0, "discount", "a number in [0, 1]", discount)
-    use_one_thread()
     if isinstance(policy, Policy):
         gaussian, task, name = policy.gaussian, policy.task, "policy"
     else:
         gaussian, task = load_policy(policy_file(Path(policy)))
         name = str(policy)
     source: Source = task.environment if env is None else env
-    with _runner_for(source, task) as runner:
+    with one_thread(), _runner_for(source, task) as runner:
         check_fit(gaussian, runner, name)
         collected = runner.collect(gaussian, Batch(seed, 0, episodes, task.horizon, explore=False))
         environment = runner.simulation.environment

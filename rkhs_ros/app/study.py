@@ -90,7 +90,7 @@ def make_missing(
         drawn: plot each run.
         record: record each run.
         log: logs of each run, see `run_training`.
-        provenance_may_change: resume runs of other code, libraries or threads.
+        provenance_may_change: resume runs of other code or libraries.
     """
     how = drawn, record, log, provenance_may_change
     missing = [(path, each, *how) for path, each in runs.items() if not _is_done(path, each, drawn)]

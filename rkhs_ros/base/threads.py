@@ -5,19 +5,26 @@ At the sizes used here more threads are slower, and they change the order of sum
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 
 from threadpoolctl import ThreadpoolController
 
+# Variables for a process that has not loaded the libraries yet; its child processes inherit them.
+ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
 
-def use_one_thread() -> int:
-    """Limit linear algebra to one thread, overriding the environment; return the largest number of threads in use."""
-    loaded = _loaded()
-    loaded.limit(limits=1)
-    return max((library["num_threads"] for library in loaded.info()), default=1)
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Limit linear algebra to one thread within the context, overriding the environment."""
+    with _loaded().limit(limits=1):
+        yield
 
 
 @cache
 def _loaded() -> ThreadpoolController:
     """Return the loaded linear-algebra libraries; cached, because the search covers the whole process."""
+    import scipy.linalg  # noqa: F401  # numpy and scipy load all the linear algebra in use
+
     return ThreadpoolController().select(user_api="blas")

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+from rkhs_ros.base.threads import one_thread
 from rkhs_ros.learning.algorithms.algorithm import Experience, Metrics
 from rkhs_ros.learning.discovery.action_repeat import choose_action_repeat
 from rkhs_ros.learning.discovery.angles import with_features
@@ -227,7 +228,8 @@ def train(training: Training, runner: Runner, state: State | None = None) -> Ite
     state = state or first_state(training, runner.spaces)
     collector = Collector(training, runner, state)
     while state.iterations < training.iterations:
-        iteration = _iteration_after(state, training, collector, runner.spaces)
+        with one_thread():  # not while the caller handles the iteration
+            iteration = _iteration_after(state, training, collector, runner.spaces)
         yield iteration
         state = iteration.state
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rkhs_ros.base.threads import one_thread
 from rkhs_ros.learning.training import Runner
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -50,8 +51,9 @@ def final_evaluation(training: Training, runner: Runner, best: GaussianPolicy, l
     def returns(policy: GaussianPolicy) -> Array:
         return np.concatenate([runner.collect(policy, batch).returns(training.discount) for batch in batches])
 
-    of_best = returns(best)
-    return FinalEvaluation(of_best, of_best if last is best else returns(last))
+    with one_thread():
+        of_best = returns(best)
+        return FinalEvaluation(of_best, of_best if last is best else returns(last))
 
 
 def _mean(returns: Array) -> str:

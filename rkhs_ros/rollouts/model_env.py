@@ -14,6 +14,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
+from rkhs_ros.base.threads import one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model.model_based import ModelBased, fit_model
@@ -68,7 +69,8 @@ class LearntModel:
         require(len(state.memory) > 0, "model: episodes", "at least one real episode", 0)
         repeat = state.policy.action_repeat
         decisions = state.memory.decisions(repeat, training.discount, spaces)
-        dynamics = fit_model(training.model, state.policy.inputs, decisions, spaces)
+        with one_thread():
+            dynamics = fit_model(training.model, state.policy.inputs, decisions, spaces)
         return cls(dynamics, decisions.horizon, repeat, training.model.margin_after(decisions))
 
     def __repr__(self) -> str:

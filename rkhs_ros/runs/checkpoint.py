@@ -48,7 +48,7 @@ class Checkpoints:
     Args:
         folder: the folder DIR of the run.
         config: configuration of the run.
-        provenance_may_change: whether to resume a run of other code, libraries or threads.
+        provenance_may_change: whether to resume a run of other code or libraries.
         clock: monotonic clock in seconds.
 
     Attributes:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.policies.storage import read_policy
 from rkhs_ros.rollouts.model_env import LearntModel
 from rkhs_ros.runs.checkpoint import Checkpoints
@@ -31,5 +30,4 @@ def load_model(folder: str | Path) -> LearntModel:
     config, spaces = load_config(folder / CONFIGURATION), read_policy(policy).spaces
     if spaces is None:
         raise ValueError(f"{policy}: expected a policy with the spaces of its task, got one without")
-    use_one_thread()
     return LearntModel.of(config.training, Checkpoints(folder, config, provenance_may_change=True).last(), spaces)

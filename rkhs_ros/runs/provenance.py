@@ -1,4 +1,4 @@
-"""Provenance of a run: code, libraries and threads, on which bit-identical results depend besides the settings."""
+"""Provenance of a run: code and libraries, on which bit-identical results depend besides the settings."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from rkhs_ros import __version__
-from rkhs_ros.base.threads import use_one_thread
 
 CODE = tuple(f"rkhs_ros.{floor}" for floor in ("base", "rkhs", "policies", "learning", "rollouts", "runs"))
 TASKS = ("sim_nodes",)  # package of the project's tasks, which this package must not import
@@ -20,15 +19,14 @@ LIBRARIES = {name: version(name) for name in ("numpy", "scipy", "gymnasium")}
 
 
 def provenance(*packages: str) -> dict[str, str]:
-    """Return the versions on which the results of a run depend, by name; limit linear algebra to one thread.
+    """Return the versions on which the results of a run depend, by name.
 
     Args:
         packages: names of packages on whose code the run depends, besides the learner's.
     """
-    threads = {"threads of linear algebra": str(use_one_thread())}
     python = ".".join(platform.python_version_tuple()[:2])  # syntax trees differ between versions
     code = f"{__version__}+{code_digest((*CODE, *packages))}"
-    return {"Python": python, "rkhs_ros": code, **LIBRARIES, **threads}
+    return {"Python": python, "rkhs_ros": code, **LIBRARIES}
 
 
 def provenance_lines(*packages: str) -> tuple[str, ...]:

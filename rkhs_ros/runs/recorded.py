@@ -94,7 +94,7 @@ def recorded(
         runner: runner of the episodes.
         folder: folder of the run.
         sync: sync each message to the disk, such as for a robot, whose episodes are costly.
-        provenance_may_change: whether to continue a recording of other code, libraries or threads, with a new header.
+        provenance_may_change: whether to continue a recording of other code or libraries, with a new header.
 
     Raises:
         ValueError: the recording belongs to another run.

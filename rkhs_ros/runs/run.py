@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rkhs_ros.base.lock import locked
-from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.diagnosis import Advice, Diagnosis, Summary
 from rkhs_ros.learning.execution import discard
@@ -70,7 +69,7 @@ def run_training(
         record: write recording.mcap.
         log: logs to write besides curve.csv, see `LOGS`.
         sync: sync each message of the recording to the disk.
-        provenance_may_change: resume a run of other code, libraries or threads.
+        provenance_may_change: resume a run of other code or libraries.
         rest: function that waits for a number of seconds during a pause.
         on_iteration: callback for each iteration, after its results are written.
         on_advice: callback for advice if the run does not learn; None prints it with the progress.
@@ -127,7 +126,7 @@ def training_steps(
         record: write recording.mcap; a resumed run continues an existing recording in any case.
         log: logs to write besides curve.csv, see `LOGS`; a resumed run continues its logs in any case.
         sync: sync each message of the recording to the disk, such as for a robot, whose episodes are costly.
-        provenance_may_change: resume a run of other code, libraries or threads; config.yaml records the change.
+        provenance_may_change: resume a run of other code or libraries; config.yaml records the change.
         rest: function that waits for a number of seconds during a pause.
         on_advice: callback for advice if the run does not learn; None prints it with the progress.
 
@@ -139,7 +138,6 @@ def training_steps(
     """
     logs = logs_of(folder, log)
     with locked(folder):
-        use_one_thread()
         require(resume or not is_started(folder), f"{folder}", "a new or empty folder for the results", "a run")
         checkpoints = Checkpoints(folder, config, provenance_may_change=provenance_may_change)
         curve = Curve(folder / "curve.csv")

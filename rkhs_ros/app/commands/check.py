@@ -7,7 +7,6 @@ from pathlib import Path
 from shlex import quote
 
 from rkhs_ros.app.inline import runner_of, untuned_config
-from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.discovery.task_check import TaskCheck
 from rkhs_ros.learning.state import first_policy
@@ -32,7 +31,6 @@ def run(options: argparse.Namespace) -> int:
     """Explore with the first policy; print the findings, and what to do about them."""
     episodes = options.episodes
     require(1 <= episodes <= MOST_EPISODES, "--episodes", f"1 to {MOST_EPISODES}", episodes)
-    use_one_thread()
     config = _configuration(options)
     training = config.training
     with runner_of(config.environment) as runner:

@@ -12,7 +12,6 @@ from rkhs_ros.app.inline import spaces_of
 from rkhs_ros.app.trust import add_trust_argument, reads_data
 from rkhs_ros.base.lock import locked
 from rkhs_ros.base.streams import Lossy
-from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.training_settings import AUTO
@@ -70,7 +69,6 @@ def _train(options: argparse.Namespace) -> int:
         repeats = [each.action_repeat for each in recordings.values() if each.action_repeat]
         config = replace(config, training=replace(config.training, action_repeat=repeats[0] if repeats else AUTO))
     folder = new_folder(options.out, config.training.name)
-    use_one_thread()
     print(_train_into(folder, config, spaces, episodes, quiet=options.quiet), file=Lossy(sys.stdout), flush=True)
     return 0
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from rkhs_ros.app.trust import add_trust_argument, reads_data
 from rkhs_ros.base.endings import FAILED
-from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.recordings.recording import Recording, read_recording
 from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.provenance import provenance_lines
@@ -33,7 +32,6 @@ def run(options: argparse.Namespace) -> int:
     if head is None:
         got = "one with a damaged header" if recording.lost else "a bag, which contains no policies"
         raise ValueError(f"{options.recording}: expected the recording of a run, got {got}")
-    use_one_thread()
     done = 0
     try:
         with progress_bar(replace(training_of(head), iterations=max(total, 1)), quiet=options.quiet) as show:

@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         ACCEPT,
         action="store_true",
-        help="resume although code, libraries or threads changed; config.yaml records the change",
+        help="resume although code or libraries changed; config.yaml records the change",
     )
     add("--algorithm", metavar="NAME", help="an algorithm with its defaults, instead of the configuration's")
     add("--policy", type=Path, metavar="FILE", help="initial policy, for example from `rkhs imitate`")

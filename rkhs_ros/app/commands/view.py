@@ -20,7 +20,6 @@ from rkhs_ros.base.endings import INTERRUPTED
 from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.base.ros import missing_ros
 from rkhs_ros.base.streams import Lossy
-from rkhs_ros.base.threads import use_one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.recordings.recording import FILE
 
@@ -66,7 +65,6 @@ def run(options: argparse.Namespace) -> int:
     from rkhs_ros.view.monitor import Monitor
     from rkhs_ros.view.serving import serve, source_of, wait_for_recording
 
-    use_one_thread()
     os.nice(NICENESS)
     path = options.path or newest_run(RESULTS)
     source = None if options.wait else source_of(path)

@@ -10,6 +10,7 @@ from typing import Any
 
 from rkhs_ros.base.endings import Stop
 from rkhs_ros.base.settings import Entry, entries
+from rkhs_ros.base.threads import one_thread
 from rkhs_ros.learning.training_settings import training_from
 from rkhs_ros.nodes.core.arguments import require_section
 from rkhs_ros.nodes.core.diagnostics import STOP, Diagnostics
@@ -53,7 +54,7 @@ class LearnerNode(ReportingNode):
         self.output = declared(self, tree, "output", "", "folder for the results; empty for results/NAME/TIME")
         self.quiet = declared(self, tree, "quiet", False, "no progress bar")
         self.resume = declared(self, tree, "resume", False, "resume the run in the output folder, if there is one")
-        about = "resume a run of different code, libraries or threads too"
+        about = "resume a run of different code or libraries too"
         self.provenance_may_change = declared(self, tree, "provenance_may_change", False, about)
         self.record = declared(self, tree, "record", False, "record the run in recording.mcap, in its folder")
         about = "logs to write besides curve.csv, separated by commas: tensorboard, wandb"
@@ -155,7 +156,8 @@ def main(draw: Draw = draw_nothing) -> None:
         else:
             learn(node, stop, draw)
 
-    run(LearnerNode, "learner", work)
+    with one_thread():
+        run(LearnerNode, "learner", work)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from rkhs_interfaces.msg import Action, BatchProgress
 from rkhs_interfaces.msg import Observation as ObservationMessage
 from rkhs_interfaces.msg import Policy as PolicyMessage
 from rkhs_interfaces.srv import SetPolicy
+from rkhs_ros.base.threads import one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_fields, batch_of, observations_of
@@ -184,7 +185,8 @@ class PolicyNode(ReportingNode):
 
 def main() -> None:
     """Run the policy node."""
-    run(PolicyNode, "policy", serve)
+    with one_thread():
+        run(PolicyNode, "policy", serve)
 
 
 if __name__ == "__main__":

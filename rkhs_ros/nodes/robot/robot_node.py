@@ -14,6 +14,7 @@ from rkhs_interfaces import msg
 from rkhs_interfaces.msg import Episodes
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.endings import RunError, Stop
+from rkhs_ros.base.threads import one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.nodes.core.arguments import require_section
@@ -263,7 +264,8 @@ def serve_robot(node: RobotNode, stop: Stop) -> None:
 
 def main() -> None:
     """Run the robot node."""
-    run(RobotNode, "robot", serve_robot)
+    with one_thread():
+        run(RobotNode, "robot", serve_robot)
 
 
 if __name__ == "__main__":

@@ -298,10 +298,9 @@ def test_a_checkpoint_with_invalid_counts_is_skipped(
         ("__version__", "9.9.9", r"rkhs_ros: expected .* as at the start of the run, got 9\.9\.9\+"),
         ("code_digest", lambda packages: "other", r"rkhs_ros: expected .* as at the start of the run, got .*\+other. "),
         ("LIBRARIES", {"numpy": "1.2.3"}, r"numpy: expected .* as at the start of the run, got 1\.2\.3. "),
-        ("use_one_thread", lambda: 2, "threads of linear algebra: expected 1 as at the start of the run, got 2. "),
     ],
 )
-def test_a_checkpoint_of_other_code_or_threads_is_rejected(
+def test_a_checkpoint_of_other_code_or_libraries_is_rejected(
     folder: Path, states: list[State], monkeypatch: pytest.MonkeyPatch, name: str, value: Any, message: str
 ) -> None:
     write(folder, *states[:2])
