@@ -24,7 +24,7 @@ from rkhs_ros.robot.gate_state import (
     Rules,
 )
 from rkhs_ros.robot.limits import EFFORT, POSITION, VELOCITY, Limits, Sensed
-from rkhs_ros.robot.motion import Setpoint, advance, rest_at
+from rkhs_ros.robot.motion import Setpoint, advance, foreseen, rest_at
 
 SAME = 1e-9  # commands are equal up to this relative difference
 
@@ -229,14 +229,12 @@ def _clamp(limits: Limits, value: Array, asked: Array) -> tuple[Array, Flags]:
 def _foresee(rules: Rules, motion: Setpoint, goal: Array, interval: float) -> tuple[Array, Flags]:
     """Return the output after an interval (the timeout at most), and which limit keeps it from its goal."""
     periods = max(round(min(interval, rules.command_timeout) / rules.period), 1)
-    start = motion.value
-    for _ in range(periods):
-        motion = advance(rules.limits, rules.period, motion, goal)
-        if _is_same(motion.value, goal):
-            return goal, Flags(0)
-    is_too_far = bool((np.abs(goal - start) > rules.limits.rate * (periods * rules.period)).any())
+    value = foreseen(rules.limits, rules.period, motion, goal, periods)
+    if _is_same(value, goal):
+        return goal, Flags(0)
+    is_too_far = bool((np.abs(goal - motion.value) > rules.limits.rate * (periods * rules.period)).any())
     flag = {POSITION: is_too_far, VELOCITY: False, EFFORT: True}[rules.limits.kind]
-    return motion.value, Flags.CLAMPED_VELOCITY if flag else Flags.CLAMPED_ACCELERATION
+    return value, Flags.CLAMPED_VELOCITY if flag else Flags.CLAMPED_ACCELERATION
 
 
 def _is_same(value: Array, goal: Array) -> bool:

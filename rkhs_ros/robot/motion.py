@@ -6,12 +6,15 @@ velocity whose change is limited by the acceleration, and from which the joint c
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.limits import POSITION, Limits
+
+TINY = 1e-12  # relative difference, and velocities of one period, below which only rounding is left
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +50,27 @@ def advance(limits: Limits, period: float, motion: Setpoint, goal: Array | None)
     most = np.minimum(limits.rate * period, limits.step)
     change = (np.zeros_like(motion.value) if goal is None else goal) - motion.value
     return rest_at(np.clip(motion.value + np.clip(change, -most, most), low, high))
+
+
+def foreseen(limits: Limits, period: float, motion: Setpoint, goal: Array, periods: int) -> Array:
+    """Return the command after many periods, equal to that of `advance` up to rounding, in few steps.
+
+    Args:
+        limits: of the commands.
+        period: seconds between commands.
+        motion: the newest command.
+        goal: the desired command, shape (joints,).
+        periods: their number, at least 1.
+    """
+    if limits.kind != POSITION:
+        most = periods * np.minimum(limits.rate * period, limits.step)
+        return np.clip(motion.value + np.clip(goal - motion.value, -most, most), *limits.bounds())
+    top = np.minimum(limits.velocity, limits.step / period)
+    change = limits.acceleration * period
+    ways = (np.clip(goal, limits.minimum, limits.maximum) - motion.value) / period
+    joints = zip(ways.tolist(), motion.rate.tolist(), top.tolist(), change.tolist(), strict=True)
+    left = np.array([_way_left(way, rate, most, gain, periods) for way, rate, most, gain in joints])
+    return np.clip(motion.value + (ways - left) * period, limits.minimum, limits.maximum)
 
 
 def braking(limits: Limits, period: float, motion: Setpoint, most: int) -> list[tuple[float, Array]]:
@@ -86,6 +110,49 @@ def _accelerate(limits: Limits, period: float, motion: Setpoint, goal: Array | N
         wanted = np.sign(way) * np.minimum(top, _stoppable(np.abs(way), change, period))
     rate = np.clip(wanted, motion.rate - change, motion.rate + change)
     return Setpoint(np.clip(motion.value + rate * period, limits.minimum, limits.maximum), rate)
+
+
+def _way_left(way: float, rate: float, top: float, change: float, periods: int) -> float:
+    """Return the way of a joint to its goal after many periods of `_accelerate`, in velocities of one period.
+
+    Each phase of the motion (speeding up, at the greatest velocity, slowing down) changes the velocity uniformly, so
+    all its periods but the last ones are taken at once. Each pass of the loop takes one period, and then a phase.
+    """
+    while periods and change and (abs(way) > TINY or abs(rate) > change):
+        wanted = math.copysign(min(top, _stoppable_velocity(abs(way), change)), way)
+        before, rate = rate, min(max(wanted, rate - change), rate + change)
+        way, periods = way - rate, periods - 1
+        sign = math.copysign(1.0, way)
+        more = sign * (rate - before)  # positive if the joint gains speed towards its goal
+        if not 0.0 < abs(more) < (1.0 - TINY) * change:  # a uniform phase
+            uniform = min(_uniform_periods(abs(way), sign * rate, more, top, change), periods)
+            way -= uniform * rate + sign * more * uniform * (uniform + 1) / 2.0
+            rate, periods = rate + sign * more * uniform, periods - uniform
+    return way if periods == 0 or not change else 0.0
+
+
+def _uniform_periods(way: float, speed: float, more: float, top: float, change: float) -> int:
+    """Return for how many periods the speed towards a goal certainly keeps changing by `more` in each.
+
+    A joint at speed v needs at most ``v (v + change) / (2 change) + change / 8`` to come to rest.
+    """
+    if more > 0.0:
+        # After k periods, the next speed is v = speed + (k + 1) change, and its way to rest must be left.
+        first = speed + change
+        needed = first * (first + change) / (2.0 * change) + change / 8.0
+        root = first * first + change * (way - needed)
+        to_rest = (math.sqrt(root) - first) / change if root > 0.0 else 0.0
+        return max(math.floor(min(to_rest, (top - speed) / change - 1.0)), 0)
+    if more < 0.0:
+        return max(math.floor(speed / change) - 1, 0)
+    needed = speed * (speed + change) / (2.0 * change) + change / 8.0
+    return max(math.floor((way - needed) / speed), 0) if speed > 0.0 else 0
+
+
+def _stoppable_velocity(steps: float, change: float) -> float:
+    """Return `_stoppable` of one joint, of a distance in velocities of one period and with a change above 0."""
+    n = math.floor((math.sqrt(1.0 + 8.0 * steps / change) - 1.0) / 2.0)
+    return (steps + change * n * (n + 1.0) / 2.0) / (n + 1.0)
 
 
 def _stoppable(distance: Array, change: Array, period: float) -> Array:
