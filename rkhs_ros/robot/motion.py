@@ -70,7 +70,7 @@ def foreseen(limits: Limits, period: float, motion: Setpoint, goal: Array, perio
     ways = (np.clip(goal, limits.minimum, limits.maximum) - motion.value) / period
     joints = zip(ways.tolist(), motion.rate.tolist(), top.tolist(), change.tolist(), strict=True)
     left = np.array([_way_left(way, rate, most, gain, periods) for way, rate, most, gain in joints])
-    return np.clip(motion.value + (ways - left) * period, limits.minimum, limits.maximum)
+    return np.asarray(np.clip(motion.value + (ways - left) * period, limits.minimum, limits.maximum))
 
 
 def braking(limits: Limits, period: float, motion: Setpoint, most: int) -> list[tuple[float, Array]]:
@@ -118,7 +118,9 @@ def _way_left(way: float, rate: float, top: float, change: float, periods: int) 
     Each phase of the motion (speeding up, at the greatest velocity, slowing down) changes the velocity uniformly, so
     all its periods but the last ones are taken at once. Each pass of the loop takes one period, and then a phase.
     """
-    while periods and change and (abs(way) > TINY or abs(rate) > change):
+    if not (top and change):  # it never moves
+        return way
+    while periods and (abs(way) > TINY or abs(rate) > change):
         wanted = math.copysign(min(top, _stoppable_velocity(abs(way), change)), way)
         before, rate = rate, min(max(wanted, rate - change), rate + change)
         way, periods = way - rate, periods - 1
@@ -128,7 +130,7 @@ def _way_left(way: float, rate: float, top: float, change: float, periods: int) 
             uniform = min(_uniform_periods(abs(way), sign * rate, more, top, change), periods)
             way -= uniform * rate + sign * more * uniform * (uniform + 1) / 2.0
             rate, periods = rate + sign * more * uniform, periods - uniform
-    return way if periods == 0 or not change else 0.0
+    return way if periods == 0 else 0.0
 
 
 def _uniform_periods(way: float, speed: float, more: float, top: float, change: float) -> int:
