@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rkhs_ros.pictures.film import spread
+from rkhs_ros.pictures.style import LABEL_SIZE, width_of
 from rkhs_ros.rkhs.kernels import Array
 
 FRAMES = 50  # per episode
@@ -127,8 +128,10 @@ def _draw(panel: Any, scene: Scene, step: int) -> None:
     for label in moment.labels:
         (x, y), (right, down) = label.place, label.offset
         line = {"arrowstyle": "-", "color": label.colour, "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0}
-        look = {"ha": "center", "va": "center", "fontsize": 10, "color": label.colour, "path_effects": HALO}
-        panel.annotate(label.text, (x, y), (x + right, y + down), arrowprops=line, **look)
+        half = DPI * width_of(label.text, LABEL_SIZE) / 2
+        place = min(max(x + right, half), PICTURE_SIZE[0] - half), y + down  # within the panel
+        look = {"ha": "center", "va": "center", "fontsize": LABEL_SIZE, "color": label.colour, "path_effects": HALO}
+        panel.annotate(label.text, (x, y), place, arrowprops=line, **look)
     panel.text(0.5, 0.03, moment.note, transform=panel.transAxes, ha="center", fontsize=12, path_effects=HALO)
 
 
