@@ -42,7 +42,8 @@ def assert_same_bits(
         assert a.files == b.files
         assert all(np.array_equal(a[name], b[name]) for name in a.files)
         arrays = dict(a)
-    assert (folder / "ros" / "config.yaml").read_text() == (folder / "inline" / "config.yaml").read_text()
+    for name in ("config.yaml", "final_evaluation.txt"):
+        assert (folder / "ros" / name).read_text() == (folder / "inline" / name).read_text()
     return arrays
 
 

@@ -49,11 +49,12 @@ def small_policy(kernel: str, inputs: str, repeat: int = 1, centres: int = 6, *,
     points = INPUTS[inputs].unfold(rng.uniform(-1.5, 1.5, (50, 4, OBSERVED)), rng.uniform(-0.5, 0.5, (50, 4, n)))
     points = points.reshape(200, -1)
     mean = Function(KERNELS[kernel](points.shape[1]), points[:centres], rng.normal(size=(centres, n)))
-    mean = mean.scale(0.7 / max(np.abs(mean(points)).max(), 0.1))  # the window feeds unclipped actions back
-    gaussian = GaussianPolicy(mean, ConstantVariance(np.ones(n)), INPUTS[inputs], action_repeat=repeat)
+    mean = mean.scale(0.7 / max(np.abs(mean(points)).max(), 0.1))  # beyond some bounds
     shape = () if scalar else (2, 1)
-    low = np.full(shape, -np.inf) if scalar else np.array([[-0.4], [-np.inf]])
-    return Policy(gaussian, TASK, Spaces((2, 2), low, np.full(shape, 0.5)))
+    spaces = Spaces((2, 2), np.full(shape, -np.inf) if scalar else np.array([[-0.4], [-np.inf]]), np.full(shape, 0.5))
+    within = INPUTS[inputs].within(spaces)
+    gaussian = GaussianPolicy(mean, ConstantVariance(np.ones(n)), within, action_repeat=repeat)
+    return Policy(gaussian, TASK, spaces)
 
 
 def random_episode() -> np.ndarray:
