@@ -14,7 +14,6 @@ from typing import Any, NoReturn
 from rkhs_ros import __version__
 from rkhs_ros.base.endings import INTERRUPTED, RunError, print_error
 from rkhs_ros.base.streams import tolerate_closed_stdout, tolerate_lost_stderr
-from rkhs_ros.base.threads import ONE_THREAD
 
 # Each module defines add_arguments(parser) and run(options), which returns the exit code.
 COMMANDS = {
@@ -68,10 +67,14 @@ def _path(word: str) -> Path:
     return Path(word)
 
 
+# Linear algebra uses one thread, also in nodes and workers, which inherit this; numpy is not imported yet.
+ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line: print one line and exit with code 2 for bad input, 1 for a failure."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # like Ctrl-C: the run saves its policy
-    os.environ.update(ONE_THREAD)  # before the commands import numpy
+    os.environ.update(ONE_THREAD)
     with tolerate_lost_stderr():
         sys.exit(_exit_code(sys.argv[1:] if arguments is None else arguments))
 

@@ -11,9 +11,6 @@ from functools import cache
 
 from threadpoolctl import ThreadpoolController
 
-# Variables for a process that has not loaded the libraries yet; its child processes inherit them.
-ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
-
 
 @contextmanager
 def one_thread() -> Iterator[None]:
