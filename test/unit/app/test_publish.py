@@ -105,9 +105,10 @@ def test_a_run_without_evaluation_is_published_with_its_exploration_return(rkhs:
     assert "last exploration episodes (3)" in card(Path("out"))
 
 
-def test_an_unfinished_run_is_not_published(run: Path, rkhs: Run) -> None:
+def test_a_run_without_a_policy_is_not_published(run: Path, rkhs: Run) -> None:
     (run / "policy.npz").unlink()
-    assert_refused(rkhs("publish", run), "run/policy.npz: expected the last policy, got none since the run has not")
+    (run / "best_policy.npz").unlink()
+    assert_refused(rkhs("publish", run), "run/policy.npz: expected a policy, got none since the run has not finished")
     assert_refused(rkhs("publish", "nothing"), "nothing: expected the folder of a run")
 
 

@@ -2,13 +2,18 @@
 
 from typing import Any, ClassVar
 
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Environment
 
 
 class Stopping:
-    """Run a number of batches, two per iteration if none run ahead, and then raise an error."""
+    """Run a number of batches, two per iteration if none run ahead, and then raise an error.
+
+    The batches of the final evaluation, which have another seed, do not count.
+    """
 
     environment: ClassVar = Environment("rkhs/Toy-v0", {})
 
@@ -18,12 +23,14 @@ class Stopping:
         self._batches = batches
         self._error = error or KeyboardInterrupt()
         self._num_envs = num_envs
+        self._seed: int | None = None
 
     def capacity(self, num_envs: int) -> int:
         return min(num_envs, self._num_envs)
 
-    def collect(self, *arguments: Any) -> Any:
-        self._batches -= 1
+    def collect(self, policy: GaussianPolicy, batch: Batch) -> Any:
+        self._seed = batch.seed if self._seed is None else self._seed
+        self._batches -= batch.seed == self._seed
         if self._batches < 0:
             raise self._error
-        return self._runner.collect(*arguments)
+        return self._runner.collect(policy, batch)
