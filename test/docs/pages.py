@@ -23,7 +23,7 @@ RUN = ("python", "bash")  # languages
 NOT_RUN = re.compile(r"<!-- not run: (.+) -->")
 FILE = re.compile(r"<!-- file: (\S+) -->")
 INTO = re.compile(r"<!-- in (\S+) (before|for): (.+) -->")
-TIMEOUT_S = 200  # per page; an idle machine needs some seconds
+TIMEOUT_S = 600  # per page; an idle machine needs at most a minute or two
 LINKED = ("config", "launch", "requirements")  # folders that the commands of a page read
 
 

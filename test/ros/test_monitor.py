@@ -21,6 +21,8 @@ from rkhs_ros.view.monitor import Monitor, NodeReport
 from rkhs_ros.view.nodes_panel import EPISODES, STOP
 from test.ros.conftest import Probe
 
+pytestmark = pytest.mark.nightly
+
 
 @pytest.fixture
 def monitor(domain: int, tmp_path: Path) -> Iterator[Monitor]:

@@ -18,6 +18,8 @@ from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS
 from test.faults.runs import assert_same_bits
 from test.ros.conftest import ROOT, Probe, Process
 
+pytestmark = pytest.mark.nightly
+
 Start = Callable[..., Process]
 Parameters = Callable[..., Path]
 SHORT = ("iterations=4", "horizon=60", "timeout=60")

@@ -11,7 +11,7 @@ from rkhs_ros.runs.config import load_config
 from rkhs_ros.studies.search_space import SPREAD, Dimension, search_space
 from test.unit.conftest import Result, assert_refused
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.nightly]
 
 CONFIG = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
 TINY = ("--set", "horizon=4", "iterations=4", "episodes_per_iteration=2", "evaluation_episodes=2")

@@ -13,6 +13,8 @@ from rkhs_ros.runs import provenance
 from rkhs_ros.studies.workers import WorkerLostError, Workers
 from test.unit.conftest import Result, assert_refused
 
+pytestmark = pytest.mark.nightly
+
 CONFIG = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
 Run = Callable[..., Result]
 

@@ -61,7 +61,8 @@ def cells(iterations: list[Iteration]) -> int:
     return len(np.unique(places, axis=0))
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.nightly)])
+@pytest.mark.nightly
+@pytest.mark.parametrize("seed", [0, 1])
 def test_a_task_without_rewards_is_explored_further_with_curiosity(seed: int) -> None:
     with_curiosity, without = (cells(learn({"curiosity": name}, seed)) for name in ("as_needed", "none"))
     assert with_curiosity > 1.2 * without
