@@ -125,7 +125,7 @@ def stop_requested(state: Gate, reason: str) -> Gate:
 
 
 def stopped_by_operator(state: Gate, reason: str) -> Gate:
-    """Stop until armed again; a disarmed gate refuses once to arm, so that whoever arms it learns of the request."""
+    """Stop until armed again; a disarmed gate rejects the next request to arm, and names the stop request."""
     return replace(stopped(state, reason), reason=reason)
 
 

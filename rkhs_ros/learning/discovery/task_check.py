@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -130,7 +131,7 @@ class TaskCheck:
             problems.append("change per decision: run longer episodes, or a task with a lower control rate")
         elif self.change_per_decision > CHANGE * WITHIN:
             problems.append("change per decision: run the task at a higher control rate")
-        if away := self._columns_that_run_away():
+        if away := self._columns_that_run_away:
             problems.append(f"observations: if {self._columns(away)} can grow without bound, end such episodes early")
         if not self._is_bounded():
             problems.append("actions: set exploration_sd in their units")
@@ -201,6 +202,7 @@ class TaskCheck:
         bounds = dict.fromkeys(f"{a:.4g} to {b:.4g}" for a, b in zip(low, high, strict=True))
         return f"{len(low)}, bounds {', '.join(bounds)}"
 
+    @cached_property
     def _columns_that_run_away(self) -> list[int]:
         mask = self.episodes.mask
         first = self.episodes.observations[mask & (np.cumsum(mask, axis=1) * FIRST_PART <= mask.sum(axis=1)[:, None])]
@@ -208,7 +210,7 @@ class TaskCheck:
         return [column for column in sorted(columns) if len(first) and moves_away(self.episodes, first, column)]
 
     def _wandering(self) -> str:
-        away = self._columns_that_run_away()
+        away = self._columns_that_run_away
         verb = "run" if len(away) > 1 else "runs"
         return f"{self.spaces.observation_dim} columns" + (f"; {self._columns(away)} {verb} away" if away else "")
 

@@ -311,7 +311,7 @@ class GateNode(ReportingNode):
 
 
 def _is_simulated(name: str) -> bool:
-    """Return whether a node is a simulated robot by its name, or only looks on, such as a tool of the command line."""
+    """Return whether a node's name is that of a simulated robot or of an observer, such as `ros2 topic echo`."""
     return name in SIMULATED or (name.startswith("_") and name != UNKNOWN)
 
 

@@ -11,7 +11,7 @@ from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.nodes.robot.gate_link import GateLink
 
 RETRY_S = 1.0  # between attempts to end a protective stop
-PATIENCE_S = 5.0  # for the gate to arm itself, after which the operator is told
+PATIENCE_S = 5.0  # for the gate to arm itself; later, the node asks the operator to arm it
 NAME = "simulated_robot"
 
 
