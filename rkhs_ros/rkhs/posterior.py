@@ -17,12 +17,16 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import cho_solve
+from scipy.special import ndtri
 
 from rkhs_ros.rkhs.evidence import LINEAR_SD, Coefficients, features_of
-from rkhs_ros.rkhs.kernels import Array, spreads
+from rkhs_ros.rkhs.kernels import Array, rowwise_matmul, spreads
 from rkhs_ros.rkhs.metric_learning import fit_metric
 from rkhs_ros.rkhs.newton import NewtonBasis
 from rkhs_ros.rkhs.standardizer import Coordinates, Standardizer
+
+WAVES = 128  # frequencies that represent the prior outside the span of the centres; a power of 2
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,7 @@ class Posterior:
         points: maps points to coordinates.
         targets: standardises the targets.
         basis: basis of the kernel part, as a function of coordinates.
+        bandwidth: bandwidth of its kernel, in units of the coordinates.
         coefficients: posterior of the coefficients of the constant, the linear and the kernel part.
         evidence: log density of the standardised targets, up to a constant.
     """
@@ -40,6 +45,7 @@ class Posterior:
     points: Coordinates
     targets: Standardizer
     basis: NewtonBasis
+    bandwidth: float
     coefficients: Coefficients
     evidence: float
 
@@ -62,7 +68,7 @@ class Posterior:
         y = np.where(spreads(targets, weights) > 0, of_targets.standardise(targets), 0.0)
         roots = np.ones((len(points), 1)) if weights is None else np.sqrt(weights)[:, None]
         coordinates, best = fit_metric(Coordinates(units), points, y, roots, centres, centred=centred)
-        return cls(coordinates, of_targets, best.basis, best.coefficients, best.evidence)
+        return cls(coordinates, of_targets, best.basis, best.bandwidth, best.coefficients, best.evidence)
 
     def features(self, points: Array) -> Array:
         """Return the constant, linear and kernel features of points of shape (n, d): shape (n, p)."""
@@ -94,16 +100,66 @@ class Posterior:
         """Number of constant and linear features, 1 + d."""
         return 1 + self.points.dimension
 
+    @property
+    def draw_shape(self) -> tuple[int, int]:
+        """Shape (k, p + 2 `WAVES`) of the standard normal numbers of a draw."""
+        features, outputs = self.coefficients.mean.shape
+        return outputs, features + 2 * WAVES
+
     def draw(self, normals: Array) -> DrawnFunctions:
-        """Return functions drawn from the posterior; their part outside the span of the centres is its mean, 0.
+        r"""Return functions drawn from the posterior.
+
+        Outside the span of the centres the posterior is the prior. Its part there is a sum of waves less the kernel
+        functions that interpolate it at the centres C (pathwise conditioning, Wilson et al., 2021, Eq 12):
+
+        .. math:: f(x) = f_C(x) + s\big(\phi(x) - \kappa(x, C) \kappa(C, C)^{-1} \phi(C)\big) \cdot \epsilon,
+            \qquad \phi(x) = (\cos x \Omega, \sin x \Omega) / \sqrt{F}
+
+        All draws have the same F frequencies (Rahimi and Recht, 2007) and weights of their own.
 
         Args:
-            normals: standard normal draws, shape (draws, k, p); 0 gives the posterior mean.
+            normals: standard normal numbers, shape (draws, `draw_shape`).
         """
+        inside, outside = np.split(normals, [len(self.coefficients.mean)], axis=2)
+        waves = outside * self.coefficients.signal[:, None]
+        kernel = -np.matmul(waves, self._interpolation.T)
+        weights = self._weights(inside)
+        weights[:, :, self.linear_size :] += kernel * self.targets.scale[:, None]
+        weights = np.concatenate([weights, waves * self.targets.scale[:, None]], axis=2)
+        return DrawnFunctions(self.points, self._kernel, weights, self._frequencies)
+
+    def expected(self, count: int = 1) -> DrawnFunctions:
+        """Return the posterior mean as a number of equal draws."""
+        weights = self._weights(np.zeros((count, *self.coefficients.mean.T.shape)))
+        return DrawnFunctions(self.points, self._kernel, weights, np.empty((self.points.dimension, 0)))
+
+    def _weights(self, normals: Array) -> Array:
+        """Return the weights of 1, x and the kernel functions of draws inside the span, shape (draws, k, p)."""
         axes, mean, sd, _, _ = self.coefficients
         weights = np.matmul((axes.T @ mean).T + sd.T * normals, self._directions.T) * self.targets.scale[:, None]
         weights[:, :, 0] += self.targets.centre
-        return DrawnFunctions(self.points, self.basis.kernel.with_centres(self.basis.centres), weights)
+        return np.asarray(weights)
+
+    @cached_property
+    def _kernel(self) -> Callable[[Array], Array]:
+        return self.basis.kernel.with_centres(self.basis.centres)
+
+    @cached_property
+    def _frequencies(self) -> Array:
+        """Frequencies of the kernel's spectral density, shape (d, F).
+
+        A low-discrepancy sequence represents the kernel better than random numbers, of which the interpolation between
+        centres magnifies the errors.
+        """
+        from scipy.stats.qmc import Sobol  # here, since the import takes half a second
+
+        return np.asarray(ndtri(Sobol(self.points.dimension, seed=0).random(WAVES)).T / self.bandwidth)
+
+    @cached_property
+    def _interpolation(self) -> Array:
+        """Weights of the kernel functions that interpolate each wave at the centres, shape (m, 2 F)."""
+        values = _waves(self.basis.centres, self._frequencies).astype(float)
+        return np.asarray(cho_solve((self.basis.factor, True), values)) if len(values) else values
 
     @cached_property
     def _directions(self) -> Array:
@@ -119,12 +175,14 @@ class DrawnFunctions:
     Attributes:
         points: maps points to coordinates.
         kernel: maps coordinates to their kernel with m centres.
-        weights: weights of 1, of the coordinates and of the kernel, shape (draws, k, 1 + d + m).
+        weights: weights of 1, the coordinates, the kernel and the waves, shape (draws, k, 1 + d + m + 2 F).
+        frequencies: frequencies of the waves, shape (d, F).
     """
 
     points: Coordinates
     kernel: Callable[[Array], Array]
     weights: Array
+    frequencies: Array
 
     def __call__(self, points: Array) -> Array:
         """Evaluate each draw at its own point, points of shape (draws, d): shape (draws, k).
@@ -139,4 +197,10 @@ class DrawnFunctions:
 
     def _features(self, points: Array) -> Array:
         x = self.points.of(points)
-        return np.concatenate([np.ones((len(x), 1)), x, self.kernel(x)], axis=1)
+        return np.concatenate([np.ones((len(x), 1)), x, self.kernel(x), _waves(x, self.frequencies)], axis=1)
+
+
+def _waves(x: Array, frequencies: Array) -> Array:
+    """Return Fourier features of coordinates, shape (n, 2 F); each row depends only on itself."""
+    phases = rowwise_matmul(x, frequencies).astype(np.float32)  # six times faster, as accurate as waves need to be
+    return np.concatenate([np.cos(phases), np.sin(phases)], axis=1) / np.float32(np.sqrt(max(phases.shape[1], 1)))

@@ -194,8 +194,11 @@ class DynamicsModel:
             actions: clipped actions, shape (n, m).
             changes: changes of the observations without the prior part, shape (n, d).
         """
-        moved = self.coordinates.add(_apply_prior(self.priors, observations, actions), changes)
-        return np.minimum(np.maximum(moved, self._lowest), self._highest)
+        return self.possible(self.coordinates.add(_apply_prior(self.priors, observations, actions), changes))
+
+    def possible(self, observations: Array) -> Array:
+        """Return observations, shape (n, d), clipped to the observed range plus a margin."""
+        return np.minimum(np.maximum(observations, self._lowest), self._highest)
 
     def clip_to_observed(self, observations: Array) -> Array:
         """Return observations, shape (..., d), clipped to the observed range."""

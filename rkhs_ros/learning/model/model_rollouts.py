@@ -15,6 +15,7 @@ from rkhs_ros.policies.streams import Batch, stream
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.posterior import DrawnFunctions, Posterior
 
+BEYOND = 0.5  # of their distance: how far initial observations may lie outside two recorded ones
 START_VISITED_EVERY = 4  # one of this many rollouts starts at a visited observation instead of an initial one
 
 
@@ -123,15 +124,28 @@ class ModelRunner:
         With visited starts, a quarter of the rollouts start from visited observations, so that the rollouts cover all
         states. If the inputs have a history, all rollouts start from initial observations, because these have no past.
         """
-        model = self._model
-        anywhere = self._visited_starts and model.inputs.history == 1
-        places = (model.starts, model.visited if anywhere else model.starts)
-        chosen = [places[episode % START_VISITED_EVERY == 1] for episode in batch.episodes]
-        return np.stack([place[own.integers(len(place))] for place, own in zip(chosen, streams, strict=True)])
+        visited = self._model.visited
+        anywhere = self._visited_starts and self._model.inputs.history == 1
+        is_visited = [anywhere and episode % START_VISITED_EVERY == 1 for episode in batch.episodes]
+        return np.stack(
+            [
+                visited[own.integers(len(visited))] if this else self._initial(own)
+                for this, own in zip(is_visited, streams, strict=True)
+            ]
+        )
+
+    def _initial(self, own: np.random.Generator) -> Array:
+        """Draw an initial observation; if they vary, on the line through two recorded ones, also beyond them."""
+        starts, coordinates = self._model.starts, self._model.coordinates
+        one, other = starts[own.integers(len(starts), size=(2, 1))]
+        if not self._model.starts_vary:
+            return np.asarray(one[0])
+        way = own.uniform(-BEYOND, 1.0 + BEYOND) * coordinates.difference(one, other)
+        return np.asarray(self._model.possible(coordinates.add(one, way))[0])
 
     def _drawn(self, posterior: Posterior, streams: list[np.random.Generator]) -> DrawnFunctions:
-        shape = posterior.coefficients.mean.T.shape
-        return posterior.draw(self._caution * np.stack([own.standard_normal(shape) for own in streams]))
+        normals = np.stack([own.standard_normal(posterior.draw_shape) for own in streams])
+        return posterior.draw(self._caution * normals)
 
     def _roll_out(
         self, policy: GaussianPolicy, batch: Batch, starts: Array, draws: Draws
@@ -196,7 +210,7 @@ class ModelRunner:
             return np.asarray(ended).reshape(observations.shape[:2])
         if ends is None:
             return np.zeros(observations.shape[:2], dtype=bool)
-        expected = ends.draw(np.zeros((1, *ends.coefficients.mean.T.shape)))
+        expected = ends.expected()
         # Clipping extends the boundary of termination beyond the observed range.
         features = self._model.inputs.features(self._model.clip_to_observed(observations))
         return np.stack([expected.of_draw(0, its_features)[:, 0] > 0 for its_features in features])

@@ -58,8 +58,7 @@ class TerminalReward:
         """
         if self.posterior is None:
             return rewards + self.mean
-        no_noise = np.zeros((len(points), *self.posterior.coefficients.mean.T.shape))
-        return np.clip(rewards + self.posterior.draw(no_noise)(points)[:, 0], *self.limits)
+        return np.clip(rewards + self.posterior.expected(len(points))(points)[:, 0], *self.limits)
 
 
 def _is_explained(points: Array, values: Array, centres: int) -> bool:

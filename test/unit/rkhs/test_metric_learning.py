@@ -27,13 +27,9 @@ def test_slopes_match_finite_differences(rng: np.random.Generator) -> None:
     x = rng.normal(size=(60, D))
     y = np.column_stack([np.sin(x[:, 0]) * x[:, 1], x[:, 2] ** 2 + x[:, 3]])
     fit = best_fit(x, y, np.ones((60, 1)), 40)
-    posterior = Posterior(
-        Coordinates(Standardizer(np.zeros(D), np.ones(D))),
-        Standardizer(np.zeros(2), np.ones(2)),
-        *fit[:1],
-        *fit[3:],
-        0.0,
-    )
+    units = Standardizer(np.zeros(D), np.ones(D))
+    to = Standardizer(np.zeros(2), np.ones(2))
+    posterior = Posterior(Coordinates(units), to, fit.basis, fit.bandwidth, fit.coefficients, fit.evidence)
     at, step = rng.normal(size=(5, D)), 1e-5
     found = slopes(fit, at)
     for j, e in enumerate(step * np.eye(D)):

@@ -132,7 +132,7 @@ def test_draws_have_the_mean_and_covariance_of_the_posterior(fit_with: FitWith, 
     x, rows = points_of(rng), 4000
     y = targets_of(rng, x)
     fitted = fit_with(FULL[-1], x, y)
-    drawn = fitted.draw(rng.standard_normal((rows, 1, 1 + D + N)))
+    drawn = fitted.draw(rng.standard_normal((rows, *fitted.draw_shape)))
     at = x[:8]  # in the span of the centres
     values = np.stack([drawn.of_draw(row, at)[:, 0] for row in range(rows)])
     mean, covariance = predicted(oracle(fitted, x, y), fitted, at)
@@ -144,11 +144,40 @@ def test_draws_have_the_mean_and_covariance_of_the_posterior(fit_with: FitWith, 
     assert (np.abs(found - correlation) < 4.5 * np.sqrt((1.0 + correlation**2) / rows)).all()
 
 
+@pytest.mark.parametrize("centres", [3, 30, N])
+def test_draws_spread_as_far_as_the_standard_deviation_says(rng: np.random.Generator, centres: int) -> None:
+    x, draws = points_of(rng), 1000
+    fitted = Posterior.fit(x, targets_of(rng, x, 2), centres)
+    far = 5.0 + 3.0 * (points_of(rng, 100) - 5.0)
+    at = np.concatenate([points_of(rng, 100), far])
+    drawn = fitted.draw(rng.standard_normal((draws, *fitted.draw_shape)))
+    spread = np.std([drawn.of_draw(row, at) for row in range(draws)], axis=0)
+    ratios = spread / fitted.sd(at)
+    # A finite number of waves represents the kernel approximately, best where they matter: outside the span.
+    assert ratios.min() > 0.5
+    assert ratios.max() < 1.5
+    assert np.median(ratios) == pytest.approx(1.0, abs=0.1)
+    assert np.median(ratios[100:]) == pytest.approx(1.0, abs=0.1)
+
+
+def test_the_part_of_a_draw_outside_the_span_vanishes_at_the_centres(rng: np.random.Generator) -> None:
+    x = points_of(rng)
+    fitted = Posterior.fit(x, targets_of(rng, x, 2), 30)
+    normals = rng.standard_normal((1, *fitted.draw_shape))
+    normals[:, :, : len(fitted.coefficients.mean)] = 0.0
+    drawn = fitted.draw(normals)
+    is_centre = (fitted.points.of(x)[:, None] == fitted.basis.centres).all(axis=2).any(axis=1)
+    off = np.abs(drawn.of_draw(0, x) - fitted.mean(x)) / fitted.targets.scale
+    assert is_centre.sum() == 30
+    assert off[is_centre].max() < 1e-6
+    assert np.median(off[~is_centre]) > 1e-3
+
+
 @pytest.mark.parametrize("centres", [1, 20, N])
 def test_a_draw_of_zeros_is_the_posterior_mean(rng: np.random.Generator, centres: int) -> None:
     x = points_of(rng)
     fitted = Posterior.fit(x, targets_of(rng, x, 3), centres)
-    drawn = fitted.draw(np.zeros((len(x), *fitted.coefficients.mean.T.shape)))
+    drawn = fitted.draw(np.zeros((len(x), *fitted.draw_shape)))
     np.testing.assert_allclose(drawn(x), fitted.mean(x), rtol=1e-9)
     np.testing.assert_allclose(drawn.of_draw(3, x), fitted.mean(x), rtol=1e-9)
 
@@ -158,7 +187,7 @@ def test_draws_do_not_depend_on_each_other(first: int, size: int, seed: int) -> 
     rng = np.random.default_rng(seed)
     x = points_of(rng, 40)
     fitted = Posterior.fit(x, targets_of(rng, x, 3), 20)
-    normals, at = rng.standard_normal((12, *fitted.coefficients.mean.T.shape)), points_of(rng, 12)
+    normals, at = rng.standard_normal((12, *fitted.draw_shape)), points_of(rng, 12)
     part = slice(first, first + size)
     np.testing.assert_array_equal(fitted.draw(normals[part])(at[part]), fitted.draw(normals)(at)[part])
 
@@ -225,7 +254,7 @@ def test_constant_targets_are_predicted_without_uncertainty(rng: np.random.Gener
     x, still = points_of(rng, 100), np.full((100, 40), value)
     y = targets_of(rng, x)
     fitted, alone = Posterior.fit(x, np.column_stack([still, y]), 50), Posterior.fit(x, y, 50)
-    drawn = fitted.draw(rng.standard_normal((3, *fitted.coefficients.mean.T.shape)))
+    drawn = fitted.draw(rng.standard_normal((3, *fitted.draw_shape)))
     margin = 1e-9 * abs(value) + 1e-99
     np.testing.assert_allclose(fitted.mean(x)[:, :40], value, atol=margin)
     np.testing.assert_allclose(drawn.of_draw(0, x)[:, :40], value, atol=margin)
@@ -239,4 +268,4 @@ def test_the_mean_of_a_single_point_is_its_value_everywhere(rng: np.random.Gener
     x = points_of(rng, 20)
     np.testing.assert_allclose(fitted.mean(x), np.tile([3.0, -1.0], (20, 1)))
     assert np.isfinite(fitted.sd(x)).all()
-    assert np.isfinite(fitted.draw(rng.standard_normal((20, *fitted.coefficients.mean.T.shape)))(x)).all()
+    assert np.isfinite(fitted.draw(rng.standard_normal((20, *fitted.draw_shape)))(x)).all()
