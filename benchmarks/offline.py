@@ -64,7 +64,7 @@ def _return(name: str, episodes: int, seed: int, rounds: int) -> float:
 
 def _exploring(config: Config, episodes: int) -> Config:
     """Return the settings of a run with one iteration, whose episodes all precede the update."""
-    settings = replace(config.training.model, updates=1, rollouts=1, exploration_noise="pink")
+    settings = replace(config.training.model, updates=1, rollouts=1)
     training = replace(config.training, iterations=1, episodes_per_iteration=episodes, evaluate_every=0, model=settings)
     return replace(config, training=training)
 

@@ -63,7 +63,7 @@ class Summary:
         terminates: whether the task terminated an episode.
         saturated: share of the actions of the policy mean that are at or beyond a bound.
         runs_away: whether the newest episode moved far away from the first observations, and was still moving.
-        curious: whether the model rollouts had rewards for unknown states instead of those of the task.
+        optimistic: whether steps in the model were also rewarded for its uncertainty about them.
     """
 
     exploration_return: float
@@ -75,7 +75,7 @@ class Summary:
     terminates: bool = False
     saturated: float = 0.0
     runs_away: bool = False
-    curious: bool = True
+    optimistic: bool = True
 
 
 def exploits_model(recent: Sequence[Summary]) -> bool:
@@ -87,7 +87,8 @@ def exploits_model(recent: Sequence[Summary]) -> bool:
     returns = [each.exploration_return for each in recent] + [each.evaluation_return for each in known]
     far = EXPLOITS * (max(returns) - min(returns))
     above = [
-        not each.curious and _gap(each) > ALIKE and each.model_return - each.evaluation_return > far for each in known
+        not each.optimistic and _gap(each) > ALIKE and each.model_return - each.evaluation_return > far
+        for each in known
     ]
     return len(known) == PATIENCE and above[-1] and sum(above) >= PATIENCE - 1
 
@@ -131,7 +132,7 @@ def predicts_badly(recent: Sequence[Summary]) -> bool:
 
     Curious iterations are ignored: the return in their models is not that of the task.
     """
-    last = [each for each in recent if not (isnan(each.model_error) or each.curious)][-TESTS:]
+    last = [each for each in recent if not (isnan(each.model_error) or each.optimistic)][-TESTS:]
     bad = [each.model_error >= BAD and not abs(_gap(each)) <= ALIKE for each in last]  # nan without an evaluation
     return len(bad) == TESTS and bad[-1] and sum(bad) > TESTS / 2
 
@@ -253,7 +254,7 @@ def summary_of(iteration: Iteration, spaces: Spaces, first: Array) -> Summary:
         terminates=bool(exploration.terminated.any() or evaluation.terminated.any()),
         saturated=_saturated(evaluation, spaces),
         runs_away=any(moves_away(newest, first, column) for column in _lines(iteration)),
-        curious=iteration.curious,
+        optimistic=iteration.optimistic,
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.model.model_based import ModelBased
+from rkhs_ros.learning.model.model_based import ModelBased, exploration_policy
 from rkhs_ros.learning.training_settings import AUTO, Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
@@ -33,6 +33,7 @@ class State:
         evaluated: number of evaluation episodes so far.
         steps: number of environment steps of the exploration episodes so far; 0 if unknown, because the run began
             before steps were counted.
+        earlier: the last policies before this one, the newest first; empty without a model.
     """
 
     iterations: int
@@ -41,6 +42,7 @@ class State:
     explored: int
     evaluated: int
     steps: int
+    earlier: tuple[GaussianPolicy, ...] = ()
 
 
 def first_policy(training: Training, spaces: Spaces) -> GaussianPolicy:
@@ -60,7 +62,7 @@ def first_policy(training: Training, spaces: Spaces) -> GaussianPolicy:
     if not isinstance(training.model, ModelBased):
         return policy
     training.model.priors(spaces.observation_dim)
-    return training.model.exploration_policy(policy, variance, 0, reward_depends_on_action_only=False)
+    return exploration_policy(policy, variance, 0, reward_depends_on_action_only=False)
 
 
 def first_variance(training: Training, spaces: Spaces) -> Array:

@@ -15,7 +15,7 @@ from rkhs_ros.learning.discovery.found import Known
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
 from rkhs_ros.learning.model.model_based import ModelBased, ModelUpdate, train_in_model
-from rkhs_ros.learning.model.real_experience import RealExperience
+from rkhs_ros.learning.model.real_experience import RealExperience, is_stuck
 from rkhs_ros.learning.state import State, chooses_action_repeat, first_state, first_variance
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -24,6 +24,7 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 
 UNDISCOUNTED = 1.0
+EARLIER = 5  # policies before the newest one that model-based training may return to
 MOST_SAMPLES_AHEAD = 10**5  # largest batch that may run exploration episodes ahead; larger ones only cost memory
 
 
@@ -55,7 +56,7 @@ class Iteration:
         metrics: metrics of the update; with a model, of its last update.
         model_return: mean return of the last model rollouts; nan without a model.
         model_error: error of the previous model on this iteration's episodes; nan if there was none.
-        curious: whether the model rollouts had rewards for unknown states instead of those of the task.
+        optimistic: whether steps in the model were also rewarded for its uncertainty about them.
         tried: episodes in which the line search tried step sizes, in the order of collection.
     """
 
@@ -68,7 +69,7 @@ class Iteration:
     metrics: Metrics
     model_return: float = float("nan")
     model_error: float = float("nan")
-    curious: bool = False
+    optimistic: bool = False
     tried: tuple[Episodes, ...] = ()
 
     @property
@@ -237,12 +238,14 @@ def train(training: Training, runner: Runner, state: State | None = None) -> Ite
 def _iteration_after(state: State, training: Training, collector: Collector, spaces: Spaces) -> Iteration:
     exploration = collector.explore(state.policy)
     policy = with_action_repeat(state, training, exploration)
+    earlier: tuple[GaussianPolicy, ...] = ()
     if isinstance(training.model, ModelBased):
         memory = state.memory + exploration
-        model_update = _train_in_model(training.model, training, policy, memory, spaces, state.iterations)
+        model_update = _train_in_model(training.model, training, policy, memory, spaces, state)
+        earlier = (state.policy, *state.earlier)[:EARLIER]
         policy, metrics = model_update.policy, model_update.metrics
         model_return, model_error = model_update.model_return, model_update.model_error
-        curious = model_update.curious
+        optimistic = model_update.optimistic
     else:
         repeat = policy.action_repeat
         episodes = exploration.decisions(repeat, training.discount, spaces).with_inputs(policy.inputs)
@@ -254,14 +257,14 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
             episodes, training.discount**repeat, state.memory, collector.try_out, variance, state.iterations
         )
         policy, metrics, memory = training.algorithm.update(policy, experience)
-        model_return, model_error, curious = float("nan"), float("nan"), False
+        model_return, model_error, optimistic = float("nan"), float("nan"), False
     done = state.iterations + 1
     due = training.evaluate_every > 0 and done % training.evaluate_every == 0
     explores_next = done < training.iterations
     evaluation = collector.evaluate(policy, explores_next=explores_next) if due else exploration.take(slice(0))
     return Iteration(
         before=Known.at(state, training),
-        state=State(done, policy, memory, collector.explored, collector.evaluated, collector.steps),
+        state=State(done, policy, memory, collector.explored, collector.evaluated, collector.steps, earlier),
         exploration=exploration,
         exploration_returns=exploration.returns(training.discount),
         evaluation=evaluation,
@@ -269,7 +272,7 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
         metrics=metrics,
         model_return=model_return,
         model_error=model_error,
-        curious=curious,
+        optimistic=optimistic,
         tried=collector.take_tried(),
     )
 
@@ -288,31 +291,22 @@ def _train_in_model(
     policy: GaussianPolicy,
     episodes: Episodes,
     spaces: Spaces,
-    iteration: int,
+    state: State,
 ) -> ModelUpdate:
     """Update the policy in a model of all real episodes so far."""
+    newest, nothing_known = training.episodes_per_iteration, reward_depends_on_action_only(episodes, spaces)
     experience = RealExperience(
         episodes=episodes.decisions(policy.action_repeat, training.discount, spaces),
-        newest=training.episodes_per_iteration,
+        newest=newest,
         discount=training.discount**policy.action_repeat,
         spaces=spaces,
         kernel=training.kernel,
         first_variance=first_variance(training, spaces),
         seed=training.seed,
-        iteration=iteration,
-        reward_depends_on_action_only=reward_depends_on_action_only(episodes, spaces),
-        outperformed_iterations=outperformed_iterations(
-            episodes.returns(training.discount), training.episodes_per_iteration
-        ),
+        iteration=state.iterations,
+        earlier=state.earlier,
+        reward_depends_on_action_only=nothing_known,
+        seeks_novelty=nothing_known or is_stuck(episodes, newest, training.discount),
         given_inputs=training.inputs,
     )
     return train_in_model(settings, training.algorithm, policy, experience)
-
-
-def outperformed_iterations(returns: Array, newest: int) -> float:
-    """Return the number of earlier iterations with a lower return than the newest one.
-
-    It counts earlier episodes below the newest mean return, divided by the ``newest`` episodes per iteration.
-    """
-    earlier, now = returns[:-newest], returns[-newest:].mean()
-    return float((earlier < now).sum() / newest)

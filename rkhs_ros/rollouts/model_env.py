@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from rkhs_ros.base.threads import one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
-from rkhs_ros.learning.model.model_based import ModelBased, fit_model
+from rkhs_ros.learning.model.model_based import ModelBased, fit_model, reward_margin
 from rkhs_ros.learning.model.model_rollouts import Draws, ModelRunner
 from rkhs_ros.learning.state import State
 from rkhs_ros.learning.training_settings import Training
@@ -71,7 +71,7 @@ class LearntModel:
         decisions = state.memory.decisions(repeat, training.discount, spaces)
         with one_thread():
             dynamics = fit_model(training.model, state.policy.inputs, decisions, spaces)
-        return cls(dynamics, decisions.horizon, repeat, training.model.margin_after(decisions))
+        return cls(dynamics, decisions.horizon, repeat, reward_margin(decisions))
 
     def __repr__(self) -> str:
         """Return the sizes of the model, since its arrays fill many pages."""
@@ -203,8 +203,7 @@ class ModelVectorEnv(VectorEnv[Values, Values, Any]):
     def _begin(self, which: Flags) -> None:
         """Start an episode in some environments."""
         streams = [own for own, begins in zip(self._streams, which, strict=True) if begins]
-        starts = self._dynamics.starts
-        first = np.stack([starts[own.integers(len(starts))] for own in streams])
+        first = np.stack([self._dynamics.draw_start(own) for own in streams])
         draws = self._runner.draw(streams, self._horizon)
         self._draws = draws if which.all() else self._draws.with_rows(which, draws)
         self._observations[which], self._actions[which], self._steps[which] = first[:, None], 0.0, 0

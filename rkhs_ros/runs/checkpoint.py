@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from functools import partial
 from hashlib import blake2b
@@ -23,7 +23,7 @@ from rkhs_ros.policies.storage import packed, policy_arrays, policy_of, unpacked
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.provenance import provenance
 
-SCHEMA = 4
+SCHEMA = 5
 ACCEPT = "--allow-provenance-change"  # option of ``rkhs train``
 SYNC_EVERY = 1.0  # seconds; waiting for the disk takes longer than many iterations
 STORED = 2  # newest checkpoints that are not deleted
@@ -177,20 +177,27 @@ class Checkpoints:
         about = {"schema": SCHEMA, "version": __version__, "recorded": self.recorded, **run}
         counts = {name: getattr(state, name) for name in COUNTS}
         memory = {f"memory_{name}": getattr(state.memory, name) for name in MEMORY}
-        return packed({"about": np.array(json.dumps(about | counts).encode()), **policy_arrays(state.policy), **memory})
+        about |= counts | {"earlier": len(state.earlier)}
+        earlier = {
+            f"earlier_{i}_{n}": a for i, each in enumerate(state.earlier) for n, a in policy_arrays(each).items()
+        }
+        return packed(
+            {"about": np.array(json.dumps(about).encode()), **policy_arrays(state.policy), **earlier, **memory}
+        )
 
     def _read(self, path: Path) -> tuple[State, str] | None:
         """Return the state in a checkpoint and the digest of the curve up to it; None if it is damaged."""
         try:
             arrays = unpacked(read_whole(path))
-            about = {"steps": 0} | json.loads(arrays["about"].item())  # older checkpoints do not count steps
+            about = json.loads(arrays["about"].item())
             _check_same_run(path, about, self._compared)
             memory = Episodes(*(arrays[f"memory_{name}"] for name in MEMORY))
             counts = {name: about[name] for name in COUNTS}
             good = all(type(count) is int and count >= 0 for count in counts.values())
             require(good, "counts", "whole numbers >= 0", counts)
             self.recorded |= about.get("recorded") is True
-            return State(policy=policy_of(arrays), memory=memory, **counts), about["curve"]
+            earlier = tuple(policy_of(_named(f"earlier_{i}_", arrays)) for i in range(about["earlier"]))
+            return State(policy=policy_of(arrays), memory=memory, earlier=earlier, **counts), about["curve"]
         except OtherRunError:
             raise
         except Exception as error:  # a damaged archive raises almost anything
@@ -232,3 +239,8 @@ def _check_same_run(path: Path, about: dict[str, Any], compared: dict[str, Any])
 
 def _skip(path: Path, reason: str) -> None:
     print(f"warning: {path}: skipped ({' '.join(reason.split())})", file=sys.stderr)
+
+
+def _named(prefix: str, arrays: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arrays whose names begin with a prefix, without it."""
+    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}

@@ -15,16 +15,6 @@ ALGORITHMS: Mapping[str, Mapping[str, Any]] = {
     "rkhs_ac": {"centres": 80, "step": LONG_STEPS},
     "rkhs_power": {"centres": 80, "value_ridge": 0.001, "ridge_unit": "variance", "variance": "constant"},
 }
-MODEL: Mapping[str, Any] = {
-    "form": "gaussian_process",
-    "discovery": "all",
-    "curiosity": "as_needed",
-    "validation_rollouts": 20,
-    "reward_margin": 0.3,
-    "focus": "as_needed",
-    "updates": 60,
-    "exploration_decay": 0.97,
-}
 MODEL_BASED: Mapping[str, Any] = {"iterations": 20, "episodes_per_iteration": 1}
 WITHOUT_MODEL: Mapping[str, Any] = {"iterations": 60, "episodes_per_iteration": 5}
 # An update from a few real episodes alone has more noise and less data to fit in the same time on a robot.
@@ -66,6 +56,6 @@ def settings_for(
         "action_repeat": AUTO,
         "exploration_sd": "range",
         "kernel": {"form": form, "bandwidth": "dimension"},
-        "model": MODEL if is_model_based else {"form": "none"},
+        "model": {"form": model},
         "algorithm": {"name": algorithm, **ALGORITHMS.get(algorithm, {}), **few.get(algorithm, {})},
     }

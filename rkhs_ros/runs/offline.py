@@ -61,8 +61,9 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
             first_variance=first_variance(training, spaces),
             seed=training.seed,
             iteration=state.iterations,
+            earlier=(),  # the model is the same in all iterations, and has already compared them
             reward_depends_on_action_only=nothing_known,
-            outperformed_iterations=state.iterations,
+            seeks_novelty=False,
             given_inputs=training.inputs,
         )
         model_update = train_in_model(settings, training.algorithm, state.policy, experience)
@@ -77,7 +78,7 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
             metrics=model_update.metrics,
             model_return=model_update.model_return,
             model_error=model_update.model_error,
-            curious=model_update.curious,
+            optimistic=model_update.optimistic,
         )
         before = Known.at(state, training)
 

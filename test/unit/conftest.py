@@ -98,6 +98,8 @@ def arrays_of() -> Callable[[Any], dict[str, np.ndarray]]:
     def walk(value: Any, path: str = "") -> dict[str, np.ndarray]:
         if isinstance(value, np.ndarray):
             return {path: value}
+        if isinstance(value, tuple):
+            return {k: v for i, each in enumerate(value) for k, v in walk(each, f"{path}.{i}").items()}
         if not is_dataclass(value):
             return {}
         return {k: v for f in fields(value) for k, v in walk(getattr(value, f.name), f"{path}.{f.name}").items()}

@@ -30,6 +30,7 @@ NORMAL_MEDIAN = 0.4549  # median of the square of a standard normal variable
 MOST_OVERCONFIDENCE = 3.0
 MARGIN = 0.25  # part of the observed range that rollouts may exceed it by: policies learn to exploit hard clipping
 EXPLAINED = 0.1  # part of the rewards' standard deviation that may remain unexplained
+BEYOND = 0.5  # of the distance of two recorded initial observations, how far others may lie beyond them
 VARYING = 0.1  # spread of the initial observations above which they vary, relative to that of the visited ones
 FEWEST_PER_COST = 2  # steps per coefficient of a cost that is fitted to them
 MOST_TRANSITIONS = 20_000  # more make a fit slower but hardly better
@@ -195,6 +196,14 @@ class DynamicsModel:
             changes: changes of the observations without the prior part, shape (n, d).
         """
         return self.possible(self.coordinates.add(_apply_prior(self.priors, observations, actions), changes))
+
+    def draw_start(self, random: np.random.Generator) -> Array:
+        """Draw an initial observation, shape (d,); if they vary, on the line through two recorded ones."""
+        one, other = self.starts[random.integers(len(self.starts), size=(2, 1))]
+        if not self.starts_vary:
+            return np.asarray(one[0])
+        way = random.uniform(-BEYOND, 1.0 + BEYOND) * self.coordinates.difference(one, other)
+        return np.asarray(self.possible(self.coordinates.add(one, way))[0])
 
     def possible(self, observations: Array) -> Array:
         """Return observations, shape (n, d), clipped to the observed range plus a margin."""

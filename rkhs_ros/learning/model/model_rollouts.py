@@ -15,7 +15,6 @@ from rkhs_ros.policies.streams import Batch, stream
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.posterior import DrawnFunctions, Posterior
 
-BEYOND = 0.5  # of their distance: how far initial observations may lie outside two recorded ones
 START_VISITED_EVERY = 4  # one of this many rollouts starts at a visited observation instead of an initial one
 
 
@@ -62,8 +61,8 @@ class ModelRunner:
     Args:
         model: model of the task.
         caution: factor on the deviation of the drawn functions from their mean.
-        curious: reward steps by the model's uncertainty about them instead of the task's rewards, so that the policy
-            explores states that were not visited yet.
+        optimism: additional reward of a step per relative standard deviation of the changes that the model predicts,
+            so that the policy explores states that were not visited yet.
         reward_margin: how far drawn rewards may lie outside the observed range, relative to the width of that range.
         visited_starts: let a quarter of the rollouts start from visited observations.
     """
@@ -73,13 +72,13 @@ class ModelRunner:
         model: DynamicsModel,
         caution: float = 1.0,
         *,
-        curious: bool = False,
+        optimism: float = 0.0,
         reward_margin: float = 0.0,
         visited_starts: bool = True,
     ) -> None:
         self._model = model
         self._caution = caution
-        self._curious = curious
+        self._optimism = optimism
         self._reward_margin = reward_margin
         self._visited_starts = visited_starts
 
@@ -129,19 +128,10 @@ class ModelRunner:
         is_visited = [anywhere and episode % START_VISITED_EVERY == 1 for episode in batch.episodes]
         return np.stack(
             [
-                visited[own.integers(len(visited))] if this else self._initial(own)
+                visited[own.integers(len(visited))] if this else self._model.draw_start(own)
                 for this, own in zip(is_visited, streams, strict=True)
             ]
         )
-
-    def _initial(self, own: np.random.Generator) -> Array:
-        """Draw an initial observation; if they vary, on the line through two recorded ones, also beyond them."""
-        starts, coordinates = self._model.starts, self._model.coordinates
-        one, other = starts[own.integers(len(starts), size=(2, 1))]
-        if not self._model.starts_vary:
-            return np.asarray(one[0])
-        way = own.uniform(-BEYOND, 1.0 + BEYOND) * coordinates.difference(one, other)
-        return np.asarray(self._model.possible(coordinates.add(one, way))[0])
 
     def _drawn(self, posterior: Posterior, streams: list[np.random.Generator]) -> DrawnFunctions:
         normals = np.stack([own.standard_normal(posterior.draw_shape) for own in streams])
@@ -177,7 +167,9 @@ class ModelRunner:
 
     def _judged(self, observations: Array, actions: Array, points: Array, draws: Draws) -> Episodes:
         """Return the episodes of rollouts with their rewards, each truncated where the model terminates it."""
-        earned = self._novelty(points) if self._curious else self._rewards(observations, points, draws.rewards)
+        earned = self._rewards(observations, points, draws.rewards)
+        if self._optimism > 0.0:
+            earned += self._optimism * self._novelty(points)
         return self._cut(observations, actions, earned)
 
     def _rewards(self, observations: Array, points: Array, drawn: DrawnFunctions | None) -> Array:

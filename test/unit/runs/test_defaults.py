@@ -1,6 +1,5 @@
 """Default settings for an untuned task, from the command line and in the library."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -77,17 +76,7 @@ def test_every_algorithm_trains_with_its_defaults(name: str, form: str) -> None:
         assert len(list(train(training, runner))) == 2
 
 
-def test_what_the_data_reveal_is_used_by_default_but_not_by_configurations() -> None:
-    model = training_on(None).model
-    assert isinstance(model, ModelBased)
-    assert (model.discovery, model.curiosity, model.validation_rollouts) == ("all", "as_needed", 20)
-    assert (model.focus, model.reward_margin) == ("as_needed", 0.3)
-    assert ModelBased().with_defaults(model) == model
-    changed = training_on(None, "model.discovery=none", "model.curiosity=none", "model.validation_rollouts=0").model
-    assert changed == replace(model, discovery="none", curiosity="none", validation_rollouts=0)
-    for path in sorted((ROOT / "config").glob("*.yaml")):
-        settings = load_config(path).training.model
-        if isinstance(settings, ModelBased):
-            assert (settings.discovery, settings.curiosity) == ("none", "none"), path
-            given = path.stem == "cart_pole_nac"
-            assert (settings.validation_rollouts, settings.focus) == ((20, "as_needed") if given else (0, "none")), path
+def test_the_model_has_the_same_defaults_in_a_configuration() -> None:
+    assert training_on(None).model == ModelBased()
+    for path in sorted((ROOT / "config").glob("*_model_*.yaml")):
+        assert load_config(path).training.model == ModelBased(), path

@@ -1,6 +1,5 @@
 """The model of a run in memory, the model of its folder and a fit to its real episodes are bit-identical."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +19,9 @@ from rkhs_ros.runs.learnt_model import load_model
 from rkhs_ros.runs.run import run_training
 
 TASK, HORIZON, REPEAT = "rkhs/Pendulum-v0", 30, 4
-MODEL = rkhs_ros.ModelBased(updates=1, rollouts=4, validation_rollouts=0, centres=30)
+MODEL = rkhs_ros.ModelBased(updates=1, rollouts=4, validation_rollouts=2, centres=30)
 CHANGES = ["iterations=3", "seed=4", f"horizon={HORIZON}", f"action_repeat={REPEAT}"]
-OF_MODEL = ["model.updates=1", "model.rollouts=4", "model.validation_rollouts=0", "model.centres=30"]
+OF_MODEL = ["model.updates=1", "model.rollouts=4", "model.validation_rollouts=2", "model.centres=30"]
 
 
 def run_in(folder: Path, *changes: str) -> Path:
@@ -68,12 +67,11 @@ def test_the_reward_margin_is_that_of_the_training(tmp_path: Path, monkeypatch: 
 
     monkeypatch.setattr("rkhs_ros.learning.model.model_based.ModelRunner", runner)
     settings = {"iterations": 3, "seed": 4, "horizon": HORIZON, "action_repeat": REPEAT}
-    model = replace(MODEL, reward_margin=0.3)
-    result = rkhs_ros.train(TASK, model=model, progress=False, out=tmp_path / "run", **settings)
+    result = rkhs_ros.train(TASK, model=MODEL, progress=False, out=tmp_path / "run", **settings)
     in_training = used[-1]
     assert in_training < 0.3
     policy, memory = result.policy, result.iteration.state.memory
-    model_rollouts_of(model, policy.gaussian, memory, policy.spaces, result.training.discount, 1)
+    model_rollouts_of(MODEL, policy.gaussian, memory, policy.spaces, result.training.discount, 1)
     assert {used[-1], result.model.reward_margin, load_model(tmp_path / "run").reward_margin} == {in_training}
 
 

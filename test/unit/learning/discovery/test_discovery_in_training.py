@@ -29,7 +29,7 @@ from test.unit.runs import stopping
 
 PENDULUM = "rkhs/Pendulum-v0"
 WRAP = Environment(PENDULUM, {"angle": "wrap"})
-MODEL = {"form": "gaussian_process", "discovery": "all", "updates": 3, "rollouts": 5, "centres": 30}
+MODEL = {"form": "gaussian_process", "updates": 3, "rollouts": 5, "validation_rollouts": 2, "centres": 30}
 TREE: dict[str, Any] = {
     "iterations": 3,
     "episodes_per_iteration": 2,
@@ -155,13 +155,3 @@ def test_a_hidden_velocity_lengthens_the_history_by_one_step_per_iteration() -> 
     assert max(histories) <= 3
     steps = np.diff([1, *histories])
     assert ((steps == 0) | (steps == 1)).all()
-
-
-def test_unknown_discoveries_are_rejected_in_one_line() -> None:
-    for change, message in (
-        ({"discovery": "most"}, "model.discovery: unknown choice 'most'"),
-        ({"curiosity": "always"}, "model.curiosity: unknown choice 'always'"),
-        ({"validation_rollouts": -1}, r"model.validation_rollouts: expected a number in \[0, 10000\], got -1"),
-    ):
-        with pytest.raises(ValueError, match=f"^{message}[^\n]*$"):
-            training_with(**change)

@@ -9,7 +9,7 @@ from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
-from rkhs_ros.learning.model.model_based import FINER, ModelBased
+from rkhs_ros.learning.model.model_based import FINER, ModelBased, reward_margin
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.learning.training_settings import Training
@@ -98,7 +98,7 @@ def test_without_visited_starts_all_rollouts_start_from_initial_observations(rng
     assert {row.tobytes() for row in begins} == {row.tobytes() for row in episodes.observations[:, 0]}
 
 
-def ridges_of_a_run(focus: str, environment: str) -> list[tuple[float, float]]:
+def ridges_of_a_run(environment: str) -> list[tuple[float, float]]:
     """Return the ridge and the value ridge of all updates of two iterations, without repetitions."""
     used: dict[tuple[float, float], None] = {}
 
@@ -108,7 +108,7 @@ def ridges_of_a_run(focus: str, environment: str) -> list[tuple[float, float]]:
             used[self.ridge, self.value_ridge] = None
             return super().update(policy, experience)
 
-    model = ModelBased(updates=2, rollouts=4, centres=20, focus=focus)
+    model = ModelBased(updates=2, rollouts=4, validation_rollouts=2, centres=20)
     algorithm = Spy(centres=10, ridge=0.01, value_ridge=0.001)
     shared = {"iterations": 2, "episodes_per_iteration": 1, "evaluation_episodes": 1, "exploration_sd": "range"}
     learn(Training(**shared, horizon=20, algorithm=algorithm, model=model), environment)
@@ -123,9 +123,8 @@ def learn(training: Training, environment: str) -> list[Iteration]:
 
 def test_ridges_are_smaller_once_the_starts_are_known_to_be_the_same() -> None:
     usual, small = (0.01, 0.001), (0.01 / FINER, 0.001 / FINER)
-    assert ridges_of_a_run("as_needed", "rkhs/CartPoleSwingUp-v0") == [usual, small]
-    assert ridges_of_a_run("none", "rkhs/CartPoleSwingUp-v0") == [usual]
-    assert ridges_of_a_run("as_needed", "Pendulum-v1") == [usual]  # which starts at random angles
+    assert ridges_of_a_run("rkhs/CartPoleSwingUp-v0") == [usual, small]
+    assert ridges_of_a_run("Pendulum-v1") == [usual]  # which starts at random angles
 
 
 @pytest.mark.parametrize(
@@ -135,7 +134,7 @@ def test_the_age_of_the_greatest_reward(rng: np.random.Generator, greatest: list
     episodes = walks(rng, np.zeros((ROWS, 2)))
     rewards = np.zeros((ROWS, STEPS))
     rewards[:, 5] = greatest
-    assert ModelBased(reward_margin=0.3).margin_after(replace(episodes, rewards=rewards)) == 0.3 / (1 + after)
+    assert reward_margin(replace(episodes, rewards=rewards)) == 0.3 / (1 + after)
 
 
 def test_a_slightly_greater_reward_and_steps_after_the_end_do_not_count(rng: np.random.Generator) -> None:
@@ -143,4 +142,4 @@ def test_a_slightly_greater_reward_and_steps_after_the_end_do_not_count(rng: np.
     rewards, mask = np.zeros((ROWS, STEPS)), np.ones((ROWS, STEPS), dtype=bool)
     rewards[:, 5] = [1.0, 0.0, 1.01, 0.0]
     rewards[3, -1], mask[3, -1] = 9.0, False
-    assert ModelBased(reward_margin=0.3).margin_after(replace(episodes, rewards=rewards, mask=mask)) == 0.3 / 4
+    assert reward_margin(replace(episodes, rewards=rewards, mask=mask)) == 0.3 / 4

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +17,9 @@ from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.algorithms.rkhs_npg import RKHSNPG
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel, prediction_test
+from rkhs_ros.learning.model.model_based import EXPLORATION_DECAY, EXPLORATION_MINIMUM, NARROW, REWARD_MARGIN
 from rkhs_ros.learning.state import first_variance
-from rkhs_ros.learning.training import Iteration, outperformed_iterations, train
+from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
@@ -34,7 +34,14 @@ from test.unit.conftest import Result, assert_refused
 from test.unit.runs import stopping
 
 ITERATIONS, EPISODES, HORIZON = 3, 2, 10
-MODEL = {"form": "gaussian_process", "exploration_noise": "pink", "updates": 3, "rollouts": 5, "centres": 30}
+MODEL = {
+    "form": "gaussian_process",
+    "discovery": "none",
+    "updates": 3,
+    "rollouts": 5,
+    "validation_rollouts": 2,
+    "centres": 30,
+}
 WIDE = {"grid_counts": 2, "grid_low": [-4.0], "grid_high": [4.0]}
 PENDULUM = "rkhs/Pendulum-v0"
 over_algorithms = pytest.mark.parametrize("algorithm", ALGORITHMS)
@@ -51,7 +58,7 @@ def settings(name: str = "rkhs_nac", **changes: Any) -> Training:
         "horizon": HORIZON,
         "exploration_sd": "range",
         "algorithm": {"name": name, **size, **changes.pop("algorithm", {})},
-        "kernel": {"bandwidth_scale": 20.0 if on_grid else 1.0},
+        "kernel": {"bandwidth_scale": 200.0 if on_grid else 1.0},
         "model": MODEL,
     }
     return training_from({**tree, **changes})
@@ -169,13 +176,14 @@ def test_model_based_training_works_with_one_episode_of_one_step() -> None:
 
 
 def test_rollouts_terminate_at_once_if_all_real_episodes_did() -> None:
-    *_, last = learn(settings(), partial(Odd, (1,)))
-    real = last.state.memory
+    _, second, _ = learn(settings(), partial(Odd, (1,)))
+    real = second.state.memory
     model = DynamicsModel.fit(real, Inputs(), Spaces((2,), np.array([-1.0]), np.array([1.0])), 20)
     assert model.termination is not None
     assert (model.termination.mean(real.final_observations) > 0).all()
     rewards = real.flat(real.rewards)
-    assert rewards.min() <= last.model_return <= rewards.max()  # of one step
+    margin = REWARD_MARGIN * np.ptp(rewards)
+    assert rewards.min() - margin <= second.model_return <= rewards.max() + margin  # of one step
 
 
 def test_a_mean_far_beyond_the_bounds_is_pulled_back() -> None:
@@ -213,13 +221,11 @@ def test_a_line_search_is_rejected_before_the_run(rkhs: Callable[..., Result]) -
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("model.exploration_decay=1.5", "model.exploration_decay: expected a number in [0.0, 1.0], got 1.5"),
-        ("model.exploration_decay=fast", "model.exploration_decay: expected a number, got 'fast'"),
-        ("model.exploration_minimum=0", "model.exploration_minimum: expected a number in [1e-06, 1.0], got 0.0"),
-        ("model.restart_decay=-1", "model.restart_decay: expected a number in [0.0, 1.0], got -1.0"),
+        ("model.centres=many", "model.centres: expected a whole number, got 'many'"),
+        ("model.validation_rollouts=1", "model.validation_rollouts: expected a number in [2, 10000], got 1"),
+        ("model.discovery=most", "model.discovery: unknown choice 'most'"),
         ("model.updates=0", "model.updates: expected a number in [1, 1000], got 0"),
         ("model.updates=2.5", "model.updates: expected a whole number, got 2.5"),
-        ("model.exploration_noise=blue", "model.exploration_noise: unknown choice 'blue'"),
         ("model.exploration=1", "unknown key 'model.exploration'"),
         ("model.form=dream", "model.form"),
         ("model=none", "model: expected a section of keys such as model.form=none, got 'none'"),
@@ -282,23 +288,11 @@ def test_a_checkpoint_contains_all_real_episodes_with_raw_observations(tmp_path:
 
 
 @pytest.mark.parametrize("constant", ["", "rewards"])
-@pytest.mark.parametrize("narrow", [0.01, 0.25])
-def test_wide_and_narrow_exploration_alternate_unless_rewards_are_uninformative(narrow: float, constant: str) -> None:
-    model = {**MODEL, "exploration_noise": "as_needed", "evaluation_noise_scale": narrow}
-    for k, iteration in enumerate(learn(settings(iterations=4, model=model), Odd(constant=constant))):
+def test_wide_and_narrow_exploration_alternate_unless_rewards_are_uninformative(constant: str) -> None:
+    for k, iteration in enumerate(learn(settings(iterations=4), Odd(constant=constant))):
         assert iteration.policy.noise == ("pink" if constant else "white")
-        wide = 1.0 if constant or k % 2 else narrow
+        wide = 1.0 if constant or k % 2 else NARROW
         np.testing.assert_allclose(iteration.policy.variance(np.zeros((1, 2))), wide**2)
-
-
-@pytest.mark.parametrize(
-    ("returns", "newest", "earlier"),
-    [([1, 2, 3], 1, 2), ([1, 1, 2, 2, 3, 3], 2, 2), ([3, 1, 2], 1, 1), ([2, 2], 1, 0), ([1, 5], 2, 0)],
-)
-def test_outperformed_iterations_compares_the_newest_with_earlier_iterations(
-    returns: list[float], newest: int, earlier: int
-) -> None:
-    assert outperformed_iterations(np.array(returns, dtype=float), newest) == earlier
 
 
 @pytest.mark.parametrize(("discount", "steps"), [(0.92, 38), (0.93, 43), (0.999, 100), (1.0, 100)])
@@ -348,12 +342,9 @@ def test_exploration_in_the_model_decays_to_its_minimum(
             deviations[-1].append(float(np.sqrt(policy.variance(np.zeros((1, 2))))[0, 0]))
             return super().update(policy, experience)
 
-    schedule = {"updates": 5, "exploration_decay": 0.5, "exploration_minimum": 0.1, "restart_decay": 0.4}
-    training = settings(exploration_sd=[2.0], episodes_per_iteration=1, model={**MODEL, **schedule})
-    iterations = learn(replace(training, algorithm=Watched(centres=12)), Odd)
-    np.testing.assert_allclose(deviations[0], [2.0, 1.0, 0.5, 0.25, 0.2])
-    earned = [iteration.exploration_return for iteration in iterations]
-    for k, (first, *rest) in enumerate(deviations):
-        assert first == pytest.approx(2.0 * max(0.4 ** sum(before < earned[k] for before in earned[:k]), 0.1))
-        for before, after in pairwise([first, *rest]):
-            assert after == pytest.approx(max(0.5 * before, 0.2))
+    training = settings(iterations=2, exploration_sd=[2.0], model={**MODEL, "updates": 80})
+    learn(replace(training, algorithm=Watched(centres=12)), Odd)
+    assert len(deviations[0]) >= 80  # without overconfidence
+    for each in deviations:
+        steps = np.arange(len(each))
+        np.testing.assert_allclose(each, 2.0 * np.maximum(EXPLORATION_DECAY**steps, EXPLORATION_MINIMUM))

@@ -13,7 +13,16 @@ from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel, reward_depends_on_action_only
-from rkhs_ros.learning.model.model_based import MOST_ROUNDS, VALIDATE_EVERY, ModelBased, RealExperience
+from rkhs_ros.learning.model.model_based import (
+    EXPLORATION_DECAY,
+    EXPLORATION_MINIMUM,
+    FINER,
+    MOST_ROUNDS,
+    VALIDATE_EVERY,
+    ModelBased,
+    RealExperience,
+    reward_margin,
+)
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model.validation import PATIENCE, Validation
 from rkhs_ros.learning.state import first_policy, first_variance
@@ -29,7 +38,7 @@ from rkhs_ros.rollouts.simulation import Simulation
 
 HORIZON = 12
 PENDULUM = "rkhs/Pendulum-v0"
-SMALL = ModelBased(updates=10, rollouts=5, centres=30, exploration_noise="white", validation_rollouts=6)
+SMALL = ModelBased(updates=10, rollouts=5, centres=30, validation_rollouts=6, discovery="none")
 TRAINING = Training(
     iterations=2,
     episodes_per_iteration=2,
@@ -48,16 +57,17 @@ def constant(action: float, dimension: int = 2) -> GaussianPolicy:
 
 
 class Scripted(ModelRunner):
-    """A runner whose episodes earn the weight of the policy's mean."""
+    """A runner whose first episode earns the weight of the policy's mean, each other one ``spread`` more."""
 
     def __init__(self) -> None:
         self.batches: list[Batch] = []
+        self.spread = 1.0
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         self.batches.append(batch)
         shape = (batch.num_envs, batch.horizon)
         rewards = np.zeros(shape)
-        rewards[:, 0] = policy.mean.weights[0, 0] + np.arange(batch.num_envs) - (batch.num_envs - 1) / 2
+        rewards[:, 0] = policy.mean.weights[0, 0] + self.spread * np.arange(batch.num_envs)
         nothing = np.zeros((*shape, 1))
         return Episodes.without_ends(nothing, nothing, rewards, np.ones(shape, dtype=bool))
 
@@ -65,21 +75,25 @@ class Scripted(ModelRunner):
 @given(values=st.lists(st.integers(-5, 5), min_size=1, max_size=12))
 def test_validation_keeps_the_first_of_the_best_policies(values: list[int]) -> None:
     runner = Scripted()
-    validation, policies = Validation(3, runner, 7, HORIZON), [constant(float(value)) for value in values]
+    validation, policies = Validation(3, runner, 7, HORIZON), [constant(value + 0.5) for value in values]
     for number, policy in enumerate(policies):
         validation.consider(policy, 0.9)
         best = int(np.argmax(values[: number + 1]))
         assert validation.best is policies[best]
-        assert validation.highest == pytest.approx(values[best])
+        assert validation.best_return == pytest.approx(values[best] + 1.5)  # 0, 1 and 2 more
         assert validation.improves == (number - best < PATIENCE)
     assert runner.batches == [Batch(7, 0, 3, HORIZON, explore=False)] * len(values)
 
 
-def test_without_validation_no_policy_is_considered() -> None:
+@pytest.mark.parametrize(("gain", "is_better"), [(-3.0, False), (0.9, False), (1.1, True)])
+def test_a_better_policy_improves_by_more_than_the_standard_error(gain: float, is_better: bool) -> None:
     runner = Scripted()
-    validation = Validation(0, runner, 7, HORIZON)
-    validation.consider(constant(1.0), 0.9)
-    assert (validation.best, validation.improves, runner.batches) == (None, False, [])
+    validation, first, second = Validation(5, runner, 7, HORIZON), constant(1.0), constant(1.0)
+    validation.consider(first, 1.0)
+    runner.spread = 1.0 + np.sqrt(2.0)  # differences with a standard deviation of 2, and a standard error of 1
+    second = constant(1.0 + gain - 2.0 * np.sqrt(2.0))
+    validation.consider(second, 1.0)
+    assert validation.best is (second if is_better else first)
 
 
 def test_a_policy_that_was_not_trained_is_not_considered() -> None:
@@ -97,7 +111,8 @@ def fitted(training: Training, episodes: Episodes) -> ModelRunner:
     assert isinstance(training.model, ModelBased)
     policy = first_policy(training, Simulation(PENDULUM).spaces)
     model = DynamicsModel.fit(episodes, policy.inputs, Simulation(PENDULUM).spaces, training.model.centres)
-    return ModelRunner(model)
+    assert not model.starts_vary  # so all rollouts start there
+    return ModelRunner(model, reward_margin=reward_margin(episodes), visited_starts=False)
 
 
 def first_experience(training: Training, episodes: Episodes) -> RealExperience:
@@ -112,17 +127,19 @@ def first_experience(training: Training, episodes: Episodes) -> RealExperience:
         first_variance=first_variance(training, spaces),
         seed=training.seed,
         iteration=0,
+        earlier=(),
         reward_depends_on_action_only=reward_depends_on_action_only(episodes, spaces),
-        outperformed_iterations=0.0,
+        seeks_novelty=False,
         given_inputs=training.inputs,
     )
 
 
-def with_a_fixed_number_of_updates(training: Training, episodes: Episodes) -> tuple[GaussianPolicy, list[Array]]:
-    """Return the policy after the first iteration, by the definition, and the weights after all updates."""
+def weights_of_updates(training: Training, episodes: Episodes) -> list[Array]:
+    """Return the weights after each update of the first iteration, by the definition."""
     settings, runner, experience = training.model, fitted(training, episodes), first_experience(training, episodes)
     assert isinstance(settings, ModelBased)
-    points, variance = episodes.flat(episodes.observations), experience.first_variance
+    points, variance, rkhs_nac = episodes.flat(episodes.observations), experience.first_variance, RKHSNAC(centres=12)
+    algorithm = replace(rkhs_nac, ridge=rkhs_nac.ridge / FINER, value_ridge=rkhs_nac.value_ridge / FINER)
     policy = first_policy(training, experience.spaces)
     policy = replace(policy, mean=Function.zero(training.kernel.fit(points, 1), 2, 1), noise="white")
     deviation, memory, weights = np.sqrt(variance), Episodes.none(HORIZON, 2, 1), []
@@ -131,28 +148,20 @@ def with_a_fixed_number_of_updates(training: Training, episodes: Episodes) -> tu
         seed = stream_seed(experience.seed, "practice", experience.iteration)
         batch = Batch(seed, number * settings.rollouts, settings.rollouts, HORIZON, explore=True)
         rollouts = Experience(runner.collect(policy, batch), training.discount, memory, refuse, variance, number)
-        policy, _, memory = training.algorithm.update(policy, rollouts)
+        policy, _, memory = algorithm.update(policy, rollouts)
         weights.append(policy.mean.weights)
-        deviation = np.maximum(deviation * settings.exploration_decay, settings.exploration_minimum * np.sqrt(variance))
-    return policy, weights
+        deviation = np.maximum(deviation * EXPLORATION_DECAY, EXPLORATION_MINIMUM * np.sqrt(variance))
+    return weights
 
 
 def refuse(policy: GaussianPolicy, episodes: int) -> Episodes:
     raise AssertionError(f"asked for {episodes} episodes")
 
 
-def test_without_validation_the_last_policy_after_a_fixed_number_of_updates_is_kept() -> None:
-    training = replace(TRAINING, iterations=1, model=replace(SMALL, validation_rollouts=0))
-    (iteration,) = learn(training)
-    expected, _ = with_a_fixed_number_of_updates(training, iteration.exploration)
-    assert np.array_equal(iteration.policy.mean.weights, expected.mean.weights)
-    assert np.array_equal(iteration.policy.mean.centres, expected.mean.centres)
-
-
 def test_validation_chooses_among_the_same_updates() -> None:
     (iteration,) = learn(replace(TRAINING, iterations=1))
     longer = replace(TRAINING, model=replace(SMALL, updates=MOST_ROUNDS * SMALL.updates))
-    _, weights = with_a_fixed_number_of_updates(longer, iteration.exploration)
+    weights = weights_of_updates(longer, iteration.exploration)
     candidates = weights[VALIDATE_EVERY - 1 :: VALIDATE_EVERY]
     assert any(np.array_equal(iteration.policy.mean.weights, candidate) for candidate in candidates)
 
@@ -187,6 +196,18 @@ def test_a_policy_is_not_replaced_by_a_worse_one() -> None:
     points = first.exploration.flat(first.exploration.observations)
     np.testing.assert_allclose(second[-1].policy.mean(points), first.policy.mean(points), atol=1e-3)
     assert updates
+
+
+def test_an_earlier_policy_replaces_one_that_turned_out_to_be_worse() -> None:
+    good, _ = constant_updates(lambda number: 1.5)
+    wide = replace(TRAINING, kernel=replace(TRAINING.kernel, bandwidth=(1e4,)))
+    (first,) = learn(replace(wide, iterations=1, algorithm=good))
+    failed = replace(first.state, policy=constant(-1.5), earlier=(first.policy,))
+    bad, _ = constant_updates(lambda number: -0.1 * number)
+    (second,) = learn(replace(wide, iterations=2, algorithm=bad), failed)
+    points = first.exploration.flat(first.exploration.observations)
+    np.testing.assert_allclose(second.policy.mean(points), first.policy.mean(points), atol=1e-3)
+    assert second.state.earlier == (failed.policy, first.policy)
 
 
 def test_training_ends_if_no_policy_improves() -> None:

@@ -1,4 +1,4 @@
-"""Curiosity rewards the model's uncertainty, so that a task without rewards is explored further."""
+"""Optimism also rewards the model's uncertainty, so that a run that is stuck explores further."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model.model_based import ModelBased
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
+from rkhs_ros.learning.model.real_experience import is_stuck
 from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -45,13 +47,13 @@ class WithoutRewards(Pendulum):
         return 0.0 * super().reward(states, actions)
 
 
-def iterations_of(changes: dict[str, Any], seed: int, task: Any = WithoutRewards) -> Iterator[Iteration]:
-    training = replace(TRAINING, seed=seed, model=replace(MODEL, **changes), inputs=Inputs(angles=(0.0,)))
+def iterations_of(seed: int, task: Any = WithoutRewards) -> Iterator[Iteration]:
+    training = replace(TRAINING, seed=seed, inputs=Inputs(angles=(0.0,)))
     return train(training, InlineRunner(Simulation(task)))
 
 
-def learn(changes: dict[str, Any], seed: int, task: Any = WithoutRewards) -> list[Iteration]:
-    return list(iterations_of(changes, seed, task))
+def learn(seed: int) -> list[Iteration]:
+    return list(iterations_of(seed))
 
 
 def cells(iterations: list[Iteration]) -> int:
@@ -63,19 +65,44 @@ def cells(iterations: list[Iteration]) -> int:
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("seed", [0, 1])
-def test_a_task_without_rewards_is_explored_further_with_curiosity(seed: int) -> None:
-    with_curiosity, without = (cells(learn({"curiosity": name}, seed)) for name in ("as_needed", "none"))
-    assert with_curiosity > 1.2 * without
+def test_a_task_without_rewards_is_explored_further_with_optimism(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    optimistic = learn(seed)
+    assert all(iteration.optimistic for iteration in optimistic)
+    monkeypatch.setattr(ModelRunner, "_novelty", lambda _, points: np.zeros(points.shape[:2]))
+    assert cells(optimistic) > 1.2 * cells(learn(seed))
 
 
-def test_curiosity_ends_with_the_first_informative_reward() -> None:
-    with_curiosity, without = (
-        learn({"curiosity": name, "updates": 3}, 0, lambda **options: Pendulum(angle="wrap", **options))
-        for name in ("as_needed", "none")
-    )
-    for ours, theirs in zip(with_curiosity, without, strict=True):
-        assert np.array_equal(ours.policy.mean.weights, theirs.policy.mean.weights)
-        assert ours.model_return == theirs.model_return
+def episodes_with(returns: list[float], *, steps: int = 10, greatest: float = 1.0) -> Episodes:
+    """Return episodes with given undiscounted returns, in which one step earns ``greatest``."""
+    rewards = np.tile(np.array(returns)[:, None] / steps, (1, steps))
+    rewards[:, 0], rewards[:, 1] = greatest, 2.0 * rewards[:, 0] - greatest
+    nothing = np.zeros((*rewards.shape, 1))
+    return Episodes.without_ends(nothing, nothing, rewards, np.ones(rewards.shape, dtype=bool))
+
+
+@pytest.mark.parametrize(
+    ("returns", "stuck"),
+    [
+        ([0.0], False),
+        ([0.0, 0.0, 0.0], False),  # too early
+        ([0.0, 0.0, 0.0, 0.0], True),
+        ([0.0, -5.0, 0.4, -2.0, 0.0], True),  # of 10 that could be gained
+        ([0.0, -5.0, 0.6, -2.0, 0.0], False),
+        ([9.0, 9.04, 9.04, 9.04], True),
+        ([9.0, 9.06, 9.0, 9.0], False),  # of 1 that could be gained
+    ],
+)
+def test_a_run_is_stuck_while_no_return_is_clearly_above_the_first(returns: list[float], stuck: bool) -> None:
+    episodes = episodes_with(returns)
+    np.testing.assert_allclose(episodes.returns(1.0), returns, atol=1e-12)
+    assert is_stuck(episodes, 1, 1.0) == stuck
+    twice = episodes.take(np.repeat(np.arange(len(returns)), 2))
+    assert is_stuck(twice, 2, 1.0) == stuck
+
+
+def test_informative_rewards_from_the_start_cause_no_optimism() -> None:
+    iterations = iterations_of(0, lambda **options: Pendulum(angle="wrap", **options))
+    assert not next(iterations).optimistic
 
 
 def constant(action: float) -> GaussianPolicy:
@@ -85,14 +112,14 @@ def constant(action: float) -> GaussianPolicy:
 
 
 def test_novelty_is_small_at_visited_states_and_large_elsewhere() -> None:
-    first = next(iterations_of({}, 0))
+    first = next(iterations_of(0))
     episodes, spaces = first.state.memory, Simulation(WithoutRewards).spaces
     model = DynamicsModel.fit(episodes, Inputs(angles=(0.0,)), spaces, 100)
     visited = episodes.flat(episodes.observations)
     elsewhere = np.column_stack([np.linspace(-1.0, 1.0, len(visited)), np.full(len(visited), 10.0)])
     means = []
     for starts in (visited, elsewhere):
-        runner = ModelRunner(replace(model, starts=starts, visited=starts), curious=True)
+        runner = ModelRunner(replace(model, starts=starts, visited=starts), optimism=1.0)
         rollouts = runner.collect(constant(0.0), Batch(0, 0, 200, 1, explore=False))
         rewards = rollouts.rewards[:, 0]
         assert (rewards >= 0.0).all()
@@ -107,7 +134,7 @@ def test_novelty_is_small_at_visited_states_and_large_elsewhere() -> None:
 
 def test_novelty_is_finite_if_columns_are_constant_or_on_a_circle() -> None:
     rng = np.random.default_rng(0)
-    first = next(iterations_of({}, 0))
+    first = next(iterations_of(0))
     angle = first.state.memory.observations[..., :1]
     observed = np.concatenate([np.cos(angle), np.sin(angle), np.ones_like(angle)], axis=2)
     final = np.concatenate([np.cos(angle[:, -1]), np.sin(angle[:, -1]), np.ones_like(angle[:, -1])], axis=1)
@@ -118,6 +145,6 @@ def test_novelty_is_finite_if_columns_are_constant_or_on_a_circle() -> None:
     policy = GaussianPolicy(
         Function(RBF((1.0,)), rng.normal(size=(3, 3)), rng.normal(size=(3, 1))), ConstantVariance(np.ones(1))
     )
-    rewards = ModelRunner(model, curious=True).collect(policy, Batch(0, 0, 10, 20, explore=True)).rewards
+    rewards = ModelRunner(model, optimism=1.0).collect(policy, Batch(0, 0, 10, 20, explore=True)).rewards
     assert np.isfinite(rewards).all()
     assert rewards.max() > 0.0
