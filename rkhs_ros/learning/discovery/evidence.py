@@ -1,4 +1,4 @@
-"""Find angles that do not wrap, and whether the past helps, by how well models with other inputs predict."""
+"""Find angles that do not wrap, and whether the past helps, by the evidence of models with other inputs."""
 
 from __future__ import annotations
 
@@ -13,19 +13,14 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import Transitions, coordinates_of
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.rkhs.kernels import Array, deviations
+from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.posterior import Posterior
 
 MOST_STEPS = 1000  # last steps that a comparison uses
 CENTRES = 100  # of its models
 FEWEST_STEPS = 100  # for a longer history
-BLOCK = 5  # consecutive steps that are predicted by a model of the other blocks
 LONGEST_HISTORY = 3
-FALLS = 0.6  # factor on the error of poorly predicted columns that justifies a longer history
-FALLS_MEDIAN = 0.8  # the same for the median column
-KEPT, KEPT_MEDIAN = 0.8, 0.95  # likewise, for a longer history that was found to be kept
-POOR = 0.2  # error of a poorly predicted column, in standard deviations of its change
-GAIN, GAIN_PER_STEP = 20.0, 0.5  # of log evidence, that together justify an angle
+GAIN, GAIN_PER_NUMBER = 20.0, 0.5  # of log evidence, in all and per observed change, that justify further inputs
 WIDE = 1.0  # range of a column that may be an angle, in turns
 TURNS = (2.0 * np.pi, 360.0)
 
@@ -46,27 +41,27 @@ def discover_inputs(
     """
 
     @cache
-    def errors(some: Inputs) -> Array:
-        return _errors(some, episodes, spaces)
-
-    @cache
     def evidence(some: Inputs) -> float:
         return _evidence(some, episodes, spaces)
 
     if given is not None:
-        if history and inputs.history > given.history and not _needs_history(inputs, errors):
-            inputs, history = replace(inputs, history=inputs.history - 1), False
-        inputs = _without_refuted_angles(inputs, episodes, given, evidence)
+        if history and inputs.history > given.history:
+            shorter = replace(inputs, history=inputs.history - 1)
+            if evidence(inputs) - evidence(shorter) < 0.5 * _least_gain(inputs, episodes, spaces):
+                inputs, history = shorter, False
+        inputs = _without_refuted_angles(inputs, episodes, spaces, given, evidence)
     inputs = with_wrapped_angles(inputs, episodes)
-    inputs = _with_unwrapped_angles(inputs, episodes, evidence)
+    inputs = _with_unwrapped_angles(inputs, episodes, spaces, evidence)
     if history and inputs.history < LONGEST_HISTORY and episodes.mask.sum() >= FEWEST_STEPS:
         longer = replace(inputs, history=inputs.history + 1)
-        if _predicts_better(errors(inputs), errors(longer)):
+        if evidence(longer) - evidence(inputs) > _least_gain(inputs, episodes, spaces):
             return longer
     return inputs
 
 
-def _with_unwrapped_angles(inputs: Inputs, episodes: Episodes, evidence: Callable[[Inputs], float]) -> Inputs:
+def _with_unwrapped_angles(
+    inputs: Inputs, episodes: Episodes, spaces: Spaces, evidence: Callable[[Inputs], float]
+) -> Inputs:
     """Return the inputs with the wide columns whose effect has the period of a turn."""
     extents = np.ptp(episodes.flat(episodes.observations), axis=0)
     for column in sorted(set(range(len(extents))) - set(inputs.columns)):
@@ -74,28 +69,29 @@ def _with_unwrapped_angles(inputs: Inputs, episodes: Episodes, evidence: Callabl
             if extents[column] < WIDE * turn:
                 continue
             changed = with_angles(inputs, inputs.turns_by_column | {column: turn})
-            if evidence(changed) > evidence(inputs) + _least_gain(episodes):
+            if evidence(changed) - evidence(inputs) > _least_gain(inputs, episodes, spaces):
                 inputs = changed
                 break
     return inputs
 
 
 def _without_refuted_angles(
-    inputs: Inputs, episodes: Episodes, given: Inputs, evidence: Callable[[Inputs], float]
+    inputs: Inputs, episodes: Episodes, spaces: Spaces, given: Inputs, evidence: Callable[[Inputs], float]
 ) -> Inputs:
     """Return the inputs without the angles that were found, do not wrap, and now hardly raise the evidence."""
     certain = {*given.columns, *with_wrapped_angles(given, episodes).columns}
     for column in [each for each in inputs.columns if each not in certain]:
         others = {each: turn for each, turn in inputs.turns_by_column.items() if each != column}
         fewer = with_angles(inputs, others)
-        if evidence(inputs) - evidence(fewer) < 0.5 * _least_gain(episodes):
+        if evidence(inputs) - evidence(fewer) < 0.5 * _least_gain(inputs, episodes, spaces):
             inputs = fewer
     return inputs
 
 
-def _least_gain(episodes: Episodes) -> float:
-    """Return the gain of log evidence that justifies an angle; half of it keeps an angle that was found."""
-    return max(GAIN, GAIN_PER_STEP * min(int(episodes.mask.sum()), MOST_STEPS))
+def _least_gain(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> float:
+    """Return the gain of log evidence that justifies further inputs; half of it keeps those that were found."""
+    steps, _, columns = _last_steps(inputs, episodes, spaces)
+    return max(GAIN, GAIN_PER_NUMBER * len(steps.points) * len(columns))
 
 
 def _last_steps(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> tuple[Transitions, Array, list[int]]:
@@ -110,27 +106,3 @@ def _evidence(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> float:
     """Return the log evidence of a model of the changes."""
     steps, changes, _ = _last_steps(inputs, episodes, spaces)
     return Posterior.fit(steps.points, changes, CENTRES).evidence
-
-
-def _errors(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> Array:
-    """Return the root mean square error of each column's change, in its standard deviations, on held-out blocks."""
-    steps, changes, columns = _last_steps(inputs, episodes, spaces)
-    odd = (np.arange(len(changes)) // BLOCK) % 2 == 1
-    errors = np.empty_like(changes)
-    for fold in (odd, ~odd):
-        errors[fold] = changes[fold] - Posterior.fit(steps.points[~fold], changes[~fold], CENTRES).mean(
-            steps.points[fold]
-        )
-    return np.asarray(np.sqrt(np.mean(errors**2, axis=0)) / deviations(changes))[columns]
-
-
-def _predicts_better(errors: Array, longer: Array, falls: float = FALLS, median: float = FALLS_MEDIAN) -> bool:
-    """Return whether the errors with a longer history are clearly smaller, where they matter."""
-    ratios, poor = longer / np.maximum(errors, np.finfo(float).tiny), errors > POOR
-    return bool(poor.any() and np.exp(np.mean(np.log(ratios[poor]))) < falls and np.median(ratios) < median)
-
-
-def _needs_history(inputs: Inputs, errors: Callable[[Inputs], Array]) -> bool:
-    """Return whether the errors are still smaller than with a history that is shorter by one step."""
-    shorter = replace(inputs, history=inputs.history - 1)
-    return _predicts_better(errors(shorter), errors(inputs), KEPT, KEPT_MEDIAN)

@@ -185,7 +185,7 @@ def train_in_model(
     policy = exploration_policy(
         replace(policy, action_repeat=repeat),
         experience.first_variance,
-        experience.iteration + 1,
+        experience.iteration + 1 if episodes.horizon > 1 else 0,  # episodes of one step reach no further states
         reward_depends_on_action_only=nothing_known,
     )
     return ModelUpdate(policy, metrics, expected, test.error, optimistic)
@@ -228,29 +228,29 @@ def _optimise(
     rounds: int,
 ) -> tuple[GaussianPolicy, Metrics, float]:
     """Update the policy in the model; return it with the metrics of the last update and its return in the model."""
-    validation = Validation(settings.validation_rollouts, runner, _validation_seed(experience), _horizon(experience))
+    horizon, discount = _horizon(experience), experience.discount
+    validation = Validation(settings.validation_rollouts, runner, _validation_seed(experience), horizon, discount)
     deviation = np.sqrt(experience.first_variance)
     least = EXPLORATION_MINIMUM * deviation
     for each in (policy, *(old for old in experience.earlier if old.inputs == policy.inputs)):
-        validation.consider(replace(each, noise="white", action_repeat=1), experience.discount)
-    policy = replace(validation.best or policy, variance=ConstantVariance(deviation**2))
-    memory = Episodes.none(_horizon(experience), runner.spaces.observation_dim, runner.spaces.action_dim)
+        validation.consider_earlier(replace(each, noise="white", action_repeat=1))
+    policy = validation.kept.policy if validation.kept else policy
+    policy = replace(policy, variance=ConstantVariance(deviation**2))
+    memory = Episodes.none(horizon, runner.spaces.observation_dim, runner.spaces.action_dim)
     memory, number = memory.with_inputs(policy.inputs), 0
     while number < rounds or (validation.improves and number < MOST_ROUNDS * rounds):
         rollouts = runner.collect(policy, _batch(settings, experience, number)).with_inputs(policy.inputs)
-        update = Experience(
-            rollouts, experience.discount, memory, _no_fresh_episodes, experience.first_variance, number
-        )
+        update = Experience(rollouts, discount, memory, _no_fresh_episodes, experience.first_variance, number)
         policy, metrics, memory = algorithm.update(policy, update)
         deviation = np.maximum(deviation * EXPLORATION_DECAY, least)
         if not algorithm.learns_variance:
             policy = replace(policy, variance=ConstantVariance(deviation**2))
         number += 1
         if number % VALIDATE_EVERY == 0 or number == rounds:
-            validation.consider(policy, experience.discount)
+            validation.consider(policy)
     if validation.best is None:  # the updates had no direction
-        return policy, metrics, float(rollouts.returns(experience.discount).mean())
-    return validation.best, metrics, validation.best_return
+        return policy, metrics, float(rollouts.returns(discount).mean())
+    return validation.best.policy, metrics, validation.best.mean
 
 
 def model_rollouts_of(

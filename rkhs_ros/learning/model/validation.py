@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
@@ -12,50 +14,73 @@ from rkhs_ros.rkhs.kernels import Array
 PATIENCE = 6  # candidates without improvement after which training ends
 
 
-class Validation:
-    """The best of the policies considered so far, by the mean return of rollouts of the policy mean.
+class Candidate(NamedTuple):
+    """A policy and its returns in the rollouts, shape (J,)."""
 
-    All policies are compared on the same rollouts: with the same functions drawn from the model, starts and noise. A
-    policy is better if the differences of the returns exceed 0 by more than the standard error of their mean. Without
-    this margin, an improvement by chance on these rollouts may lose starts that they do not include.
+    policy: GaussianPolicy
+    returns: Array
+
+    @property
+    def mean(self) -> float:
+        """Mean return."""
+        return float(self.returns.mean())
+
+
+class Validation:
+    """The policies considered so far, by the returns of rollouts of the policy mean.
+
+    All policies are compared on the same rollouts: with the same functions drawn from the model, starts and noise.
 
     Args:
-        count: number of rollouts of each policy, at least 2.
+        count: number of rollouts J of each policy, at least 2.
         runner: runs the rollouts.
         seed: seed of their random streams.
         horizon: length of a rollout in steps.
+        discount: discount factor of the returns.
 
     Attributes:
-        best: the best policy; None if there is none.
+        kept: the policy of earlier iterations with the greatest mean return; None if there is none.
+        trained: the policy of this iteration with the greatest mean return; None if there is none.
     """
 
-    def __init__(self, count: int, runner: ModelRunner, seed: int, horizon: int) -> None:
+    def __init__(self, count: int, runner: ModelRunner, seed: int, horizon: int, discount: float) -> None:
         self._runner = runner
+        self._discount = discount
         self._batch = Batch(seed, 0, count, horizon, explore=False)
-        self._returns: Array = np.full(count, -np.inf)
         self._waited = 0
-        self.best: GaussianPolicy | None = None
-
-    @property
-    def best_return(self) -> float:
-        """Mean return of the best policy."""
-        return float(self._returns.mean())
+        self.kept: Candidate | None = None
+        self.trained: Candidate | None = None
 
     @property
     def improves(self) -> bool:
-        """Whether one of the last candidates was better than those before."""
+        """Whether one of the last policies of this iteration was better than those before."""
         return self._waited < PATIENCE
 
-    def consider(self, policy: GaussianPolicy, discount: float) -> None:
-        """Compare a policy with the best one; a policy whose mean is 0, which has not been trained, is ignored."""
+    @property
+    def best(self) -> Candidate | None:
+        """The policy to use.
+
+        It is the best policy of this iteration if the differences of its returns from those of the best earlier policy
+        exceed 0 by more than the standard error of their mean. Without this margin, an improvement by chance on these
+        rollouts may lose starts that they do not include.
+        """
+        if self.kept is None or self.trained is None:
+            return self.kept or self.trained
+        gain = self.trained.returns - self.kept.returns
+        return self.trained if gain.mean() > gain.std() / np.sqrt(len(gain) - 1) else self.kept
+
+    def consider_earlier(self, policy: GaussianPolicy) -> None:
+        """Measure a policy of an earlier iteration; one whose mean is 0, which has not been trained, is ignored."""
+        self.kept = self._better(self.kept, policy)
+
+    def consider(self, policy: GaussianPolicy) -> None:
+        """Measure a policy of this iteration; one whose mean is 0 is ignored."""
+        before = self.trained
+        self.trained = self._better(before, policy)
+        self._waited = 0 if self.trained is not before else self._waited + 1
+
+    def _better(self, best: Candidate | None, policy: GaussianPolicy) -> Candidate | None:
         if not policy.mean.weights.any():
-            return
-        returns = self._runner.collect(policy, self._batch).returns(discount)
-        self._waited += 1
-        if self.best is None or _exceeds(returns - self._returns):
-            self.best, self._returns, self._waited = policy, returns, 0
-
-
-def _exceeds(differences: Array) -> bool:
-    """Return whether the mean of differences is above 0 by more than its standard error."""
-    return bool(differences.mean() > differences.std() / np.sqrt(len(differences) - 1))
+            return best
+        candidate = Candidate(policy, self._runner.collect(policy, self._batch).returns(self._discount))
+        return candidate if best is None or candidate.mean > best.mean else best

@@ -23,7 +23,7 @@ EXPLORE = ("model.updates=1", "model.rollouts=1", "evaluate_every=0", "iteration
 def exploring(episodes: int, *changes: str) -> Config:
     """Record a run whose initial policy acts in all episodes."""
     settings = (*EXPLORE, f"episodes_per_iteration={episodes}", *changes)
-    return load_config(ROOT / "config" / "pendulum_model_nac.yaml", settings)
+    return load_config(ROOT / "config" / "pendulum_wrap_model_nac.yaml", settings)
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,14 @@ def test_offline_training_solves_the_pendulum_from_ten_exploration_episodes(
     assert len(read_recording(tmp_path / f"explored{seed}").episodes()) == 10
     out = tmp_path / f"learnt{seed}"
     learnt = rkhs(
-        "offline", f"explored{seed}", ROOT / "config/pendulum_model_nac.yaml", "--seed", seed, "--out", out, "--quiet"
+        "offline",
+        f"explored{seed}",
+        ROOT / "config/pendulum_wrap_model_nac.yaml",
+        "--seed",
+        seed,
+        "--out",
+        out,
+        "--quiet",
     )
     assert learnt.code == 0, learnt.err
     assert "from 10 recorded episodes, without running new ones" in learnt.out

@@ -288,6 +288,11 @@ def test_a_checkpoint_contains_all_real_episodes_with_raw_observations(tmp_path:
 
 
 @pytest.mark.parametrize("constant", ["", "rewards"])
+def test_exploration_in_episodes_of_one_step_is_always_wide() -> None:
+    for iteration in learn(settings(horizon=1), Odd):
+        np.testing.assert_allclose(iteration.policy.variance(np.zeros((1, 2))), 1.0)
+
+
 def test_wide_and_narrow_exploration_alternate_unless_rewards_are_uninformative(constant: str) -> None:
     for k, iteration in enumerate(learn(settings(iterations=4), Odd(constant=constant))):
         assert iteration.policy.noise == ("pink" if constant else "white")

@@ -75,31 +75,37 @@ class Scripted(ModelRunner):
 @given(values=st.lists(st.integers(-5, 5), min_size=1, max_size=12))
 def test_validation_keeps_the_first_of_the_best_policies(values: list[int]) -> None:
     runner = Scripted()
-    validation, policies = Validation(3, runner, 7, HORIZON), [constant(value + 0.5) for value in values]
+    validation, policies = Validation(3, runner, 7, HORIZON, 0.9), [constant(value + 0.5) for value in values]
     for number, policy in enumerate(policies):
-        validation.consider(policy, 0.9)
+        validation.consider(policy)
         best = int(np.argmax(values[: number + 1]))
-        assert validation.best is policies[best]
-        assert validation.best_return == pytest.approx(values[best] + 1.5)  # 0, 1 and 2 more
+        assert validation.best is not None
+        assert validation.best.policy is policies[best]
+        assert validation.best.mean == pytest.approx(values[best] + 1.5)  # 0, 1 and 2 more
         assert validation.improves == (number - best < PATIENCE)
     assert runner.batches == [Batch(7, 0, 3, HORIZON, explore=False)] * len(values)
 
 
 @pytest.mark.parametrize(("gain", "is_better"), [(-3.0, False), (0.9, False), (1.1, True)])
-def test_a_better_policy_improves_by_more_than_the_standard_error(gain: float, is_better: bool) -> None:
+def test_a_new_policy_replaces_earlier_ones_if_it_gains_more_than_the_standard_error(
+    gain: float, is_better: bool
+) -> None:
     runner = Scripted()
-    validation, first, second = Validation(5, runner, 7, HORIZON), constant(1.0), constant(1.0)
-    validation.consider(first, 1.0)
+    validation, first = Validation(5, runner, 7, HORIZON, 1.0), constant(1.0)
+    for earlier in (constant(0.5), first, constant(0.9)):
+        validation.consider_earlier(earlier)
+    assert validation.best is not None
+    assert validation.best.policy is first
     runner.spread = 1.0 + np.sqrt(2.0)  # differences with a standard deviation of 2, and a standard error of 1
     second = constant(1.0 + gain - 2.0 * np.sqrt(2.0))
-    validation.consider(second, 1.0)
-    assert validation.best is (second if is_better else first)
+    validation.consider(second)
+    assert validation.best.policy is (second if is_better else first)
 
 
 def test_a_policy_that_was_not_trained_is_not_considered() -> None:
     runner = Scripted()
-    validation = Validation(3, runner, 7, HORIZON)
-    validation.consider(first_policy(Training(), Simulation(PENDULUM).spaces), 0.9)
+    validation = Validation(3, runner, 7, HORIZON, 0.9)
+    validation.consider_earlier(first_policy(Training(), Simulation(PENDULUM).spaces))
     assert (validation.best, validation.improves, runner.batches) == (None, True, [])
 
 
