@@ -31,8 +31,7 @@ class State:
         memory: episodes that the algorithm stores, or all episodes for model-based training; empty at first.
         explored: number of exploration episodes so far, which is the number of the next one.
         evaluated: number of evaluation episodes so far.
-        steps: number of environment steps of the exploration episodes so far; 0 if unknown, because the run began
-            before steps were counted.
+        steps: number of environment steps of the exploration episodes so far.
         earlier: the last policies before this one, the newest first; empty without a model.
     """
 

@@ -89,7 +89,7 @@ class Iteration:
 
     @property
     def steps_used(self) -> int:
-        """Number of environment steps of the exploration episodes so far; 0 if unknown."""
+        """Number of environment steps of the exploration episodes so far."""
         return self.state.steps
 
     @property
@@ -161,7 +161,6 @@ class Collector:
         self.explored = state.explored
         self.evaluated = state.evaluated
         self.steps = state.steps
-        self._counts_steps = state.explored == 0 or state.steps > 0  # a resumed older run has no count
         self._tried: list[Episodes] = []
         self._ahead: Episodes | None = None
 
@@ -204,7 +203,7 @@ class Collector:
         return both.take(slice(ahead.num_envs, None))
 
     def _counted(self, episodes: Episodes) -> Episodes:
-        self.steps += episodes.count if self._counts_steps else 0
+        self.steps += episodes.count
         return episodes
 
     def _exploring(self, episodes: int) -> Batch:

@@ -42,7 +42,6 @@ FINER = 100.0  # divisor of the ridges of an algorithm that trains a policy for 
 FUNCTION = "MODULE:FUNCTION, or empty to learn the function; maps batches of"
 FROM_THE_START = 2  # number of the first of three consecutive rollouts that start from initial observations
 VALIDATE_EVERY = 5  # updates
-MOST_ROUNDS = 4  # times the usual updates, as long as the policy improves
 HORIZONS_AHEAD = 3.0  # times 1 / (1 - discount); later steps contribute 5 % of the return
 
 
@@ -56,8 +55,8 @@ class ModelBased(Settings):
     """Model-based training: each iteration fits a model to all real episodes and updates the policy in it."""
 
     updates: int = setting(
-        60,
-        "policy updates in the model per real iteration; they go on up to four times as long while validation improves",
+        240,
+        "maximum number of policy updates in the model per real iteration; they end when validation does not improve",
         minimum=1,
         maximum=1000,
     )
@@ -154,7 +153,7 @@ def train_in_model(
     """Train a policy in a model of all real episodes so far.
 
     The newest episodes test a model of the earlier ones. If that model was overconfident, posterior samples of the
-    new model deviate further from the posterior mean, and there are fewer updates.
+    new model deviate further from the posterior mean.
     """
     episodes, spaces = experience.episodes, experience.spaces
     inputs = policy.inputs
@@ -177,10 +176,9 @@ def train_in_model(
         reward_margin=reward_margin(episodes),
         visited_starts=not focused,
     )
-    rounds = max(1, round(settings.updates / test.overconfidence))
     repeat = policy.action_repeat
     policy, metrics, expected = _optimise(
-        settings, algorithm, replace(policy, noise="white", action_repeat=1), experience, runner, rounds
+        settings, algorithm, replace(policy, noise="white", action_repeat=1), experience, runner
     )
     policy = exploration_policy(
         replace(policy, action_repeat=repeat),
@@ -225,7 +223,6 @@ def _optimise(
     policy: GaussianPolicy,
     experience: RealExperience,
     runner: ModelRunner,
-    rounds: int,
 ) -> tuple[GaussianPolicy, Metrics, float]:
     """Update the policy in the model; return it with the metrics of the last update and its return in the model."""
     horizon, discount = _horizon(experience), experience.discount
@@ -238,7 +235,7 @@ def _optimise(
     policy = replace(policy, variance=ConstantVariance(deviation**2))
     memory = Episodes.none(horizon, runner.spaces.observation_dim, runner.spaces.action_dim)
     memory, number = memory.with_inputs(policy.inputs), 0
-    while number < rounds or (validation.improves and number < MOST_ROUNDS * rounds):
+    while validation.improves and number < settings.updates:
         rollouts = runner.collect(policy, _batch(settings, experience, number)).with_inputs(policy.inputs)
         update = Experience(rollouts, discount, memory, _no_fresh_episodes, experience.first_variance, number)
         policy, metrics, memory = algorithm.update(policy, update)
@@ -246,7 +243,7 @@ def _optimise(
         if not algorithm.learns_variance:
             policy = replace(policy, variance=ConstantVariance(deviation**2))
         number += 1
-        if number % VALIDATE_EVERY == 0 or number == rounds:
+        if number % VALIDATE_EVERY == 0 or number == settings.updates:
             validation.consider(policy)
     if validation.best is None:  # the updates had no direction
         return policy, metrics, float(rollouts.returns(discount).mean())
