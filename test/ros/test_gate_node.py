@@ -351,6 +351,19 @@ def test_a_gate_arms_itself_only_while_all_its_listeners_are_simulated(begin: Be
     assert robot.states[-1].state == "stopped"  # on request
 
 
+def test_a_gate_that_arms_itself_leaves_that_to_a_person_once_a_stop_was_requested(begin: Begin) -> None:
+    _, robot = begin(CALM | {"arms_itself": True})
+    probe, heard = robot.probe, reports(robot)
+    probe.add_node("simulated_robot").create_subscription(Float64MultiArray, "commands", lambda message: None, 1)
+    probe.ask("gate/stop", Trigger.Request())
+    probe.destroy_subscription(robot.listener)
+    for answer in ("cannot arm: a stop is requested by the service 'stop'; arm again if the robot may move", "holding"):
+        heard.clear()
+        probe.until(lambda: len(heard) > 2)  # seconds, in which it would arm itself
+        assert {state.state for state in robot.states} == {"disarmed"}
+        assert robot.arm() == answer
+
+
 def test_unusable_sensors_of_the_robot_node_prevent_arming(begin: Begin) -> None:
     _, robot = begin(CALM)
     obstacles = robot.probe.create_publisher(String, "robot/obstacle", LATCHED_QOS)

@@ -118,6 +118,7 @@ class GateNode(ReportingNode):
         self._end_at = inf  # monotonic time, seconds; finite once the gate has been asked to exit
         self._arm_at = time.monotonic() + RETRY_S  # of a gate that arms itself
         self._has_armed_itself = False
+        self._waits_for_a_person = False  # since a stop was requested
         self._flaw = ""  # of the last joint state
         self._obstacle = ""  # last reported by the robot node
         self._open_topics()
@@ -248,7 +249,9 @@ class GateNode(ReportingNode):
         return self._source.line("" if self._is_sensing else self._flaw) if self._source else "not needed"
 
     def _check_stops(self) -> None:
-        self._turn(stop_requested(self._state, self._stops.reason()))
+        reason = self._stops.reason()
+        self._waits_for_a_person |= bool(reason)
+        self._turn(stop_requested(self._state, reason))
 
     def _rivals(self) -> str:
         """Return an error message if another node publishes to the hardware; empty otherwise."""
@@ -262,7 +265,7 @@ class GateNode(ReportingNode):
         response.success = not response.message
         if response.success:
             self._uniqueness.stay()
-            self._has_armed_itself = False
+            self._has_armed_itself = self._waits_for_a_person = False
             response.message = str(self._state.mode)
         return response
 
@@ -282,7 +285,10 @@ class GateNode(ReportingNode):
         return reason
 
     def _arm_itself(self, now: float) -> None:
-        """Arm the gate if its robot is simulated and no stop was requested; stop the robot once others listen, too."""
+        """Arm the gate if its robot is simulated and no stop was requested; stop the robot once others listen, too.
+
+        After another stop it waits, so that requests to stop that are under way arrive first.
+        """
         topic, stands = self._settings.command.topic, self._state.mode in (Mode.DISARMED, Mode.STOPPED)
         listeners = self.get_subscriptions_info_by_topic(self.resolve_topic_name(topic))
         others = sorted({full_name(each) for each in listeners if not _is_simulated(each.node_name)})
@@ -290,13 +296,14 @@ class GateNode(ReportingNode):
         self.diagnostics.waiting = expected if stands else ""
         if expected and self._has_armed_itself:
             self._turn(stopped(self._state, expected))
-        if not stands or now < self._arm_at:
+        if stands and now < self._arm_at:
             return
         self._arm_at = now + RETRY_S
-        if listeners and not others and not self._state.reason.startswith(STOP_REQUESTED):
+        if stands and listeners and not others and not self._waits_for_a_person:
             self._has_armed_itself = not self._try_to_arm()
 
     def _stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._waits_for_a_person = True
         self._turn(stopped_by_operator(self._state, f"{STOP_REQUESTED} by the service 'stop'"))
         response.success, response.message = True, str(self._state.mode)
         return response
