@@ -51,15 +51,16 @@ class RealExperience:
 
     @property
     def reward_width(self) -> float:
-        """Width of the observed range of rewards; 1 if all rewards are equal."""
-        width = float(np.ptp(self.episodes.rewards[self.episodes.mask]))
+        """Width of the observed range of rewards, except terminal ones; 1 if all are equal."""
+        width = float(np.ptp(_ordinary_rewards(self.episodes)))
         return width if width > 0.0 else 1.0
 
 
 def is_stuck(episodes: Episodes, newest: int, discount: float) -> bool:
     """Return whether no return is clearly above those of the first, random episodes.
 
-    The greatest return that the observed rewards suggest is that of the greatest one in every step.
+    The greatest return that the observed rewards suggest is that of the greatest one in every step. Terminal rewards do
+    not count, since they come once.
 
     Args:
         episodes: all real episodes so far.
@@ -70,5 +71,12 @@ def is_stuck(episodes: Episodes, newest: int, discount: float) -> bool:
     if len(later) < TRIES * newest:
         return False
     steps = float(np.sum(discount ** np.arange(episodes.horizon)))
-    to_gain = float(episodes.rewards[episodes.mask].max()) * steps - first.mean()
-    return bool(later.max() - first.mean() < CLEAR_RISE * to_gain)
+    to_gain = float(_ordinary_rewards(episodes).max()) * steps - first.mean()
+    return bool(to_gain > 0.0 and later.max() - first.mean() < CLEAR_RISE * to_gain)
+
+
+def _ordinary_rewards(episodes: Episodes) -> Array:
+    """Return the rewards of the steps that did not terminate their episode, or of all steps if each did."""
+    last, goes_on = episodes.mask.sum(axis=1) - 1, episodes.mask.copy()
+    goes_on[episodes.terminated, last[episodes.terminated]] = False
+    return episodes.rewards[goes_on if goes_on.any() else episodes.mask]

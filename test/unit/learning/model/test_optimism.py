@@ -100,6 +100,15 @@ def test_a_run_is_stuck_while_no_return_is_clearly_above_the_first(returns: list
     assert is_stuck(twice, 2, 1.0) == stuck
 
 
+def test_the_reward_of_reaching_a_goal_is_not_expected_in_every_step() -> None:
+    rewards, nothing = np.full((4, 40), -0.1), np.zeros((4, 40, 1))
+    rewards[3, 9], rewards[3, 10:] = 30.0, 0.0
+    mask = np.arange(40) < np.array([[40], [40], [40], [10]])
+    episodes = Episodes.without_ends(nothing, nothing, rewards, mask)
+    assert is_stuck(episodes, 1, 1.0)  # at 30 per step
+    assert not is_stuck(replace(episodes, terminated=np.array([False, False, False, True])), 1, 1.0)
+
+
 def test_informative_rewards_from_the_start_cause_no_optimism() -> None:
     iterations = iterations_of(0, lambda **options: Pendulum(angle="wrap", **options))
     assert not next(iterations).optimistic
