@@ -130,7 +130,7 @@ def runs_away(recent: Sequence[Summary]) -> bool:
 def predicts_badly(recent: Sequence[Summary]) -> bool:
     """Return whether the newest model and most of those before predicted both steps and returns badly.
 
-    Curious iterations are ignored: the return in their models is not that of the task.
+    Optimistic iterations are ignored: the return in their models is not that of the task.
     """
     last = [each for each in recent if not (isnan(each.model_error) or each.optimistic)][-TESTS:]
     bad = [each.model_error >= BAD and not abs(_gap(each)) <= ALIKE for each in last]  # nan without an evaluation

@@ -197,6 +197,13 @@ class Episodes:
         return values[self.mask]
 
     @property
+    def ends(self) -> NDArray[np.bool_]:
+        """Whether the task terminated the episode at each step, shape (N, H)."""
+        ends = np.zeros(self.mask.shape, dtype=bool)
+        ends[np.arange(len(self)), self.mask.sum(axis=1) - 1] = self.terminated
+        return ends
+
+    @property
     def next_observations(self) -> Array:
         """Raw observations after each step, shape (N, H, d); undefined after the end of an episode."""
         following = np.roll(self.observations, -1, axis=1)

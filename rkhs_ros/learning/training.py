@@ -54,7 +54,7 @@ class Iteration:
         evaluation: evaluation episodes after the update; empty in an iteration without evaluation.
         evaluation_returns: returns of these episodes.
         metrics: metrics of the update; with a model, of its last update.
-        model_return: mean return of the last model rollouts; nan without a model.
+        model_return: validation return of the policy in the model; nan without a model.
         model_error: error of the previous model on this iteration's episodes; nan if there was none.
         optimistic: whether steps in the model were also rewarded for its uncertainty about them.
         tried: episodes in which the line search tried step sizes, in the order of collection.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import Transitions, coordinates_of
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.posterior import Posterior
 
 MOST_STEPS = 1000  # last steps that a comparison uses
@@ -23,6 +23,18 @@ LONGEST_HISTORY = 3
 GAIN, GAIN_PER_NUMBER = 20.0, 0.5  # of log evidence, in all and per observed change, that justify further inputs
 WIDE = 1.0  # range of a column that may be an angle, in turns
 TURNS = (2.0 * np.pi, 360.0)
+
+
+class Evidence(NamedTuple):
+    """The evidence of a model of the changes.
+
+    Attributes:
+        log: its logarithm, up to a constant.
+        least_gain: gain that justifies further inputs; half of it keeps those that were found.
+    """
+
+    log: float
+    least_gain: float
 
 
 def discover_inputs(
@@ -41,27 +53,25 @@ def discover_inputs(
     """
 
     @cache
-    def evidence(some: Inputs) -> float:
+    def evidence(some: Inputs) -> Evidence:
         return _evidence(some, episodes, spaces)
 
     if given is not None:
         if history and inputs.history > given.history:
             shorter = replace(inputs, history=inputs.history - 1)
-            if evidence(inputs) - evidence(shorter) < 0.5 * _least_gain(inputs, episodes, spaces):
+            if evidence(inputs).log - evidence(shorter).log < 0.5 * evidence(inputs).least_gain:
                 inputs, history = shorter, False
-        inputs = _without_refuted_angles(inputs, episodes, spaces, given, evidence)
+        inputs = _without_refuted_angles(inputs, episodes, given, evidence)
     inputs = with_wrapped_angles(inputs, episodes)
-    inputs = _with_unwrapped_angles(inputs, episodes, spaces, evidence)
+    inputs = _with_unwrapped_angles(inputs, episodes, evidence)
     if history and inputs.history < LONGEST_HISTORY and episodes.mask.sum() >= FEWEST_STEPS:
         longer = replace(inputs, history=inputs.history + 1)
-        if evidence(longer) - evidence(inputs) > _least_gain(inputs, episodes, spaces):
+        if evidence(longer).log - evidence(inputs).log > evidence(inputs).least_gain:
             return longer
     return inputs
 
 
-def _with_unwrapped_angles(
-    inputs: Inputs, episodes: Episodes, spaces: Spaces, evidence: Callable[[Inputs], float]
-) -> Inputs:
+def _with_unwrapped_angles(inputs: Inputs, episodes: Episodes, evidence: Callable[[Inputs], Evidence]) -> Inputs:
     """Return the inputs with the wide columns whose effect has the period of a turn."""
     extents = np.ptp(episodes.flat(episodes.observations), axis=0)
     for column in sorted(set(range(len(extents))) - set(inputs.columns)):
@@ -69,40 +79,30 @@ def _with_unwrapped_angles(
             if extents[column] < WIDE * turn:
                 continue
             changed = with_angles(inputs, inputs.turns_by_column | {column: turn})
-            if evidence(changed) - evidence(inputs) > _least_gain(inputs, episodes, spaces):
+            if evidence(changed).log - evidence(inputs).log > evidence(inputs).least_gain:
                 inputs = changed
                 break
     return inputs
 
 
 def _without_refuted_angles(
-    inputs: Inputs, episodes: Episodes, spaces: Spaces, given: Inputs, evidence: Callable[[Inputs], float]
+    inputs: Inputs, episodes: Episodes, given: Inputs, evidence: Callable[[Inputs], Evidence]
 ) -> Inputs:
     """Return the inputs without the angles that were found, do not wrap, and now hardly raise the evidence."""
     certain = {*given.columns, *with_wrapped_angles(given, episodes).columns}
     for column in [each for each in inputs.columns if each not in certain]:
         others = {each: turn for each, turn in inputs.turns_by_column.items() if each != column}
         fewer = with_angles(inputs, others)
-        if evidence(inputs) - evidence(fewer) < 0.5 * _least_gain(inputs, episodes, spaces):
+        if evidence(inputs).log - evidence(fewer).log < 0.5 * evidence(inputs).least_gain:
             inputs = fewer
     return inputs
 
 
-def _least_gain(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> float:
-    """Return the gain of log evidence that justifies further inputs; half of it keeps those that were found."""
-    steps, _, columns = _last_steps(inputs, episodes, spaces)
-    return max(GAIN, GAIN_PER_NUMBER * len(steps.points) * len(columns))
-
-
-def _last_steps(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> tuple[Transitions, Array, list[int]]:
-    """Return the last steps, their changes, and the columns that change by themselves."""
+def _evidence(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> Evidence:
+    """Return the evidence of a model of the last steps."""
     enough = int(np.searchsorted(np.cumsum(episodes.mask.sum(axis=1)[::-1]), MOST_STEPS)) + 1
     steps = Transitions.of(episodes.take(slice(-enough, None)), inputs, spaces).last(MOST_STEPS)
     coordinates = coordinates_of(steps, inputs)
-    return steps, coordinates.difference(steps.observations, steps.next_observations), coordinates.columns
-
-
-def _evidence(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> float:
-    """Return the log evidence of a model of the changes."""
-    steps, changes, _ = _last_steps(inputs, episodes, spaces)
-    return Posterior.fit(steps.points, changes, CENTRES).evidence
+    changes = coordinates.difference(steps.observations, steps.next_observations)
+    least_gain = max(GAIN, GAIN_PER_NUMBER * len(changes) * len(coordinates.columns))
+    return Evidence(Posterior.fit(steps.points, changes, CENTRES).evidence, least_gain)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,13 +60,16 @@ class Transitions:
     @classmethod
     def of(cls, episodes: Episodes, inputs: Inputs, spaces: Spaces) -> Transitions:
         """Return the transitions of episodes with raw observations."""
-        last = episodes.mask.sum(axis=1) - 1
-        rows = np.arange(len(episodes))
-        ended = np.zeros(episodes.mask.shape, dtype=bool)
-        ended[rows, last] = episodes.terminated
         points = points_of(inputs.unfold(episodes.observations, episodes.actions), episodes.actions, spaces)
         actions = points[..., -spaces.action_dim :]
-        every = (points, actions, episodes.observations, episodes.next_observations, episodes.rewards, ended)
+        every: tuple[NDArray[Any], ...] = (
+            points,
+            actions,
+            episodes.observations,
+            episodes.next_observations,
+            episodes.rewards,
+            episodes.ends,
+        )
         return cls(*(episodes.flat(values) for values in every))
 
     def last(self, count: int) -> Transitions:

@@ -35,7 +35,7 @@ from rkhs_ros.rkhs.kernels import Array
 DISCOVERIES = ("none", "angles", "all")
 EXPLORATION_DECAY = 0.97  # factor on the standard deviation of the model rollouts after each update
 EXPLORATION_MINIMUM = 0.1  # their minimum standard deviation, relative to the first one
-NARROW = 0.3  # the same for every second real episode, which visits the states that the policy mean reaches
+NARROW = 0.3  # that of real episodes in every second iteration, likewise, to visit the states of the policy mean
 REWARD_MARGIN = 0.3  # by which rewards in the model may lie outside the observed range, relative to its width
 NEARLY = 0.05  # distance from the greatest reward that hardly matters, relative to the same width
 FINER = 100.0  # divisor of the ridges of an algorithm that trains a policy for one initial observation

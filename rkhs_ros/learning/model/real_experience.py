@@ -77,6 +77,5 @@ def is_stuck(episodes: Episodes, newest: int, discount: float) -> bool:
 
 def _ordinary_rewards(episodes: Episodes) -> Array:
     """Return the rewards of the steps that did not terminate their episode, or of all steps if each did."""
-    last, goes_on = episodes.mask.sum(axis=1) - 1, episodes.mask.copy()
-    goes_on[episodes.terminated, last[episodes.terminated]] = False
+    goes_on = episodes.mask & ~episodes.ends
     return episodes.rewards[goes_on if goes_on.any() else episodes.mask]
