@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,9 +24,10 @@ LEAST_SD = 1e-6  # minimum exploration, for demonstrations that are fitted witho
 class Imitation(Settings):
     r"""Settings of imitation: least squares of the demonstrated actions with few kernel functions.
 
-    .. math:: \min_h \frac1n \sum_t |a_t - h(s_t)|^2 + \lambda \|h\|^2
+    .. math:: \min_h \frac1n \sum_t |a_t - b - h(s_t)|^2 + \lambda \|h\|^2
 
-    The centres of h are selected greedily among the demonstrated states :math:`s_t` (Vincent and Bengio, 2002).
+    b is the middle of the actions' bounds. The centres of h are selected greedily among the demonstrated states
+    :math:`s_t` (Vincent and Bengio, 2002).
     """
 
     centres: int = setting(40, "maximum number of centres of the policy", minimum=1, maximum=2000)
@@ -53,7 +54,9 @@ class Imitation(Settings):
         demonstrated = episodes.decisions(self.action_repeat, UNDISCOUNTED, spaces).with_inputs(inputs)
         points, actions = demonstrated.flat(demonstrated.observations), demonstrated.flat(demonstrated.actions)
         kernel = self.kernel.fit(points, inputs.ages)
-        mean = pursue(kernel, points, actions, points, budget=self.centres, ridge=self.ridge).function
+        targets = actions - np.array(spaces.middle or 0.0)
+        fit = pursue(kernel, points, targets, points, budget=self.centres, ridge=self.ridge).function
+        mean = replace(fit, bias=spaces.middle)
         sd = np.sqrt(np.mean((actions - mean(points)) ** 2, axis=0))
         variance = ConstantVariance(np.maximum(sd, LEAST_SD) ** 2)
         return GaussianPolicy(mean, variance, inputs, action_repeat=self.action_repeat)

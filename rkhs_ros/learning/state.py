@@ -45,7 +45,7 @@ class State:
 
 
 def first_policy(training: Training, spaces: Spaces) -> GaussianPolicy:
-    """Return the initial policy with mean 0; the first iteration determines its kernel.
+    """Return the initial policy, whose mean is the middle of the bounds; the first iteration determines its kernel.
 
     Raises:
         ValueError: the standard deviations, the inputs or the kernel do not match the task.
@@ -54,7 +54,7 @@ def first_policy(training: Training, spaces: Spaces) -> GaussianPolicy:
     variance = first_variance(training, spaces)
     input_dim = training.inputs.dimension(spaces.observation_dim, action_dim)
     _check_kernel(training, input_dim)
-    mean = Function.zero(RBF((1.0,)), input_dim, action_dim)
+    mean = Function.constant(RBF((1.0,)), input_dim, action_dim, spaces.middle)
     repeat = training.action_repeat if isinstance(training.action_repeat, int) else 1  # until it is chosen
     inputs = training.inputs.within(spaces)
     policy = GaussianPolicy(mean, ConstantVariance(variance), inputs, action_repeat=repeat)
@@ -109,6 +109,17 @@ def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy |
 def chooses_action_repeat(state: State, training: Training) -> bool:
     """Return whether the next episodes choose the action repeat: only the first ones, if there is no initial policy."""
     return training.action_repeat == AUTO and state.iterations == 0 and len(state.policy.mean.centres) == 0
+
+
+def may_correct_action_repeat(state: State, training: Training) -> bool:
+    """Return whether the next episodes may correct the chosen action repeat: the second or third ones, and only once.
+
+    With a model, the state contains all episodes and the earlier policies, the initial one included.
+    """
+    if training.action_repeat != AUTO or state.iterations not in (1, 2) or not state.earlier:
+        return False
+    *trained, initial = state.policy, *state.earlier
+    return len(initial.mean.centres) == 0 and len({policy.action_repeat for policy in trained}) == 1
 
 
 def _finds_inputs(training: Training) -> bool:

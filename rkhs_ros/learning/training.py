@@ -9,14 +9,14 @@ from typing import Protocol
 
 from rkhs_ros.base.threads import one_thread
 from rkhs_ros.learning.algorithms.algorithm import Experience, Metrics
-from rkhs_ros.learning.discovery.action_repeat import choose_action_repeat
+from rkhs_ros.learning.discovery.action_repeat import choose_action_repeat, correct_action_repeat
 from rkhs_ros.learning.discovery.angles import with_features
 from rkhs_ros.learning.discovery.found import Known
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
 from rkhs_ros.learning.model.model_based import ModelBased, ModelUpdate, train_in_model
 from rkhs_ros.learning.model.real_experience import RealExperience, is_stuck
-from rkhs_ros.learning.state import State, chooses_action_repeat, first_state, first_variance
+from rkhs_ros.learning.state import State, chooses_action_repeat, first_state, first_variance, may_correct_action_repeat
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
@@ -277,11 +277,14 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
 
 
 def with_action_repeat(state: State, training: Training, exploration: Episodes) -> GaussianPolicy:
-    """Return the policy with its action repeat, chosen from the episodes if the settings and the state ask for it."""
+    """Return the policy with its action repeat, chosen or corrected if the settings and the state ask for it."""
     policy = state.policy
-    if not chooses_action_repeat(state, training):
-        return policy
-    return replace(policy, action_repeat=choose_action_repeat(with_features(exploration, policy.inputs)))
+    if chooses_action_repeat(state, training):
+        return replace(policy, action_repeat=choose_action_repeat(with_features(exploration, policy.inputs)))
+    if may_correct_action_repeat(state, training):
+        episodes = with_features(state.memory + exploration, policy.inputs)
+        return replace(policy, action_repeat=correct_action_repeat(policy.action_repeat, episodes))
+    return policy
 
 
 def _train_in_model(

@@ -117,6 +117,7 @@ def policy_message(types: Any, policy: GaussianPolicy, version: int) -> Any:
         kernel=_terms(types, mean.kernel),
         centres=doubles(mean.centres),
         weights=doubles(mean.weights),
+        bias=doubles(np.array(mean.bias)),
         variance=types.Variance(**_variance_fields(types, policy.variance)),
         inputs=types.Inputs(
             history=inputs.history,
@@ -144,7 +145,8 @@ def policy_of(message: Any) -> GaussianPolicy:
     require(len(message.centres) % d == 0, "centres", f"rows of {d} numbers", f"{len(message.centres)} numbers")
     m = len(message.centres) // d
     kernel = _kernel(message.kernel, d)
-    mean = Function(kernel, matrix(message.centres, m, d, "centres"), matrix(message.weights, m, n, "weights"))
+    centres, weights = matrix(message.centres, m, d, "centres"), matrix(message.weights, m, n, "weights")
+    mean = Function(kernel, centres, weights, tuple(message.bias))
     variance, inputs = _variance_of(message.variance, d, n), _inputs_of(message.inputs, d)
     # Old recordings have no action repeat.
     return GaussianPolicy(mean, variance, inputs, message.noise, int(getattr(message, "action_repeat", 1)))

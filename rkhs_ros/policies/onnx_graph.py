@@ -208,9 +208,11 @@ def _mean(graph: Graph, policy: Policy, window: str) -> str:
     """Return the unclipped mean action for a window, flattened and with angles replaced."""
     mean = policy.gaussian.mean
     if not len(mean.centres):  # some versions of ONNX Runtime cannot multiply empty matrices
-        return graph.add("MatMul", window, np.zeros((_window_dim(policy), mean.output_dim)))
-    near = kernel_values(mean.kernel, graph, _monomials(graph, policy, window), mean.centres)
-    return graph.add("MatMul", near, mean.weights)
+        value = graph.add("MatMul", window, np.zeros((_window_dim(policy), mean.output_dim)))
+    else:
+        near = kernel_values(mean.kernel, graph, _monomials(graph, policy, window), mean.centres)
+        value = graph.add("MatMul", near, mean.weights)
+    return graph.add("Add", value, np.array(mean.bias)) if mean.bias else value
 
 
 def _window_dim(policy: Policy) -> int:

@@ -77,6 +77,13 @@ class Spaces:
         low, high = self._bounds
         return np.where(np.isfinite(high - low) & (high > low), 0.5 * (high - low), 1.0)
 
+    @property
+    def middle(self) -> tuple[float, ...]:
+        """Middle of the range of each action, 0 if the range is infinite; empty if all are 0."""
+        low, high = self._bounds
+        middle = 0.5 * np.add(low, high, out=np.zeros(len(low)), where=np.isfinite(high - low))
+        return tuple(middle.tolist()) if middle.any() else ()
+
     @cached_property
     def _bounds(self) -> tuple[Array, Array]:
         return self.action_low.ravel().astype(np.float64), self.action_high.ravel().astype(np.float64)

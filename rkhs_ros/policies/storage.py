@@ -24,7 +24,7 @@ from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, Kerne
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Kernel, Term, kernel_from_terms
 
-SCHEMA = 2
+SCHEMA = 3
 NAMES = ("observation_names", "action_names")  # optional arrays of a file
 Arrays = dict[str, np.ndarray]
 
@@ -172,6 +172,7 @@ def policy_arrays(policy: GaussianPolicy) -> Arrays:
         **_kernel_arrays("kernel", policy.mean.kernel),
         "centres": policy.mean.centres,
         "weights": policy.mean.weights,
+        "bias": np.array(policy.mean.bias),
         **_variance_arrays(policy.variance),
         "inputs": np.array(json.dumps({entry.name: entry.value for entry in entries(policy.inputs)})),
         "window_bounds": np.array([policy.inputs.action_low, policy.inputs.action_high]),
@@ -187,7 +188,7 @@ def policy_of(arrays: Arrays) -> GaussianPolicy:
         KeyError: an array is missing.
         ValueError: the arrays do not form a valid policy.
     """
-    mean = Function(_kernel(arrays, "kernel"), arrays["centres"], arrays["weights"])
+    mean = Function(_kernel(arrays, "kernel"), arrays["centres"], arrays["weights"], tuple(arrays["bias"].tolist()))
     low, high = (tuple(bound.tolist()) for bound in arrays.get("window_bounds", np.zeros((2, 0))))
     inputs = replace(build(Inputs, json.loads(str(arrays["inputs"])), "inputs."), action_low=low, action_high=high)
     (action_repeat,) = whole_numbers(np.reshape(arrays.get("action_repeat", 1), 1), "action_repeat")

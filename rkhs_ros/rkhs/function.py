@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import isfinite
 
 import numpy as np
 
@@ -16,17 +17,19 @@ BLOCK_ROWS = 2000  # points evaluated at once; a block fits into the cache
 
 @dataclass(frozen=True)
 class Function:
-    r"""A function :math:`h(x) = \sum_i \kappa(c_i, x) \alpha_i` (Eq 7).
+    r"""A function :math:`h(x) = b + \sum_i \kappa(c_i, x) \alpha_i`, of the RKHS if b = 0 (Eq 7).
 
     Attributes:
         kernel: scalar kernel kappa.
-        centres: points :math:`c_i`, shape (m, d); m = 0 gives the zero function.
+        centres: points :math:`c_i`, shape (m, d); m = 0 gives a constant function.
         weights: vectors :math:`\alpha_i`, shape (m, n).
+        bias: the constant b, n numbers, or none for 0.
     """
 
     kernel: Kernel
     centres: Array
     weights: Array
+    bias: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         """Raise ValueError if the shapes do not match or a number is not finite."""
@@ -35,11 +38,14 @@ class Function:
             require(array.ndim == 2, name, "a matrix", f"shape {array.shape}")
             object.__setattr__(self, name, finite_array(array, array.shape, name))
         require(len(self.centres) == len(self.weights), "weights", f"{len(self.centres)} rows", len(self.weights))
+        n = self.output_dim
+        good = len(self.bias) in (0, n) and all(map(isfinite, self.bias))
+        require(good, "bias", f"{n} finite numbers or none", self.bias)
 
     @classmethod
-    def zero(cls, kernel: Kernel, input_dim: int, output_dim: int) -> Function:
-        """Return the zero function from ``input_dim`` to ``output_dim`` dimensions."""
-        return cls(kernel, np.zeros((0, input_dim)), np.zeros((0, output_dim)))
+    def constant(cls, kernel: Kernel, input_dim: int, output_dim: int, bias: tuple[float, ...] = ()) -> Function:
+        """Return a constant function from ``input_dim`` to ``output_dim`` dimensions."""
+        return cls(kernel, np.zeros((0, input_dim)), np.zeros((0, output_dim)), bias)
 
     @property
     def input_dim(self) -> int:
@@ -59,23 +65,30 @@ class Function:
 
     def prepared(self) -> Callable[[Array], Array]:
         """Return a bit-identical function that is faster for many calls and does not check the points' shape."""
-        near = self.kernel.to(self.centres)
-        return lambda x: by_blocks(lambda rows: rowwise_matmul(near(x[rows]), self.weights), len(x), BLOCK_ROWS)
+        near, bias = self.kernel.to(self.centres), np.array(self.bias or 0.0)
+        return lambda x: by_blocks(lambda rows: rowwise_matmul(near(x[rows]), self.weights) + bias, len(x), BLOCK_ROWS)
 
     def __add__(self, other: Function) -> Function:
         """Add two functions of the same space; equal centres are shared, different ones concatenated."""
         require(self.kernel == other.kernel, "sum of functions", f"the kernel {self.kernel}", other.kernel)
+        bias = tuple(a + b for a, b in zip(self.bias, other.bias, strict=False)) or self.bias or other.bias
         if np.array_equal(self.centres, other.centres):
-            return Function(self.kernel, self.centres, self.weights + other.weights)
+            return Function(self.kernel, self.centres, self.weights + other.weights, bias)
         return Function(
             self.kernel,
             np.concatenate([self.centres, other.centres]),
             np.concatenate([self.weights, other.weights]),
+            bias,
         )
 
     def scale(self, factor: float) -> Function:
         """Return the function multiplied by a number."""
-        return Function(self.kernel, self.centres, factor * self.weights)
+        return Function(self.kernel, self.centres, factor * self.weights, tuple(factor * b for b in self.bias))
+
+    @property
+    def unbiased(self) -> Function:
+        """The part in the RKHS."""
+        return replace(self, bias=())
 
     def inner(self, other: Function) -> float:
         r"""Return :math:`\langle h, g \rangle_{H_K} = \mathrm{tr}(\alpha^\top \kappa(c, c') \beta)`."""

@@ -242,7 +242,7 @@ def _orthogonalise(column: Array, frame: Array) -> tuple[Array, Array, float]:
 
 
 def sparsify(function: Function, points: Array, *, budget: int, tolerance: float = 0.0) -> Pursuit:
-    """Approximate a function at the points by a subset of its centres.
+    """Approximate a function at the points by a subset of its centres, and keep its bias.
 
     Args:
         function: the function to sparsify.
@@ -250,12 +250,13 @@ def sparsify(function: Function, points: Array, *, budget: int, tolerance: float
         budget: maximum number of centres.
         tolerance: relative residual below which no further centre is added.
     """
-    return pursue(
+    fit = pursue(
         function.kernel,
         points,
-        function(points),
+        function.unbiased(points),
         function.centres,
         budget=budget,
         tolerance=tolerance,
         ridge=SPARSIFICATION_RIDGE,
     )
+    return replace(fit, function=replace(fit.function, bias=function.bias))

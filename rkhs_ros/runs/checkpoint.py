@@ -23,7 +23,7 @@ from rkhs_ros.policies.storage import packed, policy_arrays, policy_of, unpacked
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.provenance import provenance
 
-SCHEMA = 5
+SCHEMA = 6
 ACCEPT = "--allow-provenance-change"  # option of ``rkhs train``
 SYNC_EVERY = 1.0  # seconds; waiting for the disk takes longer than many iterations
 STORED = 2  # newest checkpoints that are not deleted

@@ -155,7 +155,7 @@ def test_the_page_of_settings_is_up_to_date() -> None:
 
 
 def test_every_column_and_array_is_described() -> None:
-    policy = Function.zero(RBF((1.0,)), 1, 1)
+    policy = Function.constant(RBF((1.0,)), 1, 1)
     spaces = Spaces.unbounded(1, 1)
     described = {
         "run_folder.md": [*Row._fields, *(f.name for f in fields(Episodes))],

@@ -37,7 +37,7 @@ def random_policy(rng: np.random.Generator) -> Callable[..., GaussianPolicy]:
         d: int = 2, n: int = 2, m: int = 5, *, kernel: Kernel | None = None, learnt: bool = False
     ) -> GaussianPolicy:
         kernel = kernel or RBF((1.0,))
-        mean = Function(kernel, rng.normal(size=(m, d)), rng.normal(size=(m, n)))
+        mean = Function(kernel, rng.normal(size=(m, d)), rng.normal(size=(m, n)), tuple(np.linspace(0.1, 0.5, n)))
         if not learnt:
             return GaussianPolicy(mean, ConstantVariance(rng.uniform(0.5, 2.0, n)))
         centres, mass, values = rng.normal(size=(m, d)), rng.uniform(0.1, 1, m), rng.uniform(0, 2, (m, n))

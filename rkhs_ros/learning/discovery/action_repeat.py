@@ -1,4 +1,4 @@
-r"""The number of steps for which the policy holds an action, chosen from the first episodes.
+"""The number of steps for which the policy holds an action, chosen from the first episodes and corrected by the next.
 
 A decision must change what is observed. If the observation changes little between two decisions, white exploration
 noise averages out, the learnt model's small errors add up over many steps, and the return depends little on a single
@@ -16,6 +16,7 @@ CHANGE = 0.3  # root mean square of an observation's change per decision, in its
 NOISE = 1.0  # a column that changes more than this in a step is noise, and does not count
 FEWEST_DECISIONS = 50  # in the longest episode
 MOST_REPEAT = 100
+CLEARLY = 1.5  # ratio of two action repeats above which they differ by more than one choice does by chance
 
 
 def choose_action_repeat(episodes: Episodes) -> int:
@@ -34,6 +35,17 @@ def choose_action_repeat(episodes: Episodes) -> int:
             break
     distances = [abs(np.log(change / CHANGE)) if change > 0 else np.inf for change in changes]
     return 1 + int(np.argmin(distances))
+
+
+def correct_action_repeat(repeat: int, episodes: Episodes) -> int:
+    """Return the choice from more episodes if it differs clearly from an earlier choice, otherwise the earlier one.
+
+    Args:
+        repeat: the earlier choice.
+        episodes: all episodes so far, with the features of the observations.
+    """
+    better = choose_action_repeat(episodes)
+    return better if max(better, repeat) > CLEARLY * min(better, repeat) else repeat
 
 
 def longest_repeat(episodes: Episodes) -> int:

@@ -35,7 +35,7 @@ def refit_policy(
     few = subsample(points, MOST_COMPARED)
     own, kernel = policy.mean.kernel, experience.kernel.fit(points, inputs.ages)
     if len(policy.mean.centres) == 0:
-        mean = Function.zero(kernel, points.shape[1], policy.mean.output_dim)
+        mean = Function.constant(kernel, points.shape[1], policy.mean.output_dim, policy.mean.bias)
         return replace(policy, mean=mean, inputs=inputs)
     if inputs == policy.inputs and _alignment(kernel(few, few), own(few, few)) > SAME_KERNEL:
         kernel = own
@@ -43,7 +43,9 @@ def refit_policy(
     values = experience.spaces.clip_with_margin(means, np.sqrt(experience.first_variance))
     if kernel is own and np.array_equal(values, means):
         return policy
-    return replace(policy, mean=algorithm.space.fit(kernel, points, values), inputs=inputs)
+    bias = policy.mean.bias
+    mean = algorithm.space.fit(kernel, points, values - np.array(bias or 0.0))
+    return replace(policy, mean=replace(mean, bias=bias), inputs=inputs)
 
 
 def _alignment(gram: Array, other: Array) -> float:

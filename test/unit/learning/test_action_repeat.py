@@ -11,12 +11,18 @@ from hypothesis import strategies as st
 
 from rkhs_ros.learning.algorithms.rkhs_ac import RKHSAC
 from rkhs_ros.learning.algorithms.step_rules import LineSearch
-from rkhs_ros.learning.discovery.action_repeat import CHANGE, change_per_decision, choose_action_repeat
+from rkhs_ros.learning.discovery.action_repeat import (
+    CHANGE,
+    CLEARLY,
+    change_per_decision,
+    choose_action_repeat,
+    correct_action_repeat,
+)
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.model_based import ModelBased, model_rollouts_of
 from rkhs_ros.learning.replay import check_actions
 from rkhs_ros.learning.state import first_policy, first_state
-from rkhs_ros.learning.training import train
+from rkhs_ros.learning.training import train, with_action_repeat
 from rkhs_ros.learning.training_settings import AUTO, Training, training_from
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
@@ -257,6 +263,34 @@ def test_units_and_uninformative_columns_do_not_change_the_action_repeat() -> No
         assert choose_action_repeat(seen(np.concatenate(columns, axis=2))) == expected
     assert choose_action_repeat(seen(np.concatenate([constant, constant], axis=2))) == 1
     assert choose_action_repeat(seen(observed[:, :30])) == 1  # 20 decisions at least
+
+
+def test_more_episodes_correct_only_an_action_repeat_that_differs_clearly() -> None:
+    episodes = seen(waves(0.005))
+    better = choose_action_repeat(episodes)
+    assert better >= 6  # so that some repeats are near and others are not
+    for earlier in range(1, 3 * better):
+        is_near = max(earlier, better) <= CLEARLY * min(earlier, better)
+        assert correct_action_repeat(earlier, episodes) == (earlier if is_near else better)
+
+
+def test_the_action_repeat_is_corrected_at_most_once_and_only_in_the_second_and_third_iteration() -> None:
+    training = small_model(replace(SHORT, inputs=Inputs()))
+    first = first_state(training, Spaces.unbounded(2, 1))
+    episodes, better = seen(waves(0.005)), choose_action_repeat(seen(waves(0.005)))
+    short = replace(first.policy, action_repeat=1)
+
+    def after(iterations: int, *policies: GaussianPolicy) -> int:
+        """Return the action repeat after more iterations; the policies are the newest first."""
+        state = replace(first, iterations=iterations, policy=policies[0], earlier=policies[1:])
+        return with_action_repeat(replace(state, memory=episodes.take(slice(0))), training, episodes).action_repeat
+
+    assert after(1, short, first.policy) == better
+    assert after(2, short, short, first.policy) == better
+    assert after(2, short, replace(short, action_repeat=3), first.policy) == 1  # corrected already
+    assert after(3, short, short, short, first.policy) == 1
+    given = replace(first.policy, mean=Function(RBF((1.0,)), np.zeros((1, 2)), np.ones((1, 1))))
+    assert after(1, short, given) == 1  # an initial policy brings its own
 
 
 def test_training_chooses_the_action_repeat_and_resumes_with_it() -> None:

@@ -3,8 +3,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.spaces import Box
+from gymnasium.wrappers import TransformAction
 
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
@@ -12,8 +15,9 @@ from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.algorithms.step_rules import LineSearch
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.kernel_choice import KernelChoice
+from rkhs_ros.learning.model.model_based import ModelBased, NoModel
 from rkhs_ros.learning.state import first_policy, first_state
-from rkhs_ros.learning.training import Collector, train
+from rkhs_ros.learning.training import Collector, Iteration, train
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
@@ -26,6 +30,25 @@ from rkhs_ros.runs.config import load_config
 
 SHORT = Training(iterations=3, episodes_per_iteration=4, evaluation_episodes=2, horizon=10, exploration_sd=(0.5,))
 CONFIG = Path(__file__).parents[3] / "config"
+
+
+def test_actions_are_learnt_relative_to_the_middle_of_their_bounds() -> None:
+    def moved(middle: float, model: NoModel | ModelBased) -> Iteration:
+        def make() -> gym.Env[Any, Any]:
+            task = gym.make("rkhs/Pendulum-v0")
+            bounds = Box(middle - 3.0, middle + 3.0, (1,), np.float64)
+            return TransformAction(task, lambda action: action - middle, bounds)
+
+        training = replace(SHORT, horizon=60, iterations=2, exploration_sd=("range"), model=model)
+        *_, last = train(training, InlineRunner(Simulation(make)))
+        return last
+
+    plain, far = moved(0.0, NoModel()), moved(2.0, NoModel())
+    assert plain.policy.mean.bias == ()
+    assert far.policy.mean.bias == (2.0,)
+    np.testing.assert_allclose(far.exploration.actions - 2.0, plain.exploration.actions, atol=0.01)
+    assert moved(2.0, ModelBased(updates=3, rollouts=8, centres=30)).policy.mean.bias == (2.0,)
+    np.testing.assert_allclose(far.evaluation.rewards, plain.evaluation.rewards, atol=0.01)
 
 
 def test_the_first_policy_has_mean_0_and_the_given_deviations() -> None:

@@ -163,7 +163,7 @@ def test_the_policy_is_clear(d: int, n: int, steps: int, size: float) -> None:
 
 def test_a_zero_policy_of_windows_without_bounds_is_clear() -> None:
     inputs = Inputs(history=4, angles=(0.0,), degree=2)
-    mean = Function.zero(RBF((1.0,)), inputs.dimension(1, 1), 1)
+    mean = Function.constant(RBF((1.0,)), inputs.dimension(1, 1), 1)
     still, names = GaussianPolicy(mean, ConstantVariance(np.ones(1)), inputs), Names(("angle (rad)",), ("torque",))
     assert_clear(policy_figure(still, Spaces.unbounded(1, 1), names, episodes(1, 30, 1, 1), "t"))
 

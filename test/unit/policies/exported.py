@@ -48,7 +48,7 @@ def small_policy(kernel: str, inputs: str, repeat: int = 1, centres: int = 6, *,
     rng, n = np.random.default_rng(0), 1 if scalar else 2
     points = INPUTS[inputs].unfold(rng.uniform(-1.5, 1.5, (50, 4, OBSERVED)), rng.uniform(-0.5, 0.5, (50, 4, n)))
     points = points.reshape(200, -1)
-    mean = Function(KERNELS[kernel](points.shape[1]), points[:centres], rng.normal(size=(centres, n)))
+    mean = Function(KERNELS[kernel](points.shape[1]), points[:centres], rng.normal(size=(centres, n)), (0.3,) * n)
     mean = mean.scale(0.7 / max(np.abs(mean(points)).max(), 0.1))  # beyond some bounds
     shape = () if scalar else (2, 1)
     spaces = Spaces((2, 2), np.full(shape, -np.inf) if scalar else np.array([[-0.4], [-np.inf]]), np.full(shape, 0.5))

@@ -30,7 +30,7 @@ def test_the_score_is_the_gradient_of_log_prob(random_policy: Make, rng: np.rand
     gradient = policy.mean.kernel(policy.mean.centres, x) @ policy.score(x, actions)
 
     def log_likelihood(weights: np.ndarray) -> float:
-        mean = Function(policy.mean.kernel, policy.mean.centres, weights)
+        mean = replace(policy.mean, weights=weights)
         return float(log_density(policy.with_mean(mean), x, actions).sum())
 
     for index in np.ndindex(gradient.shape):
@@ -104,7 +104,7 @@ def test_a_batch_that_needs_too_much_memory_is_rejected(random_policy: Make) -> 
     with pytest.raises(ValueError, match="batch: expected at most 100000000 numbers, got 110000000"):
         Acting(random_policy(n=11), most, explore=True)
     window = GaussianPolicy(
-        Function.zero(RBF((1.0,)), 2 * (11 + 1), 1), ConstantVariance(np.ones(1)), Inputs(history=2)
+        Function.constant(RBF((1.0,)), 2 * (11 + 1), 1), ConstantVariance(np.ones(1)), Inputs(history=2)
     )
     with pytest.raises(ValueError, match="batch: expected at most 100000000 numbers, got 110000000"):
         Acting(window, most, explore=True)(0, np.zeros((10_000, 11)))

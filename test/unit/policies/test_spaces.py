@@ -11,6 +11,11 @@ def test_half_the_range_of_an_action_is_1_for_infinite_and_empty_ranges() -> Non
     assert SPACES.half_ranges.tolist() == [2.0, 1.0, 1.0, 1.0]
 
 
+def test_the_middle_of_a_range_is_0_for_infinite_ranges_and_left_out_for_symmetric_ones() -> None:
+    assert SPACES.middle == (1.0, 0.0, 2.0, 0.0)
+    assert Spaces((1,), np.array([-1.0, -np.inf]), np.array([1.0, 0.0])).middle == ()
+
+
 def test_actions_are_clipped_to_their_bounds_with_and_without_a_margin() -> None:
     far = np.array([[-9.0, -9.0, -9.0, -9.0], [9.0, 9.0, 9.0, 9.0], [1.0, 1.0, 2.0, 1.0]])
     assert SPACES.clip(far).tolist() == [[-1.0, 0.0, 2.0, -9.0], [3.0, 9.0, 2.0, 9.0], [1.0, 1.0, 2.0, 1.0]]

@@ -102,7 +102,7 @@ def test_a_file_of_schema_1_is_rejected_by_its_number(tmp_path: Path, random_pol
     with np.load(path) as file:
         arrays = {name: file[name] for name in file.files if name != "inputs"}
     np.savez(path, **{**arrays, "schema": np.array(1)})
-    with pytest.raises(ValueError, match="a policy of schema 2, got schema 1"):
+    with pytest.raises(ValueError, match="a policy of schema 3, got schema 1"):
         load_policy(path)
 
 

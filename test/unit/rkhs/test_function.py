@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -5,12 +7,14 @@ from hypothesis import strategies as st
 
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
+from rkhs_ros.rkhs.pursuit import sparsify
 
 KERNELS: list[Kernel] = [RBF((0.8, 1.4)), Polynomial(1.0, 3), RBF((1.0,)) + Polynomial(0.5, 1)]
 over_kernels = pytest.mark.parametrize("kernel", KERNELS, ids=str)
 
 
 def random_function(kernel: Kernel, seed: int, centres: int = 6, output_dim: int = 2) -> Function:
+    """Return a function of the RKHS."""
     rng = np.random.default_rng(seed)
     return Function(kernel, rng.normal(size=(centres, 2)), rng.normal(size=(centres, output_dim)))
 
@@ -41,9 +45,20 @@ def test_inner_product_and_norm_match_the_gram_matrix(kernel: Kernel, seed: int)
 @over_kernels
 @given(seed=st.integers(0, 1000), factor=st.floats(-5, 5))
 def test_values_are_linear_in_the_function(kernel: Kernel, seed: int, factor: float) -> None:
-    h, g = random_function(kernel, seed, 3), random_function(kernel, seed + 1, 5)
+    h, g = random_function(kernel, seed, 3), replace(random_function(kernel, seed + 1, 5), bias=(0.7, -2.0))
     x = np.random.default_rng(seed + 2).normal(size=(4, 2))
     np.testing.assert_allclose((h + g.scale(factor))(x), h(x) + factor * g(x), rtol=1e-9, atol=1e-9)
+
+
+@over_kernels
+def test_a_bias_is_added_to_all_values_and_stays_in_sums_and_sparsified_functions(kernel: Kernel) -> None:
+    h, x = random_function(kernel, 0), np.random.default_rng(1).normal(size=(30, 2))
+    shifted = replace(h, bias=(5.0, -1e3))
+    np.testing.assert_allclose(shifted(x), h(x) + np.array([5.0, -1e3]), rtol=1e-12)
+    np.testing.assert_allclose((shifted + shifted)(x), 2.0 * shifted(x), rtol=1e-12)
+    few, unshifted = sparsify(shifted, x, budget=3), sparsify(h, x, budget=3)
+    assert np.array_equal(few.chosen, unshifted.chosen)
+    np.testing.assert_allclose(few.function(x), unshifted.function(x) + np.array([5.0, -1e3]), rtol=1e-12)
 
 
 def test_the_distance_of_a_function_from_itself_is_0() -> None:
@@ -53,7 +68,7 @@ def test_the_distance_of_a_function_from_itself_is_0() -> None:
 
 def test_the_zero_function_is_zero_everywhere_and_neutral(rng: np.random.Generator) -> None:
     kernel, x = KERNELS[0], rng.normal(size=(5, 2))
-    zero, h = Function.zero(kernel, 2, 3), random_function(kernel, 0, output_dim=3)
+    zero, h = Function.constant(kernel, 2, 3), random_function(kernel, 0, output_dim=3)
     assert np.array_equal(zero(x), np.zeros((5, 3)))
     assert zero.norm() == 0.0
     assert np.array_equal((zero + h)(x), h(x))

@@ -272,9 +272,9 @@ def test_settings_without_effect_on_results_may_differ(folder: Path, states: lis
 def test_a_checkpoint_of_another_schema_is_rejected(folder: Path, states: list[State]) -> None:
     path, *_ = write(folder, states[0])
     arrays = unpacked(path.read_bytes())
-    about = arrays["about"].item().replace(b'"schema": 5', b'"schema": 6').replace(__version__.encode(), b"9.8.7")
+    about = arrays["about"].item().replace(b'"schema": 6', b'"schema": 7').replace(__version__.encode(), b"9.8.7")
     path.write_bytes(packed({"about": np.array(about)}))
-    with pytest.raises(ValueError, match=r"a checkpoint of schema 5, got schema 6. Resume with rkhs_ros 9\.8\.7"):
+    with pytest.raises(ValueError, match=r"a checkpoint of schema 6, got schema 7. Resume with rkhs_ros 9\.8\.7"):
         newest(folder)
 
 

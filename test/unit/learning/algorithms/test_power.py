@@ -126,8 +126,10 @@ def test_the_diagonal_solution_is_the_mean_of_each_parameters_exploration(
     total = np.zeros((9, 2))
     for s, a, weight in zip(x, episodes.flat(episodes.actions), q, strict=True):
         phi = policy.mean.kernel(s[None], moved.mean.centres)[0]
-        parameters = np.linalg.pinv(phi[None]) @ a[None]  # the smallest epsilon with phi' epsilon = a - 0
-        np.testing.assert_allclose(phi @ parameters, a, rtol=1e-9)
+        parameters = (
+            np.linalg.pinv(phi[None]) @ (a - policy.mean.bias)[None]
+        )  # the smallest epsilon with phi' epsilon = a - b
+        np.testing.assert_allclose(phi @ parameters, a - policy.mean.bias, rtol=1e-9)
         total += weight * parameters
     np.testing.assert_allclose(moved.mean.weights, total / q.sum(), rtol=1e-8, atol=1e-10)
 
@@ -224,7 +226,7 @@ def test_a_learnt_variance_is_within_its_bounds_for_any_weights(
 ) -> None:
     rng = np.random.default_rng(seed)
     kernel = Polynomial(0.0, 2) if form == "quadratic" else RBF((0.5,))
-    policy = GaussianPolicy(Function.zero(kernel, 2, 2), ConstantVariance(np.ones(2)))
+    policy = GaussianPolicy(Function.constant(kernel, 2, 2), ConstantVariance(np.ones(2)))
     shape = (4, 6)
     states, done = rng.normal(size=(*shape, 2)), rng.normal(scale=3, size=(*shape, 2))
     episodes = Episodes.without_ends(states, done, np.ones(shape), np.ones(shape, dtype=bool))
@@ -255,7 +257,7 @@ def test_the_learnt_variance_is_a_kernel_weighted_mean_of_squared_exploration(
 
 
 def test_each_sample_adds_to_the_variance_at_its_nearest_centre() -> None:
-    policy = GaussianPolicy(Function.zero(RBF((1.0,)), 1, 1), ConstantVariance(np.ones(1)))
+    policy = GaussianPolicy(Function.constant(RBF((1.0,)), 1, 1), ConstantVariance(np.ones(1)))
     states = np.array([[[0.1], [0.2], [3.8], [4.1]]])
     done = np.array([[[1.0], [2.0], [3.0], [5.0]]])
     episodes = Episodes.without_ends(states, done, np.ones((1, 4)), np.ones((1, 4), dtype=bool))
@@ -268,7 +270,7 @@ def test_each_sample_adds_to_the_variance_at_its_nearest_centre() -> None:
 
 def bandit(best: float) -> tuple[GaussianPolicy, Episodes]:
     """Return one-step episodes in one state; the closer an action to the best, the higher its reward."""
-    policy = GaussianPolicy(Function.zero(RBF((1.0,)), 1, 1), ConstantVariance(np.ones(1)))
+    policy = GaussianPolicy(Function.constant(RBF((1.0,)), 1, 1), ConstantVariance(np.ones(1)))
     actions = np.random.default_rng(1).standard_normal((200, 1, 1))
     rewards = np.exp(-0.5 * (actions[:, :, 0] - best) ** 2)
     return policy, Episodes.without_ends(np.zeros((200, 1, 1)), actions, rewards, np.ones((200, 1), dtype=bool))

@@ -34,7 +34,7 @@ def test_the_cap_limits_the_step() -> None:
 def test_annealing_decreases_the_divergence_over_the_iterations(annealing: float, iteration: int) -> None:
     x, variance = np.linspace(-1, 1, 9)[:, None], np.full((9, 1), 0.5)
     kernel = RBF((1.0,))
-    old = GaussianPolicy(Function.zero(kernel, 1, 1), ConstantVariance(np.array([0.5])))
+    old = GaussianPolicy(Function.constant(kernel, 1, 1), ConstantVariance(np.array([0.5])))
     w = Function(kernel, np.zeros((1, 1)), np.ones((1, 1)))
     size = KLStep(0.04, cap=1e6, annealing=annealing).step_size(w(x), variance, never, iteration)
     expected = 0.04 / (1 + annealing * iteration)

@@ -92,7 +92,7 @@ def test_an_angle_at_its_jump_does_not_vary(rng: np.random.Generator) -> None:
 
 def test_without_visited_starts_all_rollouts_start_from_initial_observations(rng: np.random.Generator) -> None:
     episodes = walks(rng, 0.01 * rng.standard_normal((ROWS, 2)))
-    policy = GaussianPolicy(Function.zero(RBF((1.0,)), 2, 1), ConstantVariance(np.ones(1)))
+    policy = GaussianPolicy(Function.constant(RBF((1.0,)), 2, 1), ConstantVariance(np.ones(1)))
     runner = ModelRunner(fitted(episodes), visited_starts=False)
     begins = runner.collect(policy, Batch(0, 0, 100, 2, explore=True)).observations[:, 0]
     assert {row.tobytes() for row in begins} == {row.tobytes() for row in episodes.observations[:, 0]}

@@ -146,7 +146,7 @@ def weights_of_updates(training: Training, episodes: Episodes) -> list[Array]:
     points, variance, rkhs_nac = episodes.flat(episodes.observations), experience.first_variance, RKHSNAC(centres=12)
     algorithm = replace(rkhs_nac, ridge=rkhs_nac.ridge / FINER, value_ridge=rkhs_nac.value_ridge / FINER)
     policy = first_policy(training, experience.spaces)
-    policy = replace(policy, mean=Function.zero(training.kernel.fit(points, 1), 2, 1), noise="white")
+    policy = replace(policy, mean=Function.constant(training.kernel.fit(points, 1), 2, 1), noise="white")
     deviation, memory, weights = np.sqrt(variance), Episodes.none(HORIZON, 2, 1), []
     for number in range(settings.updates):
         policy = replace(policy, variance=ConstantVariance(deviation**2))
