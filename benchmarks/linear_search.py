@@ -97,7 +97,7 @@ class ARS:
             self.mean = self.mean + STEP_SIZE / (BEST * sd) * (ahead - behind)[best] @ directions
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Bounded(Function):
     """A function with values clipped to bounds of shape (n,), so that values fed back stay finite."""
 
@@ -125,7 +125,8 @@ def linear(weights: Array, seen: Array, spaces: Spaces) -> Function:
     # The kernel is 1 at the first centre, and 1 plus the input j at the centre j.
     centres = centre + np.concatenate([np.zeros((1, d)), np.diag(scale)])
     coefficients = np.array([constant - np.sum(slopes, axis=0), *slopes])
-    return Bounded(Linear(tuple(centre), tuple(scale)), centres, coefficients, low, high)
+    kernel = Linear(tuple(centre), tuple(scale))
+    return Bounded(kernel=kernel, centres=centres, weights=coefficients, low=low, high=high)
 
 
 def learn(make: Callable[[int, int], Search], trial: Trial) -> Iterator[Point]:
