@@ -39,7 +39,7 @@ def test_actions_are_learnt_relative_to_the_middle_of_their_bounds() -> None:
             bounds = Box(middle - 3.0, middle + 3.0, (1,), np.float64)
             return TransformAction(task, lambda action: action - middle, bounds)
 
-        training = replace(SHORT, horizon=60, iterations=2, exploration_sd=("range"), model=model)
+        training = replace(SHORT, horizon=60, iterations=2, exploration_sd="range", model=model)
         *_, last = train(training, InlineRunner(Simulation(make)))
         return last
 

@@ -126,10 +126,9 @@ def test_the_diagonal_solution_is_the_mean_of_each_parameters_exploration(
     total = np.zeros((9, 2))
     for s, a, weight in zip(x, episodes.flat(episodes.actions), q, strict=True):
         phi = policy.mean.kernel(s[None], moved.mean.centres)[0]
-        parameters = (
-            np.linalg.pinv(phi[None]) @ (a - policy.mean.bias)[None]
-        )  # the smallest epsilon with phi' epsilon = a - b
-        np.testing.assert_allclose(phi @ parameters, a - policy.mean.bias, rtol=1e-9)
+        explored = a - policy.mean.bias
+        parameters = np.linalg.pinv(phi[None]) @ explored[None]  # the smallest epsilon with phi' epsilon = a - b
+        np.testing.assert_allclose(phi @ parameters, explored, rtol=1e-9)
         total += weight * parameters
     np.testing.assert_allclose(moved.mean.weights, total / q.sum(), rtol=1e-8, atol=1e-10)
 
