@@ -77,7 +77,7 @@ class Policy:
         return f"<Policy of {self.task.environment}: {sizes}>"
 
     def reset(self) -> None:
-        """Clear the window for a new episode."""
+        """Clear the window and the repeated action before a new episode."""
         self._observations.clear()
         self._actions.clear()
         self._held = None
