@@ -1,11 +1,12 @@
 r"""A dynamics model that is learnt from episodes: changes of observations, rewards and termination.
 
 .. math:: o_{t+1} = o_t + f(x_t, a_t) + \epsilon, \qquad r_t = g(x_t, a_t) \text{ or } g(o_{t+1}, a_t), \qquad
-    \text{over after } t \Leftrightarrow e(o_{t+1}) > 0
+    \text{over after } t \Leftrightarrow o_{t+1} \in E
 
 x are the policy's inputs, a is the clipped action, and + adds in the coordinates of
-`rkhs_ros.learning.model.state_coordinates.StateCoordinates`. f, g and e are posteriors over functions, so the model
-represents its own uncertainty (like PILCO's, Deisenroth and Rasmussen, 2011). Priors replace parts of the model.
+`rkhs_ros.learning.model.state_coordinates.StateCoordinates`. f and g are posteriors over functions and E
+is a random set, so the model represents its own uncertainty (like PILCO's, Deisenroth and Rasmussen, 2011). Priors
+replace parts of the model.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.priors import Priors
 from rkhs_ros.learning.model.state_coordinates import StateCoordinates
 from rkhs_ros.learning.model.terminal_reward import TerminalReward
+from rkhs_ros.learning.model.termination import Limits, fit_termination
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import ROUNDING, Array, deviations, spreads
@@ -118,8 +120,8 @@ class DynamicsModel:
         state_delta: posterior of the change of the observation in a step, without the prior part.
         rewards: posterior of the reward of a non-terminal step; None with a prior.
         reward_depends_on_next: whether the reward is a function of the next observation instead of the current one.
-        termination: posterior that is positive if an observation terminates the episode; None with a prior, or if no
-            episode was terminated.
+        termination: limits of the features beyond which an episode is terminated, or a posterior that is positive
+            there; None with a prior, or if no episode was terminated.
         terminal_reward: reward that a terminal step earns in addition to the prediction of the attribute ``rewards``.
         low: lower end of the observed range, shape (d,); -inf for periodic columns.
         high: upper end of the observed range, shape (d,); inf for periodic columns.
@@ -136,7 +138,7 @@ class DynamicsModel:
     state_delta: Posterior
     rewards: Posterior | None
     reward_depends_on_next: bool
-    termination: Posterior | None
+    termination: Limits | Posterior | None
     terminal_reward: TerminalReward
     low: Array
     high: Array
@@ -335,20 +337,9 @@ def _starts_vary(starts: Array, steps: Transitions, inputs: Inputs) -> bool:
     return bool((initial.std(axis=0) > VARYING * spread)[is_state].any())
 
 
-def _termination(steps: Transitions, inputs: Inputs, centres: int) -> Posterior | None:
-    """Fit a regression to +1 for terminal and -1 for other observations.
-
-    Terminal observations are rare. With equal weights the fit misses some of them; with equal total weight for both
-    classes the boundary moves inwards. The square roots of the class weights are a compromise. If every step is
-    terminal, the fit is +1 everywhere.
-    """
-    ended = steps.terminated
-    if not ended.any():
-        return None
-    ends, goes_on = (max(int(which.sum()), 1) for which in (ended, ~ended))
-    shares = np.sqrt(np.where(ended, 0.5 / ends, 0.5 / goes_on) * len(ended))
-    points = inputs.features(steps.next_observations)
-    return Posterior.fit(points, np.where(ended, 1.0, -1.0)[:, None], centres, shares)
+def _termination(steps: Transitions, inputs: Inputs, centres: int) -> Limits | Posterior | None:
+    before, after = inputs.features(steps.observations), inputs.features(steps.next_observations)
+    return fit_termination(before, after, steps.terminated, centres)
 
 
 def _bounds(steps: Transitions, coordinates: StateCoordinates) -> dict[str, Array]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel, points_of
+from rkhs_ros.learning.model.termination import Limits
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch, stream
@@ -26,11 +27,13 @@ class Draws:
         changes: functions of the changes of the observations, one draw per episode.
         rewards: functions of the rewards, one draw per episode; None with a prior.
         noise: noise of the changes in the observations' units, shape (N, H, d).
+        limits: lower and upper limits of the features, shape (N, 2, q); None if the model has no limits.
     """
 
     changes: DrawnFunctions
     rewards: DrawnFunctions | None
     noise: Array
+    limits: Array | None
 
     def with_rows(self, which: NDArray[np.bool_], fresh: Draws) -> Draws:
         """Return a copy with new draws for some of the N episodes.
@@ -45,11 +48,13 @@ class Draws:
             result[which] = new
             return result
 
-        rewards = self.rewards
+        rewards, limits = self.rewards, self.limits
+        if limits is not None and fresh.limits is not None:
+            limits = merged(limits, fresh.limits)
         if rewards is not None and fresh.rewards is not None:
             rewards = replace(rewards, weights=merged(rewards.weights, fresh.rewards.weights))
         changes = replace(self.changes, weights=merged(self.changes.weights, fresh.changes.weights))
-        return Draws(changes, rewards, merged(self.noise, fresh.noise))
+        return Draws(changes, rewards, merged(self.noise, fresh.noise), limits)
 
 
 class ModelRunner:
@@ -101,7 +106,9 @@ class ModelRunner:
         rewards = None if model.rewards is None else self._drawn(model.rewards, streams)
         shape = (horizon, model.spaces.observation_dim)
         noise = np.stack([own.standard_normal(shape) for own in streams]) * model.state_delta.noise
-        return Draws(changes, rewards, noise)
+        ends = model.termination
+        limits = np.stack([ends.draw(own) for own in streams]) if isinstance(ends, Limits) else None
+        return Draws(changes, rewards, noise, limits)
 
     def step(self, draws: Draws, steps: NDArray[np.int_], inputs: Array, now: Array, actions: Array) -> Episodes:
         """Advance each rollout by one step; return these steps as N episodes of one step.
@@ -170,7 +177,7 @@ class ModelRunner:
         earned = self._rewards(observations, points, draws.rewards)
         if self._optimism > 0.0:
             earned += self._optimism * self._novelty(points)
-        return self._cut(observations, actions, earned)
+        return self._cut(observations, actions, earned, draws.limits)
 
     def _rewards(self, observations: Array, points: Array, drawn: DrawnFunctions | None) -> Array:
         """Return the rewards of all steps, shape (N, H): from the prior, or drawn and clipped."""
@@ -194,24 +201,27 @@ class ModelRunner:
         relative = changes.sd(points.reshape(-1, points.shape[-1])) / changes.targets.scale
         return np.asarray(relative.mean(axis=1).reshape(points.shape[:2]))
 
-    def _ended(self, observations: Array) -> NDArray[np.bool_]:
+    def _ended(self, observations: Array, limits: Array | None) -> NDArray[np.bool_]:
         """Return whether each observation, shape (N, H, d), terminates its episode: shape (N, H)."""
-        termination_fn, ends = self._model.priors.termination_fn, self._model.termination
-        if termination_fn is not None:
-            ended = termination_fn(observations.reshape(-1, observations.shape[-1])) != 0.0
-            return np.asarray(ended).reshape(observations.shape[:2])
-        if ends is None:
-            return np.zeros(observations.shape[:2], dtype=bool)
-        expected = ends.expected()
+        model, shape = self._model, observations.shape[:2]
+        if model.priors.termination_fn is not None:
+            ended = model.priors.termination_fn(observations.reshape(-1, observations.shape[-1])) != 0.0
+            return np.asarray(ended).reshape(shape)
+        if limits is not None:
+            features = model.inputs.features(observations)
+            return np.asarray(((features < limits[:, :1]) | (features > limits[:, 1:])).any(axis=2))
+        if not isinstance(model.termination, Posterior):
+            return np.zeros(shape, dtype=bool)
+        expected = model.termination.expected()
         # Clipping extends the boundary of termination beyond the observed range.
-        features = self._model.inputs.features(self._model.clip_to_observed(observations))
+        features = model.inputs.features(model.clip_to_observed(observations))
         return np.stack([expected.of_draw(0, its_features)[:, 0] > 0 for its_features in features])
 
-    def _cut(self, observations: Array, actions: Array, rewards: Array) -> Episodes:
+    def _cut(self, observations: Array, actions: Array, rewards: Array, limits: Array | None) -> Episodes:
         """Return the episodes, each truncated where the model terminates it."""
         before, after = observations[:, :-1], observations[:, 1:]
         rows, horizon = rewards.shape
-        ended = self._ended(after)
+        ended = self._ended(after, limits)
         terminated = np.asarray(ended.any(axis=1))
         last = np.where(terminated, ended.argmax(axis=1), horizon - 1)
         mask = np.arange(horizon) <= last[:, None]

@@ -25,6 +25,7 @@ from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.rkhs.posterior import Posterior
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.checkpoint import Checkpoints
@@ -180,7 +181,7 @@ def test_rollouts_terminate_at_once_if_all_real_episodes_did() -> None:
     _, second, _ = learn(settings(), partial(Odd, (1,)))
     real = second.state.memory
     model = DynamicsModel.fit(real, Inputs(), Spaces((2,), np.array([-1.0]), np.array([1.0])), 20)
-    assert model.termination is not None
+    assert isinstance(model.termination, Posterior)
     assert (model.termination.mean(real.final_observations) > 0).all()
     rewards = real.flat(real.rewards)
     margin = REWARD_MARGIN * np.ptp(rewards)

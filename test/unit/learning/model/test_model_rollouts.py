@@ -206,25 +206,6 @@ def test_rollouts_that_end_on_the_better_side_earn_more(rng: np.random.Generator
     assert np.mean(errors < 2.0) > 0.9
 
 
-def test_rare_terminations_are_neither_missed_nor_predicted_too_early() -> None:
-    """Use the square roots of balancing weights: balanced ones would end 8 % of the steps before the limit."""
-    limit, rows, line = 2.5, 2000, np.linspace(-3.0, 3.0, 301)
-    beyond, errors = np.abs(line) > limit, []
-    for seed in range(6):
-        rng = np.random.default_rng(seed)
-        start, final = rng.normal(size=(2, rows, 2))
-        over = np.abs(final[:, 0]) > limit
-        once = np.ones((rows, 1), dtype=bool)
-        real = Episodes(start[:, None], np.zeros((rows, 1, 1)), np.zeros((rows, 1)), once, final, over)
-        model = DynamicsModel.fit(real, Inputs(), SPACES, 40)
-        assert model.termination is not None
-        ended = model.termination.mean(np.stack([line, 0.5 * rng.normal(size=len(line))], axis=1))[:, 0] > 0
-        errors.append((ended[~beyond].mean(), (~ended)[beyond].mean()))
-    too_early, missed = np.mean(errors, axis=0)
-    assert too_early < 0.055
-    assert missed < 0.025  # 5 % with equal weights
-
-
 def test_rollouts_follow_the_conventions_of_real_episodes(rng: np.random.Generator) -> None:
     model = DynamicsModel.fit(simulated_episodes(rng, rows=100, ending=True), Inputs(), SPACES, 40)
     rollouts = ModelRunner(model).collect(policy_of(rng), batch_of(50))
