@@ -1,11 +1,10 @@
-"""Measure the PR2 episodes per second over topics, with one and with two simulator nodes."""
+"""Measure the PR2 episodes per second in process and over topics."""
 
 from __future__ import annotations
 
 import os
 import tempfile
 from itertools import count
-from multiprocessing import get_context
 from pathlib import Path
 
 os.environ["OMP_NUM_THREADS"] = "1"
@@ -32,14 +31,14 @@ EPISODES, ROUNDS = 20, 5
 QUICK = 2, 1
 
 
-def episodes_per_second(simulators: int, episodes: int, rounds: int) -> float:
+def episodes_per_second(episodes: int, rounds: int) -> float:
     """Return the median over rounds of the episodes per second."""
-    config = load_config(CONFIG, [f"simulators={simulators}"])
+    config = load_config(CONFIG)
     with tempfile.TemporaryDirectory() as folder:
         parameters = Path(folder) / "parameters.yaml"
-        parameters.write_text(for_all(resolved(config), simulators))
+        parameters.write_text(for_all(resolved(config)))
         rclpy.init(args=["--ros-args", "--params-file", str(parameters)])
-        with started(node_names(simulators)[:-1], parameters):
+        with started(node_names()[:-1], parameters):
             learner = LearnerNode()
             learner.open()
             learner.runner.connect()
@@ -65,10 +64,7 @@ def main(episodes: int, rounds: int) -> None:
     policy = first_policy(config.training, inline.spaces)
     single = seconds_per_batch(inline, policy, episodes, rounds) / episodes
     print(f"an episode in process           {1e3 * single:6.1f} ms   (at most 150 ms)")
-    with get_context("spawn").Pool(1, maxtasksperchild=1) as pool:  # a learner exits if there is another one
-        one, two = pool.starmap(episodes_per_second, [(n, episodes, rounds) for n in (1, 2)], chunksize=1)
-    print(f"episodes/s, one simulator node  {one:6.2f}")
-    print(f"episodes/s, two simulator nodes {two:6.2f}      {two / one:.2f} times (aim 1.6)")
+    print(f"episodes/s over topics          {episodes_per_second(episodes, rounds):6.2f}")
 
 
 if __name__ == "__main__":

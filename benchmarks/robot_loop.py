@@ -112,9 +112,9 @@ def main(horizon: int, episodes: int) -> None:
     config = load_config(CONFIG, [*AT_50_HZ, f"horizon={horizon}"])
     with tempfile.TemporaryDirectory() as folder:
         parameters = Path(folder) / "parameters.yaml"
-        parameters.write_text(for_all(resolved(config), simulators=1))
+        parameters.write_text(for_all(resolved(config)))
         rclpy.init(args=["--ros-args", "--params-file", str(parameters)])
-        with started(node_names(1, config.environment.nodes)[:-1], parameters):
+        with started(node_names(config.environment.nodes)[:-1], parameters):
             learner = LearnerNode()
             learner.open()
             loop, policy = Loop(learner), policy_of(config)

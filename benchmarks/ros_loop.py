@@ -104,7 +104,7 @@ def over_topics(config: Config, policy: GaussianPolicy, names: tuple[str, ...]) 
     batch = batch_of(config)
     with tempfile.TemporaryDirectory() as folder:
         parameters = Path(folder) / "parameters.yaml"
-        parameters.write_text(for_all(resolved(config), simulators=1))
+        parameters.write_text(for_all(resolved(config)))
         rclpy.init(args=["--ros-args", "--params-file", str(parameters)])
         with started(names, parameters):
             learner = LearnerNode()

@@ -7,6 +7,7 @@ starts as well, and the robot node arms the gate.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
@@ -29,15 +30,14 @@ ABOUT = {
     "simulated": "true: also start the simulated robot of the section /**/simulated_robot",
     "namespace": "namespace of all nodes",
 }
+OnExit = Callable[[ProcessExited, LaunchContext], list[Action]]
 DEFAULTS = {"resume": "false", "simulated": "false", "namespace": ""}
-AGAIN = {"respawn": True, "respawn_delay": 1.0}
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Start gate, robot, policy and learner nodes; all exit with the learner, or with the gate.
+    """Start gate, robot, policy and learner nodes; all exit with the first one that exits.
 
-    Killed robot and policy nodes are restarted, and the learner continues with them. The gate is not restarted: an
-    operator has to find the cause.
+    After a fault, resume the run with ``resume:=true``, and arm the gate again.
     """
     arguments = [
         DeclareLaunchArgument(
@@ -65,7 +65,6 @@ def nodes(context: LaunchContext) -> list[Action]:
     require(not simulated or "simulated_robot" in config.environment.nodes, "simulated", expected, "none")
     check_robot(config)
     file = robot_parameters(config, folder, resume=given["resume"] == "true", simulated=simulated)
-    more = {"gate": {"on_exit": gate_ended}, "learner": {"on_exit": learner_ended}}
     return [
         Node(
             package="rkhs_ros",
@@ -73,17 +72,10 @@ def nodes(context: LaunchContext) -> list[Action]:
             namespace=given["namespace"],
             output="screen",
             parameters=[str(file)],
-            **more.get(name, AGAIN),
+            on_exit=learner_ended if name == "learner" else server_ended(name),
         )
         for name in (*(["simulated_robot"] if simulated else []), "gate", "robot", "policy", "learner")
     ]
-
-
-def gate_ended(event: ProcessExited, context: LaunchContext) -> list[Action]:
-    """End the run with the gate; raising makes ``ros2 launch`` exit with 1."""
-    if not context.is_shutdown:
-        raise RuntimeError(f"the gate exited with code {event.returncode}; nothing may move without it")
-    return []
 
 
 def learner_ended(event: ProcessExited, context: LaunchContext) -> list[Action]:
@@ -91,3 +83,14 @@ def learner_ended(event: ProcessExited, context: LaunchContext) -> list[Action]:
     if event.returncode != 0 and not context.is_shutdown:
         raise RuntimeError(f"the learner exited with code {event.returncode}")
     return [Shutdown(reason="the learner is done")]
+
+
+def server_ended(name: str) -> OnExit:
+    """Return a handler that ends the run if a node exits before the learner."""
+
+    def ended(event: ProcessExited, context: LaunchContext) -> list[Action]:
+        if not context.is_shutdown:
+            raise RuntimeError(f"the {name} node exited before the learner, with code {event.returncode}")
+        return []
+
+    return ended

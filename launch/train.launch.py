@@ -15,24 +15,21 @@ from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
 from rkhs_ros.base.validation import require
-from rkhs_ros.nodes.core.names import namespaces, require_known_arguments
-from rkhs_ros.runs.config import load_config
+from rkhs_ros.nodes.core.names import require_known_arguments
 
 ABOUT = {
     "config": "parameter file, see config/",
     "output": "folder for the results; empty for results/NAME/TIME",
     "resume": "true: resume the run in the output folder, if there is one",
-    "simulators": "number of simulator nodes that share the episodes; empty for that of the configuration",
     "namespace": "namespace of all nodes",
 }
-AGAIN = {"respawn": True, "respawn_delay": 1.0}
 OnExit = Callable[[ProcessExited, LaunchContext], list[Action]]
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Start simulator, policy and learner nodes; all exit with the learner, with its exit code.
+    """Start simulator, policy and learner nodes; all exit with the first one that exits.
 
-    Killed simulator and policy nodes are restarted, and the learner continues with them.
+    After a fault, resume the run with ``resume:=true``.
     """
     share = FindPackageShare("rkhs_ros")
     defaults = {"config": PathJoinSubstitution([share, "config", "pendulum_nac.yaml"]), "resume": "false"}
@@ -52,37 +49,18 @@ def nodes(context: LaunchContext) -> list[Action]:
     require_known_arguments(sys.argv, Path(__file__).name, ABOUT)
     given = {name: LaunchConfiguration(name).perform(context) for name in ABOUT}
     require(given["resume"] in ("true", "false"), "resume", "true or false", given["resume"])
-    settings = [f"simulators={given['simulators']}"] if given["simulators"] else []
-    simulators = load_config(Path(given["config"]), settings).training.simulators
-    common = {"package": "rkhs_ros", "output": "screen"}
-    learner = {"output": given["output"], "resume": given["resume"] == "true", "simulators": simulators}
+    learner = {"output": given["output"], "resume": given["resume"] == "true"}
+    parameters = {"policy": [given["config"]], "simulator": [given["config"]], "learner": [given["config"], learner]}
     return [
-        *(
-            Node(
-                executable="simulator",
-                namespace="/".join(filter(None, (given["namespace"], namespace.rstrip("/")))),
-                parameters=[given["config"]],
-                on_exit=server_ended("simulator"),
-                **common,
-                **AGAIN,
-            )
-            for namespace in namespaces(simulators)
-        ),
         Node(
-            executable="policy",
+            package="rkhs_ros",
+            executable=name,
             namespace=given["namespace"],
-            parameters=[given["config"], {"simulators": simulators}],
-            on_exit=server_ended("policy"),
-            **common,
-            **AGAIN,
-        ),
-        Node(
-            executable="learner",
-            namespace=given["namespace"],
-            parameters=[given["config"], learner],
-            on_exit=learner_ended,
-            **common,
-        ),
+            output="screen",
+            parameters=own,
+            on_exit=learner_ended if name == "learner" else server_ended(name),
+        )
+        for name, own in parameters.items()
     ]
 
 
@@ -94,10 +72,10 @@ def learner_ended(event: ProcessExited, context: LaunchContext) -> list[Action]:
 
 
 def server_ended(name: str) -> OnExit:
-    """Return a handler that ends the run if a node exits before the learner without being killed."""
+    """Return a handler that ends the run if a node exits before the learner."""
 
     def ended(event: ProcessExited, context: LaunchContext) -> list[Action]:
-        if event.returncode >= 0 and not context.is_shutdown:
+        if not context.is_shutdown:
             raise RuntimeError(f"the {name} node exited before the learner, with code {event.returncode}")
         return []
 

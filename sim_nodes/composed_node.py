@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from rkhs_ros.base.endings import Stop
-from rkhs_ros.base.threads import one_thread
 from rkhs_ros.nodes.core.spin import open_node, run, serve_together
 from rkhs_ros.nodes.lockstep.policy_node import PolicyNode
 from sim_nodes.simulator_node import SimulatorNode
@@ -25,8 +24,7 @@ def serve_with_policy(simulator: SimulatorNode, stop: Stop) -> None:
 
 def main() -> None:
     """Run both nodes."""
-    with one_thread():
-        run(SimulatorNode, "simulator", serve_with_policy)
+    run(SimulatorNode, "simulator", serve_with_policy)
 
 
 if __name__ == "__main__":

@@ -5,10 +5,8 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable
 from contextlib import ExitStack, closing
-from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from rosgraph_msgs.msg import Clock
 
@@ -16,9 +14,8 @@ import sim_nodes.envs  # noqa: F401  # registers the tasks
 from rkhs_interfaces import msg
 from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
-from rkhs_ros.base.endings import RunError
-from rkhs_ros.base.threads import one_thread
-from rkhs_ros.base.validation import require
+from rkhs_ros.base.endings import RunError, SilentError
+from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.nodes.core.arguments import require_section
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
@@ -31,9 +28,8 @@ from rkhs_ros.nodes.core.messages import (
     observation_message,
     show,
 )
-from rkhs_ros.nodes.core.parameters import declare, declared, given, process, require_known, restarts
+from rkhs_ros.nodes.core.parameters import declare, declared, given, require_known
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
-from rkhs_ros.nodes.core.uniqueness import Uniqueness
 from rkhs_ros.policies.messages import matrix
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
@@ -44,18 +40,15 @@ from rkhs_ros.runs.config import environment_from
 if TYPE_CHECKING:
     from rkhs_ros.nodes.robot.robot_state import RobotState
 
-MOST_STEPS = 2**40  # on a clock
-Value = TypeVar("Value")
 LISTENERS_PERIOD_S = 0.5  # between checks for subscribers of the clock
-FIRST_RETRY_S, LONGEST_RETRY_S = 0.02, 1.0  # before an unanswered observation is repeated; exponential back-off
 
 
 class SimulatorNode(ReportingNode):
     """Publishes observations, executes actions, and publishes the resulting episodes.
 
     Owns the environment, the current step, the running episodes and the clock. A step ends when its action arrives. The
-    node accepts only the action of the current batch, step and policy, so that no step runs twice. It repeats an
-    unanswered observation. If the environment fails, the batch stops, and `describe_task` reports the error.
+    node accepts only the action of the current batch, step and policy. If the environment or the policy fails, the
+    batch ends with a message that says why.
     """
 
     def __init__(self) -> None:
@@ -71,26 +64,23 @@ class SimulatorNode(ReportingNode):
         require_section(self.get_fully_qualified_name(), sys.argv)
         tree = given(self)
         shown = declared(self, tree, "robot_state", False, "publish joint_states and robot_description for viewers")
-        again, own_process = restarts(self, tree), process(self, tree)
         self._simulation = self._made.enter_context(closing(self._make_simulation(tree)))
         self._robot = self._make_robot_state() if shown else None
         self._batch: Batch | None = None
         self._identity = 0
         self._step = 0
         self._version = 0
-        self._failure = ""
+        self._timeout = 0.0  # seconds without an action; 0 for no limit
         self._clock_steps = 0
         self._clock_has_subscribers = False
         self._listeners_at = 0.0  # monotonic time, seconds
-        self._newest: Observation | None = None  # message of the batch, updated at each step; None without a batch
-        self._retry_s = FIRST_RETRY_S
-        self._retry_at = 0.0
-        self._result: Episodes | None = None
+        # Message of the batch, updated at each step; None without a running batch.
+        self._newest: Observation | None = None
+        self._published_at = 0.0  # monotonic time, seconds
         self._observations = self.create_publisher(Observation, "observation", LOCKSTEP_QOS)
         self._episodes = self.create_publisher(Episodes, "episodes", LOCKSTEP_QOS)
         self._clock_ticks = self.create_publisher(Clock, "clock", LOCKSTEP_QOS)
-        self.diagnostics = Diagnostics(self, again, self._report, ["action"])
-        self._uniqueness = Uniqueness(self, own_process)
+        self.diagnostics = Diagnostics(self, self._report, ["action"])
         self.create_subscription(Action, "action", self._act, LOCKSTEP_QOS)
         self.create_service(StartEpisodes, "start_episodes", self._start)
         self.create_service(DescribeTask, "describe_task", self._describe)
@@ -102,20 +92,18 @@ class SimulatorNode(ReportingNode):
         super().destroy_node()
 
     def heartbeat(self) -> float:
-        """Report, and repeat an unanswered observation; return the seconds until more is due."""
-        self._uniqueness.check()
-        wait = self.diagnostics.heartbeat()
+        """Publish the status if due; return the seconds until the next one.
+
+        Raises:
+            SilentError: the policy node did not act in time.
+        """
         now = time.monotonic()
+        if self._newest is not None and 0 < self._timeout < now - self._published_at:
+            raise SilentError(f"the policy node did not act within {self._timeout:g} s")
         if now >= self._listeners_at:
             self._clock_has_subscribers = self._clock_ticks.get_subscription_count() > 0
             self._listeners_at = now + LISTENERS_PERIOD_S
-        if not self._is_waiting:
-            return wait
-        if now >= self._retry_at:
-            self._observations.publish(self._newest)
-            self._retry_s = min(2 * self._retry_s, LONGEST_RETRY_S)
-            self._retry_at = now + self._retry_s
-        return min(wait, self._retry_at - now)
+        return self.diagnostics.heartbeat()
 
     def _make_simulation(self, tree: dict[str, dict[str, object]]) -> Simulation:
         require_known(tree, "environment")
@@ -134,24 +122,15 @@ class SimulatorNode(ReportingNode):
         return {"serving version": self._version, "batch": self._identity, "step": self._step}
 
     def _describe(self, request: DescribeTask.Request, response: DescribeTask.Response) -> DescribeTask.Response:
-        heard = self._observations.get_subscription_count() > 0 and self._episodes.get_subscription_count() > 0
-        place = (self._identity, self._step, self._clock_steps)
-        return describe(self._simulation, request.num_envs, *place, failure=self._failure, connected=heard)
+        return describe(self._simulation, request.num_envs)
 
     def _start(self, request: StartEpisodes.Request, response: StartEpisodes.Response) -> StartEpisodes.Response:
+        if not all(each.get_subscription_count() for each in (self._observations, self._episodes)):
+            response.message = "no node subscribes to the observations, or none to the episodes"
+            return response
         with self.diagnostics.accepting(response, "start_episodes"):
             self._check_task(request)
-            batch = batch_of(request)
-            require(request.clock < MOST_STEPS, "clock", f"less than {MOST_STEPS} steps", request.clock)
-            if self._batch is not None and request.batch == self._identity:
-                current, requested = (self._version, self._batch), (request.policy_version, batch)
-                expected = f"policy version and episodes {current}"
-                require(requested == current, f"batch {request.batch}", expected, requested)
-                seeds = request.environment_seeds.tolist()
-                require(seeds == self._seeds, f"seeds of batch {request.batch}", "the same as before", "others")
-                self._repeat()
-            else:
-                self._begin(request, batch)
+            self._begin(request, batch_of(request))
         return response
 
     def _check_task(self, request: StartEpisodes.Request) -> None:
@@ -160,49 +139,43 @@ class SimulatorNode(ReportingNode):
         require(requested == ours, "task", " with options ".join(ours), " with options ".join(requested))
 
     def _begin(self, request: StartEpisodes.Request, batch: Batch) -> None:
-        seeds = request.environment_seeds.tolist()
-        frame = self._attempt(partial(self._simulation.start, seeds=seeds), batch)
-        self._seeds: list[int] = seeds
-        self._batch, self._identity, self._version = batch, request.batch, request.policy_version
-        self._step, self._result = 0, None
-        self._clock_steps = max(self._clock_steps, request.clock)
-        self._recorder = None if seeds else EpisodeRecorder(batch, self._simulation.spaces)
-        if frame is not None:
-            self._publish(observation_message(self._identity, self._version, batch, 0, frame))
-            self._record(batch, frame)
-
-    def _attempt(self, call: Callable[[Value], Frame], value: Value) -> Frame | None:
-        """Call the simulation and return its next frame; None if it fails, which `describe_task` reports."""
+        seeds, failure = request.environment_seeds.tolist(), ""
         try:
-            frame = call(value)
+            frame = self._simulation.start(batch, seeds)
         except RunError as error:
-            self._newest = None
-            self._failure = self.diagnostics.stuck = str(error)
-            return None
-        self._failure = self.diagnostics.stuck = ""
-        return frame
+            failure = str(error)
+        self._identity, self._version, self._timeout = request.batch, request.policy_version, request.timeout
+        self._batch, self._step, self.diagnostics.stuck = batch, 0, ""
+        self._recorder = None if seeds else EpisodeRecorder(batch, self._simulation.spaces)
+        if failure:
+            self._fail(failure)
+            return
+        self._publish(observation_message(self._identity, self._version, batch, 0, frame))
+        self._record(batch, frame)
 
-    def _repeat(self) -> None:
-        """Repeat the last message, which may have been lost."""
-        if self._result is not None:
-            self._episodes.publish(self._result)
-        elif self._newest is not None:
-            self._observations.publish(self._newest)
+    def _fail(self, reason: str) -> None:
+        """End the batch."""
+        self._newest = None
+        self.diagnostics.stuck = reason
+        self._episodes.publish(Episodes(batch=self._identity, policy_version=self._version, failure=reason))
 
     def _act(self, message: Action) -> None:
         batch, observation = self._batch, self._newest
-        if batch is None or observation is None or not self._expects(message):
-            expected = f"batch {self._identity}, step {self._step}, policy version {self._version}"
-            got = f"batch {message.batch}, step {message.step}, policy version {message.policy_version}"
-            self.diagnostics.skip(f"action: expected {expected}, got {got}")
+        awaited, got = (
+            (self._identity, self._step, self._version),
+            (message.batch, message.step, message.policy_version),
+        )
+        if batch is None or observation is None or got != awaited:
+            names = "batch {}, step {}, policy version {}"
+            self.diagnostics.skip(f"action: expected {names.format(*awaited)}, got {names.format(*got)}")
             return
         try:
+            if message.failure:
+                raise RunError(f"{self._simulation.environment}: {truncated(message.failure)}")
             actions = matrix(message.actions, batch.num_envs, self._simulation.spaces.action_dim, "actions")
-        except ValueError as error:
-            self.diagnostics.refuse(f"action: {error}")
-            return
-        frame = self._attempt(self._simulation.step, actions)
-        if frame is None:
+            frame = self._simulation.step(actions)
+        except (ValueError, RunError) as error:
+            self._fail(str(error))
             return
         self._step += 1
         self._clock_steps += 1
@@ -214,20 +187,10 @@ class SimulatorNode(ReportingNode):
         if self._robot is not None:
             self._robot.publish()
 
-    def _expects(self, message: Action) -> bool:
-        expected = (self._identity, self._step, self._version)
-        return (message.batch, message.step, message.policy_version) == expected and self._is_waiting
-
-    @property
-    def _is_waiting(self) -> bool:
-        """Whether the node waits for an action."""
-        return self._newest is not None and not self._newest.over
-
     def _publish(self, message: Observation) -> None:
-        self._newest = message
         self._observations.publish(message)
-        self._retry_s = FIRST_RETRY_S
-        self._retry_at = time.monotonic() + FIRST_RETRY_S
+        self._newest = None if message.over else message
+        self._published_at = time.monotonic()
 
     def _record(self, batch: Batch, frame: Frame, actions: Array | None = None) -> None:
         """Record a step after publishing it, while the policy node computes.
@@ -240,8 +203,8 @@ class SimulatorNode(ReportingNode):
             self._recorder.acted(self._step - 1, actions)
         self._recorder.observed(self._step, frame)
         if frame.is_over:
-            self._result = episodes_message(msg, self._identity, self._version, self._recorder.episodes())
-            self._episodes.publish(self._result)
+            episodes = self._recorder.episodes()
+            self._episodes.publish(episodes_message(msg, self._identity, self._version, episodes))
 
     def _tick(self) -> None:
         seconds = self._clock_steps * self._simulation.step_seconds
@@ -251,8 +214,7 @@ class SimulatorNode(ReportingNode):
 
 def main() -> None:
     """Run the simulator node."""
-    with one_thread():
-        run(SimulatorNode, "simulator", serve)
+    run(SimulatorNode, "simulator", serve)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Launcher of the nodes of a run: starts a process per node, restarts nodes that die, and stops all together."""
+"""Launcher of the nodes of a run: starts a process per node, and stops all when one ends."""
 
 from __future__ import annotations
 
@@ -7,17 +7,16 @@ import signal
 import subprocess
 import sys
 import time
-from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from types import FrameType
-from typing import Any, NamedTuple
+from typing import Any
 
-from rkhs_ros.base.endings import BAD_INPUT, ENDING, FAILED, INTERRUPTED, deferred_signals
+from rkhs_ros.base.endings import BAD_INPUT, ENDING, FAILED, INTERRUPTED, RESUMABLE, deferred_signals
 from rkhs_ros.base.files import write_whole
-from rkhs_ros.base.parameter_files import GATE, LEARNER, PARAMETERS, POLICY, ROBOT, SIMULATED_ROBOT, SIMULATOR
+from rkhs_ros.base.parameter_files import GATE, LEARNER, PARAMETERS, ROBOT, SIMULATED_ROBOT, SIMULATOR
 from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.base.yaml_text import dumped, loaded, require_ros_value
 from rkhs_ros.nodes.core.names import node_names
@@ -27,11 +26,8 @@ TERMINATION_TIMEOUT_S = 2.0  # from SIGTERM until the node is killed
 # The gate first brings the robot to rest, and the simulated robot must run until then.
 BRAKING_TIMEOUT_S = {"gate": 10.0, "simulated_robot": 6.0}
 POLL_INTERVAL_S = 0.05
-MOST_DEATHS, DEATHS_WINDOW_S = 10, 300.0  # deaths of a node within the window; one more ends the run
-SHORTEST_BACKOFF_S, LONGEST_BACKOFF_S = 0.05, 5.0  # before a restart; doubles with each death
-NEVER_RESTARTED = ("gate",)  # a person must check why the gate stopped
 LEARNING = ("policy", "learner")  # nodes that are not part of the simulator or robot
-OWN_CODES = (0, FAILED, BAD_INPUT, INTERRUPTED)  # exit codes of a node; any other code means that it died
+OWN_CODES = (0, FAILED, BAD_INPUT, RESUMABLE, INTERRUPTED)  # of a node; any other exit code means that it died
 COMPOSED = "simulator+policy"  # two nodes in one process
 MODULES = {
     "simulator": "sim_nodes.simulator_node",
@@ -48,81 +44,33 @@ MODULES = {
 }
 
 
-class Moment(NamedTuple):
-    """Start time of a run, by the system clock in nanoseconds and by the monotonic clock in seconds."""
-
-    stamp: int
-    monotonic: float
-
-
 class NodeProcess:
-    """A node in a separate process that can be restarted.
+    """A node in a separate process.
 
-    Owns the process and the times of its latest deaths.
+    Owns the process.
 
     Args:
-        name: a key of `MODULES`, optionally after a namespace and a slash.
+        name: a key of `MODULES`.
         arguments: arguments of the node after ``--ros-args``.
-        began: start time of the run; None for a node without a run.
     """
 
-    def __init__(self, name: str, arguments: Sequence[str] = (), began: Moment | None = None) -> None:
+    def __init__(self, name: str, arguments: Sequence[str] = ()) -> None:
         self.name = name
-        self._arguments = list(arguments)
-        self._began = began
-        self._restarts = 0
-        self._deaths: deque[float] = deque(maxlen=MOST_DEATHS + 1)
-        self._restart_at: float | None = None
         self.is_interrupted = False
-        self.process = self._start()
-
-    def poll(self) -> int | None:
-        """Return the exit code if the node ended; restart the node when that is due."""
-        if self._restart_at is None:
-            return self.process.poll()
-        if time.monotonic() >= self._restart_at:
-            self._restart_at = None
-            self._restarts += 1
-            self.process = self._start()
-        return None
+        self.process = self._start(arguments)
 
     def interrupt(self) -> None:
-        """Stop the node without a restart."""
+        """Stop the node."""
         self.is_interrupted = True
-        self._restart_at = None
         _terminate_process(self.process)
 
-    def restart_later(self) -> bool:
-        """Schedule a restart after a back-off; return False if the node died too often."""
-        now = time.monotonic()
-        self._deaths.append(now)
-        recent = sum(now - death < DEATHS_WINDOW_S for death in self._deaths)
-        if recent > MOST_DEATHS:
-            return False
-        backoff = min(SHORTEST_BACKOFF_S * 2 ** (recent - 1), LONGEST_BACKOFF_S)
-        print(
-            f"warning: the {self.name} node {_how_it_ended(self.process.returncode)}; "
-            f"restarting in {backoff:g} s (restart {recent} of at most {MOST_DEATHS} within {DEATHS_WINDOW_S:g} s)",
-            file=sys.stderr,
-        )
-        self._restart_at = now + backoff
-        return True
-
-    def _start(self) -> subprocess.Popen[bytes]:
+    def _start(self, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
         """Start the node outside our foreground process group, so that it receives Ctrl-C only through the launcher."""
-        namespace, _, kind = self.name.rpartition("/")
-        more = [f"restarts:={self._restarts}"] if self._restarts else []
-        if self._began:
-            age = time.monotonic() - self._began.monotonic
-            more += [f"instance:={self._began.stamp + self._restarts}", f"run_age:={age:.6f}"]
-        more += ["resume:=true"] if self._restarts and kind == "learner" else []
-        loggers = self.name.replace("/", ".").split("+")
         # The launcher prints the progress.
-        quiet = [word for name in loggers for word in ("--log-level", f"{name}:=warn")]
-        ros = ["--ros-args", *quiet, "-r", f"__ns:=/{namespace}", *self._arguments, *assigned(more)]
+        quiet = [word for name in self.name.split("+") for word in ("--log-level", f"{name}:=warn")]
         with deferred_signals():  # Python loses an exception that a handler raises during the fork
             return subprocess.Popen(
-                [sys.executable, "-P", "-m", MODULES[kind], *ros],
+                [sys.executable, "-P", "-m", MODULES[self.name], "--ros-args", *quiet, *arguments],
                 stdin=subprocess.DEVNULL,
                 process_group=0,
                 env=environment(),
@@ -136,43 +84,42 @@ Nodes = dict[str, NodeProcess]
 Further = Mapping[str, Mapping[str, str | bool]]  # further parameters by the name of the node
 
 
-def launch(parameters: str, further: Further, *, simulators: int = 1, composed: bool = False) -> int:
-    """Run the nodes until the learner ends.
+def launch(parameters: str, further: Further, *, composed: bool = False) -> int:
+    """Run the nodes until one ends.
 
     Args:
         parameters: content of a ROS parameter file.
         further: further parameters of nodes, such as paths. The recorder node starts only if it has some.
-        simulators: number of simulator nodes; several nodes have one namespace each.
-        composed: whether the single simulator and the policy node share a process.
+        composed: whether simulator and policy node share a process.
 
     Returns:
-        Exit code of the learner, or of a node that ended earlier.
+        Exit code of the learner, or of a node that ended earlier; `RESUMABLE` if a node died or was silent.
     """
     document = loaded(parameters)
     recorder = [name for name in further if name == "recorder"]
-    names = [COMPOSED, "learner"] if composed else node_names(simulators, robot_nodes(document))
+    names = [COMPOSED, "learner"] if composed else node_names(robot_nodes(document))
     with (
-        _in_memory(for_all(parameters, simulators, further)) as file,
+        _in_memory(for_all(parameters, further)) as file,
         started([*recorder, *names], file) as nodes,
         _signals_passed_to(nodes["learner"]),
     ):
         return _supervise(nodes, _environment_in(document)["id"])
 
 
-def launch_worlds(parameters: str, simulators: int) -> int:
-    """Run simulators, or the nodes of a robot, until one ends; restart nodes that die.
+def launch_worlds(parameters: str) -> int:
+    """Run a simulator, or the nodes of a robot, until one ends.
 
     Args:
         parameters: content of a ROS parameter file.
-        simulators: number of simulator nodes; several nodes have one namespace each.
 
     Returns:
         Exit code of the node that ended.
     """
     document = loaded(parameters)
-    worlds = [name for name in node_names(simulators, robot_nodes(document)) if name not in LEARNING]
-    with _in_memory(for_all(parameters, simulators)) as file, started(worlds, file) as nodes:
-        return _supervise(nodes, _environment_in(document)["id"])
+    worlds = [name for name in node_names(robot_nodes(document)) if name not in LEARNING]
+    with _in_memory(for_all(parameters)) as file, started(worlds, file) as nodes:
+        code = _supervise(nodes, _environment_in(document)["id"])
+    return FAILED if code == RESUMABLE else code
 
 
 @contextmanager
@@ -184,23 +131,19 @@ def _in_memory(content: str) -> Iterator[Path]:
         yield Path(f"/proc/{os.getpid()}/fd/{file.fileno()}")
 
 
-def for_all(parameters: str, simulators: int, further: Further | None = None) -> str:
+def for_all(parameters: str, further: Further | None = None) -> str:
     """Return the parameter file of all nodes.
 
     Args:
-        parameters: content of a ROS parameter file.
-        simulators: number of simulator nodes. The learner receives their environment as well, and rejects simulators
-            with another one.
+        parameters: content of a ROS parameter file. The learner receives the environment as well, and rejects a
+            simulator with another one.
         further: further parameters of nodes, such as paths, which ROS would parse as YAML if they were arguments.
 
     Raises:
         ValueError: a value cannot be a ROS parameter.
     """
     document = loaded(parameters)
-    own: dict[str, dict[str, Any]] = {
-        LEARNER: {"environment": _environment_in(document)},
-        POLICY: {"simulators": simulators},
-    }
+    own: dict[str, dict[str, Any]] = {LEARNER: {"environment": _environment_in(document)}}
     if ROBOT in document:
         arms_itself = document.get(GATE, {PARAMETERS: {}})[PARAMETERS].get("arms_itself", False)
         own[ROBOT] = {"simulated": SIMULATED_ROBOT in document and arms_itself}
@@ -233,7 +176,7 @@ def robot_parameters(config: Config, folder: Path, *, resume: bool, simulated: b
         "robot": {"journal": journal_in(folder)},
     }
     file = folder / "checkpoints" / "parameters.yaml"
-    write_whole(file, for_all(dumped(document), 1, further).encode())
+    write_whole(file, for_all(dumped(document), further).encode())
     return file
 
 
@@ -260,14 +203,13 @@ def started(names: Iterable[str], parameters: Path) -> Iterator[Nodes]:
     """Start nodes, and stop them when the context exits.
 
     Args:
-        names: keys of `MODULES`, each optionally after a namespace and a slash.
+        names: keys of `MODULES`.
         parameters: a ROS parameter file.
     """
     nodes: Nodes = {}
-    began = Moment(time.time_ns(), time.monotonic())
     try:
         for name in names:
-            nodes[name] = NodeProcess(name, ["--params-file", str(parameters)], began)
+            nodes[name] = NodeProcess(name, ["--params-file", str(parameters)])
         yield nodes
     finally:
         _terminate(nodes.values())
@@ -285,30 +227,26 @@ def environment() -> dict[str, str]:
 
 
 def _supervise(nodes: Nodes, task: str) -> int:
-    """Restart the nodes that die until one ends, and return the run's exit code."""
-    while True:
-        for node in nodes.values():
-            code = node.poll()
-            restartable = code not in OWN_CODES and not node.is_interrupted and node.name not in NEVER_RESTARTED
-            if code is None or (restartable and node.restart_later()):
-                continue
-            return _code_at_end(node, code, task, "before the learner" if "learner" in nodes else "unexpectedly")
+    """Wait until a node ends; return the exit code of the run, and print an error if this was unexpected."""
+    while not (ended := [node for node in nodes.values() if node.process.poll() is not None]):
         time.sleep(POLL_INTERVAL_S)
-
-
-def _code_at_end(node: NodeProcess, code: int, task: str, when: str) -> int:
-    """Return the exit code of the run after a node ended for good, and print an error if this was unexpected."""
-    if node.is_interrupted:
-        return max(code, 0) or INTERRUPTED
+    learner, gate = nodes.get("learner"), nodes.get("gate")
+    node = gate if gate in ended else ended[-1]  # the learner is the last one
+    code = node.process.returncode
+    if learner is not None and learner.is_interrupted:
+        return max(code, 0) or INTERRUPTED if node is learner else INTERRUPTED
     named = f"the {node.name} node" + (f", of {task}," if "simulator" in node.name else "")
-    if node.name in NEVER_RESTARTED:
+    if node is gate:  # a person must check why it ended
         print(f"error: {named} {_how_it_ended(code)}; without it the robot must not move", file=sys.stderr)
-        return code if code in OWN_CODES[1:] else FAILED
+        return code if code in (FAILED, BAD_INPUT, INTERRUPTED) else FAILED
     if code not in OWN_CODES:
-        print(f"error: {named} died more than {MOST_DEATHS} times within {DEATHS_WINDOW_S:g} s", file=sys.stderr)
-        return FAILED
-    if node.name != "learner":
-        print(f"error: {named} {_how_it_ended(code)} {when}", file=sys.stderr)
+        print(f"error: {named} {_how_it_ended(code)}", file=sys.stderr)
+        return RESUMABLE
+    if node is not learner and code != RESUMABLE:
+        print(
+            f"error: {named} {_how_it_ended(code)} {'unexpectedly' if learner is None else 'before the learner'}",
+            file=sys.stderr,
+        )
         return code or FAILED
     return code
 

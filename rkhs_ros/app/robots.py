@@ -38,7 +38,6 @@ def check_robot(config: Config) -> Spaces:
         with _named("simulated_robot"):
             section = dict(nodes["simulated_robot"])
             settings_of(str(section.pop("robot", DEFAULT)), section)
-    require(config.training.simulators == 1, "simulators", "1, since there is one robot", config.training.simulators)
     _check_together(task, gate)
     if not missing_ros():
         from rkhs_ros.nodes.robot.robot_topics import check_topics  # here, since the import needs ROS

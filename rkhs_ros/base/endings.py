@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import signal
 import sys
 import threading
@@ -11,6 +12,7 @@ from contextlib import contextmanager
 
 FAILED = 1  # a node, an environment, a disk or one of several runs failed
 BAD_INPUT = 2
+RESUMABLE = os.EX_TEMPFAIL  # a node died or was silent for too long; the run can be resumed
 INTERRUPTED = 130  # by Ctrl-C or SIGTERM; the shells' convention
 ENDING = (signal.SIGINT, signal.SIGTERM)
 DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
@@ -18,6 +20,10 @@ DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 
 class RunError(RuntimeError):
     """A failure of a run whose settings are valid; the message names in one line what failed and where."""
+
+
+class SilentError(RunError):
+    """A node was silent for too long; the message names it."""
 
 
 class Stop:

@@ -39,7 +39,7 @@ def is_for(section: str, node: str) -> bool:
 
     Args:
         section: name of the section in the file, possibly with wildcards, such as ``/**/simulator``.
-        node: full name of the node, such as ``/simulator_1/simulator``.
+        node: full name of the node, such as ``/lab/simulator``.
     """
     parts = section.strip("/").split("/")
     return re.fullmatch("".join(WILDCARDS.get(part, "/" + re.escape(part)) for part in parts), node) is not None

@@ -49,9 +49,6 @@ class Training(Settings):
         maximum=1e6,
         choices=("range",),
     )
-    simulators: int = setting(
-        1, "simulator nodes that share the episodes of a batch; does not affect results", minimum=1, maximum=64
-    )
     timeout: float = setting(20.0, "seconds without a message after which the run fails", minimum=0.1, maximum=3600.0)
     inputs: Inputs = Inputs()
     kernel: KernelChoice = KernelChoice()

@@ -1,17 +1,15 @@
-"""Serve a policy to simulators: a session answers the observations of one simulator, batch by batch."""
+"""Serve a policy to a simulator: a session answers its observations, batch by batch."""
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from rkhs_ros.base.endings import RunError
+from rkhs_ros.base.validation import require
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
-
-REMEMBERED_BATCHES = 64  # ids of started batches; their late messages do not start them again
 
 
 @dataclass(frozen=True)
@@ -72,53 +70,37 @@ class BatchOver:
 
 @dataclass(frozen=True)
 class Ignored:
-    """Reply to an observation that is late, early or for another policy; the reason names what was expected."""
-
-    reason: str
-
-
-@dataclass(frozen=True)
-class Refused:
-    """Reply to an invalid observation, with the reason."""
+    """Reply to an observation of another batch or policy; the reason names what was expected."""
 
     reason: str
 
 
 @dataclass(frozen=True)
 class Failed:
-    """Reply if the policy fails to act in the batch, with the reason."""
+    """Reply if the policy cannot act on an observation of its batch, with the reason."""
 
     reason: str
 
 
-Reply = Answer | BatchOver | Ignored | Refused | Failed
+Reply = Answer | BatchOver | Ignored | Failed
 
 
 class Serving(NamedTuple):
-    """A batch that is being served.
-
-    Attributes:
-        acting: the policy that acts in the batch.
-        last: the last answer.
-        awaited: the first step without an answer.
-    """
+    """A batch that is being served: the policy that acts in it, and the last answer."""
 
     acting: Acting
     last: Answer
-    awaited: int
 
 
 class Session:
     """A session between one simulator and the policy.
 
     The session is idle until the first step of a batch arrives. It then serves the batch that started last. One policy
-    serves all steps of a batch, and no step may be skipped. A batch that was abandoned does not start again, because
-    its messages may arrive late.
+    serves all steps of a batch, in order.
     """
 
     def __init__(self) -> None:
         self._serving: Serving | None = None  # idle
-        self._begun: deque[int] = deque(maxlen=REMEMBERED_BATCHES)
 
     @property
     def last(self) -> Answer | None:
@@ -126,24 +108,21 @@ class Session:
         return None if self._serving is None else self._serving.last
 
     def answer(self, observation: Observation, served: ServedPolicy | None) -> Reply:
-        """Return the reply to an observation; a duplicate gets the same reply.
+        """Return the reply to an observation.
 
-        The session does not change if the observation is ignored or refused, or if the policy fails.
+        The session does not change if the observation is ignored, or if the policy fails.
 
         Args:
             observation: the observation from the simulator.
             served: the policy for batches that start now; None if there is none yet.
         """
         serving = self._serving
-        new = observation.step == 0 and observation.identity not in self._begun
         try:
-            if new and served is not None and observation.version == served.version:
+            if observation.step == 0 and served is not None and observation.version == served.version:
                 return self._begin(observation, served)
             if serving is not None and _names(observation) == _names(serving.last):
                 return self._go_on(observation, serving)
-        except ValueError as error:
-            return Refused(str(error))
-        except RunError as error:
+        except (ValueError, RunError) as error:
             return Failed(str(error))
         batch, version = serving.last.identity if serving else 0, served.version if served else 0
         return Ignored(
@@ -156,24 +135,19 @@ class Session:
         batch = observation.batch
         acting = Acting(served.policy, batch, explore=batch.explore and served.explores)
         answer = _act(acting, observation)
-        self._serving = Serving(acting, answer, awaited=1)
-        self._begun.append(observation.identity)
+        self._serving = Serving(acting, answer)
         return answer
 
     def _go_on(self, observation: Observation, serving: Serving) -> Reply:
-        batch, step = serving.acting.batch, observation.step
+        batch, step, awaited = serving.acting.batch, observation.step, serving.last.step + 1
         if observation.batch is not batch and observation.batch != batch:
             raise ValueError(f"batch {observation.identity}: expected {batch}, got {observation.batch}")
-        if step > serving.awaited:
-            raise ValueError(f"step: expected at most {serving.awaited}, the next one, got {step}")
+        require(step == awaited, "step", f"{awaited}, the next one", step)
         if observation.over:
             return BatchOver()
-        if step >= batch.horizon:
-            raise ValueError(f"step: expected less than {batch.horizon} unless all episodes are over, got {step}")
-        if step == serving.last.step:
-            return serving.last
+        require(step < batch.horizon, "step", f"less than {batch.horizon} unless all episodes are over", step)
         answer = _act(serving.acting, observation)
-        self._serving = Serving(serving.acting, answer, max(serving.awaited, step + 1))
+        self._serving = Serving(serving.acting, answer)
         return answer
 
 

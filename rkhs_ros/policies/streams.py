@@ -5,10 +5,9 @@ The draws of an episode are therefore the same on every machine and in every bat
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from hashlib import blake2b
-from itertools import accumulate, pairwise
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,10 +111,6 @@ class Batch:
         """Split the batch in order into ``parts`` batches of similar size; fewer if there are fewer environments."""
         ends = [self.num_envs * part // parts for part in range(parts + 1)]
         return [self.part(begin, end) for begin, end in pairwise(ends) if end > begin]
-
-    def shared(self, counts: Sequence[int]) -> list[Batch]:
-        """Split the batch in order into batches of the given sizes, each at least 1."""
-        return [self.part(end - count, end) for count, end in zip(counts, accumulate(counts), strict=True)]
 
     def parts(self, num_envs: int) -> list[Batch]:
         """Split the batch in order into batches of at most ``num_envs`` environments."""

@@ -56,11 +56,7 @@ class Journal:
             OSError: the file cannot be written.
         """
         self.add(ended)
-        self.set_aside(ended.batch)
-
-    def set_aside(self, batch: Batch) -> None:
-        """Rename the completed episode of a batch to an unused one, so that the batch runs again."""
-        if self._folder is not None and (path := self._path(batch)).exists():
+        if self._folder is not None and (path := self._path(ended.batch)).exists():
             path.replace(self._numbered_path(path, "unused"))
 
     def find(self, batch: Batch) -> FinishedEpisode | None:

@@ -27,7 +27,7 @@ SCHEMA = 6
 ACCEPT = "--allow-provenance-change"  # option of ``rkhs train``
 SYNC_EVERY = 1.0  # seconds; waiting for the disk takes longer than many iterations
 STORED = 2  # newest checkpoints that are not deleted
-FREE = ("iterations", "simulators", "timeout")  # settings that do not affect the result of an iteration
+FREE = ("iterations", "timeout")  # settings that do not affect the result of an iteration
 COUNTS = ("iterations", "explored", "evaluated", "steps")  # of a state
 _digest = partial(blake2b, digest_size=16)
 REMEDY = "Restore the file, or train in another folder."

@@ -20,13 +20,13 @@ from rkhs_ros.runs.defaults import settings_for
 ENVIRONMENT = re.compile(r"-v\d+$")  # end of a Gymnasium id
 MOST_ENVS = 10_000
 # Parameters of each node that are not settings of a run.
-OF_ANY_NODE = {"use_sim_time", "start_type_description_service", "qos_overrides", "restarts", "instance"}
+OF_ANY_NODE = {"use_sim_time", "start_type_description_service", "qos_overrides"}
 NODE_PARAMETERS = {
     "simulator": OF_ANY_NODE | {"robot_state"},
     "robot": OF_ANY_NODE | {"journal", "simulated"},
     "gate": OF_ANY_NODE,
     "simulated_robot": OF_ANY_NODE,
-    "policy": OF_ANY_NODE | {"simulators", "policy_file"},
+    "policy": OF_ANY_NODE | {"policy_file"},
     "learner": OF_ANY_NODE | {"output", "quiet", "resume", "provenance_may_change", "record", "evaluate"},
 }
 

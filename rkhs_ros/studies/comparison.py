@@ -16,7 +16,7 @@ from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.studies.aggregates import Aggregates, aggregates, mean_over_runs
 
-NOT_COMPARED = ("seed", "name", "simulators", "timeout")  # settings that do not separate groups of runs
+NOT_COMPARED = ("seed", "name", "timeout")  # settings that do not separate groups of runs
 
 
 class Run(NamedTuple):

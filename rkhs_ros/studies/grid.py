@@ -21,7 +21,7 @@ from rkhs_ros.runs.curve import Row
 
 MOST_POINTS = 10_000
 OF_THE_TASK = ("horizon", "discount")  # and the environment; returns of different tasks are not comparable
-OF_THE_COUNT = ("seed", "name", "simulators", "timeout")  # do not change how a run learns
+OF_THE_COUNT = ("seed", "name", "timeout")  # do not change how a run learns
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,9 @@ from rkhs_ros.nodes.core.arguments import require_section
 from rkhs_ros.nodes.core.clocks import now_by_both_clocks
 from rkhs_ros.nodes.core.diagnostics import STOP, Diagnostics
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
-from rkhs_ros.nodes.core.parameters import declare, declared, given, process, restarts
+from rkhs_ros.nodes.core.parameters import declare, declared, given
 from rkhs_ros.nodes.core.publishers import SinglePublishers
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
-from rkhs_ros.nodes.core.uniqueness import Uniqueness
 from sim_nodes.robots.hardware import Hardware, Sample
 from sim_nodes.robots.kinds import DEFAULT, SETTINGS, settings_of
 from sim_nodes.robots.protection import SECOND_PUBLISHER
@@ -48,7 +47,6 @@ class SimulatedRobotNode(ReportingNode):
         """
         require_section(self.get_fully_qualified_name(), sys.argv)
         tree = given(self)
-        again, own_process = restarts(self, tree), process(self, tree)
         name = declared(self, tree, "robot", DEFAULT, f"which robot: {', '.join(SETTINGS)}")
         settings = settings_of(name, tree)
         declare(self, entries(settings))
@@ -61,8 +59,7 @@ class SimulatedRobotNode(ReportingNode):
         self._hardware = Hardware(self._topics.robot)
         self._commanders = SinglePublishers(self, self._topics.command_topics)
         self._violations = self.create_publisher(DiagnosticStatus, "~/violations", LATCHED_QOS)
-        self.diagnostics = Diagnostics(self, again, self._report)
-        self._uniqueness = Uniqueness(self, own_process)
+        self.diagnostics = Diagnostics(self, self._report)
         self.create_service(Trigger, "~/reset_protective_stop", self._reset)
         self._begin, self._begin_ns = now_by_both_clocks()
         self.get_logger().info(f"{name} is running, at {self._speed:g} times real time")
@@ -74,7 +71,6 @@ class SimulatedRobotNode(ReportingNode):
             self._topics.publish(sample.readings, self._stamp(sample))
         self.diagnostics.steps = self._hardware.steps
         self.diagnostics.stuck = self._topics.robot.state.protection.reason
-        self._uniqueness.check()
         self._check_commands()
         wait = max(self._hardware.next_event() - self._now(), 0.0) / self._speed
         return min(wait, self.diagnostics.heartbeat(), REPORT_PERIOD_S)

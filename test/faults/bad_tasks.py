@@ -13,7 +13,6 @@ from gymnasium.spaces import Box
 
 EPISODE = 20  # steps
 GOOD_STEPS = 70  # per environment: three batches, enough for two iterations, and ten steps of the fourth
-SLOW_S = 0.07  # additional time of a step
 MENDED = Path("mended")  # exists after the repair
 CRASHED = Path("crashed")  # exists after the first crash of the process; from then on it crashes every time
 
@@ -42,8 +41,6 @@ class Bad(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         self.steps += 1
-        if self.fault == "slow" and any("simulator_2" in word for word in sys.argv):  # simulates a slow machine
-            time.sleep(SLOW_S)
         self.x = float(np.clip(self.x + 0.3 * action[0], -2, 2))
         reward = -(self.x**2)
         if self.is_bad():

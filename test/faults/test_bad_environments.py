@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from test.faults.runs import assert_same_bits, curve
+from test.faults.runs import curve
 from test.ros.conftest import Process
 
 Start = Callable[..., Process]
@@ -15,6 +15,7 @@ TASKS = Path(__file__).with_name("bad_tasks.py")
 TIMEOUT_S = 8
 SMALL = ("episodes_per_iteration=2", "evaluation_episodes=2", f"timeout={TIMEOUT_S}")
 FINITE = "expected finite numbers of at most 1e+100 in size, got"
+OFTEN = ["the run was resumed 5 times within 300 s or without a further iteration"]
 FAULTS = {
     "nan reward": f"bad_tasks:Bad-v0: reward of environment 0 in step 11: {FINITE} nan",
     "huge reward": f"bad_tasks:Bad-v0: reward of environment 0 in step 11: {FINITE} 1e+300",
@@ -23,10 +24,10 @@ FAULTS = {
     "raise": "bad_tasks:Bad-v0: step 11 of environment 0: RuntimeError: the motor is hot",
     "raise in reset": "bad_tasks:Bad-v0: reset of environment 0: RuntimeError: there is no way back",
     "sys.exit": "bad_tasks:Bad-v0: step 11 of environment 0: SystemExit: 3",
-    "hang": f"the simulator node did not answer within {TIMEOUT_S} s; bad_tasks:Bad-v0 was in step 11",
-    "os._exit": "the simulator node died 5 times at the same step; bad_tasks:Bad-v0 was in step 11",
+    "os._exit": "the simulator node, of bad_tasks:Bad-v0, ended with exit code 3",
     "os._exit like a node": "the simulator node, of bad_tasks:Bad-v0, ended with exit code 1 before the learner",
-    "segmentation fault": "the simulator node died 5 times at the same step; bad_tasks:Bad-v0 was in step 11",
+    "segmentation fault": "the simulator node, of bad_tasks:Bad-v0, was killed by signal 11",
+    "hang": f"the simulator node did not answer within {TIMEOUT_S} s",
 }
 
 
@@ -53,9 +54,11 @@ def test_a_bad_environment_ends_the_run_with_one_line_and_a_repaired_one_resumes
     ended = wait_for(lambda: run.popen.poll() is not None)
     code, said, err = run.finish()
     assert (code, said) == (1, ""), err
-    assert [line for line in err.splitlines() if line.startswith("error:")] == [f"error: {FAULTS[fault]}"]
+    is_resumed = fault in ("os._exit", "segmentation fault", "hang")
+    expected = [FAULTS[fault]] * 6 + OFTEN if is_resumed else [FAULTS[fault]]
+    assert [line for line in err.splitlines() if line.startswith("error:")] == [f"error: {each}" for each in expected]
     assert "Traceback" not in err
-    if "died" not in FAULTS[fault]:
+    if not is_resumed:
         assert err.count("\n") == 1
         assert ended - bad_since < TIMEOUT_S + 5
     assert len(curve(out)) == 3
@@ -74,20 +77,3 @@ def test_infinite_bounds_of_observations_are_valid(
     settings = (*SMALL, "environment.options.fault=infinite bounds")
     run = start("rkhs", "train", "--env", "bad_tasks:Bad-v0", "--quiet", "--iterations", 2, "--set", *settings)
     assert run.finish()[0] == 0
-
-
-@pytest.mark.timeout(120)
-def test_another_simulator_takes_over_from_a_slow_one_with_bit_identical_results(
-    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    shutil.copy(TASKS, tmp_path)
-    settings = ("episodes_per_iteration=4", "evaluation_episodes=4", "environment.options.fault=slow")
-    arguments = ("train", "--env", "bad_tasks:Bad-v0", "--iterations", 12, "--set", *settings)
-    done = {}
-    for runner in (("--simulators", 2), ("--runner", "inline")):
-        run = start("rkhs", *arguments, "--out", tmp_path / str(runner[1]), *runner)
-        done[runner[1]] = run.finish()
-    assert [code for code, *_ in done.values()] == [0, 0], done
-    assert "the simulator_2/simulator node takes" in "".join(done[2][1:])
-    assert_same_bits(tmp_path / "2", tmp_path / "inline")

@@ -38,14 +38,13 @@ def kill_during_training(run: Process, folder: Path, name: str, draws: np.random
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("simulators", [1, 2])
 @pytest.mark.parametrize("name", ["learner", "policy", "simulator"])
 def test_nodes_killed_during_model_based_training_leave_the_results_bit_identical(
-    start: Start, tmp_path: Path, model_update: Path, name: str, simulators: int
+    start: Start, tmp_path: Path, model_update: Path, name: str
 ) -> None:
     folder = tmp_path / "killed"
-    run = start("rkhs", "train", CONFIG, *ARGUMENTS, "--simulators", simulators, "--out", folder, "--set", *LONG)
-    kill_during_training(run, folder, name, np.random.default_rng([len(name), simulators]))
+    run = start("rkhs", "train", CONFIG, *ARGUMENTS, "--out", folder, "--set", *LONG)
+    kill_during_training(run, folder, name, np.random.default_rng(len(name)))
     code, _, err = run.finish()
     assert code == 0, err
     assert "Traceback" not in err

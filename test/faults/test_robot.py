@@ -22,6 +22,7 @@ from rkhs_ros.robot.task import robot_task_from
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve
 from test.faults.runs import arrays
+from test.faults.test_kills import MOST_KILLS
 from test.ros.conftest import ROOT, Probe, Process, kill, nodes_of, probe
 
 __all__ = ["probe"]
@@ -101,15 +102,13 @@ def test_it_learns_to_swing_up_with_model_based_training(start: Start, tmp_path:
 
 
 @pytest.mark.timeout(600)
-def test_killed_nodes_lose_and_repeat_no_finished_episode(
-    start: Start, tmp_path: Path, probe: Probe, kills: int
-) -> None:
+def test_killed_nodes_lose_and_repeat_no_finished_episode(start: Start, tmp_path: Path, probe: Probe) -> None:
     folder, draws, watch = tmp_path / "run", np.random.default_rng(0), Watch(probe)
     journal = folder / "checkpoints" / "episodes"
     size = ("horizon=50", "iterations=8", "episodes_per_iteration=2")
     run = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *AT_SPEED, *PLAIN, *size)
     seen: dict[str, str] = {}
-    victims = draws.permutation(np.resize(NODES, kills // 2)).tolist()
+    victims = draws.permutation(np.resize(NODES, MOST_KILLS)).tolist()
     done = []
     for name in victims:
         if draws.random() < 0.8:  # during a motion, or else during the recovery from the last kill
@@ -164,7 +163,9 @@ def test_the_robot_comes_to_rest_whichever_node_is_suspended_or_killed(
         moved = after.index(True) if True in after else len(after)
         assert moved <= most, f"{name} {number.name}: {moved} more commands"
         came_to = next(state for state in watch.states[states:] if state != "moving")
-        # The robot node stops the robot before the gate has to; for the robot node itself, the gate reports a fault.
-        assert came_to == ("stopped" if name == "robot" else "holding"), f"{name} {number.name}"
+        # The robot node stops the robot before the gate has to; for the robot node itself, the gate reports a fault. If
+        # a node is killed, all end.
+        ends = {"holding", "stopped"} if number == signal.SIGKILL else {"stopped" if name == "robot" else "holding"}
+        assert came_to in ends, f"{name} {number.name}"
     run.interrupt()
     assert run.finish()[0] == 130

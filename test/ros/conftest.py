@@ -40,7 +40,6 @@ MODULES = {
     "drawing_learner": "rkhs_ros.app.learner",  # as `ros2 run` and the launch files start it
     "recorder": "rkhs_ros.nodes.watch.recorder_node",
     "rkhs": "rkhs_ros.app.cli",
-    "relay": "test.faults.relay",
     "imports": "test.ros.imports",
     "sender": "test.ros.gate_sender",
     "stopper": "test.ros.gate_stopper",
@@ -127,7 +126,7 @@ def parameters(tmp_path: Path) -> Callable[..., Path]:
 
     def write(config: str, *changes: str) -> Path:
         file = tmp_path / f"{config}.parameters.yaml"
-        file.write_text(for_all(resolved(load_config(ROOT / "config" / f"{config}.yaml", changes)), simulators=1))
+        file.write_text(for_all(resolved(load_config(ROOT / "config" / f"{config}.yaml", changes))))
         return file
 
     return write

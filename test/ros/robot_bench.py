@@ -87,7 +87,6 @@ class Bench:
 
     def meet(self) -> None:
         """Wait until the robot node hears all that is said here, and is heard."""
-        self.probe.until(lambda: self.describe().connected)
         told = (self._reports, self._sensor, self._life, self._actions, self._state)
         self.probe.until(lambda: all(each.get_subscription_count() for each in told))
 
@@ -99,9 +98,20 @@ class Bench:
         self._identity += 1
         numbers = {"batch": self._identity, "policy_version": 1, "seed": 3, "num_envs": 1, "horizon": HORIZON}
         request = {"environment": "slider", "options": "{}", "explore": True, "first_episode": episode, **numbers}
-        response = self.probe.ask("start_episodes", StartEpisodes.Request(**{**request, **changes}))
-        assert response.accepted, response.message
+        asked = StartEpisodes.Request(**{**request, **changes})
+        self.probe.until(lambda: self._is_answered(asked))
         return self._identity
+
+    def _is_answered(self, request: StartEpisodes.Request) -> bool:
+        """Ask for an episode; return whether the nodes have met each other, and assert that they then accept."""
+        response = self.probe.ask("start_episodes", request)
+        assert response.accepted or "no node subscribes" in response.message, response.message
+        return bool(response.accepted)
+
+    def failed(self) -> str:
+        """Return why the episode failed."""
+        self.probe.until(lambda: any(each.failure for each in self.probe.heard["episodes"]))
+        return str(self.probe.heard["episodes"][-1].failure)
 
     def ended(self, identity: int, count: int = 1) -> Any:
         """Return the last of so many messages with the episode asked for under a number."""

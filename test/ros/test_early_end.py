@@ -57,15 +57,14 @@ learner: {ros__parameters: {iterations: 3, episodes_per_iteration: 10, evaluatio
 """
 
 
-@pytest.mark.parametrize("simulators", [pytest.param(1, marks=pytest.mark.nightly), 2])
 def test_one_robot_learns_over_topics_as_in_process(
-    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, simulators: int
+    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("one_robot.py").write_text(MODULE)
     Path("robot.yaml").write_text(CONFIG)
-    for name, more in (("inline", []), ("ros", ["--simulators", simulators])):
-        run = start("rkhs", "train", "robot.yaml", "--runner", name, "--quiet", "--out", name, *more)
+    for name in ("inline", "ros"):
+        run = start("rkhs", "train", "robot.yaml", "--runner", name, "--quiet", "--out", name)
         code, out, err = run.finish()
         assert code == 0, err
         assert out.startswith("Trained on one_robot:Robot-v0 for 30 episodes")

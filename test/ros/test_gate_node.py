@@ -214,20 +214,6 @@ def test_another_publisher_prevents_arming(begin: Begin) -> None:
     assert robot.states[-1].state == "disarmed"
 
 
-def test_a_second_gate_that_exits_does_not_leave_the_newest_state(
-    begin: Begin, start: Callable[..., Process], tmp_path: Path
-) -> None:
-    _, robot = begin(CALM)
-    assert robot.arm() == "holding"
-    robot.probe.ask("gate/stop", Trigger.Request())
-    robot.until("stopped")
-    second = start("gate", "--ros-args", "--params-file", tmp_path / "gate.yaml", "-p", "instance:=1")
-    robot.probe.until(lambda: second.popen.poll() is not None)  # its state "disarmed" may arrive until then, or be lost
-    assert second.finish()[0] == 1
-    robot.probe.settle(0.5)
-    robot.until("stopped")
-
-
 def test_a_gate_whose_ticks_fail_for_ever_sends_its_last_output_at_once(
     start: Callable[..., Process], probe: Probe, tmp_path: Path
 ) -> None:

@@ -22,7 +22,7 @@ from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.control import ask, is_pausing
 from rkhs_ros.runs.run import run_training
 from rkhs_ros.sketches.sketch import SIZE
-from test.ros.conftest import PATIENCE, ROOT, Probe, Process, kill, nodes_of
+from test.ros.conftest import PATIENCE, ROOT, Probe, Process
 
 Start = Callable[..., Process]
 TOY = ROOT / "config" / "toy_nac.yaml"
@@ -121,20 +121,9 @@ def check_markers(markers: list[Any], centres: int) -> None:
 
 
 @pytest.mark.nightly
-def test_events_report_a_restarted_node(lasting: Process, probe: Probe, folder: Path) -> None:
+def test_events_report_the_end_of_a_run(lasting: Process, probe: Probe, folder: Path) -> None:
     probe.until(lambda: len(curve(folder)) > 1)
     events = hear(probe, LearningEvent, EVENTS_TOPIC, EVENTS_QOS)
-    deaths = 0
-    while "/learner" not in {event.node for event in events}:  # which does not notice a death between two batches
-        deaths += 1
-        assert deaths < 8
-        kill(nodes_of(lasting, "policy")[0])
-        told = f"restarted, {deaths} time{'s' * (deaths > 1)} so far"
-        probe.until(lambda told=told: ("/policy", told) in {(event.node, event.text) for event in events})
-        probe.settle(1.0)
-    assert {event.kind for event in events} == {LearningEvent.RESTART}
-    texts = {event.node: event.text for event in events}
-    assert texts["/learner"].endswith("restarts, because the policy node died")
     ask(folder, "stop")
-    probe.until(lambda: (events[-1].node, events[-1].kind) == ("/learner", LearningEvent.STOP))
+    probe.until(lambda: events != [] and (events[-1].node, events[-1].kind) == ("/learner", LearningEvent.STOP))
     assert lasting.popen.wait(PATIENCE) == 130

@@ -15,11 +15,10 @@ CONFIG = ROOT / "config" / "pendulum_wrap_model_nac.yaml"
 SHORT = ("--quiet", "--seed", 7, "--iterations", 2)
 
 
-@pytest.mark.parametrize("simulators", [pytest.param(1, marks=pytest.mark.nightly), 2])
-def test_model_based_training_over_topics_is_bit_identical(start: Start, tmp_path: Path, simulators: int) -> None:
+def test_model_based_training_over_topics_is_bit_identical(start: Start, tmp_path: Path) -> None:
     small = ("horizon=30", "episodes_per_iteration=2", "evaluation_episodes=2", "timeout=60")
     settings = ("algorithm.centres=20", "model.updates=3", "model.rollouts=10", "model.centres=40")
-    arguments = (CONFIG, *SHORT, "--simulators", simulators, "--set", *small, *settings)
+    arguments = (CONFIG, *SHORT, "--set", *small, *settings)
     arrays = assert_same_bits(start, tmp_path, arguments, 2)
     assert arrays["weights"].any()
     rows = curve(tmp_path / "ros")
@@ -33,7 +32,7 @@ def test_nodes_wait_while_the_learner_trains_longer_than_the_timeout(start: Star
     folder, timeout = tmp_path / "run", 1.0
     small = ("horizon=40", "evaluation_episodes=1", f"timeout={timeout}")
     long = ("model.updates=150", "model.rollouts=40", "model.centres=60", "algorithm.centres=30")
-    run = start("rkhs", "train", CONFIG, *SHORT, "--simulators", 2, "--out", folder, "--set", *small, *long)
+    run = start("rkhs", "train", CONFIG, *SHORT, "--out", folder, "--set", *small, *long)
     code, _, err = run.finish()
     assert (code, err) == (0, "")  # nor was a node started again
     first, second = (float(row) for row in seconds(folder))

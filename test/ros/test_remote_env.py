@@ -19,8 +19,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 import rkhs_ros
 import test.ros.uneven  # noqa: F401  # registers the environment
 from rkhs_interfaces.msg import Observation
-from rkhs_ros.base.endings import RunError
-from rkhs_ros.nodes.core.spin import PeerError
+from rkhs_ros.base.endings import RunError, SilentError
 from rkhs_ros.nodes.remote.remote_env import RemoteEnv, RemoteVectorEnv
 from test.ros.conftest import PATIENCE, Process, kill, nodes_of
 
@@ -191,9 +190,7 @@ def test_a_killed_simulator_is_reported_in_time_and_its_successor_used(simulator
     before, _ = remote.reset(seed=4)
     remote.step([1.0])
     kill(first.popen.pid)
-    with pytest.raises(
-        PeerError, match=r"the simulator node did not answer within 3 s; rkhs/Pendulum-v0 was in step 2"
-    ):
+    with pytest.raises(SilentError, match=r"the simulator node did not answer within 3 s"):
         remote.step([1.0])
     with pytest.raises(RunError, match="expected a reset first"):
         remote.step([1.0])
@@ -221,17 +218,16 @@ def test_a_failing_environment_is_named_and_can_be_reset(simulator: Simulate, ma
 
 
 def test_a_missing_simulator_is_named(make: Make) -> None:
-    with pytest.raises(PeerError, match=r"the /nowhere/simulator node did not answer within 0\.5 s"):
+    with pytest.raises(SilentError, match=r"the /nowhere/simulator node did not answer within 0\.5 s"):
         make(RemoteEnv, namespace="nowhere", timeout=0.5)
 
 
-@pytest.mark.nightly
 def test_a_client_that_takes_over_the_simulator_is_reported(simulator: Simulate, make: Make) -> None:
     simulator("rkhs/Pendulum-v0")
-    first, second = make(RemoteEnv), make(RemoteEnv)
+    first, second = make(RemoteEnv, timeout=2.0), make(RemoteEnv)
     first.reset()
     second.reset()
-    with pytest.raises(PeerError, match="lost the episodes in step 1: it was restarted, or another client"):
+    with pytest.raises(SilentError, match=r"the simulator node made no step 1 within 2 s"):
         first.step([0.0])
     second.step([0.0])
 
@@ -283,22 +279,12 @@ def test_a_closed_environment_leaves_nothing_behind(simulator: Simulate, make: M
 
 
 @pytest.mark.nightly
-def test_simulate_restarts_a_task_that_dies(start: Start, make: Make) -> None:
-    run = start("rkhs", "simulate", "--env", "rkhs/Toy-v0", "--simulators", 2)
-    remotes = [make(RemoteEnv, namespace=f"simulator_{k}", timeout=30.0) for k in (1, 2)]
-    first = [remote.reset(seed=1)[0] for remote in remotes]
-    np.testing.assert_array_equal(*first)
-    for pid in nodes_of(run, "simulator"):
-        kill(pid)
-    for remote in remotes:
-        with pytest.raises(PeerError, match="lost the episodes in step 1"):
-            remote.step([0.0])
-        np.testing.assert_array_equal(remote.reset(seed=1)[0], first[0])
-    run.interrupt()
+def test_simulate_ends_with_its_task(start: Start, make: Make) -> None:
+    run = start("rkhs", "simulate", "--env", "rkhs/Toy-v0")
+    make(RemoteEnv, timeout=30.0).reset(seed=1)
+    kill(*nodes_of(run, "simulator"))
     code, _, err = run.finish()
-    assert code == 130
-    assert err.splitlines()[-1] == "interrupted"
-    assert "Traceback" not in err
+    assert (code, err.splitlines()[-1]) == (1, "error: the simulator node, of rkhs/Toy-v0, was killed by signal 9")
 
 
 def test_a_function_is_served(

@@ -9,6 +9,7 @@ import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
+from rkhs_interfaces.msg import Action
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.nodes.core.sources import OBSTACLE
 from test.ros.conftest import Probe, Process, kill
@@ -81,18 +82,30 @@ def test_a_completed_episode_is_published_again_but_not_rerun_after_a_kill(
     after = bench.play()
     assert (after.observations, after.executions) == (first.observations, first.executions)
     assert len(bench.moves) == commands
-    bench.play(anew=True)
-    assert len(bench.moves) > commands  # as many again, less what came too late on a busy machine
 
 
-def test_a_repeated_request_continues_the_running_episode(begin: Callable[..., Process], bench: Bench) -> None:
+def test_another_request_discards_the_running_episode(begin: Callable[..., Process], bench: Bench) -> None:
     begin()
-    bench.start()
+    first = bench.start(horizon=200)
     bench.until_moving()
-    message = bench.play(policy_version=9)
-    assert (reason(message), message.policy_version) == ("", 9)
-    assert 0 < len(bench.moves) <= HORIZON  # once, less what came too late on a busy machine
-    assert bench.play(1).policy_version == 1  # and the next one as asked for
+    assert reason(bench.play(1, policy_version=9)) == ""
+    assert reason(bench.ended(first)) == "another episode was requested"
+
+
+def test_a_policy_node_that_does_not_act_or_cannot_act_ends_the_run(
+    begin: Callable[..., Process], bench: Bench
+) -> None:
+    process = begin()
+    bench.silent = {"policy"}
+    bench.start()
+    bench.probe.until(lambda: bench.observations() != [])
+    shown = bench.observations()[0]
+    failed = Action(batch=shown.batch, policy_version=shown.policy_version, failure="the policy cannot act")
+    bench.probe.say("action", failed)
+    assert bench.failed() == "slider: the policy cannot act"
+    bench.start(timeout=0.5)
+    bench.probe.until(lambda: process.popen.poll() is not None)
+    assert (process.finish()[0], bench.moves) == (75, [])
 
 
 @pytest.mark.parametrize(
@@ -100,7 +113,7 @@ def test_a_repeated_request_continues_the_running_episode(begin: Callable[..., P
     [
         ("policy", {}, "4 actions arrived too late"),
         ("learner", {"learner_timeout": 0.5}, "no heartbeat of the learner for"),
-        ("sensor", {"stale_after": 0.3}, "sensor position: stale: the last message on position came"),
+        ("sensor", {"stale_after": 0.3}, "sensor position: stale: the last message on position arrived"),
         ("gate", {}, "the gate did not report 4 commands"),
     ],
 )
@@ -134,7 +147,6 @@ def test_nothing_moves_while_the_gate_is_disarmed_or_stopped(begin: Callable[...
     identity = bench.start(horizon=200)
     arm = "ros2 service call /gate/arm std_srvs/srv/Trigger"
     bench.probe.until(lambda: arm in bench.describe().waiting)
-    assert bench.describe().resetting
     assert not bench.moves
     bench.gate_state("holding")
     bench.until_moving()
@@ -203,10 +215,8 @@ def test_the_reset_steps_run_in_order_before_each_episode(begin: Callable[..., P
 def test_a_failing_reward_is_reported_and_the_robot_holds(begin: Callable[..., Process], bench: Bench) -> None:
     begin(reward={"function": "math:gcd"})
     bench.start()
-    bench.probe.until(lambda: bench.describe().failure != "")
-    assert bench.describe().failure.startswith("slider: reward function: TypeError")
+    assert bench.failed().startswith("slider: reward function: TypeError")
     bench.probe.until(lambda: bench.is_at_rest)
-    assert not bench.probe.heard["episodes"]
 
 
 @pytest.mark.parametrize(
@@ -233,8 +243,7 @@ def test_missing_peers_are_named_and_nothing_moves(
     bench.silent = silent
     begin(**changes)
     bench.start()
-    bench.probe.until(lambda: bench.describe().failure != "")
-    assert bench.describe().failure == f"slider: {failure}"
+    assert bench.failed() == f"slider: {failure}"
     assert not bench.moves
 
 

@@ -49,7 +49,7 @@ def assert_same_bits(
 
 SHORT_EPISODES = ("episodes_per_iteration=3", "evaluation_episodes=1", "timeout=60")
 # Together these use all that goes over topics: inputs, kernels, the three variances, held actions, line searches,
-# options of an environment, a time limit, several simulators (of which one has nothing to do), and composed nodes.
+# options of an environment, a time limit, and composed nodes.
 RUNS = {
     "function variance": (
         "rkhs/Toy-v0",
@@ -70,7 +70,7 @@ RUNS = {
         "rkhs/PendulumPOMDP-v0",
         "rkhs_nac",
         ("inputs.history=3", "inputs.angles=[0]", "algorithm.centres=20", "algorithm.critic=trajectory", "horizon=20",
-         "algorithm.ridge_norm=scale_free", "algorithm.variance=learnt", "algorithm.reuse=2", "simulators=3"),
+         "algorithm.ridge_norm=scale_free", "algorithm.variance=learnt", "algorithm.reuse=2"),
         "ros",
     ),
     "line search": (
@@ -101,7 +101,7 @@ def test_the_pr2_moves_identically_over_topics_and_in_process(start: Start, tmp_
     pytest.importorskip("pybullet", reason="the PR2 needs PyBullet")
     config = ROOT / "config" / "pr2_door_contextual.yaml"
     small = ("episodes_per_iteration=4", "evaluation_episodes=2", "timeout=60")
-    assert_same_bits(start, tmp_path, (config, *SHORT, "--set", "simulators=2", *small), 3)
+    assert_same_bits(start, tmp_path, (config, *SHORT, "--set", *small), 3)
 
 
 @pytest.mark.nightly

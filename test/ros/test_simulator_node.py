@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rkhs_interfaces.msg import Action
-from rkhs_interfaces.srv import DescribeTask, StartEpisodes
+from rkhs_interfaces.srv import StartEpisodes
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.simulation import Simulation
 from test.ros.conftest import Probe, Process
@@ -21,7 +21,6 @@ BATCH = Batch(seed=3, first_episode=5, num_envs=2, horizon=4, explore=True)
 def simulator(start: Start, parameters: Callable[..., Path], probe: Probe) -> Process:
     process = start("simulator", "--ros-args", "--params-file", parameters("toy_nac"))
     probe.meet("observation")
-    probe.until(lambda: probe.ask("describe_task", DescribeTask.Request()).connected)
     return process
 
 
@@ -33,26 +32,19 @@ def request(batch: int = 9, **changes: object) -> StartEpisodes.Request:
 
 
 def seen(probe: Probe) -> dict[int, np.ndarray]:
-    """Return the observations of each step; those that are not answered at once come again, the same."""
-    steps: dict[int, np.ndarray] = {}
-    for message in probe.heard["observation"]:
-        values = np.frombuffer(message.observations).reshape(2, 1)
-        np.testing.assert_array_equal(steps.setdefault(message.step, values), values)
-    return steps
+    """Return the observations of each step of the newest batch."""
+    newest = [each for each in probe.heard["observation"] if each.batch == probe.heard["observation"][-1].batch]
+    return {message.step: np.frombuffer(message.observations).reshape(2, 1) for message in newest}
 
 
 def begin(probe: Probe, batch: int = 9) -> None:
-    assert probe.ask("start_episodes", request(batch)).accepted
+    probe.until(lambda: probe.ask("start_episodes", request(batch)).accepted)  # once the nodes have met
     probe.until(lambda: probe.heard["observation"][-1:] != [] and probe.heard["observation"][-1].batch == batch)
 
 
 def action(step: int, values: tuple[float, ...] = (0.5, -0.25), **changes: int) -> Action:
     fields = {"batch": 9, "step": step, "policy_version": 1, **changes}
     return Action(actions=array("d", values), **fields)
-
-
-def step_of(probe: Probe) -> int:
-    return int(probe.ask("describe_task", DescribeTask.Request()).step)
 
 
 def play(probe: Probe) -> None:
@@ -73,27 +65,20 @@ def test_a_batch_over_topics_equals_the_simulation(simulator: Process, probe: Pr
     np.testing.assert_array_equal(rewards.T, [frame.rewards for frame in frames[1:]])
 
 
-INTRUDERS = {
+LATE = {
     "foreign batch": action(1, batch=8),
     "duplicate": action(0),
     "too early": action(2),
     "another policy": action(1, policy_version=2),
-    "too short": action(1, (0.5,)),
-    "not finite": action(1, (0.5, float("nan"))),
-    "empty": action(1, ()),
 }
 
 
-def test_an_unexpected_action_is_ignored(simulator: Process, probe: Probe) -> None:
+def test_an_action_for_another_step_is_ignored(simulator: Process, probe: Probe) -> None:
     begin(probe)
     probe.say("action", action(0))
     probe.until(lambda: len(seen(probe)) == 2)
-    for name, intruder in INTRUDERS.items():
-        probe.say("action", intruder)
-        probe.settle()
-        assert list(seen(probe)) == [0, 1], name
-        assert step_of(probe) == 1, name
-    probe.say("action", action(1))
+    for message in (*LATE.values(), action(1)):  # in this order
+        probe.say("action", message)
     probe.until(lambda: len(seen(probe)) == 3)
     expected = Simulation("rkhs/Toy-v0")
     expected.start(BATCH)
@@ -108,8 +93,33 @@ def test_late_actions_of_an_abandoned_batch_do_not_affect_the_next(simulator: Pr
     probe.until(lambda: len(seen(probe)) == 2)
     begin(probe, batch=10)
     probe.say("action", action(1))
-    probe.settle()
-    assert step_of(probe) == 0
+    probe.say("action", action(0, batch=10))
+    probe.until(lambda: len(seen(probe)) == 2)
+    assert [(each.batch, each.step) for each in probe.heard["observation"]] == [(9, 0), (9, 1), (10, 0), (10, 1)]
+
+
+FAILURES = {
+    "actions: expected (2, 1) values, got 1 of them": action(0, (0.5,)),
+    "actions: expected finite": action(0, (0.5, float("nan"))),
+    "rkhs/Toy-v0: the policy cannot act: it is tired": Action(
+        batch=9, policy_version=1, failure="the policy cannot act: it is tired"
+    ),
+}
+
+
+def test_actions_that_cannot_be_executed_end_the_batch_with_the_reason(simulator: Process, probe: Probe) -> None:
+    for count, (reason, message) in enumerate(FAILURES.items(), 1):
+        begin(probe)
+        probe.say("action", message)
+        probe.until(lambda: len(probe.heard["episodes"]) == count)  # noqa: B023  # awaited in this step
+        assert reason.split(" values")[0] in probe.heard["episodes"][-1].failure
+    begin(probe)
+
+
+def test_a_silent_policy_node_ends_the_simulator(simulator: Process, probe: Probe) -> None:
+    probe.until(lambda: probe.ask("start_episodes", request(timeout=0.5)).accepted)
+    code, _, err = simulator.finish()
+    assert (code, err) == (75, "error: the policy node did not act within 0.5 s\n")
 
 
 REFUSED: list[tuple[dict[str, object], str]] = [
@@ -128,12 +138,3 @@ def test_a_refused_request_does_not_affect_the_running_batch(simulator: Process,
         assert reason in response.message
         probe.say("action", action(step))
         probe.until(lambda: len(seen(probe)) == step + 2)  # noqa: B023  # awaited in this step
-
-
-def test_a_repeated_request_repeats_the_last_message(simulator: Process, probe: Probe) -> None:
-    play(probe)
-    for count in (2, 3):
-        assert probe.ask("start_episodes", request()).accepted
-        probe.until(lambda: len(probe.heard["episodes"]) == count)  # noqa: B023  # awaited in this step
-    assert probe.heard["episodes"][0] == probe.heard["episodes"][-1]
-    assert step_of(probe) == 4

@@ -12,6 +12,7 @@ from rkhs_ros.app.inline import load_acting
 from rkhs_ros.app.launcher import Further, launch
 from rkhs_ros.app.robots import check_robot, default_domain, robot_of
 from rkhs_ros.app.trust import add_trust_argument, reads_data
+from rkhs_ros.base.endings import FAILED, RESUMABLE
 from rkhs_ros.base.ros import require_ros
 from rkhs_ros.base.validation import require
 from rkhs_ros.policies.storage import load_policy
@@ -70,4 +71,5 @@ def _on_robot(options: argparse.Namespace, config: Config) -> int:
     config = replace(config, training=replace(config.training, **asked))
     with reserved_domain(folder, default_domain(config)):
         further: Further = {"learner": {"evaluate": str(policy.resolve()), "output": str(folder.resolve())}}
-        return launch(resolved(config), further)
+        code = launch(resolved(config), further)
+    return FAILED if code == RESUMABLE else code

@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--episodes", type=int, metavar="N", help="number of episodes (default: until Ctrl-C)")
     add("--horizon", type=int, metavar="H", help="steps of an episode (default: that of the task)")
     add("--seed", type=int, default=0, metavar="N", help="seed of a simulator's randomness (default: %(default)s)")
-    add("--namespace", default="", metavar="NS", help="namespace of the node, such as simulator_1")
+    add("--namespace", default="", metavar="NS", help="namespace of the node")
     add(
         "--timeout",
         type=float,

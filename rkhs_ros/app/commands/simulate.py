@@ -1,4 +1,4 @@
-"""``rkhs simulate``: run simulators, or the nodes of a robot, for learners of other libraries."""
+"""``rkhs simulate``: run a simulator, or the nodes of a robot, for learners of other libraries."""
 
 from __future__ import annotations
 
@@ -22,14 +22,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("config", type=Path, nargs="?", metavar="CONFIG", help="YAML file of a simulator or a robot; see config/")
     add("--env", metavar="ID", help="an environment instead of CONFIG (module:Id-v0 imports the module)")
-    about = "number of simulators; several have the namespaces simulator_1 to simulator_K"
-    add("--simulators", type=int, metavar="K", help=about)
     about = "settings to replace, such as robot.period=0.1"
     add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help=about)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the nodes until Ctrl-C, and restart nodes that die.
+    """Run the nodes until Ctrl-C, or until one of them exits.
 
     Raises:
         ValueError: ROS is missing, or the task cannot be served.
@@ -43,13 +41,10 @@ def run(options: argparse.Namespace) -> int:
     config.check_for_topics()
     domain = os.environ.setdefault(VARIABLE, "0")
     print(f"{config.environment.id} in ROS domain {domain}; stop with Ctrl-C", file=sys.stderr)
-    return launch_worlds(resolved(config), config.training.simulators)
+    return launch_worlds(resolved(config))
 
 
 def _configuration(options: argparse.Namespace) -> Config:
     given = " and ".join(name for name in ("CONFIG", "--env") if getattr(options, name.strip("-").lower()))
     require(given in ("CONFIG", "--env"), "simulate", "either CONFIG or --env ID", given or "none")
-    changes = [] if options.simulators is None else [f"simulators={options.simulators}"]
-    if options.config:
-        return load_config(options.config, [*changes, *options.set])
-    return untuned_config(options.env, [*changes, *options.set])
+    return load_config(options.config, options.set) if options.config else untuned_config(options.env, options.set)

@@ -12,6 +12,7 @@ from rkhs_ros.app.commands.view import page_beside, require_viser, stay_with
 from rkhs_ros.app.domain import reserved_domain
 from rkhs_ros.app.inline import runner_of, untuned_config, warn_of_horizon
 from rkhs_ros.app.launcher import journal_in, launch
+from rkhs_ros.app.resuming import resuming
 from rkhs_ros.app.robots import check_robot, default_domain
 from rkhs_ros.app.seeds import begin_seeds, parse_seeds, seed_folders
 from rkhs_ros.app.study import add_worker_arguments, make_missing, report_failures, workers_of
@@ -29,6 +30,7 @@ from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.runs.checkpoint import ACCEPT
 from rkhs_ros.runs.config import Config, load_config
+from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.logs import LOGS, logs_of
 from rkhs_ros.runs.report import (
     FIRST_POLICY,
@@ -70,7 +72,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--seeds", metavar="SEEDS", help="one run per seed, such as 0-9 or 0,2,5, in the folders DIR/seed_N")
     add_worker_arguments(parser, "runs of --seeds")
     add("--iterations", type=int, metavar="N", help="number of policy updates")
-    add("--simulators", type=int, metavar="K", help="number of simulator nodes that share the episodes")
     about = "settings to replace, such as algorithm.ridge=0.1"
     add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help=about)
     add("--out", type=Path, metavar="DIR", help="folder for the results (default: results/NAME/TIME)")
@@ -136,7 +137,7 @@ def _check_source(options: argparse.Namespace) -> None:
 
 def _configuration(options: argparse.Namespace, file: Path | None) -> Config:
     """Return the settings of a file, or the defaults for an environment, with the changes of the options."""
-    names = ("seed", "iterations", "simulators")
+    names = ("seed", "iterations")
     changes = [f"{name}={value}" for name in names if (value := getattr(options, name)) is not None]
     if options.algorithm is not None:
         pick(options.algorithm, ALGORITHMS, "algorithm")
@@ -195,25 +196,16 @@ def _prepared(options: argparse.Namespace) -> PreparedRun:
             runner.simulation.close()  # hardware can be open only once, and the simulator node opens it
             runner = None
         config.check_for_topics()
-        if options.runner == "composed":
-            _check_for_composition(config)
+        is_composable = options.runner != "composed" or not config.environment.nodes
+        require(is_composable, "--runner composed", "a simulator", "a robot")
     else:
         runner = runner or runner_of(config.environment)
-        if options.simulators:
-            print("note: --simulators: ignored, since --runner inline uses no simulator nodes", file=sys.stderr)
     folder = options.resume or new_folder(options.out, config.training.name)
     if options.policy:
         write_whole(folder / FIRST_POLICY, read_whole(options.policy))
     elif not options.resume:
         (folder / FIRST_POLICY).unlink(missing_ok=True)  # left by a run that was killed before it started
     return PreparedRun(config, spaces, runner, folder)
-
-
-def _check_for_composition(config: Config) -> None:
-    """Raise ValueError unless there is exactly one simulator to share a process with the policy node."""
-    require(not config.environment.nodes, "--runner composed", "a simulator", "a robot")
-    simulators = config.training.simulators
-    require(simulators == 1, "--runner composed", "one simulator", simulators)
 
 
 def _train_one(options: argparse.Namespace, prepared: PreparedRun) -> int:
@@ -259,17 +251,21 @@ def _is_over_topics(asked: str | None) -> bool:
 
 def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> int:
     output = str(folder.resolve())
-    given: dict[str, str | bool] = {name: bool(getattr(options, name)) for name in ("quiet", "resume", "record")}
+    given: dict[str, str | bool] = {name: bool(getattr(options, name)) for name in ("quiet", "record")}
     given["log"] = ",".join(options.log)
     given["provenance_may_change"] = options.allow_provenance_change
-    further: dict[str, dict[str, str | bool]] = {"learner": {"output": output, **given}}
+    further: dict[str, dict[str, str | bool]] = {}
     if config.environment.nodes:
         further["robot"] = {"journal": journal_in(folder.resolve())}
     if options.record == "raw":
         further["recorder"] = {"output": output}
+
+    def run(again: bool) -> int:
+        learner = {"output": output, "resume": again or bool(options.resume), **given}
+        return launch(resolved(config), {**further, "learner": learner}, composed=options.runner == "composed")
+
     with reserved_domain(folder, default_domain(config)):
-        simulators, composed = config.training.simulators, options.runner == "composed"
-        return launch(resolved(config), further, simulators=simulators, composed=composed)
+        return resuming(run, lambda: len(Curve(folder / "curve.csv").rows()))
 
 
 def _in_process(config: Config, folder: Path, options: argparse.Namespace, runner: InlineRunner) -> int:

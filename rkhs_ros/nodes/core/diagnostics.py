@@ -20,7 +20,7 @@ TOPIC = "/diagnostics"
 DIAGNOSTICS_QOS = QoSProfile(depth=10)  # reliable and volatile, like all publishers of this topic
 EVENTS_TOPIC = "/rkhs/events"
 EVENTS_QOS = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # the last ones of each node
-DISCARDED_EPISODE, STOP, RESTART = LearningEvent.DISCARDED_EPISODE, LearningEvent.STOP, LearningEvent.RESTART
+DISCARDED_EPISODE, STOP = LearningEvent.DISCARDED_EPISODE, LearningEvent.STOP
 REPORT_PERIOD_S = 1.0
 LOG_PERIOD_S = 1.0  # between log lines, and between events, of refusals
 LAST_REPORT_TIMEOUT_S = 0.5  # for subscribers to receive the report of an error before the node exits
@@ -34,14 +34,11 @@ class Diagnostics:
 
     Args:
         node: the reporting node.
-        restarts: number of times that the node was restarted.
         report: returns further values to report.
         topics: subscribed topics that should have a single publisher.
     """
 
-    def __init__(
-        self, node: Node, restarts: int, report: Callable[[], Mapping[str, object]], topics: Iterable[str] = ()
-    ) -> None:
+    def __init__(self, node: Node, report: Callable[[], Mapping[str, object]], topics: Iterable[str] = ()) -> None:
         self.refusals = 0
         self.ignored = 0
         self.last_refusal = ""
@@ -52,7 +49,6 @@ class Diagnostics:
         self.crowded = ""  # topics with more than one publisher, with the publishers
         self._publishers = SinglePublishers(node, topics)
         self._node = node
-        self._restarts = restarts
         self._report = report
         self._host = socket.gethostname()
         self._due = self._reported_at = time.monotonic()
@@ -60,8 +56,6 @@ class Diagnostics:
         self._refusal_event_at = -LOG_PERIOD_S  # monotonic time, seconds
         self._reports = node.create_publisher(DiagnosticArray, TOPIC, DIAGNOSTICS_QOS)
         self._events = node.create_publisher(LearningEvent, EVENTS_TOPIC, EVENTS_QOS)
-        if restarts:
-            self.publish_event(RESTART, f"restarted, {restarts} time{'s' * (restarts > 1)} so far")
 
     def publish_event(self, kind: str, text: str) -> None:
         """Publish an event."""
@@ -93,7 +87,7 @@ class Diagnostics:
             self.refuse(f"{what}: {error}")
 
     def skip(self, reason: str) -> None:
-        """Count an ignored message: late, repeated or for another node, as lossy communication causes."""
+        """Count an ignored message: of an earlier batch or for another node."""
         self.ignored += 1
         self.last_refusal = reason
 
@@ -153,7 +147,6 @@ class Diagnostics:
             "refusals": self.refusals,
             "ignored": self.ignored,
             "last refusal": self.last_refusal,
-            "restarts": self._restarts,
         }
 
     def _rate(self) -> float:

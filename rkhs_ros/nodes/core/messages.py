@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from array import array
+from collections.abc import Sequence
 from dataclasses import fields
 from operator import attrgetter
 from typing import TYPE_CHECKING
@@ -29,8 +30,8 @@ if TYPE_CHECKING:  # a policy node needs no simulation
     from rkhs_ros.rollouts.simulation import Frame, Simulation
     from rkhs_ros.rollouts.visualization import JointStates
 
-# Reliable. Volatile, because storing messages for late subscribers doubles the time of a round trip; the learner waits
-# until its peers report that they are connected.
+# Reliable. Volatile, because storing messages for late subscribers doubles the time of a round trip; nodes refuse to
+# start a batch until their messages have subscribers.
 LOCKSTEP_QOS = QoSProfile(depth=16, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
 LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # late subscribers receive the last one
 batch_fields = attrgetter(*(field.name for field in fields(Batch)))  # of a message
@@ -109,16 +110,16 @@ def batch_of(message: msg.Observation | StartEpisodes.Request) -> Batch:
 
 
 def start_request(
-    identity: int, version: int, batch: Batch, task: DescribeTask.Response, clock: int, *, anew: bool = False
+    identity: int, version: int, batch: Batch, task: DescribeTask.Response, seeds: Sequence[int], timeout: float
 ) -> StartEpisodes.Request:
-    """Return the request to start a batch of a task; with ``anew``, a robot repeats a completed episode."""
+    """Return the request to start a batch of a task."""
     return StartEpisodes.Request(
         batch=identity,
         policy_version=version,
         environment=task.environment,
         options=task.options,
-        clock=clock,
-        anew=anew,
+        environment_seeds=seeds,
+        timeout=timeout,
         **vars(batch),
     )
 
@@ -128,10 +129,8 @@ def set_policy_request(policy: GaussianPolicy, version: int) -> SetPolicy.Reques
     return SetPolicy.Request(policy=policy_message(msg, policy, version))
 
 
-def describe(
-    simulation: Simulation, num_envs: int, identity: int, step: int, clock: int, *, failure: str, connected: bool
-) -> DescribeTask.Response:
-    """Return a simulation's task, its progress, and how many of ``num_envs`` environments it can run in one batch."""
+def describe(simulation: Simulation, num_envs: int) -> DescribeTask.Response:
+    """Return a simulation's task, and how many of ``num_envs`` environments it can run in one batch."""
     space = simulation.observation_space
     return DescribeTask.Response(
         environment=simulation.environment,
@@ -143,30 +142,20 @@ def describe(
         horizon=simulation.time_limit or 0,
         capacity=simulation.capacity(num_envs),
         num_envs=simulation.num_envs,
-        batch=identity,
-        step=step,
-        failure=failure,
-        clock=clock,
-        connected=connected,
     )
 
 
-def describe_robot(
-    task: RobotTask, identity: int, step: int, *, failure: str, connected: bool
-) -> DescribeTask.Response:
-    """Return a robot's task and its progress, without ``resetting`` and ``waiting``."""
+def describe_robot(task: RobotTask, waiting: str) -> DescribeTask.Response:
+    """Return a robot's task, and what its operator has to do."""
     return DescribeTask.Response(
         environment=task.task,
         options="{}",
         **spaces_fields(task.spaces),
         capacity=1,
         num_envs=1,
-        batch=identity,
-        step=step,
-        failure=failure,
-        connected=connected,
         period=task.period,
         learner_timeout=task.learner_timeout,
+        waiting=waiting,
     )
 
 

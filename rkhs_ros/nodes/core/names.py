@@ -12,25 +12,17 @@ NODES = ("simulator", "simulated_robot", "gate", "robot", "policy", "learner")
 
 
 def fresh_number() -> int:
-    """Return a random identifier of a batch or a policy, unique and hard to guess; no result depends on it."""
+    """Return a random identifier of a batch or a policy, unique among all clients; no result depends on it."""
     return 1 + secrets.randbelow(2**63 - 1)
 
 
-def namespaces(simulators: int) -> list[str]:
-    """Return the relative namespaces of the simulator nodes, with their slash; empty for a single one."""
-    return [""] if simulators == 1 else [f"simulator_{k + 1}/" for k in range(simulators)]
-
-
-def node_names(simulators: int, robot: Collection[str] = ()) -> list[str]:
+def node_names(robot: Collection[str] = ()) -> list[str]:
     """Return the names of all nodes of a run; the learner is the last.
 
     Args:
-        simulators: number of simulator nodes.
         robot: names of the nodes that replace the simulator.
     """
-    worlds = [name for name in NODES if name in robot]
-    worlds = worlds or [f"{namespace}simulator" for namespace in namespaces(simulators)]
-    return [*worlds, "policy", "learner"]
+    return [*([name for name in NODES if name in robot] or ["simulator"]), "policy", "learner"]
 
 
 def in_one_line(error: Exception) -> str:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -58,36 +56,6 @@ def declared(node: Node, tree: dict[str, Any], name: str, default: Any, descript
         raise ValueError(f"{name}: expected {type(default).__name__}, got {value!r}")
     declare(node, [Entry(name, value, {"description": description})])
     return value
-
-
-def restarts(node: Node, tree: dict[str, Any]) -> int:
-    """Remove the number of restarts from a node's tree, declare it, and return it."""
-    return int(declared(node, tree, "restarts", 0, "number of restarts of this node after it died"))
-
-
-@dataclass(frozen=True)
-class Process:
-    """Identity of a node's process among others of the same name.
-
-    Attributes:
-        number: greater than those of earlier processes, from the system clock.
-        began: monotonic start time of the process, or of its run, in seconds.
-    """
-
-    number: int
-    began: float
-
-
-def process(node: Node, tree: dict[str, Any]) -> Process:
-    """Remove the identity and age of a node's process from its tree, declare both, and return the identity.
-
-    All nodes of a run receive the run's start time plus their number of restarts, and the run's age. Of two runs, all
-    nodes of one are therefore older than those of the other.
-    """
-    about = "identifies this process among those of its name; newer ones have greater numbers; 0 for the current time"
-    number = int(declared(node, tree, "instance", 0, about)) or time.time_ns()
-    about = "seconds since the run of this process started; if two nodes share a name, that of the older run stays"
-    return Process(number, time.monotonic() - float(declared(node, tree, "run_age", 0.0, about)))
 
 
 def require_known(tree: Mapping[str, Any], *known: str) -> None:

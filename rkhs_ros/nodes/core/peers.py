@@ -1,4 +1,4 @@
-"""Calls to other nodes, which may be slow, restarted or dead: retries, deadlines and confirmed refusals."""
+"""Calls to other nodes, which may be slow or dead."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from rclpy.client import Client
 from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions, get_current_signal_handlers_options
 
-from rkhs_ros.base.endings import Stop, deferred_signals
-from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S, PeerError, ReportingNode, StoppedError
+from rkhs_ros.base.endings import SilentError, Stop, deferred_signals
+from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S, ReportingNode, StoppedError
 
-REFUSAL_STANDS_S = 2.0  # for which a node must repeat a refusal
+CONNECTION_S = 5.0  # for the topics between nodes that have just started to connect
 LOGGED_AFTER_S = 3.0  # of waiting for a node
-FIRST_RETRY_S, LONGEST_RETRY_S = 0.5, 2.0  # without an answer before a request is repeated; exponential back-off
+REPEAT_S = 1.0  # without an answer to a repeatable request
+CHECK_S = 0.5  # between checks whether a call takes too long
 
 
 def _interrupts_held() -> AbstractContextManager[None]:
@@ -26,10 +27,6 @@ def _interrupts_held() -> AbstractContextManager[None]:
     """
     is_free = get_current_signal_handlers_options() == SignalHandlerOptions.NO
     return deferred_signals() if is_free else nullcontext()
-
-
-class SilentError(PeerError):
-    """A node was silent for too long."""
 
 
 class Peers:
@@ -87,7 +84,7 @@ class Peers:
         """Wait until a node offers a service.
 
         Raises:
-            PeerError: the node does not offer it in time.
+            SilentError: the node does not offer it in time.
         """
         begin = time.monotonic()
         if self.spin(client.service_is_ready, min(LOGGED_AFTER_S, self.timeout_s)):
@@ -101,67 +98,48 @@ class Peers:
         left = max(begin + self.timeout_s - time.monotonic(), 0.0)
         self._node.get_logger().info(f"waiting for the {name} node, for at most {left:.0f} s")
 
-    def call(self, client: Client, request: Any, name: str) -> Any:
-        """Return a node's answer; repeat a lost request, as happens to nodes that have just discovered each other.
+    def call(self, client: Client, request: Any, name: str, *, repeatable: bool = False) -> Any:
+        """Return a node's answer.
+
+        Args:
+            client: of the service.
+            request: to send.
+            name: of the node.
+            repeatable: whether to repeat the request every second. An answer is lost if the node has not yet
+                discovered the client, so the first request to a node must be repeatable.
 
         Raises:
-            PeerError: no answer arrived in time.
+            SilentError: no answer arrived in time.
         """
-        begin, patience = time.monotonic(), FIRST_RETRY_S
-        while self.check_progress(begin, f"the {name} node does not answer"):
-            future = client.call_async(request)
-            if self.spin(future.done, min(patience, begin + self.timeout_s - time.monotonic())):
-                return future.result()
-            client.remove_pending_request(future)
-            patience = min(2 * patience, LONGEST_RETRY_S)
-        raise self.silent(name)
+        begin = sent = time.monotonic()
+        future = client.call_async(request)
+        while not self.spin(future.done, min(CHECK_S, max(begin + self.timeout_s - time.monotonic(), 0.0))):
+            now = time.monotonic()
+            if now >= begin + self.timeout_s:
+                client.remove_pending_request(future)
+                raise self.silent(name)
+            self._node.diagnostics.stuck = f"the {name} node does not answer" * (now > begin + self.timeout_s / 2)
+            if repeatable and now >= sent + REPEAT_S:
+                client.remove_pending_request(future)
+                future, sent = client.call_async(request), now
+        self._node.diagnostics.stuck = ""
+        return future.result()
 
     def call_until_accepted(self, ask: Callable[[], Any], name: str) -> Any:
-        """Repeat a request until the node accepts it.
+        """Repeat a request until the node accepts it, for some seconds.
 
-        A single refusal does not count, because it may come from a second node that is about to exit.
+        Nodes refuse requests until they have discovered the nodes that their topics connect.
 
         Raises:
             ValueError: the node keeps refusing; the message says why.
-            PeerError: no answer arrived in time.
+            SilentError: no answer arrived in time.
         """
-        deadline = time.monotonic() + REFUSAL_STANDS_S
+        deadline = time.monotonic() + CONNECTION_S
         while not (response := ask()).accepted:
             if time.monotonic() > deadline:
                 raise ValueError(f"the {name} node refused: {response.message}")
             self.rest(SIGNAL_CHECK_S)
         return response
-
-    def call_until_connected(self, ask: Callable[[], Any], name: str) -> Any:
-        """Repeat a request until the node is connected to its peers.
-
-        Raises:
-            PeerError: the node is not connected in time.
-        """
-        begin, is_logged = time.monotonic(), False
-        while not (response := ask()).connected:
-            waited = time.monotonic() - begin
-            if waited > self.timeout_s:
-                raise self.silent(name, "found no peers")
-            if waited > LOGGED_AFTER_S and not is_logged:
-                self._log_waiting(f"peers of the {name}", begin)
-                is_logged = True
-            self.rest(SIGNAL_CHECK_S)  # a request may contain a whole policy
-        return response
-
-    def check_progress(self, since: float, what: str) -> bool:
-        """Return True until the timeout has passed; after half of it, report this node as stuck.
-
-        Args:
-            since: monotonic time of the last progress, in seconds.
-            what: obstacle to report.
-        """
-        self._node.diagnostics.stuck = what if self.stalled(since) else ""
-        return time.monotonic() - since <= self.timeout_s
-
-    def stalled(self, since: float) -> bool:
-        """Return whether half of the timeout has passed since the last progress, a monotonic time in seconds."""
-        return time.monotonic() - since > self.timeout_s / 2
 
     def silent(self, name: str, how: str = "did not answer") -> SilentError:
         """Return the error that a node was silent for too long."""

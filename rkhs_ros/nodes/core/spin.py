@@ -8,7 +8,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
@@ -23,9 +23,10 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
-from rkhs_ros.base.endings import INTERRUPTED, RunError, Stop, print_error
+from rkhs_ros.base.endings import INTERRUPTED, RESUMABLE, RunError, SilentError, Stop, print_error
 from rkhs_ros.base.settings import Entry
 from rkhs_ros.base.streams import tolerate_lost_stderr
+from rkhs_ros.base.threads import one_thread
 from rkhs_ros.base.validation import truncated
 from rkhs_ros.nodes.core.arguments import check_arguments
 from rkhs_ros.nodes.core.names import in_one_line
@@ -42,6 +43,7 @@ SIGNAL_CHECK_S = 0.1  # between checks for a signal
 MOST_ENDING_S = (
     10  # for a node to exit; the middleware sometimes waits for ever, and nothing else would end the process
 )
+DISCOVERY_S = 0.8  # for a new node to discover the others, on a busy machine too
 RETRY_S = 0.001  # before retrying a failed callback while a node brings its robot to rest
 LAST_WORDS_S = 0.5  # for subscribers to be discovered and to receive the reason before a node exits with an error
 ROSOUT_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -49,7 +51,7 @@ AnyNode = TypeVar("AnyNode", bound=Node)
 
 
 class PeerError(RunError):
-    """A node does not answer in time, or runs twice; the message names it."""
+    """A node does not fit this run, or runs twice; the message names it."""
 
 
 class StoppedError(BaseException):
@@ -153,8 +155,9 @@ def _tried(do: Callable[[], object]) -> object:
 def run(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, Stop], None]) -> None:
     """Run a node's process: make the node, run its work, and exit cleanly.
 
-    Bad input prints one line and exits with 2. A silent peer, a failed environment or a full disk prints one line and
-    exits with 1. A signal or a stop request ends a run with the exit code of an interrupt, and a serving node with 0.
+    Bad input prints one line and exits with 2. A failed environment or a full disk prints one line and exits with 1. A
+    silent node prints one line and exits with 75: the run can be resumed. A signal or a stop request ends a run with
+    the exit code of an interrupt, and a serving node with 0.
     A signal only sets the event that is passed to the work, because ROS's own handlers would invalidate the context of
     a callback that is about to publish. SIGHUP is ignored under nohup.
 
@@ -175,13 +178,17 @@ def _code_of(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNod
         _begin(name)
         node = make_node()
         try:
-            _work(node, work, stop)
+            with one_thread() if isinstance(node, ReportingNode) else nullcontext():
+                _work(node, work, stop)
         finally:
             signal.signal(signal.SIGALRM, signal.SIG_DFL)
             signal.alarm(MOST_ENDING_S)
             node.destroy_node()
     except (StoppedError, KeyboardInterrupt):
         code = INTERRUPTED
+    except SilentError as error:
+        print_error(error)
+        code = RESUMABLE
     except (ValueError, OSError, RunError) as error:
         code = print_error(error)
     finally:
@@ -227,14 +234,26 @@ def _work(node: AnyNode, work: Callable[[AnyNode, Stop], None], stop: Stop) -> N
 
 
 def open_node(node: ReportingNode) -> None:
-    """Open a node's topics and services.
+    """Open a node's topics and services, unless a node of its name is running already.
 
     Raises:
+        PeerError: a node of its name is running.
         ValueError: a parameter is unknown or invalid, a name is invalid, or the middleware refuses one.
     """
+    _refuse_second(node)
     try:
         node.open()
     except NameValidationException as error:  # a setting that names a topic or a service
         raise ValueError(in_one_line(error)) from error
     except RCLError as error:  # for example two topics of one name with different types
         raise ValueError(f"{node.get_name()}: cannot open its topics and services: {truncated(error)}") from error
+
+
+def _refuse_second(node: ReportingNode) -> None:
+    """Raise PeerError if the graph has another node of this name, after the time to discover it."""
+    name, deadline = (node.get_name(), node.get_namespace()), time.monotonic() + DISCOVERY_S
+    while time.monotonic() < deadline:
+        if node.get_node_names_and_namespaces().count(name) > 1:
+            expected = f"expected one {node.get_name()} node, got another one that is already running"
+            raise PeerError(f"{expected}; set ROS_DOMAIN_ID to separate runs")
+        time.sleep(DISCOVERY_S / 10)

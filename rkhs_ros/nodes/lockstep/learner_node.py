@@ -10,15 +10,12 @@ from typing import Any
 
 from rkhs_ros.base.endings import Stop
 from rkhs_ros.base.settings import Entry, entries
-from rkhs_ros.base.threads import one_thread
 from rkhs_ros.learning.training_settings import training_from
 from rkhs_ros.nodes.core.arguments import require_section
 from rkhs_ros.nodes.core.diagnostics import STOP, Diagnostics
-from rkhs_ros.nodes.core.names import namespaces
-from rkhs_ros.nodes.core.parameters import declare, declared, given, process, restarts
+from rkhs_ros.nodes.core.parameters import declare, declared, given
 from rkhs_ros.nodes.core.peers import Peers
 from rkhs_ros.nodes.core.spin import ReportingNode, StoppedError, run
-from rkhs_ros.nodes.core.uniqueness import Uniqueness
 from rkhs_ros.nodes.lockstep.learning_topics import LearningTopics
 from rkhs_ros.nodes.lockstep.simulator_link import ROBOT, SIMULATOR
 from rkhs_ros.nodes.lockstep.topic_runner import TopicRunner
@@ -61,16 +58,13 @@ class LearnerNode(ReportingNode):
         self.log = declared(self, tree, "log", "", about)
         about = "policy.npz to evaluate instead of learning; empty to learn"
         self.evaluate = declared(self, tree, "evaluate", "", about)
-        again, own_process = restarts(self, tree), process(self, tree)
         self.environment = self._environment_from(tree)
         self.training = training_from(tree)
         declare(self, (entry for entry in entries(self.training) if entry.value != ()))
-        topics = [f"{namespace}episodes" for namespace in namespaces(self.training.simulators)]
-        self.diagnostics = Diagnostics(self, again, lambda: self.runner.report(), topics)
-        self._uniqueness = Uniqueness(self, own_process)
+        self.diagnostics = Diagnostics(self, lambda: self.runner.report(), ["episodes"])
         self.peers = Peers(self, self.training.timeout)
         kind = ROBOT if self.environment and self.environment.nodes else SIMULATOR
-        self.runner = TopicRunner(self, self.peers, self.training.simulators, self.training.num_envs, kind)
+        self.runner = TopicRunner(self, self.peers, self.training.num_envs, kind)
         self.topics = LearningTopics(self, self.training)
 
     def _environment_from(self, tree: dict[str, Any]) -> Environment | None:
@@ -84,7 +78,6 @@ class LearnerNode(ReportingNode):
 
     def heartbeat(self) -> float:
         """Publish the status, progress and heartbeats that are due; return the seconds until the next ones."""
-        self._uniqueness.check()
         return min(self.diagnostics.heartbeat(), self.runner.heartbeat(), self.topics.heartbeat())
 
 
@@ -156,8 +149,7 @@ def main(draw: Draw = draw_nothing) -> None:
         else:
             learn(node, stop, draw)
 
-    with one_thread():
-        run(LearnerNode, "learner", work)
+    run(LearnerNode, "learner", work)
 
 
 if __name__ == "__main__":

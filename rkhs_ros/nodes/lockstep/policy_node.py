@@ -6,80 +6,71 @@ from functools import partial
 from pathlib import Path
 
 from rkhs_interfaces import msg
-from rkhs_interfaces.msg import Action, BatchProgress
+from rkhs_interfaces.msg import Action
 from rkhs_interfaces.msg import Observation as ObservationMessage
 from rkhs_interfaces.msg import Policy as PolicyMessage
 from rkhs_interfaces.srv import SetPolicy
-from rkhs_ros.base.threads import one_thread
-from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_fields, batch_of, observations_of
-from rkhs_ros.nodes.core.names import namespaces
 from rkhs_ros.nodes.core.newest_topic import NewestTopic
-from rkhs_ros.nodes.core.parameters import declared, given, process, require_known, restarts
+from rkhs_ros.nodes.core.parameters import declared, given, require_known
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
-from rkhs_ros.nodes.core.uniqueness import Uniqueness
 from rkhs_ros.policies.messages import doubles, policy_message, policy_of
-from rkhs_ros.policies.serving import Answer, Failed, Ignored, Observation, Refused, Reply, ServedPolicy, Session
+from rkhs_ros.policies.serving import Answer, Failed, Ignored, Observation, Reply, ServedPolicy, Session
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.policies.streams import Batch
 
-MOST_SIMULATORS = 64
-
 
 class SimulatorTopics:
-    """The topics of one simulator: passes its observations to a session, and publishes the actions.
+    """The topics of the simulator: passes its observations to a session, and publishes the actions.
 
-    Owns the session, and the batch in which the policy failed. Reuses the batch of the last observation and the message
-    of the last action, because making new ones at each step takes longer.
+    Owns the session. Reuses the batch of the last observation and the message of the last action, because making new
+    ones at each step takes longer.
 
     Args:
         node: the policy node.
-        namespace: of the simulator.
     """
 
-    def __init__(self, node: PolicyNode, namespace: str) -> None:
+    def __init__(self, node: PolicyNode) -> None:
         self._node = node
         self.session = Session()
-        self._failed: BatchProgress | None = None
         self._batch: Batch | None = None
         self._batch_fields: tuple[object, ...] = ()
         self._action = Action()
-        self.actions = node.create_publisher(Action, f"{namespace}action", LOCKSTEP_QOS)
-        node.create_subscription(ObservationMessage, f"{namespace}observation", self._observe, LOCKSTEP_QOS)
+        self._actions = node.create_publisher(Action, "action", LOCKSTEP_QOS)
+        node.create_subscription(ObservationMessage, "observation", self._observe, LOCKSTEP_QOS)
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether a simulator subscribes to the actions."""
+        return bool(self._actions.get_subscription_count() > 0)
 
     def _observe(self, message: ObservationMessage) -> None:
-        before = self.session.last
+        diagnostics = self._node.diagnostics
         match self._reply(message):
             case Answer() as answer:
                 self._publish(answer)
-                self._failed = None
-                self._node.diagnostics.stuck = ""
-                self._node.diagnostics.steps += answer is not before
+                diagnostics.stuck = ""
+                diagnostics.steps += 1
             case Ignored(reason):
-                self._node.diagnostics.skip(f"observation: {reason}")
-            case Refused(reason):
-                self._node.diagnostics.refuse(f"observation: {reason}")
+                diagnostics.skip(f"observation: {reason}")
             case Failed(reason):
-                self._failed = BatchProgress(batch=message.batch, step=message.step, failure=reason)
-                self._node.diagnostics.stuck = reason
+                diagnostics.stuck = reason
+                failed = Action(batch=message.batch, policy_version=message.policy_version, step=message.step)
+                failed.failure = f"the policy cannot act: {reason}"
+                self._actions.publish(failed)
 
     def _publish(self, answer: Answer) -> None:
         message = self._action
         message.batch, message.policy_version, message.step = answer.identity, answer.version, answer.step
         message.actions = doubles(answer.actions)
-        self.actions.publish(message)
-
-    def progress(self) -> BatchProgress:
-        """Return the progress of the policy in the simulator's batch."""
-        last = self.session.last
-        return self._failed or (BatchProgress(batch=last.identity, step=last.step) if last else BatchProgress())
+        self._actions.publish(message)
 
     def _reply(self, message: ObservationMessage) -> Reply:
         try:
             observation = self._observation_of(message)
         except ValueError as error:
-            return Refused(str(error))
+            return Failed(str(error))
         return self.session.answer(observation, self._node.served)
 
     def _observation_of(self, message: ObservationMessage) -> Observation:
@@ -118,38 +109,24 @@ class PolicyNode(ReportingNode):
         Raises:
             ValueError: an unknown parameter, or an invalid policy file.
         """
-        self._message = PolicyMessage()  # of the policy in service
         tree = given(self)
-        simulators = declared(self, tree, "simulators", 1, "number of simulator nodes to serve")
-        if not 1 <= simulators <= MOST_SIMULATORS:
-            raise ValueError(f"simulators: expected 1 to {MOST_SIMULATORS}, got {simulators}")
-        again, own_process = restarts(self, tree), process(self, tree)
         self.served = self._from_file(tree)
-        self._simulators = [SimulatorTopics(self, namespace) for namespace in namespaces(simulators)]
-        topics = [f"{namespace}observation" for namespace in namespaces(simulators)]
-        self.diagnostics = Diagnostics(self, again, self._report, topics)
-        self._uniqueness = Uniqueness(self, own_process)
+        self._simulator = SimulatorTopics(self)
+        self.diagnostics = Diagnostics(self, self._report, ["observation"])
         self._in_service = NewestTopic(self, PolicyMessage, "policy_in_service")
         if self.served:
             self._in_service.offer(partial(policy_message, msg, self.served.policy, self.served.version))
         self.create_service(SetPolicy, "set_policy", self._set_policy)
         source = "with the policy of a file, without exploration noise" if self.served else "for a learner's policy"
-        self.get_logger().info(f"ready {source}; serves {simulators} simulator{'s' * (simulators > 1)}")
+        self.get_logger().info(f"ready {source}")
 
     def heartbeat(self) -> float:
         """Publish the status and the policy in service if due; return the seconds until the next ones."""
-        self._uniqueness.check()
         return min(self.diagnostics.heartbeat(), self._in_service.heartbeat())
 
-    @property
-    def _version(self) -> int:
-        return self.served.version if self.served else 0
-
     def _report(self) -> dict[str, object]:
-        answers = [simulator.session.last for simulator in self._simulators]
-        batches = " ".join(str(answer.identity) if answer else "0" for answer in answers)
-        steps = " ".join(str(answer.step) if answer else "-" for answer in answers)
-        return {"serving version": self._version, "batch": batches, "step": steps}
+        last, version = self._simulator.session.last, self.served.version if self.served else 0
+        return {"serving version": version, "batch": last.identity if last else 0, "step": last.step if last else "-"}
 
     def _from_file(self, tree: dict[str, object]) -> ServedPolicy | None:
         about = "policy.npz to serve, without exploration noise; empty to wait for a learner's policy"
@@ -164,29 +141,21 @@ class PolicyNode(ReportingNode):
         return ServedPolicy(policy, version=0, explores=False)
 
     def _set_policy(self, request: SetPolicy.Request, response: SetPolicy.Response) -> SetPolicy.Response:
+        if not self._simulator.is_heard:
+            response.message = "no simulator subscribes to the actions"
+            return response
         with self.diagnostics.accepting(response, "set_policy"):
-            self.served, self._message = self._accept(request.policy), request.policy
-            self._in_service.offer(lambda: self._message)
-        response.version = self._version
-        response.instance = self._uniqueness.instance
-        response.progress = [simulator.progress() for simulator in self._simulators]
-        response.connected = all(simulator.actions.get_subscription_count() > 0 for simulator in self._simulators)
+            if self.served is not None and not self.served.explores:
+                raise ValueError("policy: expected none from a learner, because this node serves the policy of a file")
+            message = request.policy
+            self.served = ServedPolicy(policy_of(message), message.version)
+            self._in_service.offer(lambda: message)
         return response
-
-    def _accept(self, message: PolicyMessage) -> ServedPolicy:
-        served = self.served
-        if served is not None and not served.explores:
-            raise ValueError("policy: expected none from a learner, because this node serves the policy of a file")
-        policy = policy_of(message)
-        if served is not None and message.version == served.version:
-            require(message == self._message, "version", "a new version for a new policy", message.version)
-        return ServedPolicy(policy, message.version)
 
 
 def main() -> None:
     """Run the policy node."""
-    with one_thread():
-        run(PolicyNode, "policy", serve)
+    run(PolicyNode, "policy", serve)
 
 
 if __name__ == "__main__":

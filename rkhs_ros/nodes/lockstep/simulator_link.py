@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import re
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 from rclpy.node import Node
 from std_msgs.msg import Empty
 
-from rkhs_interfaces.msg import BatchProgress
 from rkhs_interfaces.msg import Episodes as EpisodesMessage
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.endings import RunError
@@ -20,26 +19,22 @@ from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.execution import Execution
 from rkhs_ros.learning.messages import episodes_of, executions_of
-from rkhs_ros.learning.replay import check_actions
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, start_request
 from rkhs_ros.nodes.core.names import fresh_number
-from rkhs_ros.nodes.core.peers import REFUSAL_STANDS_S, Peers
+from rkhs_ros.nodes.core.peers import Peers
 from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S, PeerError
-from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.messages import spaces_of
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.rollouts.batch_sharing import EpisodeTiming
 from rkhs_ros.runs.config import MOST_ENVS, Environment
 
 SIMULATOR, ROBOT = "simulator", "robot"
-PROBE_S = 0.2  # for a silent simulator to answer, whenever the others start a batch
 MAX_DISCARDS = 10  # of one episode of a robot in a row, after which the run ends
 HEARTBEATS = 4  # per learner timeout of a robot
 
 
 class FinishedBatch(NamedTuple):
-    """A batch that has ended; `executions` is empty for simulators."""
+    """A batch that has ended; `executions` is empty for a simulator."""
 
     batch: Batch
     episodes: Episodes
@@ -47,134 +42,111 @@ class FinishedBatch(NamedTuple):
 
 
 class SimulatorLink:
-    """The learner's client of one simulator or robot.
+    """The learner's client of a simulator or a robot.
 
-    Owns the task, the requested batch and its policy, the furthest observed step of the batch, the number of starts
-    without progress, the timing, and the received episodes. Accepts only episodes in which the policy acted. A robot's
-    episodes may be discarded, even after completion; the link sends heartbeats while the learner waits for them.
+    Owns the task, the requested batch, and the received episodes. A robot's episodes may be discarded, even after
+    completion; the link sends heartbeats while the learner waits for them.
 
     Args:
         node: the learner node.
         peers: the learner's calls to other nodes.
         namespace: of the simulator.
         num_envs: environments in the coming batches.
-        refuse: callback for the reason of refused episodes.
         kind: assumed kind of node, `SIMULATOR` or `ROBOT`, until the node describes itself.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        peers: Peers,
-        namespace: str,
-        num_envs: int,
-        refuse: Callable[[str], None],
-        kind: str = SIMULATOR,
-    ) -> None:
-        self.namespace = namespace
+    def __init__(self, node: Node, peers: Peers, namespace: str, num_envs: int, kind: str = SIMULATOR) -> None:
         self.name = f"{namespace}{kind}"
         self.task: DescribeTask.Response = DescribeTask.Response()
         self.spaces = Spaces.unbounded(1, 1)  # until it is connected
-        self.batch: Batch | None = None
-        self.episodes: Episodes | None = None
         self.request = StartEpisodes.Request()
-        self.step = 0
-        self.is_gone = False  # silent; other simulators run its episodes
-        self.attempts = 0
-        self.timing = EpisodeTiming()
-        self._begun_at = 0.0  # monotonic time, seconds
-        self.executions: list[Execution] = []
-        self.refusal = ""  # why episodes of the batch were refused; empty if none were
-        self.discarded: FinishedBatch | None = None  # discarded, and not restarted yet
-        self.discards = 0  # of the batch, in a row
+        self.batch: Batch | None = None
+        self.finished: FinishedBatch | None = None  # of the requested batch; of a robot, discarded ones too
         self.vetoed: list[FinishedBatch] = []  # completed, and discarded since
-        self._policy: GaussianPolicy | None = None
-        self._finished: dict[int, Batch] = {}  # batches under the policy in service, by the numbers of their requests
+        self._failure: Exception | None = None  # of the requested batch
+        self._completed: dict[int, Batch] = {}  # batches that may still be vetoed, by the numbers of their requests
         self._logged = ""  # what the robot last waited for
         self._alive_at = 0.0  # monotonic time of the next heartbeat, seconds
+        self._namespace = namespace
         self._node = node
         self._peers = peers
         self._num_envs = num_envs
-        self._refuse = refuse
+        # Before the clients: a node that can answer a client has discovered what was created before it.
+        node.create_subscription(EpisodesMessage, f"{namespace}episodes", self._hear, LOCKSTEP_QOS)
+        self._alive = node.create_publisher(Empty, f"{namespace}learner_alive", LOCKSTEP_QOS)
         self._start = node.create_client(StartEpisodes, f"{namespace}start_episodes")
         self._describe = node.create_client(DescribeTask, f"{namespace}describe_task")
-        self._alive = node.create_publisher(Empty, f"{namespace}learner_alive", LOCKSTEP_QOS)
-        node.create_subscription(EpisodesMessage, f"{namespace}episodes", self._hear, LOCKSTEP_QOS)
-
-    def wait(self) -> None:
-        """Wait until the simulator node offers its service.
-
-        Raises:
-            PeerError: the node does not offer it in time.
-        """
-        self._peers.wait_for_service(self._describe, self.name)
 
     def connect(self, expected: Environment | None) -> Environment:
-        """Get the simulator's task, once the simulator is connected to the policy node and to the learner.
-
-        An error counts only if it persists: a second simulator of this name may answer before it exits.
+        """Wait for the simulator, and get its task.
 
         Args:
             expected: the required environment; None for any.
 
         Raises:
+            SilentError: the node does not answer in time.
             PeerError: the simulator has another environment.
             ValueError: the description is not a valid task.
         """
-        deadline = time.monotonic() + REFUSAL_STANDS_S
-        while True:
-            self.task = self._peers.call_until_connected(self.describe, self.name)
-            try:
-                return self._accept(expected)
-            except (PeerError, ValueError):
-                if time.monotonic() > deadline:
-                    raise
-            self._peers.spin(lambda: False, SIGNAL_CHECK_S)
-
-    def _accept(self, expected: Environment | None) -> Environment:
+        self._peers.wait_for_service(self._describe, self.name)
+        self.task = self._ask_for_task()
         environment = _environment_of(self.task)
         if expected is not None and _named(environment) != _named(expected):
             got = truncated(_named(environment))
             raise PeerError(f"the {self.name} node: expected the environment {_named(expected)}, got {got}")
         self.spaces = spaces_of(self.task)
-        self.name = f"{self.namespace}{ROBOT if self.is_robot else SIMULATOR}"
+        self.name = f"{self._namespace}{ROBOT if self.is_robot else SIMULATOR}"
         require(self.task.capacity >= 1, f"{self.name}: capacity", "at least 1 environment", self.task.capacity)
         return expected or environment
-
-    def describe(self) -> DescribeTask.Response:
-        """Request the simulator's task and progress."""
-        with self._naming_place():
-            return self._peers.call(self._describe, DescribeTask.Request(num_envs=self._num_envs), self.name)
 
     @property
     def is_robot(self) -> bool:
         """Whether it is a robot, whose steps are timed by the wall clock."""
         return bool(self.task.period > 0)
 
-    def answers(self) -> bool:
-        """Return whether the simulator answers at once, with the same task as before."""
-        if not self._describe.service_is_ready():
-            return False
-        future = self._describe.call_async(DescribeTask.Request(num_envs=self._num_envs))
-        if not self._peers.spin(future.done, PROBE_S):
-            self._describe.remove_pending_request(future)
-            return False
-        task = future.result()
-        return bool((task.environment, task.options) == (self.task.environment, self.task.options))
+    def begin(self, batch: Batch, version: int, *, seeds: Sequence[int] = (), timeout: float = 0.0) -> None:
+        """Start a batch with the policy of that version; a robot returns episodes that it has completed before.
 
-    def mark_idle(self) -> None:
-        """Mark the simulator idle."""
-        self.batch, self.episodes, self.discarded = None, None, None
-        self.step = self.attempts = self.discards = 0
+        Args:
+            batch: the episodes.
+            version: of the policy.
+            seeds: of the environments, instead of those of the batch.
+            timeout: seconds without an action after which the simulator ends with an error; 0 for no limit.
 
-    def clear_finished(self) -> None:
-        """Clear the completed episodes: once the learner has used them, they cannot be discarded."""
-        self._finished.clear()
+        Raises:
+            SilentError: the node does not answer in time.
+            ValueError: the simulator refuses the batch.
+        """
+        self.batch, self.finished, self._failure = batch, None, None
+        self.request = start_request(fresh_number(), version, batch, self.task, seeds, timeout)
+        self._peers.call_until_accepted(partial(self._peers.call, self._start, self.request, self.name), self.name)
+
+    def release(self) -> None:
+        """Forget the completed episodes: once the learner has used them, they cannot be vetoed."""
+        self.batch = None
+        self._completed.clear()
         self.vetoed.clear()
+
+    def check(self) -> None:
+        """Check that the node still answers, and log what the operator of a robot has to do.
+
+        Raises:
+            SilentError: the node does not answer in time.
+        """
+        text = self._ask_for_task().waiting
+        kind = re.sub(r"[0-9.]+", "", text)  # numbers such as the rate of a sensor may change
+        if text and kind != self._logged:
+            self._node.get_logger().warning(f"the {self.name} node is waiting: {text}")
+        self._logged = kind
+
+    def raise_failure(self) -> None:
+        """Raise RunError if the batch has failed."""
+        if self._failure is not None:
+            raise self._failure
 
     def heartbeat(self) -> float:
         """Send a due heartbeat to a robot that runs episodes; return the seconds until the next one."""
-        if not (self.is_robot and self.busy):
+        if not (self.is_robot and self.batch is not None and self.finished is None):
             return SIGNAL_CHECK_S
         now, period = time.monotonic(), self.task.learner_timeout / HEARTBEATS
         if now >= self._alive_at:
@@ -182,127 +154,42 @@ class SimulatorLink:
             self._alive_at = now + period
         return min(self._alive_at - now, SIGNAL_CHECK_S)
 
-    def report_waiting(self, text: str) -> None:
-        """Log what the operator of a robot has to do, once; numbers such as the rate of a sensor may change."""
-        kind = re.sub(r"[0-9.]+", "", text)
-        if text and kind != self._logged:
-            self._node.get_logger().warning(f"the {self.name} node is waiting: {text}")
-        self._logged = kind
-
-    def begin(
-        self, batch: Batch, policy: GaussianPolicy | None, version: int, clock: int, seeds: Sequence[int] = ()
-    ) -> None:
-        """Start a batch in the simulator with the policy of that version.
-
-        A robot returns episodes that it has completed before, unless the learner refused them.
-
-        Args:
-            batch: the episodes.
-            policy: the acting policy, for checking the episodes; None for no check.
-            version: of the policy.
-            clock: steps counted so far.
-            seeds: of the environments, instead of those of the batch.
-
-        Raises:
-            ValueError: the simulator refuses the batch.
-        """
-        anew = bool(self.refusal)
-        self.batch, self.episodes, self.refusal, self.discarded = batch, None, "", None
-        self._begun_at = time.monotonic()
-        self.attempts += 1
-        if self.is_robot:
-            self.step = 0  # steps of a robot cannot be repeated, so its progress starts again
-        self._policy = policy
-        self.request = start_request(fresh_number(), version, batch, self.task, clock, anew=anew)
-        self.request.environment_seeds = seeds
-        with self._naming_place():
-            self._peers.call_until_accepted(self._ask, self.name)
-        self._begun_at = time.monotonic()  # not counting the restart of a dead simulator
-
-    def ask_again(self) -> bool:
-        """Request that the simulator repeats its last message; return whether it still has the batch."""
-        with self._naming_place():
-            return bool(self._ask().accepted)
-
-    def _ask(self) -> StartEpisodes.Response:
-        return self._peers.call(self._start, self.request, self.name)
-
     @property
-    def busy(self) -> bool:
-        """Whether the learner expects episodes."""
-        return self.batch is not None and self.episodes is None and not self.is_gone
+    def has_news(self) -> bool:
+        """Whether the batch has ended, or completed episodes were vetoed."""
+        return self.finished is not None or self._failure is not None or bool(self.vetoed)
 
-    def lost(self, task: DescribeTask.Response) -> bool:
-        """Return whether the batch is lost: the simulator was restarted, or another client started another batch."""
-        return bool(task.batch != self.request.batch)
-
-    def advanced(self, batch: int, step: int) -> bool:
-        """Record progress; return whether the batch of that number has reached a new step, counted from 1."""
-        further = batch == self.request.batch and step > self.step
-        if further:
-            self.step, self.attempts = step, 1
-        return further
-
-    def check(self, task: DescribeTask.Response, answered: BatchProgress) -> None:
-        """Raise RunError if the simulator or the policy node reports a failure in the batch."""
-        if task.failure and not self.lost(task):
-            raise RunError(task.failure)
-        if answered.failure and answered.batch == self.request.batch:
-            raise RunError(f"{self.task.environment}: {answered.failure}")
-
-    @property
-    def place(self) -> str:
-        """The last observed step of the environment, as text."""
-        return f"{self.task.environment} was in {f'step {self.step}' if self.step else 'its reset'}"
-
-    @contextmanager
-    def _naming_place(self) -> Iterator[None]:
-        """Add the last observed step to the message of a PeerError, because the environment may have hung in it."""
-        try:
-            yield
-        except PeerError as error:
-            raise type(error)(f"{error}; {self.place}" if self.batch else str(error)) from error
+    def _ask_for_task(self) -> DescribeTask.Response:
+        request = DescribeTask.Request(num_envs=self._num_envs)
+        return self._peers.call(self._describe, request, self.name, repeatable=True)
 
     def _hear(self, message: EpisodesMessage) -> None:
         try:
-            if message.batch in self._finished:
-                self._hear_veto(message, self._finished[message.batch])
-            elif self.busy and (message.batch, message.policy_version) == self._expected:
-                self._take(message)
+            if message.batch == self.request.batch and self.batch is not None and self.finished is None:
+                self._take(message, self.batch)
+            elif message.batch in self._completed:
+                self.vetoed.append(self._finished_of(message, self._completed.pop(message.batch)))
         except ValueError as error:
-            self.refusal = str(error)
-            self._refuse(f"episodes: {self.name}: {error}")
+            self._failure = PeerError(f"the {self.name} node sent invalid episodes: {error}")
 
-    @property
-    def _expected(self) -> tuple[int, int]:
-        return self.request.batch, self.request.policy_version
-
-    def _take(self, message: EpisodesMessage) -> None:
-        """Store the episodes of the current batch, completed or discarded."""
-        if self.batch is None or self.discarded:
+    def _take(self, message: EpisodesMessage, batch: Batch) -> None:
+        """Store the episodes of the requested batch, completed or discarded."""
+        if message.failure:
+            self._failure = RunError(truncated(message.failure))
             return
-        episodes = episodes_of(message, self.batch, self.spaces)
-        executions = self._executions(message, self.batch)
-        if any(execution.discard_reason for execution in executions):
-            self.discarded = FinishedBatch(self.batch, episodes, executions)
-            return
-        if self._policy is not None:
-            check_actions(episodes, self._policy, self.batch)
-        self.episodes, self.executions = episodes, executions
-        self.timing.took(time.monotonic() - self._begun_at, self.batch.num_envs)
-        self._finished[message.batch] = self.batch
+        self.finished = self._finished_of(message, batch)
+        if not discard_reason(self.finished):
+            self._completed[message.batch] = batch
 
-    def _hear_veto(self, message: EpisodesMessage, batch: Batch) -> None:
-        """Record that completed episodes are discarded; ignore repeated messages of completed ones."""
-        executions = self._executions(message, batch)
-        if any(execution.discard_reason for execution in executions):
-            self.vetoed.append(FinishedBatch(batch, episodes_of(message, batch, self.spaces), executions))
-            del self._finished[message.batch]
-
-    def _executions(self, message: EpisodesMessage, batch: Batch) -> list[Execution]:
+    def _finished_of(self, message: EpisodesMessage, batch: Batch) -> FinishedBatch:
         expected = batch.num_envs if self.is_robot else 0
         require(len(message.executions) == expected, "executions", f"{expected} of them", len(message.executions))
-        return executions_of(message)
+        return FinishedBatch(batch, episodes_of(message, batch, self.spaces), executions_of(message))
+
+
+def discard_reason(finished: FinishedBatch) -> str:
+    """Return why a batch of a robot is discarded; empty if it is not."""
+    return next((each.discard_reason for each in finished.executions if each.discard_reason), "")
 
 
 def _environment_of(task: DescribeTask.Response) -> Environment:

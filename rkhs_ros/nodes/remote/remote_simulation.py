@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ from rclpy.context import Context
 from rclpy.exceptions import NameValidationException
 from rclpy.signals import SignalHandlerOptions
 
-from rkhs_interfaces.msg import Action, BatchProgress, Observation
+from rkhs_interfaces.msg import Action, Observation
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import finite_array, require, truncated
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
@@ -24,14 +24,13 @@ from rkhs_ros.nodes.core.names import fresh_number
 from rkhs_ros.nodes.core.peers import Peers
 from rkhs_ros.nodes.core.spin import PeerError, ReportingNode
 from rkhs_ros.nodes.core.transport import LAST_DOMAIN, by_udp
-from rkhs_ros.nodes.lockstep.simulator_link import MAX_DISCARDS, SimulatorLink
+from rkhs_ros.nodes.lockstep.simulator_link import MAX_DISCARDS, SimulatorLink, discard_reason
 from rkhs_ros.policies.messages import doubles
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rollouts.env_batch import CONTINUE_EPISODE, Flags
 
 IDLE_CHECK_S = 0.5  # without an observation before the progress is checked
-RESEND_S = 0.02  # after which an action counts as lost
 
 
 class RemoteStep(NamedTuple):
@@ -62,9 +61,12 @@ class RemoteNode(ReportingNode):
         domain: ROS domain; None for ROS_DOMAIN_ID.
         timeout: seconds after which a silent node is an error.
         num_envs: environments per batch.
+        hear: callback for observations.
     """
 
-    def __init__(self, namespace: str, domain: int | None, timeout: float, num_envs: int) -> None:
+    def __init__(
+        self, namespace: str, domain: int | None, timeout: float, num_envs: int, hear: Callable[[Observation], None]
+    ) -> None:
         context, place = Context(), namespace.strip("/")
         with _by_udp():
             rclpy.init(args=[], context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
@@ -73,9 +75,11 @@ class RemoteNode(ReportingNode):
             except NameValidationException as error:
                 context.try_shutdown()
                 raise ValueError(f"namespace: expected a ROS namespace, got {truncated(repr(namespace))}") from error
-        self.diagnostics = Diagnostics(self, 0, self._report, ["observation"])
+        self.diagnostics = Diagnostics(self, lambda: {"batch": self.link.request.batch}, ["observation"])
         self.peers = Peers(self, timeout)
-        self.link = SimulatorLink(self, self.peers, f"/{place}/" if place else "", num_envs, self.diagnostics.refuse)
+        self.actions = self.create_publisher(Action, "action", LOCKSTEP_QOS)
+        self.create_subscription(Observation, "observation", hear, LOCKSTEP_QOS)  # before the link's clients, see there
+        self.link = SimulatorLink(self, self.peers, f"/{place}/" if place else "", num_envs)
 
     def heartbeat(self) -> float:
         """Publish the status, and heartbeats to a robot, if due; return the seconds until the next ones."""
@@ -88,15 +92,12 @@ class RemoteNode(ReportingNode):
             self.destroy_node()
             self.context.try_shutdown()
 
-    def _report(self) -> dict[str, object]:
-        return {"batch": self.link.request.batch, "step": self.link.step}
-
 
 class RemoteSimulation:
     """A client that resets and steps the environments of a simulator or robot node.
 
-    It replaces the learner and policy nodes of a run. Owns the node, the current step and the last action. Repeats lost
-    messages. If the remote node dies, its episodes are lost; the next reset can use a restarted node.
+    It replaces the learner and policy nodes of a run. Owns the node and the current step. If the remote node dies, its
+    episodes are lost; the next reset can use a restarted node.
 
     Args:
         num_envs: parallel environments.
@@ -110,7 +111,7 @@ class RemoteSimulation:
         spaces: of the task.
 
     Raises:
-        PeerError: no node answers in time.
+        SilentError: no node answers in time.
         ValueError: an argument is out of range, or the node's task does not match.
     """
 
@@ -128,18 +129,13 @@ class RemoteSimulation:
         require(isinstance(timeout, int | float) and timeout > 0, "timeout", "seconds > 0", repr(timeout))
         self._num_envs = num_envs
         self._session, self._version, self._episodes = fresh_number(), fresh_number(), 0
-        self._heard: dict[int, RemoteStep] = {}  # results by step, until they are returned
-        self._sent: Action | None = None  # the last one
-        self._sent_at = 0.0  # monotonic time, seconds
+        self._heard: RemoteStep | None = None  # the result of the step, until it is returned
         self._last: RemoteStep | None = None  # the last returned result
-        self._step = -1  # its step
+        self._step = 0  # the awaited or the last one
         self._over = True
-        self._node = RemoteNode(namespace, domain, timeout, num_envs)
+        self._node = RemoteNode(namespace, domain, timeout, num_envs, self._hear)
         self._link, self._peers = self._node.link, self._node.peers
         try:
-            self._actions = self._node.create_publisher(Action, "action", LOCKSTEP_QOS)
-            self._node.create_subscription(Observation, "observation", self._hear, LOCKSTEP_QOS)
-            self._link.wait()
             self._environment = self._link.connect(None)
             self.task, self.spaces = self._link.task, self._link.spaces
             most = self.task.capacity
@@ -163,14 +159,15 @@ class RemoteSimulation:
                 episode. A robot ignores them.
 
         Raises:
-            PeerError: the node does not answer in time, has another task than before, or lost the episodes to continue.
+            SilentError: the node does not answer in time.
+            PeerError: it has another task than before, or lost the episodes to continue.
             RunError: the environment failed.
             ValueError: the node refuses the request.
         """
         self._link.connect(self._environment)
         for _ in range(MAX_DISCARDS):
             self._begin(seeds)
-            result = self._awaited(0)
+            result = self._awaited()
             if not result.discard_reason:
                 return result
         raise RunError(
@@ -183,108 +180,73 @@ class RemoteSimulation:
         If a robot's episode is discarded, it is truncated with its last observation and a reward of 0.
 
         Raises:
-            PeerError: the node does not answer in time, or lost the episodes.
+            SilentError: the node does not answer or step in time, for example because another client uses it.
             RunError: the environment failed, or there was no reset.
             ValueError: the actions have the wrong shape or are not finite.
         """
         if self._over:
             raise RunError("step: expected a reset first, because the episodes have ended or were lost")
         good = finite_array(actions, (self._num_envs, self.spaces.action_dim), "action")
-        step, request = self._link.step, self._link.request
-        self._sent = Action(
-            batch=request.batch, policy_version=request.policy_version, step=step, actions=doubles(good)
-        )
-        self._send()
-        self._link.step = step + 1
-        return self._awaited(step + 1)
+        request = self._link.request
+        names = {"batch": request.batch, "policy_version": request.policy_version, "step": self._step}
+        self._node.actions.publish(Action(**names, actions=doubles(good)))
+        self._step += 1
+        return self._awaited()
 
     def _begin(self, seeds: Sequence[int]) -> None:
-        self._over, self._sent, self._last, self._step = True, None, None, -1
-        self._heard.clear()
-        self._link.mark_idle()
-        self._link.clear_finished()
+        self._over, self._heard, self._last, self._step = True, None, None, 0
+        self._link.release()
         batch = Batch(self._session, self._episodes, self._num_envs, self._horizon, explore=False)
         self._episodes += self._num_envs
         try:
-            self._link.begin(batch, None, self._version, self.task.clock, seeds)
+            self._link.begin(batch, self._version, seeds=seeds)
         except ValueError as error:
             if CONTINUE_EPISODE in seeds:
                 raise PeerError(f"the {self._link.name} node lost the running episodes: {error}") from error
             raise
 
-    def _send(self) -> None:
-        if self._sent is not None:
-            self._actions.publish(self._sent)
-            self._sent_at = time.monotonic()
-
     def _hear(self, message: Observation) -> None:
-        link = self._link
-        expected = (link.request.batch, link.request.policy_version)
-        if link.batch is None or (message.batch, message.policy_version) != expected or message.step in self._heard:
-            return
-        if message.step <= self._step:
-            self._resend(message.step)
+        request, batch = self._link.request, self._link.batch
+        expected = (request.batch, request.policy_version, self._step)
+        if batch is None or (message.batch, message.policy_version, message.step) != expected:
             return
         try:
-            self._heard[message.step] = _step_of(message, link.batch)
+            self._heard = _step_of(message, batch)
         except ValueError as error:
             self._node.diagnostics.refuse(f"observation: {error}")
 
-    def _resend(self, step: int) -> None:
-        """Send the action of a step again, because it may have been lost."""
-        given = self._sent is not None and self._sent.step == step
-        if given and time.monotonic() > self._sent_at + RESEND_S:
-            self._send()
-
-    def _awaited(self, step: int) -> RemoteStep:
-        """Wait for the result of a step, and return it."""
-        heard, link = self._heard, self._link
+    def _awaited(self) -> RemoteStep:
+        """Wait for the result of the step, and return it."""
+        link, begin = self._link, time.monotonic()
         try:
-            progress_at = time.monotonic() + self.task.period
-            while not self._peers.spin(lambda: step in heard or link.discarded is not None, IDLE_CHECK_S):
-                progress_at = self._check_progress(step, progress_at)
+            while not self._peers.spin(self._has_result, IDLE_CHECK_S):
+                link.check()
+                has_limit = self._step > 0 or not link.is_robot  # an operator may take any time to prepare a robot
+                if has_limit and time.monotonic() > begin + self.task.period + self._peers.timeout_s:
+                    raise self._peers.silent(link.name, f"made no step {self._step}")
         except RunError:
             self._over = True
             raise
-        result = heard.pop(step) if step in heard else self._discarded_step()
-        self._last, self._step = result, step
+        result, self._heard = self._heard or self._discarded_step(), None
+        self._last = result
         self._over = bool((result.terminated | result.truncated).all())
         return result
 
+    def _has_result(self) -> bool:
+        """Return whether the step has a result, or the episode was discarded; raise RunError if the batch failed."""
+        finished = self._link.finished
+        self._link.raise_failure()
+        return self._heard is not None or (finished is not None and bool(discard_reason(finished)))
+
     def _discarded_step(self) -> RemoteStep:
         """Return the result of the step or reset in which a robot's episode was discarded."""
-        executions = self._link.discarded.executions if self._link.discarded else []
-        reason = next(execution.discard_reason for execution in executions if execution.discard_reason)
+        reason = discard_reason(self._link.finished) if self._link.finished else ""
         result = self._last
         observations = (
             np.zeros((self._num_envs, self.spaces.observation_dim)) if result is None else result.observations
         )
         no, yes = np.zeros(self._num_envs, dtype=bool), np.ones(self._num_envs, dtype=bool)
         return RemoteStep(observations, np.zeros(self._num_envs), no, yes, reason)
-
-    def _check_progress(self, step: int, progress_at: float) -> float:
-        """Request possibly lost messages again; return the monotonic time of the last progress.
-
-        Raises:
-            PeerError: the node is silent, or lost the episodes.
-            RunError: the environment failed.
-        """
-        link = self._link
-        task = link.describe()
-        link.check(task, BatchProgress())
-        link.report_waiting(task.waiting)
-        if link.lost(task):
-            raise PeerError(
-                f"the {link.name} node lost the episodes in step {step}: it was restarted, "
-                "or another client started other episodes"
-            )
-        if task.resetting:
-            return time.monotonic()
-        self._send()
-        link.ask_again()
-        if not self._peers.check_progress(progress_at, f"the {link.name} node makes no step"):
-            raise self._peers.silent(link.name, f"made no step {step}")
-        return progress_at
 
 
 def _step_of(message: Observation, batch: Batch) -> RemoteStep:

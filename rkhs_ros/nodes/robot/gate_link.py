@@ -25,19 +25,18 @@ DISARMED, STOPPED = "disarmed", "stopped"
 class GateLink:
     """The robot node's client of the gate.
 
-    Owns the numbers of the commands, and the last reported state of the gate.
+    Owns the numbers of this process and of its commands, and the last reported state of the gate.
 
     Args:
         node: the robot node.
-        instance: number of its process, by which the gate distinguishes senders.
         timeout: seconds without a report of a command after which the gate counts as dead.
         report: callback for each report, with the command's number, the executed command and the flags.
     """
 
-    def __init__(self, node: Node, instance: int, timeout: float, report: Callable[[int, Array, int], None]) -> None:
+    def __init__(self, node: Node, timeout: float, report: Callable[[int, Array, int], None]) -> None:
         self.number = 0
         self._node = node
-        self._instance = instance
+        self._instance = time.time_ns()  # of two processes, the newer one has a greater number
         self._report = report
         self._state: GateState | None = None
         self._timeout = timeout

@@ -20,11 +20,10 @@ from rkhs_ros.base.validation import truncated
 from rkhs_ros.nodes.core.arguments import require_section
 from rkhs_ros.nodes.core.diagnostics import STOP, Diagnostics
 from rkhs_ros.nodes.core.messages import LATCHED_QOS, LOCKSTEP_QOS
-from rkhs_ros.nodes.core.parameters import declare, given, process, restarts
+from rkhs_ros.nodes.core.parameters import declare, given
 from rkhs_ros.nodes.core.publishers import UNKNOWN, full_name, listed
 from rkhs_ros.nodes.core.sources import OBSTACLE, PREFIX, Source
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
-from rkhs_ros.nodes.core.uniqueness import Uniqueness
 from rkhs_ros.nodes.robot.gate_messages import (
     TYPES,
     JointStates,
@@ -51,7 +50,6 @@ from rkhs_ros.robot.gate_state import STOP_REQUESTED, Counts, Gate, Mode
 from rkhs_ros.robot.motion import Setpoint
 from rkhs_ros.robot.sensors import JOINT_STATE
 
-YIELDS_S = 3.0  # after its start, during which a gate exits for an older one, unless it was armed
 LAST_OUTPUT_TIMEOUT_S = 0.2  # for the hardware to receive the last output
 LATE = 2  # periods between two ticks above which a tick counts as missed
 STATE = "gate/state"
@@ -105,13 +103,11 @@ class GateNode(ReportingNode):
         """
         require_section(self.get_fully_qualified_name(), sys.argv)
         tree = given(self)
-        again, own_process = restarts(self, tree), process(self, tree)
         self._settings = build(GateSettings, tree)
         self._rules = rules(self._settings)
         declare(self, (entry for entry in entries(self._settings) if entry.value != ()))
         self._state = begin(self._rules)
         self._published: tuple[Mode, str, Counts] | None = None
-        self._opened_at, self._gates = time.monotonic(), 1  # publishers of the state
         self._loop = Loop(self._settings.period)
         self._joints = JointStates(self._settings.joints)
         self._failures = 0  # of the last ticks, before their output was sent
@@ -122,8 +118,7 @@ class GateNode(ReportingNode):
         self._flaw = ""  # of the last joint state
         self._obstacle = ""  # last reported by the robot node
         self._open_topics()
-        self.diagnostics = Diagnostics(self, again, self._report, ["command", self._settings.command.topic])
-        self._uniqueness = Uniqueness(self, own_process, YIELDS_S)
+        self.diagnostics = Diagnostics(self, self._report, ["command", self._settings.command.topic])
         self._turn(self._state)
         self.get_logger().info(f"ready to be armed for {', '.join(self._settings.joints)}; sends nothing until then")
 
@@ -134,8 +129,6 @@ class GateNode(ReportingNode):
             self._tick(now)
             if self._settings.arms_itself:
                 self._arm_itself(now)
-        self._uniqueness.check()
-        self._renew_state(now)
         return max(min(self.diagnostics.heartbeat(), self._state.due - time.monotonic()), 0.0)
 
     def may_end(self) -> bool:
@@ -186,13 +179,6 @@ class GateNode(ReportingNode):
         self.diagnostics.stopped = state.reason
         self._states.publish(state_message(state))
         self._published = visible
-
-    def _renew_state(self, now: float) -> None:
-        """Publish the state again after a second gate has appeared or left, so that its state is not the newest one."""
-        gates = max(self.count_publishers(STATE), 1)
-        if gates != self._gates and (self._state.is_armed or now > self._opened_at + YIELDS_S):
-            self._gates = gates
-            self._states.publish(state_message(self._state))
 
     def _tick(self, now: float) -> None:
         """Send an output first, so that no later failure prevents it; then check stops and other publishers."""
@@ -264,7 +250,6 @@ class GateNode(ReportingNode):
         response.message = self._try_to_arm()
         response.success = not response.message
         if response.success:
-            self._uniqueness.stay()
             self._has_armed_itself = self._waits_for_a_person = False
             response.message = str(self._state.mode)
         return response

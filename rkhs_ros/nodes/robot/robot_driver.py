@@ -8,8 +8,8 @@ from collections.abc import Callable
 from std_srvs.srv import Trigger
 
 from rkhs_interfaces.msg import Action, Observation
-from rkhs_ros.base.endings import RunError
-from rkhs_ros.base.validation import require
+from rkhs_ros.base.endings import RunError, SilentError
+from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, robot_observation_message
 from rkhs_ros.nodes.core.spin import ReportingNode
 from rkhs_ros.nodes.robot.gate_link import GateLink
@@ -27,18 +27,16 @@ from rkhs_ros.robot.task import RobotTask
 RESET_PERIOD_S = 0.05  # between the commands of a reset, at most
 IDLE_S = 1.0  # until the next check without an episode
 PEERS_TIMEOUT_S = 5.0  # for sensors and the service to become available before a reset; after it the run ends
-FIRST_RETRY_S, LONGEST_RETRY_S = 0.02, 1.0  # before the first observation is repeated; exponential back-off
 
 
 class EpisodeDriver:
     """Runs one episode at a time on the robot, including the reset before it.
 
-    Owns the current episode, its reset, the last command and the last observation message.
+    Owns the current episode, its reset and the last command.
 
     Args:
         node: the robot node.
         task: the robot's task.
-        instance: number of the node's process, by which the gate distinguishes senders.
         arms: whether the gate arms itself and protective stops end automatically; for simulated robots only.
         ended: called with each episode that has ended, after the command to hold.
 
@@ -51,7 +49,7 @@ class EpisodeDriver:
     """
 
     def __init__(
-        self, node: ReportingNode, task: RobotTask, instance: int, *, arms: bool, ended: Callable[[RobotEpisode], None]
+        self, node: ReportingNode, task: RobotTask, *, arms: bool, ended: Callable[[RobotEpisode], None]
     ) -> None:
         self.episode: RobotEpisode | None = None
         self.lockstep = (0, 0)  # batch and policy version of the episode's messages
@@ -64,11 +62,12 @@ class EpisodeDriver:
         self._reset: ResetProcess | None = None
         self._reset_period = min(task.period, RESET_PERIOD_S)
         self._clock = ElasticClock(self._reset_period, 0.0)  # of a reset
-        self._began_at = self._retry_at = 0.0  # monotonic times, seconds
-        self._retry_s = FIRST_RETRY_S
+        self._began_at = self._ready_at = 0.0  # monotonic times of the request and the first observation, seconds
+        self._timeout = 0.0  # seconds without a first action; 0 for no limit
         self._sent = (0, 0)  # number of the last command, and its step
-        self._shown: Observation | None = None
-        self._gate = GateLink(node, instance, task.stale_after, self._hear_report)
+        self._fault = ""  # why the policy cannot act
+        self._is_shown = False  # whether the policy has an observation of the episode
+        self._gate = GateLink(node, task.stale_after, self._hear_report)
         self._simulated = SimulatedRobotLink(node, self._gate) if arms else None
         self.sensors = SensorTopics(node, task)
         self._observations = node.create_publisher(Observation, "observation", LOCKSTEP_QOS)
@@ -80,19 +79,12 @@ class EpisodeDriver:
         """Whether a policy node subscribes to the observations."""
         return bool(self._observations.get_subscription_count() > 0)
 
-    def begin(self, batch: Batch, identity: int, version: int) -> None:
-        """Start an episode with the policy of that version."""
+    def begin(self, batch: Batch, identity: int, version: int, timeout: float) -> None:
+        """Start an episode with the policy of that version, which has ``timeout`` seconds for its first action."""
         self.episode = RobotEpisode(batch, self._task, time.time_ns())
-        self.lockstep = (identity, version)
+        self.lockstep, self._timeout = (identity, version), timeout
         self._began_at = time.monotonic()
         self._clock = ElasticClock(self._reset_period, self._began_at)
-
-    def rename(self, identity: int, version: int) -> None:
-        """Continue under another batch number and policy version, unless the policy already acts under the old ones."""
-        if self.episode is not None and not self.episode.moving:
-            self.lockstep = (identity, version)
-            if self._shown is not None:
-                self._show(self.episode)
 
     def confirm(self) -> None:
         """Continue on the operator's confirmation."""
@@ -115,17 +107,20 @@ class EpisodeDriver:
         """Process due events; return the monotonic time of the next one.
 
         Raises:
-            RunError: the sensors are silent, or a function of the task fails.
+            SilentError: the policy node did not act in time.
+            RunError: the sensors are silent, or the policy or a function of the task fails.
         """
         episode = self.episode
         if episode is None:
             return now + IDLE_S
-        if self._shown is None:
+        if self._fault:
+            raise RunError(self._fault)
+        if not self._is_shown:
             return self._prepare(episode, now)
         if fault := self._obstacle() or self._silence(now):
             episode.discard(fault)
         if not episode.moving and not episode.over:
-            return self._request_first_action(now)
+            return self._await_first_action(now)
         if episode.proceed(now, self._sense):
             if episode.complete:
                 self._gate.hold()
@@ -233,25 +228,26 @@ class EpisodeDriver:
             self.discard(str(error))
             return
         self._show(episode)
-        self._retry_s, self._retry_at = FIRST_RETRY_S, time.monotonic() + FIRST_RETRY_S
+        self._ready_at = time.monotonic()
 
-    def _request_first_action(self, now: float) -> float:
-        if now >= self._retry_at and self._shown is not None:
-            self._observations.publish(self._shown)
-            self._retry_s = min(2 * self._retry_s, LONGEST_RETRY_S)
-            self._retry_at = now + self._retry_s
-        return min(self._retry_at, now + self._task.learner_timeout)
+    def _await_first_action(self, now: float) -> float:
+        if 0 < self._timeout < now - self._ready_at:
+            raise SilentError(f"the policy node did not act within {self._timeout:g} s")
+        return now + self._task.learner_timeout
 
     # Steps.
 
     def _show(self, episode: RobotEpisode) -> None:
-        self._shown = robot_observation_message(*self.lockstep, episode.batch, episode, episode.step)
-        self._observations.publish(self._shown)
+        self._is_shown = True
+        self._observations.publish(robot_observation_message(*self.lockstep, episode.batch, episode, episode.step))
 
     def _act(self, message: Action) -> None:
         episode = self.episode
         if episode is None or (message.batch, message.policy_version) != self.lockstep:
             self._node.diagnostics.skip(f"action: batch {message.batch} is not running")
+            return
+        if message.failure:
+            self._fault = truncated(message.failure)
             return
         try:
             action = matrix(message.actions, 1, self._task.action.dimension, "actions")[0]
@@ -296,6 +292,6 @@ class EpisodeDriver:
     def _finish(self, episode: RobotEpisode) -> None:
         """Command the robot to hold, and report the end of the episode."""
         self._gate.hold()
-        self.episode = self._reset = self._shown = None
-        self.waiting = ""
+        self.episode = self._reset = None
+        self._is_shown, self.waiting, self._fault = False, "", ""
         self._ended(episode)

@@ -13,16 +13,14 @@ from std_srvs.srv import SetBool, Trigger
 from rkhs_interfaces import msg
 from rkhs_interfaces.msg import Episodes
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
-from rkhs_ros.base.endings import RunError, Stop
-from rkhs_ros.base.threads import one_thread
+from rkhs_ros.base.endings import RunError, SilentError, Stop
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.nodes.core.arguments import require_section
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of, describe_robot
-from rkhs_ros.nodes.core.parameters import declare, declared, given, process, restarts
+from rkhs_ros.nodes.core.parameters import declare, declared, given
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
-from rkhs_ros.nodes.core.uniqueness import Uniqueness
 from rkhs_ros.nodes.robot.robot_driver import EpisodeDriver
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.robot.clock import StepTiming
@@ -37,8 +35,8 @@ class RobotNode(ReportingNode):
     """Runs episodes on a robot, one at a time, with the same interface to the learner as a simulator.
 
     Owns the journal, and the episode that may still be vetoed. If the learner requests an episode that is in the
-    journal, the node publishes it again; if it is running, the node continues it. The learner assigns the episodes'
-    numbers. Commands go to the gate, never directly to the hardware.
+    journal, the node publishes it again. The learner assigns the episodes' numbers. Commands go to the gate, never
+    directly to the hardware.
     """
 
     def __init__(self) -> None:
@@ -61,7 +59,6 @@ class RobotNode(ReportingNode):
             False,
             "end protective stops automatically, for simulated robots whose gate arms itself only",
         )
-        again, own_process = restarts(self, tree), process(self, tree)
         self._task = robot_task_from(tree)
         declare(self, (entry for entry in self._task.entries() if entry.value != ()))
         self._journal = Journal(Path(folder).expanduser() if folder else None)
@@ -69,13 +66,10 @@ class RobotNode(ReportingNode):
         self._held: tuple[FinishedEpisode, float] | None = None  # an episode that may be vetoed, and until when
         # The last completed episode that was published, with its batch and policy version.
         self._reported: tuple[FinishedEpisode, int, int] | None = None
-        self._newest: Episodes | None = None  # the last published message
         self._failure = ""
         self._timing, self._misses, self._discarded = StepTiming(), 0, 0
-        self.diagnostics = Diagnostics(self, again, self._report, ["action", "gate/report"])
-        self._uniqueness = Uniqueness(self, own_process)
-        instance_number = self._uniqueness.instance
-        self._motion = EpisodeDriver(self, self._task, instance_number, arms=arms, ended=self._store)
+        self.diagnostics = Diagnostics(self, self._report, ["action", "gate/report"])
+        self._motion = EpisodeDriver(self, self._task, arms=arms, ended=self._store)
         self._open_topics()
         self.get_logger().info(f"ready for episodes of {self._task.task}")
 
@@ -90,14 +84,17 @@ class RobotNode(ReportingNode):
         self.create_service(SetBool, "~/pause", self._pause)
 
     def heartbeat(self) -> float:
-        """Process due events; return the seconds until the next one."""
+        """Process due events; return the seconds until the next one.
+
+        Raises:
+            SilentError: the policy node did not act in time.
+        """
         now = time.monotonic()
         if self._held is not None and now >= self._held[1]:
             self._release()
         due = self._proceed(now) if self._held is None else self._held[1]
         if due - now < CALM_S:
             return max(due - time.monotonic(), 0.0)
-        self._uniqueness.check()
         self._motion.sensors.heartbeat(now)
         self.diagnostics.waiting = self._motion.waiting
         return max(min(self.diagnostics.heartbeat(), due - time.monotonic()), 0.0)
@@ -106,6 +103,8 @@ class RobotNode(ReportingNode):
         """Continue the episode; if that fails, discard it and report the reason to the learner."""
         try:
             return self._motion.proceed(now)
+        except SilentError:
+            raise  # ends the run, which can be resumed
         except RunError as error:
             self._failure = self.diagnostics.stuck = f"{self._task.task}: {error}"
             self._motion.discard(str(error))
@@ -118,51 +117,31 @@ class RobotNode(ReportingNode):
     # Requests of the learner.
 
     def _describe(self, request: DescribeTask.Request, response: DescribeTask.Response) -> DescribeTask.Response:
-        heard = self._motion.is_heard and self._episodes.get_subscription_count() > 0
-        episode = self._motion.episode
-        step = episode.step if episode else 0
-        answer = describe_robot(self._task, self._request.batch, step, failure=self._failure, connected=heard)
-        answer.resetting = self._held is not None or (episode is not None and not episode.moving)
-        answer.waiting = self._motion.waiting
-        return answer
+        return describe_robot(self._task, self._motion.waiting)
 
     def _start(self, request: StartEpisodes.Request, response: StartEpisodes.Response) -> StartEpisodes.Response:
+        if not (self._motion.is_heard and self._episodes.get_subscription_count()):
+            response.message = "no node subscribes to the observations, or none to the episodes"
+            return response
         self._motion.alive_at = time.monotonic()
         with self.diagnostics.accepting(response, "start_episodes"):
             batch = batch_of(request)
             requested = (request.environment, request.options)
             require(requested == (self._task.task, "{}"), "task", self._task.task, " with options ".join(requested))
             require(batch.num_envs == 1, "num_envs", "1 for a robot", batch.num_envs)
-            if request.batch == self._request.batch:
-                require(request == self._request, f"batch {request.batch}", "the same request again", "another one")
-                self._repeat()
-            else:
-                self._take(request, batch)
+            self._take(request, batch)
         return response
 
     def _take(self, request: StartEpisodes.Request, batch: Batch) -> None:
-        """Continue the current episode if it is requested; else publish it from the journal, or start a new one."""
-        episode = self._motion.episode
-        current = self._held[0].batch if self._held else episode.batch if episode else None
-        if current == batch and not request.anew:
-            self._request = request
-            self._motion.rename(request.batch, request.policy_version)
-            return
+        """Publish an episode from the journal, or start it."""
         self._release()
         self._motion.discard("another episode was requested")
-        self._request, self._newest, self._failure, self.diagnostics.stuck = request, None, "", ""
-        if request.anew:
-            self._journal.set_aside(batch)
+        self._request, self._failure, self.diagnostics.stuck = request, "", ""
         found = self._journal.find(batch)
         if found is not None:
             self._publish(found)
         else:
-            self._motion.begin(batch, request.batch, request.policy_version)
-
-    def _repeat(self) -> None:
-        """Repeat the last message, which may have been lost."""
-        if self._newest is not None:
-            self._episodes.publish(self._newest)
+            self._motion.begin(batch, request.batch, request.policy_version, request.timeout)
 
     def _hear_learner(self, message: Empty) -> None:
         self._motion.alive_at = time.monotonic()
@@ -178,8 +157,10 @@ class RobotNode(ReportingNode):
         if reason := ended.execution.discard_reason:
             self._discarded += 1
             self.get_logger().warning(f"episode {ended.batch.first_episode + 1} is discarded: {reason}")
-        if self._failure:
-            return  # the learner exits; it must not repeat the episode
+        if self._failure:  # the learner exits; it must not repeat the episode
+            place = {"batch": self._request.batch, "policy_version": self._request.policy_version}
+            self._episodes.publish(Episodes(failure=self._failure, **place))
+            return
         self._held = (ended, 0.0 if reason else time.monotonic() + self._task.veto_window)
         if reason or not self._task.veto_window:
             self._release()
@@ -192,8 +173,7 @@ class RobotNode(ReportingNode):
 
     def _publish(self, ended: FinishedEpisode) -> None:
         place = (self._request.batch, self._request.policy_version)
-        self._newest = episodes_message(msg, *place, ended.episodes, [ended.execution])
-        self._episodes.publish(self._newest)
+        self._episodes.publish(episodes_message(msg, *place, ended.episodes, [ended.execution]))
         self._reported = None if ended.execution.discard_reason else (ended, *place)
 
     # Requests of the operator.
@@ -264,8 +244,7 @@ def serve_robot(node: RobotNode, stop: Stop) -> None:
 
 def main() -> None:
     """Run the robot node."""
-    with one_thread():
-        run(RobotNode, "robot", serve_robot)
+    run(RobotNode, "robot", serve_robot)
 
 
 if __name__ == "__main__":

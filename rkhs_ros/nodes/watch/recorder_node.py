@@ -17,9 +17,8 @@ from rkhs_ros.base.endings import Stop
 from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.core.arguments import require_section
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
-from rkhs_ros.nodes.core.parameters import declared, given, process, require_known, restarts
+from rkhs_ros.nodes.core.parameters import declared, given, require_known
 from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S, ReportingNode, run
-from rkhs_ros.nodes.core.uniqueness import Uniqueness
 from rkhs_ros.recordings.container import MessageFile, Stored
 from rkhs_ros.recordings.definitions import store_of_all
 
@@ -52,11 +51,9 @@ class RecorderNode(ReportingNode):
         require_section(self.get_fully_qualified_name(), sys.argv)
         tree = given(self)
         folder = declared(self, tree, "output", "", "folder for the file")
-        again, own_process = restarts(self, tree), process(self, tree)
         require_known(tree)
         require(bool(folder), "output", "a folder for the file", "none")
-        self.diagnostics = Diagnostics(self, again, lambda: {"messages": self.messages})
-        self._uniqueness = Uniqueness(self, own_process)
+        self.diagnostics = Diagnostics(self, lambda: {"messages": self.messages})
         self._topics: set[str] = set()
         self.messages = 0
         self._search_at = 0.0  # monotonic time, seconds
@@ -66,7 +63,6 @@ class RecorderNode(ReportingNode):
 
     def heartbeat(self) -> float:
         """Search for new topics, and report; return the seconds until more is due."""
-        self._uniqueness.check()
         now = time.monotonic()
         if now >= self._search_at:
             self._search_at = now + SEARCH_PERIOD_S

@@ -35,7 +35,6 @@ COLUMNS = {  # headers of the reported values: one line each, and short enough f
     "steps per second": "Hz",
     "refusals": "refused",
     "ignored": "ignored",
-    "restarts": "restarts",
 }
 LAST_REFUSAL = "last refusal"
 MODE = "state"  # of a gate or a robot, in addition to the node's status

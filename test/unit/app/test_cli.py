@@ -396,23 +396,16 @@ def test_with_interfaces_a_run_uses_topics(rkhs: Run, monkeypatch: pytest.Monkey
     monkeypatch.setattr(train, "launch", lambda parameters, more, **nodes: launched.update(more, nodes=nodes) or 1)
     assert rkhs("train", CONFIG, "--quiet", "--out", "run") == (1, "", "")
     assert launched["learner"]["quiet"] is True
-    assert launched["nodes"] == {"simulators": 1, "composed": False}
+    assert launched["nodes"] == {"composed": False}
     assert rkhs("train", CONFIG, "--runner", "composed", "--out", "other").code == 1
-    assert launched["nodes"] == {"simulators": 1, "composed": True}
+    assert launched["nodes"] == {"composed": True}
 
 
-@pytest.mark.parametrize(
-    ("config", "simulators", "message"),
-    [
-        (CONFIG, 2, "--runner composed: expected one simulator, got 2"),
-        (CONFIG.with_name("robot_pendulum.yaml"), 1, "--runner composed: expected a simulator, got a robot"),
-    ],
-)
-def test_composition_requires_a_single_simulator(
-    rkhs: Run, monkeypatch: pytest.MonkeyPatch, config: Path, simulators: int, message: str
-) -> None:
+def test_a_robot_cannot_be_composed(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
-    assert_refused(rkhs("train", config, "--runner", "composed", "--simulators", simulators, "--out", "run"), message)
+    robot = CONFIG.with_name("robot_pendulum.yaml")
+    message = "--runner composed: expected a simulator, got a robot"
+    assert_refused(rkhs("train", robot, "--runner", "composed", "--out", "run"), message)
 
 
 # Pictures and evaluation of a policy

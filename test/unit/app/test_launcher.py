@@ -20,7 +20,7 @@ PARAMETERS = "/**/simulator: {ros__parameters: {environment: {id: x}}}\n/**/lear
     "path", ["a #b", "a: b", "{x}", " trailing \n line ", "1e5", "on", "é \U0001f600 \\ \"'", "*a"]
 )
 def test_the_parameter_file_transports_any_path(path: str) -> None:
-    document = loaded(for_all(PARAMETERS, 1, {"learner": {"output": path, "resume": True}}))
+    document = loaded(for_all(PARAMETERS, {"learner": {"output": path, "resume": True}}))
     assert document["/**/learner"]["ros__parameters"] == {
         "seed": 1,
         "environment": {"id": "x"},
@@ -30,16 +30,15 @@ def test_the_parameter_file_transports_any_path(path: str) -> None:
 
 
 def test_the_parameter_file_contains_the_settings_of_all_nodes() -> None:
-    document = loaded(for_all(PARAMETERS, 2))
+    document = loaded(for_all(PARAMETERS))
     assert document["/**/simulator"]["ros__parameters"] == {"environment": {"id": "x"}}
     assert document["/**/learner"]["ros__parameters"] == {"seed": 1, "environment": {"id": "x"}}
-    assert document["/**/policy"]["ros__parameters"] == {"simulators": 2}
 
 
 @pytest.mark.parametrize("path", ["\udcff", "a\0b"])
 def test_a_path_that_is_no_ros_parameter_is_rejected(path: str) -> None:
     with pytest.raises(ValueError, match=r"learner\.output: expected .*UTF-8 text"):
-        for_all(PARAMETERS, 1, {"learner": {"output": path}})
+        for_all(PARAMETERS, {"learner": {"output": path}})
 
 
 def test_an_interrupt_during_a_fork_is_not_lost() -> None:

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.slow
 
 CONFIG = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
 COMMAND = (sys.executable, "-m", "rkhs_ros.app.cli")
-RUN = ("train", str(CONFIG), "--runner", "inline", "--simulators", "1", "--iterations", "3", "--out")
+RUN = ("train", str(CONFIG), "--runner", "inline", "--iterations", "3", "--out")
 
 
 RARE = ("2>&-", ">/dev/full", ">&-", "2>/dev/full >/dev/full")

@@ -25,7 +25,7 @@ from test.unit.recordings.recorded_runs import CONFIG, Robot, content, longer, r
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 ROOT = Path(__file__).parents[3]
-KIND = "rkhs_interfaces/msg/NodeInstance"
+KIND = "rkhs_interfaces/msg/Action"
 
 
 @pytest.fixture(scope="module")
@@ -35,12 +35,12 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def noted(texts: list[str]) -> list[Stored]:
     """Return messages with a text each."""
-    contents = [encoded(Types().NodeInstance(node=text)) for text in texts]
+    contents = [encoded(Types().Action(failure=text)) for text in texts]
     return [Stored("noted", KIND, definition(KIND), each, 10 + i, i) for i, each in enumerate(contents)]
 
 
 def texts(path: Path) -> list[str]:
-    return [decoded(each.content, each.kind, each.definition).node for each in read_messages(path).messages]
+    return [decoded(each.content, each.kind, each.definition).failure for each in read_messages(path).messages]
 
 
 def test_definitions_match_rkhs_interfaces() -> None:
@@ -56,8 +56,8 @@ def test_definitions_match_rkhs_interfaces() -> None:
 
 
 def test_unknown_fields_of_a_message_are_rejected() -> None:
-    with pytest.raises(ValueError, match=r"NodeInstance: expected fields of this type, got year"):
-        Types().NodeInstance(year=3)
+    with pytest.raises(ValueError, match=r"Action: expected fields of this type, got year"):
+        Types().Action(year=3)
 
 
 @pytest.mark.parametrize("learnt", [False, True])

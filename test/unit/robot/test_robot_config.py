@@ -56,7 +56,6 @@ def test_robot_settings_can_be_changed_and_are_settings_of_the_run() -> None:
         ("gate.command.topic='a b'", "gate.command.topic: Invalid topic name"),
         ("robot.reward={topic: score, type: std_msgs/msg/Float65}", "unknown message type 'std_msgs/msg/Float65'"),
         ("robot.sensors.motor={topic: a, type: sensor_msgs/msg/Imu, fields: [speed]}", "unknown field 'speed' of Imu"),
-        ("simulators=2", "simulators: expected 1, since there is one robot"),
     ],
 )
 def test_invalid_sections_are_refused_before_any_node_starts(
@@ -95,8 +94,8 @@ def test_a_robot_is_refused_by_the_inline_runner(tmp_path: Path, capsys: pytest.
 
 def test_all_nodes_of_a_robot_receive_their_parameters() -> None:
     config = load_config(PENDULUM)
-    assert node_names(1, config.environment.nodes) == ["simulated_robot", "gate", "robot", "policy", "learner"]
-    document = loaded(for_all(resolved(config), 1, {"robot": {"journal": "/somewhere"}}))
+    assert node_names(config.environment.nodes) == ["simulated_robot", "gate", "robot", "policy", "learner"]
+    document = loaded(for_all(resolved(config), {"robot": {"journal": "/somewhere"}}))
     robot = document["/**/robot"]["ros__parameters"]
     assert (robot["journal"], robot["simulated"]) == ("/somewhere", True)
     learner = document["/**/learner"]["ros__parameters"]
@@ -111,7 +110,7 @@ def test_only_an_operator_ends_the_stops_of_a_real_robot(missing: str) -> None:
         del document["/**/gate"]["ros__parameters"]["arms_itself"]
     else:
         del document["/**/simulated_robot"]
-    robot = loaded(for_all(str(document), 1, {"robot": {"journal": "/somewhere"}}))["/**/robot"]["ros__parameters"]
+    robot = loaded(for_all(str(document), {"robot": {"journal": "/somewhere"}}))["/**/robot"]["ros__parameters"]
     assert robot["simulated"] is False
 
 

@@ -249,9 +249,9 @@ def test_the_journal_finds_completed_episodes_and_stores_discarded_ones(tmp_path
     assert journal.find(replace(BATCH, explore=False)) is None
     assert journal.find(replace(BATCH, first_episode=8)) is None
     assert journal.find(replace(BATCH, seed=4)) is None
-    journal.set_aside(BATCH)
+    journal.discard(replace(found, execution=replace(found.execution, discard_reason="vetoed by the operator")))
     assert journal.find(BATCH) is None
-    assert len(list((tmp_path / "journal").iterdir())) == 2
+    assert len(list((tmp_path / "journal").iterdir())) == 3
 
 
 def test_a_damaged_file_of_the_journal_is_ignored(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

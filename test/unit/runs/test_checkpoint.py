@@ -266,7 +266,7 @@ def test_a_removed_option_is_rejected(folder: Path, states: list[State]) -> None
 
 def test_settings_without_effect_on_results_may_differ(folder: Path, states: list[State]) -> None:
     write(folder, *states)
-    assert newest(folder, changed(iterations=5, simulators=3, timeout=1.0)) == 4
+    assert newest(folder, changed(iterations=5, timeout=1.0)) == 4
 
 
 def test_a_checkpoint_of_another_schema_is_rejected(folder: Path, states: list[State]) -> None:

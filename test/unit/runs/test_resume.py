@@ -519,8 +519,8 @@ def test_the_command_resumes_a_run(rkhs: Cli, tmp_path: Path, whole: dict[str, o
     assert (code, err) == (0, "")
     assert out.startswith("Trained on rkhs/Toy-v0 for 8 episodes")
     assert results(tmp_path / "run") == whole
-    assert rkhs("train", "--resume", "run", *INLINE, "--iterations", 5, "--simulators", 2)[0] == 0
-    assert load_config(tmp_path / "run" / "config.yaml") == longer(5, simulators=2)
+    assert rkhs("train", "--resume", "run", *INLINE, "--iterations", 5)[0] == 0
+    assert load_config(tmp_path / "run" / "config.yaml") == longer(5)
     assert len(Curve(tmp_path / "run" / "curve.csv").rows()) == 5
 
 
@@ -563,14 +563,14 @@ def test_over_topics_the_learner_resumes(rkhs: Cli, tmp_path: Path, monkeypatch:
 
     monkeypatch.setattr(train, "launch", launched)
     monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))  # as if built
-    assert rkhs("train", "--resume", "run", "--runner", "ros", "--quiet", "--simulators", 2)[0] == 0
+    assert rkhs("train", "--resume", "run", "--runner", "ros", "--quiet")[0] == 0
     parameters, more, keywords = received
     (tmp_path / "given.yaml").write_text(parameters)
-    assert load_config(tmp_path / "given.yaml") == longer(4, simulators=2)
+    assert load_config(tmp_path / "given.yaml") == longer(4)
     learner = {"output": str(folder), "quiet": True, "resume": True, "provenance_may_change": False, "record": False}
     learner["log"] = ""
     assert more == {"learner": learner}
-    assert keywords == {"simulators": 2, "composed": False}
+    assert keywords == {"composed": False}
 
 
 def test_a_folder_is_locked_during_a_run_only(rkhs: Cli, tmp_path: Path) -> None:
