@@ -10,7 +10,7 @@ import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from rkhs_interfaces.msg import Action
-from rkhs_interfaces.srv import DescribeTask, StartEpisodes
+from rkhs_interfaces.srv import StartEpisodes
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.simulation import Simulation
 from test.ros.conftest import PATIENCE, Probe, Process
@@ -43,13 +43,12 @@ def begin(start: Start, probe: Probe, *parameters: str) -> None:
     given = [word for parameter in (f"environment.id:={TASK}", *parameters) for word in ("-p", parameter)]
     start("simulator", "--ros-args", *given)
     probe.meet("observation")
-    probe.until(lambda: probe.ask("describe_task", DescribeTask.Request()).connected)
 
 
 def play(probe: Probe, batch: int) -> None:
     numbers = {"batch": batch, "policy_version": 1, "seed": 3, "first_episode": 5, "num_envs": 2, "horizon": 1}
     request = StartEpisodes.Request(environment=TASK, options="{}", explore=True, **numbers)
-    assert probe.ask("start_episodes", request).accepted
+    probe.until(lambda: probe.ask("start_episodes", request).accepted)  # once the nodes have met
     probe.say("action", Action(batch=batch, step=0, policy_version=1, actions=array("d", ACTIONS.ravel())))
     probe.until(lambda: [m for m in probe.heard["episodes"] if m.batch == batch] != [])
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import os
 import signal
+import socket
 import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, nullcontext
 from functools import partial
+from hashlib import blake2b
 from typing import TYPE_CHECKING, TypeVar
 
 import rclpy
@@ -43,7 +46,6 @@ SIGNAL_CHECK_S = 0.1  # between checks for a signal
 MOST_ENDING_S = (
     10  # for a node to exit; the middleware sometimes waits for ever, and nothing else would end the process
 )
-DISCOVERY_S = 0.8  # for a new node to discover the others, on a busy machine too
 RETRY_S = 0.001  # before retrying a failed callback while a node brings its robot to rest
 LAST_WORDS_S = 0.5  # for subscribers to be discovered and to receive the reason before a node exits with an error
 ROSOUT_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -78,6 +80,30 @@ class ReportingNode(Node):
         )
         self._fix_clock()
         self._rosout = self.create_publisher(Log, "/rosout", ROSOUT_QOS)
+        self._claim = socket.socket(socket.AF_UNIX)
+
+    def claim_name(self) -> None:
+        """Refuse to run if another process of this machine runs a node of this name in this domain.
+
+        The graph shows another node only after some time. A socket in the abstract namespace of Linux, of which there
+        is one per name, is taken at once; the kernel frees it when the process ends in whatever way.
+
+        Raises:
+            PeerError: there is such a process.
+        """
+        name = f"{self.context.get_domain_id()}{self.get_fully_qualified_name()}"
+        try:
+            self._claim.bind(f"\0rkhs_ros/{blake2b(name.encode(), digest_size=16).hexdigest()}")  # names are limited
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE:
+                return  # another system than Linux
+            expected = f"expected one {self.get_name()} node, got another one that is already running"
+            raise PeerError(f"{expected}; set ROS_DOMAIN_ID to separate runs") from error
+
+    def destroy_node(self) -> None:
+        """Release the name, and destroy the node."""
+        self._claim.close()
+        super().destroy_node()
 
     def open(self) -> None:
         """Declare the parameters and open topics and services.
@@ -240,20 +266,10 @@ def open_node(node: ReportingNode) -> None:
         PeerError: a node of its name is running.
         ValueError: a parameter is unknown or invalid, a name is invalid, or the middleware refuses one.
     """
-    _refuse_second(node)
+    node.claim_name()
     try:
         node.open()
     except NameValidationException as error:  # a setting that names a topic or a service
         raise ValueError(in_one_line(error)) from error
     except RCLError as error:  # for example two topics of one name with different types
         raise ValueError(f"{node.get_name()}: cannot open its topics and services: {truncated(error)}") from error
-
-
-def _refuse_second(node: ReportingNode) -> None:
-    """Raise PeerError if the graph has another node of this name, after the time to discover it."""
-    name, deadline = (node.get_name(), node.get_namespace()), time.monotonic() + DISCOVERY_S
-    while time.monotonic() < deadline:
-        if node.get_node_names_and_namespaces().count(name) > 1:
-            expected = f"expected one {node.get_name()} node, got another one that is already running"
-            raise PeerError(f"{expected}; set ROS_DOMAIN_ID to separate runs")
-        time.sleep(DISCOVERY_S / 10)
