@@ -29,6 +29,7 @@ from rkhs_ros.nodes.core.messages import (
     show,
 )
 from rkhs_ros.nodes.core.parameters import declare, declared, given, require_known
+from rkhs_ros.nodes.core.publishers import is_answered
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.policies.messages import matrix
 from rkhs_ros.policies.streams import Batch
@@ -125,8 +126,8 @@ class SimulatorNode(ReportingNode):
         return describe(self._simulation, request.num_envs)
 
     def _start(self, request: StartEpisodes.Request, response: StartEpisodes.Response) -> StartEpisodes.Response:
-        if not all(each.get_subscription_count() for each in (self._observations, self._episodes)):
-            response.message = "no node subscribes to the observations, or none to the episodes"
+        if not is_answered(self, "observation", "action"):
+            response.message = "no policy node subscribes to the observations"
             return response
         with self.diagnostics.accepting(response, "start_episodes"):
             self._check_task(request)

@@ -48,7 +48,7 @@ class Bad(gymnasium.Env[np.ndarray, np.ndarray]):
         return self.seen(), reward, False, False, {}
 
     def misbehave(self, reward: float) -> float:
-        if self.fault in ("os._exit", "segmentation fault"):
+        if self.fault in ("os._exit", "segmentation fault", "hang"):
             CRASHED.touch()
         match self.fault:
             case "nan observation":

@@ -163,10 +163,14 @@ class Probe(Node):
         """Wait until a node speaks on the topic."""
         self.until(lambda: self._listeners[topic].get_publisher_count() > 0)
 
+    def speak(self, topic: str) -> None:
+        """Become a publisher of the topic, which some nodes wait for."""
+        self._speakers[topic] = self.create_publisher(TYPES[topic], topic, LOCKSTEP_QOS)
+
     def say(self, topic: str, message: Any) -> None:
         if topic not in self._speakers:
-            self._speakers[topic] = self.create_publisher(TYPES[topic], topic, LOCKSTEP_QOS)
-            self.until(lambda: self._speakers[topic].get_subscription_count() > 1)
+            self.speak(topic)
+        self.until(lambda: self._speakers[topic].get_subscription_count() > 1)
         self._speakers[topic].publish(message)
 
     def add_service(self, name: str, kind: Any) -> None:

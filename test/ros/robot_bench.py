@@ -105,7 +105,7 @@ class Bench:
     def _is_answered(self, request: StartEpisodes.Request) -> bool:
         """Ask for an episode; return whether the nodes have met each other, and assert that they then accept."""
         response = self.probe.ask("start_episodes", request)
-        assert response.accepted or "no node subscribes" in response.message, response.message
+        assert response.accepted or "no policy node subscribes" in response.message, response.message
         return bool(response.accepted)
 
     def failed(self) -> str:

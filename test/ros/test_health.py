@@ -132,6 +132,7 @@ def test_a_late_subscriber_receives_the_clock(start: Start, probe: Probe) -> Non
     probe.meet("observation")
     batch = Batch(seed=0, first_episode=0, num_envs=1, horizon=1000, explore=False)
     task = probe.ask("describe_task", DescribeTask.Request())
+    probe.speak("action")
     request = start_request(1, 1, batch, task, seeds=(), timeout=0.0)
     probe.until(lambda: probe.ask("start_episodes", request).accepted)
     probe.until(lambda: probe.heard["observation"] != [])

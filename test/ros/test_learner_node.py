@@ -20,6 +20,7 @@ class IdlePolicyNode:
     def __init__(self, probe: Probe, refusals: int) -> None:
         self.asked: list[int] = []  # versions
         self._refusals = refusals
+        probe.speak("action")
         self._service = probe.create_service(SetPolicy, "set_policy", self._set_policy)
 
     def _set_policy(self, request: SetPolicy.Request, response: SetPolicy.Response) -> SetPolicy.Response:

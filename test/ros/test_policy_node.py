@@ -82,6 +82,7 @@ def expected(served: GaussianPolicy, step: int) -> np.ndarray:
 def node(start: Start, probe: Probe) -> Process:
     process = start("policy")
     probe.meet("action")
+    probe.speak("observation")
     probe.until(lambda: probe.ask("set_policy", set_policy_request(policy(0), 1)).accepted)
     return process
 

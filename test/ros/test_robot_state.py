@@ -43,6 +43,7 @@ def begin(start: Start, probe: Probe, *parameters: str) -> None:
     given = [word for parameter in (f"environment.id:={TASK}", *parameters) for word in ("-p", parameter)]
     start("simulator", "--ros-args", *given)
     probe.meet("observation")
+    probe.speak("action")
 
 
 def play(probe: Probe, batch: int) -> None:

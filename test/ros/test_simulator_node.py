@@ -21,6 +21,7 @@ BATCH = Batch(seed=3, first_episode=5, num_envs=2, horizon=4, explore=True)
 def simulator(start: Start, parameters: Callable[..., Path], probe: Probe) -> Process:
     process = start("simulator", "--ros-args", "--params-file", parameters("toy_nac"))
     probe.meet("observation")
+    probe.speak("action")
     return process
 
 

@@ -1,4 +1,4 @@
-"""The publishers of topics, and detection of a second publisher on a topic of the lockstep."""
+"""The publishers and subscribers of topics, and detection of a second publisher on a topic of the lockstep."""
 
 from __future__ import annotations
 
@@ -31,6 +31,15 @@ def listed(node: Node, topic: str) -> str:
     """Return a topic and the nodes that publish on it, as text."""
     names = publishers(node, topic).elements()
     return f"{node.resolve_topic_name(topic)}: {', '.join(sorted(names)) or 'no publishers'}"
+
+
+def is_answered(node: Node, topic: str, answers: str) -> bool:
+    """Return whether a node subscribes to one topic of this node and publishes the other one.
+
+    Other subscribers, such as recorders, do not answer. A node that this process has discovered receives its messages.
+    """
+    subscribers = {full_name(info) for info in node.get_subscriptions_info_by_topic(topic) if info.node_name != UNKNOWN}
+    return not subscribers.isdisjoint(full_name(info) for info in node.get_publishers_info_by_topic(answers))
 
 
 def _shown(name: str) -> str:

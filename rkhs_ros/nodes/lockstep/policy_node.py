@@ -14,6 +14,7 @@ from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_fields, batch_of, observations_of
 from rkhs_ros.nodes.core.newest_topic import NewestTopic
 from rkhs_ros.nodes.core.parameters import declared, given, require_known
+from rkhs_ros.nodes.core.publishers import is_answered
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.policies.messages import doubles, policy_message, policy_of
 from rkhs_ros.policies.serving import Answer, Failed, Ignored, Observation, Reply, ServedPolicy, Session
@@ -39,11 +40,6 @@ class SimulatorTopics:
         self._action = Action()
         self._actions = node.create_publisher(Action, "action", LOCKSTEP_QOS)
         node.create_subscription(ObservationMessage, "observation", self._observe, LOCKSTEP_QOS)
-
-    @property
-    def is_heard(self) -> bool:
-        """Whether a simulator subscribes to the actions."""
-        return bool(self._actions.get_subscription_count() > 0)
 
     def _observe(self, message: ObservationMessage) -> None:
         diagnostics = self._node.diagnostics
@@ -141,7 +137,7 @@ class PolicyNode(ReportingNode):
         return ServedPolicy(policy, version=0, explores=False)
 
     def _set_policy(self, request: SetPolicy.Request, response: SetPolicy.Response) -> SetPolicy.Response:
-        if not self._simulator.is_heard:
+        if not is_answered(self, "action", "observation"):
             response.message = "no simulator subscribes to the actions"
             return response
         with self.diagnostics.accepting(response, "set_policy"):

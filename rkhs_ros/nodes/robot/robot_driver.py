@@ -74,11 +74,6 @@ class EpisodeDriver:
         self._service = node.create_client(Trigger, task.reset.trigger.service or "~/trigger")
         node.create_subscription(Action, "action", self._act, LOCKSTEP_QOS)
 
-    @property
-    def is_heard(self) -> bool:
-        """Whether a policy node subscribes to the observations."""
-        return bool(self._observations.get_subscription_count() > 0)
-
     def begin(self, batch: Batch, identity: int, version: int, timeout: float) -> None:
         """Start an episode with the policy of that version, which has ``timeout`` seconds for its first action."""
         self.episode = RobotEpisode(batch, self._task, time.time_ns())

@@ -20,6 +20,7 @@ from rkhs_ros.nodes.core.arguments import require_section
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of, describe_robot
 from rkhs_ros.nodes.core.parameters import declare, declared, given
+from rkhs_ros.nodes.core.publishers import is_answered
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.robot.robot_driver import EpisodeDriver
 from rkhs_ros.policies.streams import Batch
@@ -120,8 +121,8 @@ class RobotNode(ReportingNode):
         return describe_robot(self._task, self._motion.waiting)
 
     def _start(self, request: StartEpisodes.Request, response: StartEpisodes.Response) -> StartEpisodes.Response:
-        if not (self._motion.is_heard and self._episodes.get_subscription_count()):
-            response.message = "no node subscribes to the observations, or none to the episodes"
+        if not is_answered(self, "observation", "action"):
+            response.message = "no policy node subscribes to the observations"
             return response
         self._motion.alive_at = time.monotonic()
         with self.diagnostics.accepting(response, "start_episodes"):
