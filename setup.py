@@ -88,7 +88,6 @@ setup(
         "mujoco": ["gymnasium[mujoco]>=1.1"],
         "view": ["viser>=1.1,<1.2"],
         "peers": ["stable-baselines3>=2.6", "sb3-contrib>=2.6"],
-        "sweeps": ["optuna>=4"],
         "tensorboard": ["tensorboardX>=2.6"],
         "wandb": ["wandb>=0.20"],
         "dask": ["distributed>=2024.8"],

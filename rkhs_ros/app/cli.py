@@ -30,7 +30,6 @@ COMMANDS = {
     "publish": "write a folder with the policy of a run and a card that describes it",
     "compare": "plot and tabulate the learning curves of several runs",
     "sweep": "train at each point of a grid of settings, with several seeds",
-    "tune": "search for settings with a high return",
     "reproduce": "reproduce the figures of the paper",
     "results": "check the claims of the paper against the reproduced figures",
     "simulate": "run a simulator, or the nodes of a robot, for learners of other libraries",

@@ -121,7 +121,20 @@ def _make(
 ) -> tuple[Path, str | None]:
     """Start or resume a run; return its folder and its error, which is None if the run succeeded."""
     try:
-        advance(folder, config, record=record, log=log, provenance_may_change=provenance_may_change)
+        if not is_started(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            begin(folder, config)
+        with runner_of(config.environment) as runner:
+            run_training(
+                config,
+                runner,
+                folder,
+                quiet=True,
+                resume=True,
+                record=record,
+                log=log,
+                provenance_may_change=provenance_may_change,
+            )
         if drawn:
             from rkhs_ros.pictures.run_pictures import draw_run  # here, since most studies do not plot each run
 
@@ -129,23 +142,3 @@ def _make(
     except Exception as error:  # one failed run must not stop the others
         return folder, " ".join(f"{type(error).__name__}: {error}".split())
     return folder, None
-
-
-def advance(
-    folder: Path, config: Config, *, record: bool = False, log: Sequence[str] = (), provenance_may_change: bool = False
-) -> None:
-    """Start or resume a run in this process until its iterations are done; see `run_training`."""
-    if not is_started(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        begin(folder, config)
-    with runner_of(config.environment) as runner:
-        run_training(
-            config,
-            runner,
-            folder,
-            quiet=True,
-            resume=True,
-            record=record,
-            log=log,
-            provenance_may_change=provenance_may_change,
-        )

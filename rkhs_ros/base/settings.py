@@ -34,10 +34,6 @@ class Settings(NamedFields):
             if _is_setting(f, types):
                 object.__setattr__(self, f.name, _checked(f, types[f.name], getattr(self, f.name), f.name))
 
-    def unused(self) -> set[str]:
-        """Return the dotted names of settings that have no effect with the current choices."""
-        return set()
-
     def with_defaults(self, defaults: object) -> Self:
         """Return these settings, with unset fields taken from ``defaults``.
 
@@ -244,12 +240,3 @@ def entries(settings: Any, path: str = "") -> Iterator[Entry]:
             yield from entries(value, f"{path}{f.name}.")
         elif "description" in f.metadata:
             yield Entry(path + f.name, value, f.metadata)
-
-
-def unused(settings: Any, path: str = "") -> Iterator[str]:
-    """Yield the dotted names of settings that have no effect with the current choices; names may repeat."""
-    yield from (path + name for name in settings.unused())
-    for f in fields(settings):
-        value = getattr(settings, f.name)
-        if is_dataclass(value):
-            yield from unused(value, f"{path}{f.name}.")

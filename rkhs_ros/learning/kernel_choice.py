@@ -40,11 +40,6 @@ class KernelChoice(Settings):
         for name in self.form.replace("*", "+").split("+"):
             pick(name.strip(), KERNELS, "kernel")
 
-    def unused(self) -> set[str]:
-        """Return the names of settings for kernels that the form does not contain."""
-        own = {"rbf": {"bandwidth", "bandwidth_scale"}, "polynomial": {"offset", "degree"}}
-        return set().union(*(names for kernel, names in own.items() if kernel not in self.form))
-
     @property
     def is_for_given_inputs(self) -> bool:
         """Whether the kernel does not fit other inputs, because there is one bandwidth per input."""

@@ -64,11 +64,6 @@ class Training(Settings):
         plain = self.name.isprintable() and self.name not in ("", "..") and Path(self.name).name == self.name
         require(plain, "name", "a valid folder name", repr(self.name))
 
-    def unused(self) -> set[str]:
-        """Return the names of the algorithm's exploration settings that model-based training replaces."""
-        is_model_based = isinstance(self.model, ModelBased)
-        return {"algorithm.exploration_decay", "algorithm.exploration_minimum"} if is_model_based else set()
-
     @property
     def num_envs(self) -> int:
         """Maximum number of parallel episodes: those of an evaluation and the exploring ones after it."""

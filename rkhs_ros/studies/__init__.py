@@ -1,4 +1,4 @@
-"""Studies of many runs: grids, searches, comparisons, statistics over runs, and the workers that execute them.
+"""Studies of many runs: grids, comparisons, statistics over runs, and the workers that execute them.
 
 A single run and its folder belong to `runs`.
 """

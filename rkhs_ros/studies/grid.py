@@ -56,7 +56,9 @@ def parse_variations(texts: Iterable[str]) -> tuple[Variation, ...]:
 def _varied(text: str) -> Variation:
     name, equals, values = (part.strip() for part in text.partition("="))
     require(bool(name and equals and values), "--vary", "KEY=VALUE,VALUE ...", f"'{text}'")
-    require_comparable(name, "--vary")
+    require(name not in OF_THE_COUNT, "--vary", "settings of the learner (use --seeds for seeds)", name)
+    same_task = name not in OF_THE_TASK and not name.startswith("environment")
+    require(same_task, "--vary", "settings that do not change the task, so that the returns are comparable", name)
     try:
         given = loaded(f"[{values}]")
     except ValueError as error:
@@ -64,13 +66,6 @@ def _varied(text: str) -> Variation:
     distinct = {json.dumps(value) for value in given}
     require(len(distinct) == len(given), f"--vary: {name}", "distinct values", values)
     return Variation(name, tuple(given))
-
-
-def require_comparable(name: str, what: str) -> None:
-    """Raise ValueError if a setting changes the task, which makes returns incomparable, or does not affect learning."""
-    require(name not in OF_THE_COUNT, what, "settings of the learner (use --seeds for seeds)", name)
-    same_task = name not in OF_THE_TASK and not name.startswith("environment")
-    require(same_task, what, "settings that do not change the task, so that the returns are comparable", name)
 
 
 def points(varied: Sequence[Variation]) -> list[tuple[str, ...]]:

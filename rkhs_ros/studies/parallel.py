@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from functools import partial
 from typing import Any, TypeVar
 
 from rich.progress import Progress
@@ -27,16 +25,10 @@ def run_parallel(
         title: title of the progress bar on stderr.
         quiet: show no progress bar.
     """
-    count, take = len(arguments), partial(next, iter(arguments), None)
-    with workers.opened(count) as pool, progress_bar(title, count, quiet=quiet) as advance:
-        for result in pool.results(call, take, most=count):
-            advance()
+    hidden = quiet or not arguments
+    progress = Progress(*bar_columns(), console=bar_console(quiet=hidden), disable=hidden)
+    with workers.opened(len(arguments)) as pool, progress:
+        bar = progress.add_task(title, total=len(arguments))
+        for result in pool.results(call, arguments):
+            progress.advance(bar)
             yield result
-
-
-@contextmanager
-def progress_bar(title: str, total: int, *, quiet: bool) -> Iterator[Callable[[], None]]:
-    """Show a bar on stderr and yield a function that advances it by one; hide the bar if quiet or if total is 0."""
-    hidden = quiet or total == 0
-    with Progress(*bar_columns(), console=bar_console(quiet=hidden), disable=hidden) as progress:
-        yield partial(progress.advance, progress.add_task(title, total=total))

@@ -10,12 +10,13 @@ import logging
 import os
 import re
 import socket
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Future
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from importlib import import_module
-from math import inf
+from itertools import islice
 from queue import SimpleQueue
 from typing import Any, NamedTuple, TypeVar
 
@@ -32,7 +33,6 @@ ALL_CORES = -1
 CONNECT_TIMEOUT_S = 10
 RETRIES = 3  # of a call if its worker is lost
 T = TypeVar("T")
-Take = Callable[[], tuple[Any, ...] | None]
 DASK_ADDRESS = re.compile(r"\w+://\S+:\d{1,5}", re.ASCII)
 RAY_ADDRESS = re.compile(r"(?:ray://)?([^\s:/]+):(\d{1,5})", re.ASCII)
 
@@ -47,37 +47,34 @@ class Pool(NamedTuple):
     Attributes:
         submit: starts a call of a module's function and returns its future.
         lost: errors of futures whose workers were lost.
-        width: number of concurrent calls.
         most: maximum number of submitted calls, including those that wait for a worker.
     """
 
     submit: Callable[..., Future[Any]]
     lost: tuple[type[BaseException], ...]
-    width: int
-    most: float = inf
+    most: int = sys.maxsize
 
-    def results(self, call: Callable[..., T], take: Take, most: float) -> Iterator[T]:
+    def results(self, call: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> Iterator[T]:
         """Yield the results of calls in order of completion.
 
         Args:
             call: the function.
-            take: returns the arguments of the next call, or None if there is none until another call completes.
-            most: maximum number of submitted calls.
+            arguments: arguments of each call.
 
         Raises:
             WorkerLostError: some calls could not be executed; raised after all others completed.
             ValueError: a worker runs other code.
         """
         ended: SimpleQueue[Future[T]] = SimpleQueue()
-        submitted, most = 0, min(most, self.most)
+        missing, submitted = iter(arguments), 0
         lost: BaseException | None = None
         while True:
             try:
-                while submitted < most and (arguments := take()) is not None:
-                    self.submit(call, *arguments).add_done_callback(ended.put)
+                for each in islice(missing, self.most - submitted):
+                    self.submit(call, *each).add_done_callback(ended.put)
                     submitted += 1
             except self.lost as error:  # submit no more calls
-                lost, most = error, 0
+                lost, missing = error, iter(())
             if submitted == 0:
                 break
             future = ended.get()
@@ -134,7 +131,7 @@ class Workers:
         elif processes > 1:
             opened = _processes(processes)
         else:
-            opened = nullcontext(Pool(_made, (), width=1, most=1))
+            opened = nullcontext(Pool(_made, (), most=1))
         with opened as pool:
             yield pool
 
@@ -150,7 +147,7 @@ def _made(call: Callable[..., T], *arguments: Any) -> Future[T]:
 def _processes(count: int) -> Iterator[Pool]:
     executor = get_reusable_executor(count, initializer=terminate_with_parent, initargs=(os.getpid(),), reuse=False)
     try:
-        yield Pool(executor.submit, (BrokenProcessPool,), count)
+        yield Pool(executor.submit, (BrokenProcessPool,))
     finally:
         executor.shutdown(kill_workers=True)
 
@@ -168,12 +165,11 @@ def _dask(address: str) -> Iterator[Pool]:
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a lost scheduler is reported in one line
     with client:
         executor = client.get_executor(pure=False)
-        threads = list(client.nthreads().values())
-        most = max(threads, default=1)
+        most = max(client.nthreads().values(), default=1)
         require(most == 1, "--scheduler", "workers of one thread (dask worker --nthreads 1)", f"{most} threads")
         lost = (distributed.scheduler.KilledWorker, CancelledError)
         try:
-            yield Pool(_with_our_code(executor.submit), lost, max(len(threads), 1))
+            yield Pool(_with_our_code(executor.submit), lost)
         finally:
             executor.shutdown(wait=False)
 
@@ -197,9 +193,9 @@ def _ray(address: str) -> Iterator[Pool]:
         future: Future[Any] = task.remote(*arguments).future()
         return future
 
-    lost, cores = (ray.exceptions.WorkerCrashedError, ray.exceptions.NodeDiedError), ray.cluster_resources()
+    lost = (ray.exceptions.WorkerCrashedError, ray.exceptions.NodeDiedError)
     try:
-        yield Pool(_with_our_code(submit), lost, max(int(cores.get("CPU", 1)), 1))
+        yield Pool(_with_our_code(submit), lost)
     finally:
         ray.shutdown()
 

@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -119,7 +118,7 @@ def ends_its_process(number: int) -> int:
 
 def test_calls_that_kill_every_worker_are_reported_after_the_others(dask: Any) -> None:
     with Workers(scheduler=dask.scheduler_address).opened(3) as pool:
-        made = pool.results(ends_its_process, partial(next, iter([(0,), (1,), (2,)]), None), most=3)
+        made = pool.results(ends_its_process, [(0,), (1,), (2,)])
         assert sorted([next(made), next(made)]) == [0, 2]
         with pytest.raises(WorkerLostError, match="run the same command to continue"):
             next(made)

@@ -47,10 +47,6 @@ class ActorCritic(Algorithm):
     )
     step: StepRule = variant(KLStep(), STEP_RULES, "rule")
 
-    def unused(self) -> set[str]:
-        """Return the names of the value's settings if the critic has no value."""
-        return {"value_ridge", "trace"} if self.critic == "trajectory" else set()
-
     @property
     def value_baseline(self) -> ValueBaseline:
         """Value baseline of the advantages."""

@@ -38,10 +38,6 @@ class PoWER(GridSettings, WeightedExploration):
         choices=("full", "diagonal"),
     )
 
-    def unused(self) -> set[str]:
-        """Return the names of settings without effect, including those of the regression for ``diagonal``."""
-        return super().unused() | ({"ridge", "ridge_unit"} if self.solution == "diagonal" else set())
-
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
         """Return the policy with new mean and variance."""
         samples = self.space.samples(policy, experience.episodes + experience.memory)  # phi, Eq 3

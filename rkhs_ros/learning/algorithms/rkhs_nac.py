@@ -42,12 +42,6 @@ class RKHSNAC(SparseSettings, ActorCritic):
         """Whether the variance follows its natural gradient."""
         return self.variance == "learnt"
 
-    def unused(self) -> set[str]:
-        """Return the names of settings without effect, including those of the decay if the variance is learnt."""
-        if not self.learns_variance:
-            return super().unused()
-        return {"exploration_decay", "exploration_minimum"}
-
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
         """Return the policy after one step along the natural gradient."""
         episodes = experience.episodes + experience.memory

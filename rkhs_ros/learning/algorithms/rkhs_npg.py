@@ -40,10 +40,6 @@ class RKHSNPG(SparseSettings, Algorithm):
     value_ridge: float = setting(0.01, "penalty on the squared RKHS norm of the value", minimum=1e-12, maximum=1e6)
     step: StepRule = variant(KLStep(), STEP_RULES, "rule")
 
-    def unused(self) -> set[str]:
-        """Return the names of the value's settings if the baseline is not the value."""
-        return {"value_ridge"} if self.baseline != "value" else set()
-
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
         """Return the policy after one step along the natural gradient."""
         samples = self.space.samples(policy, experience.episodes)

@@ -80,12 +80,6 @@ class WeightedExploration(Algorithm):
         if self.sd_minimum > self.sd_maximum:
             raise ValueError(f"algorithm.sd_minimum: expected at most {self.sd_maximum}, got {self.sd_minimum}")
 
-    def unused(self) -> set[str]:
-        """Return the names of settings without effect: of the decay or the learnt variance, and of an unused value."""
-        fixed = {"sd_minimum", "sd_maximum"}
-        names = fixed if self.variance == "constant" else {"exploration_decay", "exploration_minimum"}
-        return names | ({"value_ridge"} if self.weighting == "returns" else set())
-
     @property
     def learns_variance(self) -> bool:
         """Whether the variance is learnt by Eq 24."""

@@ -31,7 +31,6 @@ CONFIGURED = {
     "simulate",
     "status",
     "sweep",
-    "tune",
 }  # read no data files
 
 

@@ -2,9 +2,7 @@
 
 import os
 import signal
-from collections.abc import Callable
-from functools import partial
-from itertools import count
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -33,7 +31,7 @@ def test_a_worker_with_other_code_is_rejected(monkeypatch: pytest.MonkeyPatch) -
         Workers(scheduler=cluster.scheduler_address).opened(1) as pool,
         pytest.raises(ValueError, match=r"worker: rkhs_ros: expected 9\.9\.9"),
     ):
-        list(pool.results(doubled, partial(next, iter([(1,)]), None), most=1))
+        list(pool.results(doubled, [(1,)]))
 
 
 @pytest.mark.slow
@@ -46,26 +44,17 @@ def test_workers_with_several_threads_are_rejected(rkhs: Run) -> None:
 
 
 def test_a_single_process_executes_calls_in_sequence() -> None:
-    taken = []
+    taken: list[int] = []
 
-    def take() -> tuple[int] | None:
-        taken.append(len(taken) + 1)
-        return (taken[-1],) if len(taken) <= 3 else None
+    def arguments() -> Iterator[tuple[int]]:
+        for number in (1, 2, 3):
+            taken.append(number)
+            yield (number,)
 
     with Workers(1).opened(3) as pool:
-        made = pool.results(doubled, take, most=3)
+        made = pool.results(doubled, arguments())
         assert (next(made), taken) == (2, [1])
         assert list(made) == [4, 6]
-
-
-@pytest.mark.slow
-def test_the_next_call_may_depend_on_earlier_results() -> None:
-    returned = [1]
-    with Workers(2).opened(2) as pool:
-        for result in pool.results(doubled, lambda: (returned.pop(),) if returned else None, most=pool.width):
-            if result < 20:
-                returned.append(result)
-    assert result == 32
 
 
 def ended_by_signal(number: int) -> int:
@@ -76,10 +65,8 @@ def ended_by_signal(number: int) -> int:
 
 @pytest.mark.slow
 def test_killed_processes_are_reported_once_and_get_no_more_calls() -> None:
-    # Without an end: on a busy machine, the other process completes many calls before the loss is noticed.
-    numbers = count()
     with Workers(2).opened(2) as pool, pytest.raises(WorkerLostError, match="run the same command to continue"):
-        list(pool.results(ended_by_signal, lambda: (next(numbers),), most=pool.width))
+        list(pool.results(ended_by_signal, [(number,) for number in range(100)]))
 
 
 @pytest.mark.parametrize(
@@ -118,7 +105,6 @@ def test_a_missing_ray_cluster_is_reported_in_one_line(rkhs: Run, address: str, 
     [
         ("distributed", ("sweep", CONFIG, "--vary", "algorithm.ridge=1,2", "--scheduler", "tcp://127.0.0.1:8786")),
         ("ray", ("reproduce", "fig1", "--ray", "127.0.0.1:6379")),
-        ("optuna", ("tune", CONFIG, "--trials", "3")),
     ],
 )
 def test_a_missing_extra_is_reported(

@@ -1,5 +1,5 @@
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -194,52 +194,6 @@ def test_a_variance_that_depends_on_the_state_does_not_decay(
     constant = {"variance": "constant"} if isinstance(algorithm, WeightedExploration) else {}
     with pytest.raises(ValueError, match="variance: expected a constant variance, got one that depends"):
         learn(replace(algorithm, **constant), policy, random_episodes(policy))
-
-
-OTHER: dict[str, Any] = {
-    "ridge": 0.31,
-    "ridge_unit": "variance",
-    "value_ridge": 0.23,
-    "trace": 0.4,
-    "sd_minimum": 1e3,
-    "sd_maximum": 0.06,
-    "exploration_decay": 0.5,
-    "exploration_minimum": 1e3,
-}
-
-
-@pytest.mark.parametrize(
-    ("name", "choice"),
-    [
-        ("rkhs_npg", {"baseline": "intercept"}),
-        ("rkhs_npg", {"baseline": "value"}),
-        ("rkhs_nac", {"critic": "step"}),
-        ("rkhs_nac", {"critic": "trajectory"}),
-        ("rkhs_nac", {"critic": "trajectory", "variance": "learnt"}),
-        ("power", {"solution": "full", "variance": "constant"}),
-        ("power", {"solution": "diagonal", "weighting": "returns"}),
-        ("rkhs_power", {"weighting": "returns", "variance": "constant"}),
-    ],
-)
-def test_settings_are_unused_if_and_only_if_they_have_no_effect(
-    learn: Learn,
-    arrays_of: Callable[[Any], dict[str, np.ndarray]],
-    name: str,
-    choice: dict[str, str],
-    random_policy: MakePolicy,
-    random_episodes: MakeEpisodes,
-) -> None:
-    policy, own = random_policy(), {f.name for f in fields(ALGORITHMS[name])}
-    episodes = random_episodes(policy)
-    wide = {"exploration_decay": 0.9, "exploration_minimum": 1e-3, "sd_maximum": 1e4}
-    algorithm = ALGORITHMS[name](**{key: value for key, value in wide.items() if key in own}, **choice)
-
-    def learnt(algorithm: Algorithm) -> dict[str, bytes]:
-        return {key: array.tobytes() for key, array in arrays_of(learn(algorithm, policy, episodes).policy).items()}
-
-    before = learnt(algorithm)
-    same = {key for key in own & OTHER.keys() if learnt(replace(algorithm, **{key: OTHER[key]})) == before}
-    assert same == algorithm.unused() & OTHER.keys()
 
 
 @pytest.mark.parametrize("name", ["rkhs_ac", "rkhs_npg", "rkhs_nac", "rkhs_power"])
