@@ -27,7 +27,6 @@ COMMANDS = {
     "offline": "train a policy from recordings alone",
     "replay": "recompute the updates of a recording and check that they are bit-identical",
     "export": "export a policy for use without rkhs_ros, or recorded episodes as a LeRobotDataset",
-    "publish": "write a folder with the policy of a run and a card that describes it",
     "compare": "plot and tabulate the learning curves of several runs",
     "sweep": "train at each point of a grid of settings, with several seeds",
     "reproduce": "reproduce the figures of the paper",

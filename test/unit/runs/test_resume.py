@@ -1,5 +1,6 @@
 import json
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -240,6 +241,16 @@ def test_a_rejected_resume_changes_nothing(tmp_path: Path) -> None:
         with pytest.raises(ValueError, match=r"expected the folder of a run, got (none|no such folder)"):
             run_training(CONFIG, Stopping(), no_run, quiet=True, resume=True)
     assert list(tmp_path.iterdir()) == [folder]
+
+
+def test_a_folder_with_a_policy_but_no_curve_does_not_resume(tmp_path: Path) -> None:
+    folder = stopped(tmp_path / "run", 6)
+    shutil.rmtree(folder / "checkpoints")
+    (folder / "curve.csv").unlink()
+    (folder / "policy.npz").write_bytes(b"a policy")
+    with pytest.raises(ValueError, match=r"run/curve\.csv: expected the learning curve of .*/policy\.npz, got none"):
+        resumed(folder)
+    assert (folder / "policy.npz").read_bytes() == b"a policy"
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,53 @@
+"""``rkhs export`` for policies."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from test.unit.conftest import Result, assert_refused
+
+pytestmark = pytest.mark.slow  # draws
+ROOT = Path(__file__).parents[3]
+Run = Callable[..., Result]
+
+
+@pytest.fixture
+def run(rkhs: Run) -> Path:
+    """Train for a moment."""
+    config, small = ROOT / "config" / "pendulum_nac.yaml", ("iterations=2", "episodes_per_iteration=3", "horizon=15")
+    done = rkhs("train", config, "--runner", "inline", "--quiet", "--out", "run", "--set", *small)
+    assert done.code == 0, done.err
+    return Path("run")
+
+
+@pytest.fixture
+def without_onnx(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "onnx", None)
+
+
+def test_a_policy_is_exported_as_onnx(run: Path, rkhs: Run) -> None:
+    pytest.importorskip("onnxruntime")
+    done = rkhs("export", run, "policy.onnx")
+    assert (done.code, done.err) == (0, "")
+    assert done.out.startswith(
+        "Exported the policy: policy.onnx\nChecked on 10000 random observations: relative error "
+    )
+    assert done.out.endswith(" µs per call (median, one thread)\n")
+    assert Path("policy.onnx").is_file()
+
+
+@pytest.mark.usefixtures("without_onnx")
+def test_a_missing_extra_gives_one_line(run: Path, rkhs: Run) -> None:
+    message = "onnx: expected an installed package, got none. Run pip install onnx onnxruntime"
+    assert_refused(rkhs("export", run, "policy.onnx"), message)
+    assert not Path("policy.onnx").exists()
+
+
+def test_export_needs_one_known_format(rkhs: Run) -> None:
+    assert_refused(rkhs("export", "run"), "export: expected a file to write or --lerobot DIR, got neither")
+    both = rkhs("export", "run", "a.onnx", "--lerobot", "b")
+    assert_refused(both, "export: expected a file to write or --lerobot DIR, got file and lerobot")
+    assert_refused(rkhs("export", "run", "a.pt"), "a.pt: expected a file that ends in .onnx or .html, got .pt")
+    assert_refused(rkhs("export", "run", "a.onnx"), "run: expected an existing file or folder, got none")
