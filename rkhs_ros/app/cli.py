@@ -32,7 +32,6 @@ COMMANDS = {
     "reproduce": "reproduce the figures of the paper",
     "results": "check the claims of the paper against the reproduced figures",
     "simulate": "run a simulator, or the nodes of a robot, for learners of other libraries",
-    "serve": "serve a Python function as the policy of a simulator or a robot",
     "status": "show the status of the nodes of a run",
     "robot": "send an operator command to the nodes of a robot: arm, stop, start, pause or veto",
     "list": "list the tasks, algorithms, kernels and figures",

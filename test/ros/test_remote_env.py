@@ -287,33 +287,6 @@ def test_simulate_ends_with_its_task(start: Start, make: Make) -> None:
     assert (code, err.splitlines()[-1]) == (1, "error: the simulator node, of rkhs/Toy-v0, was killed by signal 9")
 
 
-def test_a_function_is_served(
-    start: Start, simulator: Simulate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("mine.py").write_text(
-        "def good(observation):\n    return -0.25 * observation\n\n\n"
-        "def failing(observation):\n    raise KeyError('gain')\n"
-    )
-    simulator("rkhs/Toy-v0")
-    direct, returns = gymnasium.make("rkhs/Toy-v0"), []
-    for seed in (3, None):
-        observation, total = direct.reset(seed=seed)[0], 0.0
-        for _ in range(20):
-            observation, reward, *_ = direct.step(-0.25 * observation)
-            total += float(reward)
-        returns.append(f"{total:.6g}")
-    good = start("rkhs", "serve", "mine:good", "--seed", 3)
-    assert good.popen.stdout is not None
-    told = [good.popen.stdout.readline() for _ in returns]
-    good.interrupt()
-    assert told == [f"episode {k}: 20 steps, return {total}\n" for k, total in enumerate(returns, start=1)]
-    code, _, err = good.finish()
-    assert (code, err) == (130, "interrupted\n")
-    code, out, err = start("rkhs", "serve", "mine:failing", "--episodes", 2).finish()
-    assert (code, out, err) == (1, "", "error: mine:failing: step 0: KeyError: 'gain'\n")
-
-
 @pytest.mark.clock
 def test_a_remote_robot_is_stepped_in_real_time_and_reports_discarded_episodes(start: Start, make: Make) -> None:
     period, patient = 0.05, "robot.learner_timeout=60"

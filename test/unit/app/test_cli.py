@@ -370,10 +370,15 @@ def test_topics_without_interfaces_are_rejected_with_a_hint(rkhs: Run, tmp_path:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_simulate_needs_a_known_task(rkhs: Run) -> None:
+    assert_refused(rkhs("simulate"), "simulate: expected either CONFIG or --env ID, got none")
+    assert_refused(rkhs("simulate", "--env", "rkhs/Pendulm-v0"), "did you mean 'rkhs/Pendulum-v0'?")
+
+
 @pytest.mark.usefixtures("unbuilt")
 @pytest.mark.parametrize(
     "arguments",
-    [("status",), ("robot", "arm"), ("simulate", CONFIG), ("serve", "mine:act"), ("train", CONFIG, "--runner", "ros")],
+    [("status",), ("robot", "arm"), ("simulate", CONFIG), ("train", CONFIG, "--runner", "ros")],
 )
 def test_the_hint_for_pip_users_does_not_mention_make(
     rkhs: Run, monkeypatch: pytest.MonkeyPatch, arguments: tuple[object, ...]

@@ -27,7 +27,6 @@ CONFIGURED = {
     "reproduce",
     "results",
     "robot",
-    "serve",
     "simulate",
     "status",
     "sweep",
