@@ -30,7 +30,6 @@ COMMANDS = {
     "compare": "plot and tabulate the learning curves of several runs",
     "sweep": "train at each point of a grid of settings, with several seeds",
     "reproduce": "reproduce the figures of the paper",
-    "results": "check the claims of the paper against the reproduced figures",
     "simulate": "run a simulator, or the nodes of a robot, for learners of other libraries",
     "status": "show the status of the nodes of a run",
     "robot": "send an operator command to the nodes of a robot: arm, stop, start, pause or veto",

@@ -1,1 +1,1 @@
-"""Reproduction of the paper's figures, and a check of its claims against them."""
+"""Reproduction of the paper's figures."""

@@ -31,14 +31,6 @@ class Returns:
         """Number of runs."""
         return len(self.exploration)
 
-    def end(self) -> float:
-        """Return the mean over runs of the evaluation return after the last iteration."""
-        return float(self.evaluation[:, -1].mean())
-
-    def at(self, iteration: int) -> float:
-        """Return the mean over runs of the evaluation return after an iteration, counted from 1."""
-        return float(self.evaluation[:, iteration - 1].mean())
-
 
 Table = dict[tuple[str, str], Returns]
 

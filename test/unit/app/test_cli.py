@@ -275,9 +275,7 @@ def test_help_and_version_import_the_standard_library_only(option: str) -> None:
     }
 
 
-@pytest.mark.parametrize(
-    ("command", "spared"), [("evaluate", {"matplotlib", "joblib", "rich"}), ("results", {"joblib"})]
-)
+@pytest.mark.parametrize(("command", "spared"), [("evaluate", {"matplotlib", "joblib", "rich"}), ("plot", {"joblib"})])
 def test_a_command_imports_no_other(command: str, spared: set[str]) -> None:
     modules = imported_by(command, "--help")
     assert f"rkhs_ros.app.commands.{command}" in modules

@@ -25,7 +25,6 @@ CONFIGURED = {
     "completion",
     "list",
     "reproduce",
-    "results",
     "robot",
     "simulate",
     "status",
