@@ -92,7 +92,7 @@ setup(
         "wandb": ["wandb>=0.20"],
         "dask": ["distributed>=2024.8"],
         "ray": ["ray>=2.40"],
-        "completion": ["shtab>=1.7"],
+        "completion": ["argcomplete>=3"],
         "dev": requirements("dev"),
         "test": ["pytest"],
     },

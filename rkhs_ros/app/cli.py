@@ -34,7 +34,6 @@ COMMANDS = {
     "status": "show the status of the nodes of a run",
     "robot": "send an operator command to the nodes of a robot: arm, stop, start, pause or veto",
     "list": "list the tasks, algorithms, kernels and figures",
-    "completion": "print a script with which bash or zsh completes the command line",
 }
 
 
@@ -71,8 +70,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line: print one line and exit with code 2 for bad input, 1 for a failure."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # like Ctrl-C: the run saves its policy
     os.environ.update(ONE_THREAD)
+    if "_ARGCOMPLETE" in os.environ:
+        _complete(os.environ["COMP_LINE"])
     with tolerate_lost_stderr():
         sys.exit(_exit_code(sys.argv[1:] if arguments is None else arguments))
+
+
+def _complete(line: str) -> None:
+    """Pass the completions of a command line to the shell that requests them, and exit."""
+    import argcomplete  # an extra
+
+    argcomplete.autocomplete(parser_of(line.split()))
 
 
 def _exit_code(arguments: Sequence[str]) -> int:

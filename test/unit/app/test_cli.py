@@ -302,7 +302,7 @@ def test_every_command_has_help(rkhs: Run, command: str) -> None:
     [
         ((), "the following arguments are required: COMMAND (see 'rkhs --help')"),
         (("trian",), "unknown command 'trian', did you mean 'train'?"),
-        (("xyz", "--help"), "unknown command 'xyz', known: check, compare, completion"),
+        (("xyz", "--help"), "unknown command 'xyz', known: check, compare, evaluate"),
         (("tr\nain",), "unknown command 'tr ain'"),
         (("--verbose", "list"), "unrecognized arguments: --verbose (see 'rkhs --help')"),
         (("train", "a.yaml", "--seed", "x"), "argument --seed: invalid int value: 'x' (see 'rkhs train --help')"),

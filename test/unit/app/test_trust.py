@@ -22,7 +22,6 @@ SHORT = ("episodes_per_iteration=2", "evaluation_episodes=1", "horizon=3")
 REFUSAL = "expected an importable module 'theirs', installed, got none. A data file names it; to import"
 CONFIGURED = {
     "check",
-    "completion",
     "list",
     "reproduce",
     "robot",
