@@ -89,7 +89,6 @@ setup(
         "view": ["viser>=1.1,<1.2"],
         "peers": ["stable-baselines3>=2.6", "sb3-contrib>=2.6"],
         "tensorboard": ["tensorboardX>=2.6"],
-        "wandb": ["wandb>=0.20"],
         "dask": ["distributed>=2024.8"],
         "ray": ["ray>=2.40"],
         "completion": ["argcomplete>=3"],

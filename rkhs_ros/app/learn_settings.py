@@ -47,7 +47,7 @@ class LearnSettings(TypedDict, total=False):
         resume: resume the run in ``out``, which needs equal settings except for ``iterations``; start it if there is
             none.
         record: write recording.mcap to ``out``, for replay, offline training and viewing.
-        log: logs to write to ``out`` besides curve.csv: "tensorboard", "wandb" or both in a sequence.
+        tensorboard: log each iteration for TensorBoard, in ``out``.
     """
 
     name: str
@@ -69,7 +69,7 @@ class LearnSettings(TypedDict, total=False):
     out: str | Path
     resume: bool
     record: bool
-    log: str | Sequence[str]
+    tensorboard: bool
 
 
 OF_TRAIN = ("environment", "algorithm", "progress", "callback")  # arguments of `train` besides its settings

@@ -37,15 +37,15 @@ from rkhs_ros.rollouts.model_env import LearntModel
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.curve import Curve, Row, columns
-from rkhs_ros.runs.logs import logs_of
 from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.report import FIRST_POLICY, is_started, new_folder
 from rkhs_ros.runs.run import training_steps
+from rkhs_ros.runs.tensorboard import has_events
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FOLDER_SETTINGS: Mapping[str, Any] = {"out": None, "resume": False, "record": False, "log": ()}
+FOLDER_SETTINGS: Mapping[str, Any] = {"out": None, "resume": False, "record": False, "tensorboard": False}
 
 
 @dataclass(frozen=True)
@@ -194,7 +194,7 @@ class _Prepared(NamedTuple):
         out: folder of its files; None for a run without files.
         resume: whether to resume the run in the folder, if there is one.
         record: whether to record the run.
-        log: logs to write besides curve.csv.
+        tensorboard: whether to write TensorBoard events.
     """
 
     config: Config
@@ -204,7 +204,7 @@ class _Prepared(NamedTuple):
     out: Path | None
     resume: bool
     record: bool
-    log: tuple[str, ...]
+    tensorboard: bool
 
 
 def _prepared(environment: Source, algorithm: Algorithm | str | None, settings: Mapping[str, Any]) -> _Prepared:
@@ -212,7 +212,7 @@ def _prepared(environment: Source, algorithm: Algorithm | str | None, settings: 
     _check_order(environment)
     given = dict(settings)
     start, options, num_envs = given.pop("policy", None), given.pop("options", None), given.pop("num_envs", 0)
-    out, resume, record, log = _folder_settings(given)
+    out, resume, record, tensorboard = _folder_settings(given)
     simulation = Simulation(environment, options, num_envs)
     with ExitStack() as undo:
         undo.callback(simulation.close)
@@ -227,29 +227,26 @@ def _prepared(environment: Source, algorithm: Algorithm | str | None, settings: 
         undo.pop_all()
     if "horizon" not in given:
         warn_of_horizon(simulation, training.horizon, given=False)
-    return _Prepared(config, InlineRunner(simulation), first, warm_start, out, resume, record, log)
+    return _Prepared(config, InlineRunner(simulation), first, warm_start, out, resume, record, tensorboard)
 
 
-def _folder_settings(given: dict[str, Any]) -> tuple[Path | None, bool, bool, tuple[str, ...]]:
+def _folder_settings(given: dict[str, Any]) -> tuple[Path | None, bool, bool, bool]:
     """Remove the settings of the folder from the given ones.
 
     Returns:
-        The folder, whether to resume, whether to record, and the logs.
+        The folder, whether to resume, whether to record, and whether to write TensorBoard events.
 
     Raises:
-        ValueError: a setting is invalid or needs a folder, or the package of a log is not installed.
+        ValueError: a setting is invalid or needs a folder, or tensorboardX is needed and not installed.
     """
-    out, resume, record, log = (given.pop(name, unset) for name, unset in FOLDER_SETTINGS.items())
+    out, *switches = (given.pop(name, unset) for name, unset in FOLDER_SETTINGS.items())
     require(out is None or isinstance(out, str | Path), "out", "a folder", out)
-    for name, value in {"resume": resume, "record": record}.items():
+    for name, value in zip(("resume", "record", "tensorboard"), switches, strict=True):
         require(isinstance(value, bool), name, "True or False", value)
-    for name, value in {"resume": resume, "record": record, "log": log}.items():
         require(out is not None or not value, name, "out=FOLDER as well", "none")
-    names = [log] if isinstance(log, str) else log
-    valid = isinstance(names, list | tuple) and all(isinstance(name, str) for name in names)
-    require(valid, "log", "a name or a sequence of names", log)
-    logs = logs_of(None, names)
-    return None if out is None else Path(out), resume, record, tuple(logs)
+    resume, record, tensorboard = switches
+    has_events(None, tensorboard)
+    return None if out is None else Path(out), resume, record, tensorboard
 
 
 def _made_folder(out: Path, config: Config, first_policy: Policy | None, *, resume: bool) -> bool:
@@ -341,7 +338,9 @@ def _in_folder(run: _Prepared, out: Path, quiet: bool) -> Steps:
     from rkhs_ros.pictures.run_pictures import draw_run  # here, since the import is slow
 
     resume = _made_folder(out, run.config, run.first_policy, resume=run.resume)  # again: another run may have begun
-    steps = training_steps(run.config, run.runner, out, quiet=quiet, resume=resume, record=run.record, log=run.log)
+    steps = training_steps(
+        run.config, run.runner, out, quiet=quiet, resume=resume, record=run.record, tensorboard=run.tensorboard
+    )
     has_learnt = False
     try:
         with closing(steps):

@@ -77,7 +77,7 @@ def make_missing(
     quiet: bool,
     drawn: bool = False,
     record: bool = False,
-    log: Sequence[str] = (),
+    tensorboard: bool = False,
     provenance_may_change: bool = False,
 ) -> dict[Path, str]:
     """Start or resume the unfinished runs; return the errors of the failed runs by folder.
@@ -89,10 +89,10 @@ def make_missing(
         quiet: show no progress bar.
         drawn: plot each run.
         record: record each run.
-        log: logs of each run, see `run_training`.
+        tensorboard: write TensorBoard events of each run.
         provenance_may_change: resume runs of other code or libraries.
     """
-    how = drawn, record, log, provenance_may_change
+    how = drawn, record, tensorboard, provenance_may_change
     missing = [(path, each, *how) for path, each in runs.items() if not _is_done(path, each, drawn)]
     ends: dict[Path, str | None] = {}
     try:
@@ -117,7 +117,7 @@ def _is_done(folder: Path, config: Config, drawn: bool) -> bool:
 
 
 def _make(
-    folder: Path, config: Config, drawn: bool, record: bool, log: Sequence[str], provenance_may_change: bool
+    folder: Path, config: Config, drawn: bool, record: bool, tensorboard: bool, provenance_may_change: bool
 ) -> tuple[Path, str | None]:
     """Start or resume a run; return its folder and its error, which is None if the run succeeded."""
     try:
@@ -132,7 +132,7 @@ def _make(
                 quiet=True,
                 resume=True,
                 record=record,
-                log=log,
+                tensorboard=tensorboard,
                 provenance_may_change=provenance_may_change,
             )
         if drawn:

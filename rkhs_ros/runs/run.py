@@ -25,9 +25,9 @@ from rkhs_ros.runs.checkpoint import REMEDY, WHOLE, Checkpoints
 from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.control import Control, Rest
 from rkhs_ros.runs.curve import Curve, Row
-from rkhs_ros.runs.logs import logged, logs_of
 from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.report import FIRST_POLICY, Report, advice_in, begin, is_started, new_folder, old_folder
+from rkhs_ros.runs.tensorboard import has_events, logged
 
 if TYPE_CHECKING:
     from rkhs_ros.runs.recorded import RecordableRunner, RecordingRunner
@@ -43,6 +43,10 @@ def ignore_iteration(iteration: Iteration, rows: Sequence[Row]) -> None:
     """No-op callback."""
 
 
+def ignore_row(row: Row) -> None:
+    """No-op callback."""
+
+
 def run_training(
     config: Config,
     runner: RecordableRunner,
@@ -51,7 +55,7 @@ def run_training(
     quiet: bool = False,
     resume: bool = False,
     record: bool = False,
-    log: Sequence[str] = (),
+    tensorboard: bool = False,
     sync: bool = False,
     provenance_may_change: bool = False,
     rest: Rest = time.sleep,
@@ -67,7 +71,7 @@ def run_training(
         quiet: show no progress bar.
         resume: resume the run in the folder.
         record: write recording.mcap.
-        log: logs to write besides curve.csv, see `LOGS`.
+        tensorboard: write TensorBoard events.
         sync: sync each message of the recording to the disk.
         provenance_may_change: resume a run of other code or libraries.
         rest: function that waits for a number of seconds during a pause.
@@ -85,7 +89,7 @@ def run_training(
         quiet=quiet,
         resume=resume,
         record=record,
-        log=log,
+        tensorboard=tensorboard,
         sync=sync,
         provenance_may_change=provenance_may_change,
         rest=rest,
@@ -105,7 +109,7 @@ def training_steps(
     quiet: bool = False,
     resume: bool = False,
     record: bool = False,
-    log: Sequence[str] = (),
+    tensorboard: bool = False,
     sync: bool = False,
     provenance_may_change: bool = False,
     rest: Rest = time.sleep,
@@ -124,7 +128,7 @@ def training_steps(
         quiet: show no progress bar.
         resume: resume the run in the folder; its results are bit-identical to those of an uninterrupted run.
         record: write recording.mcap; a resumed run continues an existing recording in any case.
-        log: logs to write besides curve.csv, see `LOGS`; a resumed run continues its logs in any case.
+        tensorboard: write TensorBoard events; a resumed run continues existing events in any case.
         sync: sync each message of the recording to the disk, such as for a robot, whose episodes are costly.
         provenance_may_change: resume a run of other code or libraries; config.yaml records the change.
         rest: function that waits for a number of seconds during a pause.
@@ -132,11 +136,11 @@ def training_steps(
 
     Raises:
         ValueError: the folder contains a run that is not to be resumed, no run to resume or a run with other settings,
-            or is used by another process; or the package of a log is not installed.
+            or is used by another process; or tensorboardX is needed and not installed.
         OSError: the folder cannot be written.
         KeyboardInterrupt: a viewer stopped the run.
     """
-    logs = logs_of(folder, log)
+    tensorboard = has_events(folder, tensorboard)
     with locked(folder):
         require(resume or not is_started(folder), f"{folder}", "a new or empty folder for the results", "a run")
         checkpoints = Checkpoints(folder, config, provenance_may_change=provenance_may_change)
@@ -165,8 +169,8 @@ def training_steps(
             begin(folder, config)
         how = {"sync": sync, "provenance_may_change": provenance_may_change}
         recording = _recording(config, runner, folder, **how) if record else nullcontext()
-        logging = logged(folder, logs, rows[:done], config.settings)
-        with recording as recorder, logging as log_row:
+        events = logged(folder, rows[:done]) if tensorboard else nullcontext(ignore_row)
+        with recording as recorder, events as log_row:
             if state:
                 checkpoints.resume_from(state)
             report = Report(folder, config, runner.spaces, done)  # replaces earlier results from here on

@@ -31,7 +31,6 @@ from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.runs.checkpoint import ACCEPT
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.curve import Curve
-from rkhs_ros.runs.logs import LOGS, logs_of
 from rkhs_ros.runs.report import (
     FIRST_POLICY,
     Report,
@@ -44,6 +43,7 @@ from rkhs_ros.runs.report import (
     summary,
 )
 from rkhs_ros.runs.run import run_training
+from rkhs_ros.runs.tensorboard import has_events
 from rkhs_ros.studies.comparison import compare
 
 RECORDS = ("episodes", "raw")  # choices of --record
@@ -83,8 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="write recording.mcap for replay, offline training and viewing; raw: record all topics as well",
     )
     add("--view", action="store_true", help="record the run and show it in the browser")
-    about = "log each iteration for TensorBoard or Weights & Biases as well, into DIR/NAME; repeat for both"
-    add("--log", action="append", choices=tuple(LOGS), default=[], help=about)
+    add("--tensorboard", action="store_true", help="log each iteration for TensorBoard as well, in DIR/tensorboard")
     add_trust_argument(parser)
     add("--quiet", action="store_true", help="no progress bar")
 
@@ -101,7 +100,7 @@ def _train(options: argparse.Namespace) -> int:
     if options.view:
         require_viser()
         options.record = options.record or RECORDS[0]
-    logs_of(options.resume, options.log)
+    has_events(options.resume, options.tensorboard)
     if _has_several_seeds(options):
         require(not options.view, "--view", "a single run", "several seeds")
         return _train_several(options)
@@ -251,8 +250,7 @@ def _is_over_topics(asked: str | None) -> bool:
 
 def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> int:
     output = str(folder.resolve())
-    given: dict[str, str | bool] = {name: bool(getattr(options, name)) for name in ("quiet", "record")}
-    given["log"] = ",".join(options.log)
+    given: dict[str, str | bool] = {name: bool(getattr(options, name)) for name in ("quiet", "record", "tensorboard")}
     given["provenance_may_change"] = options.allow_provenance_change
     further: dict[str, dict[str, str | bool]] = {}
     if config.environment.nodes:
@@ -277,7 +275,7 @@ def _in_process(config: Config, folder: Path, options: argparse.Namespace, runne
             quiet=options.quiet,
             resume=bool(options.resume),
             record=bool(options.record),
-            log=options.log,
+            tensorboard=options.tensorboard,
             provenance_may_change=options.allow_provenance_change,
         )
     except (ValueError, OSError, RunError) as error:
@@ -301,7 +299,7 @@ def _train_several(options: argparse.Namespace) -> int:
             quiet=options.quiet,
             drawn=True,
             record=bool(options.record),
-            log=options.log,
+            tensorboard=options.tensorboard,
             provenance_may_change=options.allow_provenance_change,
         )
     except KeyboardInterrupt:

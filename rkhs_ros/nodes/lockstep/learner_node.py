@@ -54,8 +54,8 @@ class LearnerNode(ReportingNode):
         about = "resume a run of different code or libraries too"
         self.provenance_may_change = declared(self, tree, "provenance_may_change", False, about)
         self.record = declared(self, tree, "record", False, "record the run in recording.mcap, in its folder")
-        about = "logs to write besides curve.csv, separated by commas: tensorboard, wandb"
-        self.log = declared(self, tree, "log", "", about)
+        about = "log each iteration for TensorBoard, in the output folder"
+        self.tensorboard = declared(self, tree, "tensorboard", False, about)
         about = "policy.npz to evaluate instead of learning; empty to learn"
         self.evaluate = declared(self, tree, "evaluate", "", about)
         self.environment = self._environment_from(tree)
@@ -104,7 +104,7 @@ def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
                 quiet=node.quiet,
                 resume=resume,
                 record=node.record or is_robot,
-                log=[name for name in node.log.split(",") if name],
+                tensorboard=node.tensorboard,
                 sync=is_robot,
                 provenance_may_change=node.provenance_may_change,
                 rest=node.peers.rest,

@@ -233,18 +233,10 @@ def test_an_environment_that_fails_raises_run_error(tmp_path: Path) -> None:
         rkhs_ros.train(Fails, out=tmp_path / "run", **SHORT)
 
 
-@pytest.mark.parametrize("given", ["tensorboard", ("tensorboard",)])
-def test_a_run_writes_logs(tmp_path: Path, given: Any) -> None:
+def test_a_run_logs_for_tensorboard(tmp_path: Path) -> None:
     pytest.importorskip("tensorboardX")
-    rkhs_ros.train("rkhs/Toy-v0", out=tmp_path / "run", log=given, **SHORT)
+    rkhs_ros.train("rkhs/Toy-v0", out=tmp_path / "run", tensorboard=True, **SHORT)
     assert list((tmp_path / "run" / "tensorboard").glob("events.*"))
-
-
-@pytest.mark.parametrize(("log", "error"), [(3, "a name or a"), ([3], "a name or a"), ("tensor", "tensorboard")])
-def test_errors_of_logs(tmp_path: Path, log: Any, error: str) -> None:
-    with pytest.raises(ValueError, match=error):
-        rkhs_ros.train("rkhs/Toy-v0", out=tmp_path / "run", log=log, **SHORT)
-    assert not (tmp_path / "run").exists()
 
 
 def test_resuming_with_another_initial_policy_is_refused(tmp_path: Path) -> None:

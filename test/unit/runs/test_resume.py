@@ -579,7 +579,7 @@ def test_over_topics_the_learner_resumes(rkhs: Cli, tmp_path: Path, monkeypatch:
     (tmp_path / "given.yaml").write_text(parameters)
     assert load_config(tmp_path / "given.yaml") == longer(4)
     learner = {"output": str(folder), "quiet": True, "resume": True, "provenance_may_change": False, "record": False}
-    learner["log"] = ""
+    learner["tensorboard"] = False
     assert more == {"learner": learner}
     assert keywords == {"composed": False}
 

@@ -1,4 +1,4 @@
-"""Logs of a run: the rows of curve.csv exactly once, read back independently of the package that wrote them."""
+"""TensorBoard events: the rows of curve.csv exactly once, read back independently of the package that wrote them."""
 
 import os
 import struct
@@ -16,11 +16,11 @@ import pytest
 
 from rkhs_ros.base import ros
 from rkhs_ros.learning.training_settings import Training
-from rkhs_ros.runs import logs
+from rkhs_ros.runs import tensorboard
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.curve import BEGINNING, Curve
-from rkhs_ros.runs.logs import Kind, logged, logs_of
 from rkhs_ros.runs.run import run_training
+from rkhs_ros.runs.tensorboard import has_events, logged
 from test.unit.conftest import Result, assert_refused
 from test.unit.runs.stopping import Stopping
 
@@ -31,14 +31,14 @@ Cli = Callable[..., Result]
 Rows = dict[int, dict[str, float]]  # values by iteration and column
 
 
-def stopped(folder: Path, batches: int, *names: str) -> Path:
+def stopped(folder: Path, batches: int, *, tensorboard: bool = False) -> Path:
     with pytest.raises(KeyboardInterrupt):
-        run_training(CONFIG, Stopping(batches), folder, quiet=True, log=names)
+        run_training(CONFIG, Stopping(batches), folder, quiet=True, tensorboard=tensorboard)
     return folder
 
 
-def resumed(folder: Path, *names: str) -> Path:
-    return run_training(CONFIG, Stopping(), folder, quiet=True, resume=True, log=names)
+def resumed(folder: Path, *, tensorboard: bool = False) -> Path:
+    return run_training(CONFIG, Stopping(), folder, quiet=True, resume=True, tensorboard=tensorboard)
 
 
 def expected(folder: Path) -> Rows:
@@ -118,7 +118,7 @@ def test_the_checksum_is_that_of_the_standard() -> None:
 
 def test_event_files_contain_each_row_once_after_any_interruption(tmp_path: Path) -> None:
     pytest.importorskip("tensorboardX")
-    folder = stopped(tmp_path / "run", 5, "tensorboard")  # in the third iteration
+    folder = stopped(tmp_path / "run", 5, tensorboard=True)  # in the third iteration
     assert [step for step, *_ in events(folder)] == [1, 2]
     (file,) = (folder / "tensorboard").iterdir()
     file.write_bytes(file.read_bytes()[:-20])  # as after a power cut
@@ -131,7 +131,7 @@ def test_event_files_contain_each_row_once_after_any_interruption(tmp_path: Path
 def test_a_log_that_begins_with_a_resume_contains_all_rows_and_changes_no_result(tmp_path: Path) -> None:
     pytest.importorskip("tensorboardX")
     without = run_training(CONFIG, Stopping(), tmp_path / "without", quiet=True)
-    folder = resumed(stopped(tmp_path / "run", 5), "tensorboard")
+    folder = resumed(stopped(tmp_path / "run", 5), tensorboard=True)
     assert [step for step, *_ in events(folder)] == [1, 2, 3, 4]
     names = ("policy.npz", "episodes.npz", "config.yaml")
     assert [(folder / name).read_bytes() for name in names] == [(without / name).read_bytes() for name in names]
@@ -140,7 +140,7 @@ def test_a_log_that_begins_with_a_resume_contains_all_rows_and_changes_no_result
 def test_tensorboard_reads_the_rows_also_while_a_run_resumes(tmp_path: Path) -> None:
     reader = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
     pytest.importorskip("tensorboardX")
-    folder = stopped(tmp_path / "run", 5, "tensorboard")
+    folder = stopped(tmp_path / "run", 5, tensorboard=True)
     during = reader.EventAccumulator(str(folder / "tensorboard")).Reload()
     assert [scalar.step for scalar in during.Scalars("evaluation_return")] == [1, 2]
     resumed(folder)
@@ -154,49 +154,13 @@ def test_tensorboard_reads_the_rows_also_while_a_run_resumes(tmp_path: Path) -> 
         assert rows == in_single_precision(expected(folder))
 
 
-def wandb_records(file: Path) -> Iterator[Any]:
-    """Yield the records of a run that is stored offline, in the log format of LevelDB."""
-    from wandb.proto.wandb_internal_pb2 import Record
-
-    content, at, data = file.read_bytes(), 7, b""  # after the header
-    while at < len(content):
-        if (left := -at % 32768) and left < 7:  # the rest of a block, too small for a record
-            at += left
-            continue
-        _, length, kind = struct.unpack_from("<IHB", content, at)
-        data, at = data + content[at + 7 : at + 7 + length], at + 7 + length
-        if kind in (1, 4):  # a whole record, or its last part
-            yield Record.FromString(data)
-            data = b""
-
-
-def test_weights_and_biases_stores_each_row_once_on_this_machine(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    wandb = pytest.importorskip("wandb")
-    monkeypatch.delenv("WANDB_MODE", raising=False)
-    folder = stopped(tmp_path / "run", 5, "wandb")
-    (first,) = (folder / "wandb").glob("*run-*/*.wandb")
-    resumed(folder)
-    wandb.teardown()  # waits until its service has written all
-    (file,) = (folder / "wandb").glob("offline-run-*/*.wandb")
-    assert file.name == first.name  # the same run of Weights & Biases
-    rows: Rows = {}
-    for record in wandb_records(file):
-        if record.HasField("history"):
-            assert record.history.step.num not in rows
-            items = {item.nested_key[0]: float(item.value_json) for item in record.history.item}
-            rows[record.history.step.num] = {name: value for name, value in items.items() if name[0] != "_"}
-    assert rows == expected(folder)
-
-
 @pytest.mark.ros
 @pytest.mark.slow
 @pytest.mark.skipif(bool(ros.missing_ros()), reason="needs ROS")
 def test_the_learner_node_logs_like_a_run_in_one_process(tmp_path: Path) -> None:
     pytest.importorskip("tensorboardX")
     command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", "--quiet"]
-    source = [CONFIG_FILE, "--iterations", "2", "--runner", "ros", "--log", "tensorboard", "--out", "run"]
+    source = [CONFIG_FILE, "--iterations", "2", "--runner", "ros", "--tensorboard", "--out", "run"]
     subprocess.run([*command, *source], cwd=tmp_path, check=True, capture_output=True, timeout=100)
     subprocess.run([*command, "--resume", "run", "--iterations", "3"], cwd=tmp_path, check=True, capture_output=True)
     logged_rows = events(tmp_path / "run")
@@ -207,22 +171,19 @@ def test_the_learner_node_logs_like_a_run_in_one_process(tmp_path: Path) -> None
 def test_a_missing_package_is_reported_before_the_run(
     rkhs: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module, name in (("tensorboardX", "tensorboard"), ("wandb", "wandb")):
-        monkeypatch.setitem(sys.modules, module, None)
-        remedy = (
-            f"--log {name}: expected {module} to be installed (pip install {module}, or the extra '{name}'), got none"
-        )
-        assert_refused(rkhs("train", CONFIG_FILE, "--log", name, "--out", "run"), remedy)
-        (tmp_path / "old" / name).mkdir(parents=True)
-        with pytest.raises(ValueError, match=f"--log {name}: expected {module} to be installed"):
-            logs_of(tmp_path / "old")
-        (tmp_path / "old" / name).rmdir()
+    monkeypatch.setitem(sys.modules, "tensorboardX", None)
+    expected = (
+        "--tensorboard: expected tensorboardX to be installed (pip install tensorboardX, or the extra 'tensorboard')"
+    )
+    assert_refused(rkhs("train", CONFIG_FILE, "--tensorboard", "--out", "run"), expected)
     assert not (tmp_path / "run").exists()
-    assert_refused(rkhs("train", CONFIG_FILE, "--log", "csv"), "--log: invalid choice: 'csv'")
+    (tmp_path / "old" / "tensorboard").mkdir(parents=True)
+    with pytest.raises(ValueError, match="--tensorboard: expected tensorboardX to be installed"):
+        has_events(tmp_path / "old", requested=False)
 
 
-class Broken:
-    """A log whose disk is full from a row on."""
+class Full:
+    """An event file on a disk that is full from a row on."""
 
     def __init__(self, row: int) -> None:
         self.added: list[int] = []
@@ -230,7 +191,7 @@ class Broken:
 
     def add(self, row: Any) -> None:
         if row.iteration >= self.row:
-            raise OSError(28, os.strerror(28), "log")
+            raise OSError(28, os.strerror(28), "events")
         self.added.append(row.iteration)
 
     def close(self) -> None:
@@ -238,27 +199,26 @@ class Broken:
 
 
 @pytest.mark.parametrize("full_from", [0, 2, 9])
-def test_a_run_continues_without_a_log_that_fails(
+def test_a_run_continues_without_events_that_fail(
     full_from: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    broken, whole = Broken(full_from), Broken(9)
+    full = Full(full_from)
 
-    def opened(*arguments: object) -> Broken:
+    def opened(*arguments: object) -> Full:
         if full_from == 0:
-            raise OSError(28, os.strerror(28), "log")
-        return broken
+            raise OSError(28, os.strerror(28), "events")
+        return full
 
-    monkeypatch.setattr(logs, "LOGS", {"broken": Kind("json", opened), "whole": Kind("json", lambda *arguments: whole)})
+    monkeypatch.setattr(tensorboard, "EventFile", opened)
 
     def interrupted_run() -> None:
-        with logged(tmp_path, ["broken", "whole"], [], {}) as add:
+        with logged(tmp_path, []) as add:
             for iteration in (1, 2, 3):
                 add(BEGINNING._replace(iteration=iteration))
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         interrupted_run()
-    assert whole.added == [1, 2, 3, -1]
-    assert broken.added == {0: [], 2: [1], 9: [1, 2, 3, -1]}[full_from]
-    warning = "warning: --log broken: [Errno 28] No space left on device: 'log'. The run continues without this log\n"
+    assert full.added == {0: [], 2: [1], 9: [1, 2, 3, -1]}[full_from]
+    warning = "warning: --tensorboard: [Errno 28] No space left on device: 'events'. The run continues without it\n"
     assert capsys.readouterr().err == warning * (full_from < 9)
