@@ -87,7 +87,7 @@ test-view: build view-tools ## test the page of a run in Chromium
 test-fast: build ## tests without nodes and pictures, in under a minute
 	@$(ENTER) $(PYTEST) -n auto -m "not ros and not slow and not ci and not nightly and not clock and not browser"
 
-EXTRAS ?= test/faults/test_clusters.py test/unit/studies/test_workers.py test/faults/test_other_learners.py test/unit/runs/test_tensorboard.py
+EXTRAS ?= test/faults/test_other_learners.py test/unit/runs/test_tensorboard.py
 test-extras: build .venv-extras/.installed ## tests that need large extras, installed beside .venv
 	@$(ENTER) PYTHONPATH=$(CURDIR)/.venv-extras:$$PYTHONPATH python -m pytest -rsP $(EXTRAS)
 

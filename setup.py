@@ -90,7 +90,6 @@ setup(
         "peers": ["stable-baselines3>=2.6", "sb3-contrib>=2.6"],
         "tensorboard": ["tensorboardX>=2.6"],
         "dask": ["distributed>=2024.8"],
-        "ray": ["ray>=2.40"],
         "completion": ["argcomplete>=3"],
         "dev": requirements("dev"),
         "test": ["pytest"],

@@ -27,16 +27,15 @@ def add_worker_arguments(parser: argparse.ArgumentParser, what: str = "runs") ->
         "--jobs", type=int, metavar="J", help=f"parallel {what} on this machine (default: number of cores)"
     )
     parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster instead of this machine")
-    parser.add_argument("--ray", metavar="ADDRESS", help="a Ray cluster instead of this machine")
 
 
 def workers_of(options: argparse.Namespace) -> Workers:
     """Return the workers that the options choose.
 
     Raises:
-        ValueError: the options conflict, or a library is not installed.
+        ValueError: the options conflict, or Dask is not installed.
     """
-    return Workers(ALL_CORES if options.jobs is None else options.jobs, options.scheduler, options.ray)
+    return Workers(ALL_CORES if options.jobs is None else options.jobs, options.scheduler)
 
 
 def study_folder(given: Path | None, *default: str) -> Path:

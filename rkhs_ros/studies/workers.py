@@ -1,7 +1,7 @@
-"""Workers that execute calls: processes of this machine, a Dask cluster, or a Ray cluster.
+"""Workers that execute calls: processes of this machine, or a Dask cluster.
 
-Each kind returns futures, for which one loop waits. If a worker of a cluster is lost, the cluster repeats its call on
-another worker.
+Both return futures, for which one loop waits. If a worker of a cluster is lost, the cluster repeats its call on another
+worker.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 import os
 import re
-import socket
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Future
@@ -31,10 +30,8 @@ from rkhs_ros.runs.provenance import TASKS, provenance
 
 ALL_CORES = -1
 CONNECT_TIMEOUT_S = 10
-RETRIES = 3  # of a call if its worker is lost
 T = TypeVar("T")
 DASK_ADDRESS = re.compile(r"\w+://\S+:\d{1,5}", re.ASCII)
-RAY_ADDRESS = re.compile(r"(?:ray://)?([^\s:/]+):(\d{1,5})", re.ASCII)
 
 
 class WorkerLostError(RunError):
@@ -96,24 +93,19 @@ class Workers:
     Attributes:
         jobs: number of processes on this machine; -1 for one per core.
         scheduler: address of a Dask scheduler, whose cluster replaces this machine.
-        ray: address of a Ray cluster, which replaces this machine.
     """
 
     jobs: int = ALL_CORES
     scheduler: str | None = None
-    ray: str | None = None
 
     def __post_init__(self) -> None:
-        """Raise ValueError if a number is invalid, several kinds of workers are chosen, or a library is missing."""
+        """Raise ValueError if a number is invalid, both kinds of workers are chosen, or Dask is missing."""
         expected = f"at least 1, or {ALL_CORES} for all cores"
         require(self.jobs == ALL_CORES or self.jobs >= 1, "--jobs", expected, self.jobs)
-        places = {"--jobs": self.jobs != ALL_CORES, "--scheduler": self.scheduler, "--ray": self.ray}
-        named = [name for name, given in places.items() if given]
-        require(len(named) <= 1, "workers", f"at most one of {', '.join(places)}", " and ".join(named))
+        both = self.jobs != ALL_CORES and bool(self.scheduler)
+        require(not both, "workers", "either --jobs or --scheduler", "both")
         if self.scheduler:
             require_extra("distributed", "dask", "--scheduler")
-        if self.ray:
-            require_extra("ray", "ray", "--ray")
 
     @contextmanager
     def opened(self, count: int) -> Iterator[Pool]:
@@ -126,8 +118,6 @@ class Workers:
         processes = min(cpu_count() if self.jobs == ALL_CORES else self.jobs, count)
         if self.scheduler:
             opened: AbstractContextManager[Pool] = _dask(self.scheduler)
-        elif self.ray:
-            opened = _ray(self.ray)
         elif processes > 1:
             opened = _processes(processes)
         else:
@@ -172,32 +162,6 @@ def _dask(address: str) -> Iterator[Pool]:
             yield Pool(_with_our_code(executor.submit), lost)
         finally:
             executor.shutdown(wait=False)
-
-
-@contextmanager
-def _ray(address: str) -> Iterator[Pool]:
-    place = RAY_ADDRESS.fullmatch(address)
-    if place is None:
-        raise ValueError(f"--ray: expected an address such as HOST:6379 or ray://HOST:10001, got '{address}'")
-    try:
-        socket.create_connection(
-            (place[1], int(place[2])), CONNECT_TIMEOUT_S
-        ).close()  # Ray itself would retry for minutes
-        ray = import_module("ray")
-        ray.init(address, log_to_driver=False, logging_level=logging.ERROR)
-    except (OSError, RuntimeError, ValueError) as error:
-        raise OSError(f"--ray: expected a Ray cluster at {address}, got none ({error})") from error
-
-    def submit(call: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        task = ray.remote(call).options(num_cpus=1, max_retries=RETRIES)
-        future: Future[Any] = task.remote(*arguments).future()
-        return future
-
-    lost = (ray.exceptions.WorkerCrashedError, ray.exceptions.NodeDiedError)
-    try:
-        yield Pool(_with_our_code(submit), lost)
-    finally:
-        ray.shutdown()
 
 
 def _with_our_code(submit: Callable[..., Future[Any]]) -> Callable[..., Future[Any]]:

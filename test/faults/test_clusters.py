@@ -2,12 +2,8 @@
 
 import os
 import signal
-import socket
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -34,32 +30,6 @@ def dask() -> Iterator[Any]:
         yield cluster
 
 
-@pytest.fixture
-def ray(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Start a Ray cluster of two cores and return its address."""
-    pytest.importorskip("ray")
-    home, port = tmp_path_factory.mktemp("r"), 20_000 + os.getpid() % 10_000
-    command = [sys.executable, "-c", "from ray.scripts.scripts import main; main()", "start", "--head", "--block"]
-    options = ["--num-cpus=2", f"--port={port}", "--include-dashboard=false", "--disable-usage-stats"]
-    streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    head = subprocess.Popen([*command, *options, f"--temp-dir={home}"], **streams)
-    try:
-        _wait_for(port, head)
-        yield f"127.0.0.1:{port}"
-    finally:
-        head.terminate()  # ends its own processes only, not those of other Ray clusters
-        head.wait(30)
-
-
-def _wait_for(port: int, head: subprocess.Popen[bytes]) -> None:
-    deadline = time.monotonic() + 60
-    while head.poll() is None and time.monotonic() < deadline:
-        with suppress(OSError), socket.create_connection(("127.0.0.1", port), 1):
-            return
-        time.sleep(0.1)
-    raise TimeoutError("expected a Ray cluster, got none")
-
-
 def tables(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.glob("*.csv"))}
 
@@ -77,18 +47,6 @@ def kill_when(folder: Path, runs: int, victims: Callable[[], list[int]]) -> Thre
     return thread
 
 
-def of_ray() -> list[int]:
-    """Return the Ray processes that execute a call."""
-    commands = {int(path.parent.name): path for path in Path("/proc").glob("[0-9]*/cmdline")}
-    found = []
-    for pid, path in commands.items():
-        try:
-            found += [pid] * path.read_bytes().startswith(b"ray::_checked")
-        except OSError:  # the process has exited
-            continue
-    return found
-
-
 def test_a_killed_dask_worker_does_not_change_forty_runs(rkhs: Run, dask: Any, tmp_path: Path) -> None:
     on = ("--scheduler", dask.scheduler_address)
     killed = kill_when(tmp_path / "dask", 5, lambda: [next(iter(dask.workers.values())).pid])
@@ -99,15 +57,6 @@ def test_a_killed_dask_worker_does_not_change_forty_runs(rkhs: Run, dask: Any, t
     assert len(list((tmp_path / "dask" / "runs").iterdir())) == 40
     assert tables(tmp_path / "dask") == tables(tmp_path / "alone")
     assert (tmp_path / "dask" / "runs.csv").read_text().count("\n") == 41
-
-
-def test_a_killed_ray_worker_does_not_change_forty_runs(rkhs: Run, ray: str, tmp_path: Path) -> None:
-    killed = kill_when(tmp_path / "ray", 5, of_ray)
-    assert rkhs("sweep", CONFIG, *FORTY, "--set", *TINY, "--out", "ray", "--ray", ray).code == 0
-    killed.join(1.0)
-    assert not killed.is_alive()
-    assert rkhs("sweep", CONFIG, *FORTY, "--set", *TINY, "--out", "alone", "--jobs", 1).code == 0
-    assert tables(tmp_path / "ray") == tables(tmp_path / "alone")
 
 
 def ends_its_process(number: int) -> int:

@@ -104,7 +104,7 @@ def _train(options: argparse.Namespace) -> int:
     if _has_several_seeds(options):
         require(not options.view, "--view", "a single run", "several seeds")
         return _train_several(options)
-    for name in ("jobs", "scheduler", "ray"):
+    for name in ("jobs", "scheduler"):
         given = getattr(options, name)
         require(given is None, f"--{name}", "--seeds, or --resume of runs with several seeds", "one run")
     prepared = _prepared(options)

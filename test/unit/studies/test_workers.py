@@ -74,7 +74,7 @@ def test_killed_processes_are_reported_once_and_get_no_more_calls() -> None:
     [
         (
             ("--scheduler", "tcp://127.0.0.1:8786", "--jobs", "2"),
-            "expected at most one of --jobs, --scheduler, --ray, got",
+            "workers: expected either --jobs or --scheduler, got both",
         ),
         (("--scheduler", "127.0.0.1"), "--scheduler: expected an address such as tcp://HOST:8786, got '127.0.0.1'"),
         (("--scheduler", "tcp://127.0.0.1:1"), "--scheduler: expected a Dask scheduler at tcp://127.0.0.1:1, got none"),
@@ -88,28 +88,9 @@ def test_a_missing_dask_cluster_is_reported_in_one_line(
     assert_refused(rkhs("train", CONFIG, "--seeds", "0-1", "--out", "many", *options), message)
 
 
-@pytest.mark.parametrize(
-    ("address", "message"),
-    [
-        ("nowhere", "expected an address such as HOST:6379"),
-        ("127.0.0.1:1", "expected a Ray cluster at 127.0.0.1:1, got none"),
-    ],
-)
-def test_a_missing_ray_cluster_is_reported_in_one_line(rkhs: Run, address: str, message: str) -> None:
-    pytest.importorskip("ray")
-    assert_refused(rkhs("train", CONFIG, "--seeds", "0-1", "--out", "many", "--ray", address), message)
-
-
-@pytest.mark.parametrize(
-    ("module", "arguments"),
-    [
-        ("distributed", ("sweep", CONFIG, "--vary", "algorithm.ridge=1,2", "--scheduler", "tcp://127.0.0.1:8786")),
-        ("ray", ("reproduce", "fig1", "--ray", "127.0.0.1:6379")),
-    ],
-)
-def test_a_missing_extra_is_reported(
-    rkhs: Run, module: str, arguments: tuple[object, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_missing_extra_is_reported(rkhs: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("rkhs_ros.base.validation.find_spec", lambda name: None)
-    assert_refused(rkhs(*arguments), f"expected {module} to be installed (pip install {module}, or the extra")
+    expected = "expected distributed to be installed (pip install distributed, or the extra 'dask')"
+    sweep = ("sweep", CONFIG, "--vary", "algorithm.ridge=1,2", "--scheduler", "tcp://127.0.0.1:8786")
+    assert_refused(rkhs(*sweep), expected)
     assert list(tmp_path.iterdir()) == []
