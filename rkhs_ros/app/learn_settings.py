@@ -7,7 +7,6 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypedDict
 
-from rkhs_ros.base.settings import Settings
 from rkhs_ros.base.validation import hint, nearest, pick, require
 from rkhs_ros.learning.algorithms.algorithm import Algorithm
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
@@ -23,7 +22,7 @@ from rkhs_ros.runs.defaults import settings_for
 
 
 class LearnSettings(TypedDict, total=False):
-    """Keywords of ``train`` and `learn`; those that are not given have the defaults of `rkhs_ros.runs.defaults`.
+    """Keywords of ``train`` and `learn`; those that are not given have the defaults of `Training`.
 
     Attributes:
         name: name of the run.
@@ -113,9 +112,7 @@ def training_in(simulation: Simulation, algorithm: Algorithm | str | None, setti
     require(not isinstance(algorithm, type), "algorithm", "an instance such as RKHSNAC()", algorithm)
     if not isinstance(algorithm, str | None):
         given["algorithm"] = algorithm
-    nested = {name: value for name, value in given.items() if isinstance(value, Settings)}
-    over = {name: value.with_defaults(getattr(untuned, name)) for name, value in nested.items()}
-    return replace(untuned, **given | over)
+    return replace(untuned, **given)
 
 
 def _name_of(algorithm: object) -> str:

@@ -127,8 +127,8 @@ def train(
         environment: a Gymnasium id (``module:Id-v0`` imports the module that registers it), an environment, a vector
             environment, or a function or class that returns one. Observations and actions must be continuous. `train`
             closes the environments that it creates, and leaves a passed environment open.
-        algorithm: an algorithm such as ``RKHSNAC(centres=80)``, or its name; None stands for RKHS-NAC. Settings that
-            are not given have the defaults of `rkhs_ros.runs.defaults`.
+        algorithm: an algorithm such as ``RKHSNAC(centres=80)``, or its name; None stands for RKHS-NAC. An object is
+            used as it is; for a name without a model, `rkhs_ros.runs.defaults` has settings for few samples.
         progress: show a progress bar on standard error, and what to try if the run does not learn.
         callback: function that takes the result of each iteration, after its files are written; False stops the run,
             True or None continues it.

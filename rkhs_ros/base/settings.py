@@ -7,10 +7,10 @@ Python are checked too.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, Field, field, fields, is_dataclass
+from dataclasses import Field, field, fields, is_dataclass
 from functools import cache
 from numbers import Integral, Real
-from typing import Any, NamedTuple, Self, TypeVar, get_type_hints
+from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 import numpy as np
 
@@ -33,19 +33,6 @@ class Settings(NamedFields):
         for f in fields(self):  # type: ignore[arg-type]  # a subclass is a dataclass
             if _is_setting(f, types):
                 object.__setattr__(self, f.name, _checked(f, types[f.name], getattr(self, f.name), f.name))
-
-    def with_defaults(self, defaults: object) -> Self:
-        """Return these settings, with unset fields taken from ``defaults``.
-
-        Args:
-            defaults: settings of the same class; an object of another class is ignored.
-        """
-        if type(defaults) is not type(self):
-            return self
-        values = {f.name: getattr(defaults, f.name) for f in fields(self)}  # type: ignore[arg-type]  # as above
-        own = {name: getattr(self, name) for name in self.given_fields}
-        nested = {name: each.with_defaults(values[name]) for name, each in own.items() if isinstance(each, Settings)}
-        return type(self)(**values | own | nested)
 
 
 class Entry(NamedTuple):
@@ -99,15 +86,7 @@ def build(cls: type[T], values: Tree, path: str = "") -> T:
     for key in values:
         if key not in known:
             raise UnknownKeyError(f"unknown key '{path}{key}', {_meant(str(key), cls, known, path)}")
-    complete = {k: _as_given(f.default) for k, f in known.items() if f.default is not MISSING}
-    return cls(**complete | {k: _convert(f, types[k], values[k], path + k) for k, f in known.items() if k in values})
-
-
-def _as_given(value: Any) -> Any:
-    """Return settings with every field marked as given; return other values unchanged."""
-    if not isinstance(value, Settings):
-        return value
-    return type(value)(**{f.name: _as_given(getattr(value, f.name)) for f in fields(value)})  # type: ignore[arg-type]
+    return cls(**{k: _convert(f, types[k], values[k], path + k) for k, f in known.items() if k in values})
 
 
 def _meant(key: str, cls: type, known: Mapping[str, Any], path: str) -> str:

@@ -7,7 +7,7 @@ from dataclasses import fields
 from difflib import get_close_matches
 from importlib.util import find_spec
 from math import isfinite, prod
-from typing import Any, ClassVar, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -72,13 +72,7 @@ def nearest(name: str, known: Iterable[str]) -> list[str]:
 
 
 class NamedFields:
-    """Base class of dataclasses that suggest a name for an unknown keyword and store which fields were given.
-
-    Attributes:
-        given_fields: names of the fields that the caller passed.
-    """
-
-    given_fields: ClassVar[frozenset[str]] = frozenset()
+    """Base class of dataclasses that suggest a name for an unknown keyword."""
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
         """Raise TypeError for a keyword that is not a field."""
@@ -86,9 +80,7 @@ class NamedFields:
         for name in kwargs:
             if name not in known:
                 raise TypeError(f"{cls.__name__}: unknown setting '{truncated(name)}', {hint(name, known)}")
-        made = super().__new__(cls)
-        object.__setattr__(made, "given_fields", frozenset([*list(known)[: len(args)], *kwargs]))
-        return made
+        return super().__new__(cls)
 
 
 def _like(name: str, known: Iterable[str]) -> list[str]:

@@ -20,7 +20,7 @@ class KernelChoice(Settings):
 
     form: str = setting("rbf", "kernel names joined by + and *, such as 'rbf + polynomial'")
     bandwidth: str | tuple[float, ...] = setting(
-        "median",
+        "dimension",
         "bandwidths of rbf in the inputs' units: one number for all inputs; one number per input; or one number per "
         "input of a time step, which applies to all time steps of the history; "
         "or 'median': per dimension, the larger of the median distance between pairs of points and their standard "

@@ -14,7 +14,7 @@ from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.algorithms.step_rules import LineSearch
 from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.learning.model.model_based import MODELS, ModelBased, ModelSettings, NoModel
+from rkhs_ros.learning.model.model_based import MODELS, ModelBased, ModelSettings
 from rkhs_ros.policies.gaussian import MOST_REPEAT
 from rkhs_ros.policies.inputs import Inputs
 
@@ -27,14 +27,14 @@ class Training(Settings):
 
     name: str = setting("run", "name of the run and of its results folder")
     seed: int = setting(0, "seed of all random numbers", minimum=0, maximum=2**63 - 1)
-    iterations: int = setting(40, "number of training iterations", minimum=1, maximum=10**6)
-    episodes_per_iteration: int = setting(10, "exploration episodes per iteration", minimum=1, maximum=10_000)
+    iterations: int = setting(20, "number of training iterations", minimum=1, maximum=10**6)
+    episodes_per_iteration: int = setting(1, "exploration episodes per iteration", minimum=1, maximum=10_000)
     evaluation_episodes: int = setting(10, "episodes per evaluation", minimum=1, maximum=10_000)
     evaluate_every: int = setting(1, "number of iterations per evaluation; 0: no evaluation", minimum=0, maximum=10**6)
     horizon: int = setting(100, "maximum number of steps per episode", minimum=1, maximum=10**6)
     discount: float = setting(0.99, "discount factor of the return, per step", minimum=0.0, maximum=1.0)
     action_repeat: str | int = setting(
-        1,
+        AUTO,
         "number of steps for which the policy holds an action; or 'auto': chosen from the first iteration's episodes, "
         "such that the observation changes by 0.3 standard deviations between decisions",
         minimum=1,
@@ -42,7 +42,7 @@ class Training(Settings):
         choices=(AUTO,),
     )
     exploration_sd: str | tuple[float, ...] = setting(
-        (1.0,),
+        "range",
         "initial standard deviation of the actions, one number or one per dimension; or 'range': half the range of "
         "each action, 1 if the action is unbounded",
         minimum=1e-6,
@@ -53,7 +53,7 @@ class Training(Settings):
     inputs: Inputs = Inputs()
     kernel: KernelChoice = KernelChoice()
     algorithm: Algorithm = variant(RKHSNAC(), ALGORITHMS, "name")
-    model: ModelSettings = variant(NoModel(), MODELS, "form")
+    model: ModelSettings = variant(ModelBased(), MODELS, "form")
 
     def __post_init__(self) -> None:
         """Raise ValueError if a value is invalid, or a line search would need real episodes in the model."""

@@ -64,6 +64,8 @@ def settings(task: str, algorithm: str, form: str = "rbf", seed: int = 0, **chan
         "inputs": {"history": history},
         "kernel": {"form": form, "degree": 2, **({"bandwidth": 4.0} if on_grid else {})},
         "algorithm": {"name": algorithm, **size, **changes},
+        "action_repeat": 1,
+        "model": {"form": "none"},
     }
     return training_from(tree)
 

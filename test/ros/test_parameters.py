@@ -9,11 +9,12 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.parameter import Parameter
 
 from rkhs_ros.base.settings import entries
+from rkhs_ros.learning.model.model_based import NoModel
 from rkhs_ros.learning.training_settings import Training
 from test.ros.conftest import Probe, Process
 
 OPTIONS = ["environment.options.angle", "environment.id", "environment.num_envs"]
-NAMES = [entry.name for entry in entries(Training()) if entry.value != ()]  # ROS has no empty lists
+NAMES = [entry.name for entry in entries(Training(model=NoModel())) if entry.value != ()]  # ROS has no empty lists
 
 
 @pytest.fixture

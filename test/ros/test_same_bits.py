@@ -63,7 +63,7 @@ RUNS = {
         "power",
         ("environment.options.angle=wrap", "inputs.angles=[0]", "kernel.bandwidth=3.0", "horizon=200",
          "algorithm.grid_low=-2", "algorithm.grid_high=2", "algorithm.grid_counts=3", "exploration_sd=[2.0]",
-         "action_repeat=auto"),
+         "algorithm.variance=learnt", "action_repeat=auto"),
         "composed",
     ),
     "learnt variance": (
@@ -89,7 +89,8 @@ def test_training_over_topics_is_bit_identical_to_in_process(start: Start, tmp_p
     task, algorithm, changes, runner = RUNS[name]
     config = tmp_path / "run.yaml"
     simulator = f"simulator: {{ros__parameters: {{environment: {{id: {task}}}}}}}\n"
-    config.write_text(simulator + f"learner: {{ros__parameters: {{algorithm: {{name: {algorithm}}}}}}}\n")
+    parts = f"{{algorithm: {{name: {algorithm}}}, model: {{form: none}}, action_repeat: 1}}"
+    config.write_text(simulator + f"learner: {{ros__parameters: {parts}}}\n")
     arrays = assert_same_bits(start, tmp_path, (config, *SHORT, "--set", *SHORT_EPISODES, *changes), 3, runner)
     assert arrays.keys() & {"variance_centres", "variance_mass"} == ARRAYS.get(name, set())
     assert arrays["action_repeat"] == {"kernel variance": 2, "line search": 3}.get(name, 1)

@@ -13,6 +13,9 @@ from hypothesis import settings
 from rkhs_ros.app.cli import main
 from rkhs_ros.learning.algorithms.algorithm import Algorithm, Experience, Update
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.kernel_choice import KernelChoice
+from rkhs_ros.learning.model.model_based import NoModel
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy, mean_kl
 from rkhs_ros.policies.variance import ConstantVariance, KernelVariance
 from rkhs_ros.rkhs.function import Function
@@ -20,6 +23,13 @@ from rkhs_ros.rkhs.kernels import RBF, Kernel
 
 settings.register_profile("repeatable", max_examples=25, deadline=None, derandomize=True, database=None)
 settings.load_profile("repeatable")
+
+
+def model_free(**settings: Any) -> Training:
+    """Return settings of fast training without a model, in which nothing is chosen from the data but the bandwidth."""
+    plain: dict[str, Any] = {"model": NoModel(), "kernel": KernelChoice(bandwidth="median"), "action_repeat": 1}
+    few: dict[str, Any] = {"exploration_sd": (1.0,), "iterations": 40, "episodes_per_iteration": 10}
+    return Training(**plain | few | settings)
 
 
 def kl_between(old: GaussianPolicy, new: GaussianPolicy, x: np.ndarray) -> float:

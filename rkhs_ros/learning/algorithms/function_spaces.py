@@ -127,7 +127,7 @@ class Grid:
 class SparseSettings:
     """Settings of algorithms that search the RKHS."""
 
-    centres: int = setting(40, "maximum number of centres of the policy", minimum=1, maximum=2000)
+    centres: int = setting(80, "maximum number of centres of the policy", minimum=1, maximum=2000)
     sparsification_tolerance: float = setting(
         0.0, "relative error below which sparsification adds no further centre", minimum=0.0, maximum=1.0
     )

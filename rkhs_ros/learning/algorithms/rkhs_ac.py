@@ -8,7 +8,7 @@ from rkhs_ros.base.settings import setting, variant
 from rkhs_ros.learning.algorithms.actor_critic import ActorCritic
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.function_spaces import SparseSettings
-from rkhs_ros.learning.algorithms.step_rules import STEP_RULES, FixedStep, StepRule
+from rkhs_ros.learning.algorithms.step_rules import STEP_RULES, KLStep, StepRule
 from rkhs_ros.policies.gaussian import GaussianPolicy
 
 
@@ -25,7 +25,7 @@ class RKHSAC(SparseSettings, ActorCritic):
         "how the critic solves its equations: ridge regression, or kernel matching pursuit after subtracting the value",
         choices=("ridge", "pursuit"),
     )
-    step: StepRule = variant(FixedStep(0.005), STEP_RULES, "rule")
+    step: StepRule = variant(KLStep(), STEP_RULES, "rule")
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
         """Return the policy after one step along the plain gradient."""

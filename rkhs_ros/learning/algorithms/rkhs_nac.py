@@ -28,6 +28,10 @@ class RKHSNAC(SparseSettings, ActorCritic):
         v = \frac1n \sum_t \big(A_t - A(s_t, a_t)\big) (\epsilon_t^2 / \sigma^2 - 1) / \sqrt2
     """
 
+    value_ridge: float = setting(0.001, "penalty on the squared RKHS norm of the value", minimum=1e-12, maximum=1e6)
+    trace: float = setting(
+        0.95, "lambda of the lambda-returns that the step critic fits; 1: rewards to go", minimum=0.0, maximum=1.0
+    )
     variance: str = setting(
         "constant",
         "how the variance changes: constant except for its decay, or learnt along its natural gradient",

@@ -34,7 +34,7 @@ class KLStep(Settings):
     Once w is mostly noise, steps of constant length become a random walk. Annealing (c > 0) ends this walk.
     """
 
-    divergence: float = setting(0.02, "mean divergence of the first update, in nats", minimum=0.0, maximum=10.0)
+    divergence: float = setting(0.05, "mean divergence of the first update, in nats", minimum=0.0, maximum=10.0)
     cap: float = setting(1e300, "maximum step size, in units that depend on the direction", minimum=0.0, maximum=1e300)
     annealing: float = setting(
         0.0, "annealing rate c: iteration k divides the divergence by 1 + c k", minimum=0.0, maximum=1e6

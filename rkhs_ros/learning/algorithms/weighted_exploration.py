@@ -54,15 +54,15 @@ class WeightedExploration(Algorithm):
         1.0, "penalty lambda on the squared norm of the change in the mean", minimum=1e-12, maximum=1e6
     )
     ridge_unit: str = setting(
-        "action",
+        "variance",
         "unit of the ridge: action, as in Eq 23; or variance, relative to the policy's variance and so independent of "
         "the units of actions",
         choices=RIDGE_UNITS,
     )
-    value_ridge: float = setting(0.01, "penalty on the squared RKHS norm of the value", minimum=1e-12, maximum=1e6)
+    value_ridge: float = setting(0.001, "penalty on the squared RKHS norm of the value", minimum=1e-12, maximum=1e6)
     reuse: int = setting(0, "number of best episodes so far that the next update reuses", minimum=0, maximum=10_000)
     variance: str = setting(
-        "learnt",
+        "constant",
         "how the variance changes. learnt: by the corrected Eq 24. as_published: by the published Eq 24. constant: "
         "only by its decay",
         choices=("constant", *VARIANCES),

@@ -115,7 +115,7 @@ def test_evaluate_measures_the_policy_of_the_file(
         ("environment.options.angle=clip", ". Use environment.options={} for none"),
         ("environment.id=None-at-all", "unknown environment 'None-at-all', none of "),
         ("environment.id=Pendulu", "unknown environment 'Pendulu', did you mean 'Pendulum-v1'?"),
-        ("centres=20", "unknown key 'centres', did you mean 'algorithm.centres'?"),
+        ("centres=20", "unknown key 'centres', did you mean 'algorithm.centres' or 'model.centres'?"),
         ("bandwidth=[1]", "unknown key 'bandwidth', did you mean 'kernel.bandwidth'?"),
         ("algorithm.name=enac", " (algorithm={name: enac} selects 'enac' with its defaults)"),
         ("algorithm.centers=9", "unknown key 'algorithm.centers', did you mean 'algorithm.centres'?\n"),

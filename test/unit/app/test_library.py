@@ -1,6 +1,5 @@
 """Training in one call, without files and without ROS."""
 
-import pickle
 import subprocess
 import sys
 from collections.abc import Callable
@@ -16,7 +15,6 @@ from gymnasium.vector import SyncVectorEnv
 import rkhs_ros
 from rkhs_ros.app.cli import main
 from rkhs_ros.app.learn_settings import LearnSettings
-from rkhs_ros.base.settings import build
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.rollouts.inline_runner import InlineRunner
@@ -127,7 +125,7 @@ def test_rarer_evaluations_do_not_change_training() -> None:
 @pytest.mark.parametrize("form", ["gaussian_process", "none"])
 def test_defaults_do_not_depend_on_how_the_algorithm_is_chosen(form: str, tmp_path: Path) -> None:
     settings = {**SHORT, "model": form} if form == "none" else SHORT
-    chosen = (None, "rkhs_nac", rkhs_ros.RKHSNAC(), rkhs_ros.RKHSNAC(step=rkhs_ros.KLStep()))
+    chosen = (None, "rkhs_nac", *([] if form == "none" else [rkhs_ros.RKHSNAC(), rkhs_ros.RKHSNAC(trace=0.95)]))
     curves = [rkhs_ros.train("rkhs/Toy-v0", each, progress=False, **settings).curve for each in chosen]
     changes = [f"{name}={value}" for name, value in SHORT.items() if name != "model"]
     changes += ["model.form=none"] if form == "none" else ["model.updates=2", "model.rollouts=5"]
@@ -146,14 +144,16 @@ def test_typed_keywords_match_the_accepted_settings() -> None:
     assert set(LearnSettings.__annotations__) == of_run | others
 
 
-def test_an_object_overrides_only_the_settings_that_it_is_given() -> None:
-    given = rkhs_ros.RKHSNAC(centres=7, step=rkhs_ros.KLStep(divergence=0.5))
-    defaults = rkhs_ros.RKHSNAC(centres=80, trace=0.5, step=rkhs_ros.KLStep(divergence=0.05, annealing=0.25))
-    expected = rkhs_ros.RKHSNAC(centres=7, trace=0.5, step=rkhs_ros.KLStep(divergence=0.5, annealing=0.25))
-    assert given.with_defaults(defaults) == expected
-    assert given.with_defaults(rkhs_ros.PoWER()) is given
-    assert pickle.loads(pickle.dumps(given)).with_defaults(defaults) == expected
-    assert build(rkhs_ros.RKHSNAC, {"centres": 7}).with_defaults(defaults) == rkhs_ros.RKHSNAC(centres=7)
+def test_equal_algorithms_train_equally_and_different_ones_do_not() -> None:
+    default, written, other = chosen = (
+        rkhs_ros.RKHSNAC(),
+        rkhs_ros.RKHSNAC(trace=0.95, value_ridge=0.001, step=rkhs_ros.KLStep()),
+        rkhs_ros.RKHSNAC(trace=0.5),
+    )
+    curves = [rkhs_ros.train("rkhs/Toy-v0", each, progress=False, **SHORT).curve for each in chosen]
+    returns = [curve["evaluation_return"].tolist() for curve in curves]
+    assert default == written != other
+    assert returns[0] == returns[1] != returns[2]
 
 
 def test_an_initial_policy_keeps_its_kernel(tmp_path: Path) -> None:

@@ -39,9 +39,12 @@ from rkhs_ros.rkhs.kernels import RBF, Array
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.offline import learn_offline
+from test.unit.conftest import model_free
 
 SPACES = Spaces.unbounded(2, 1)
-SHORT = Training(iterations=2, episodes_per_iteration=4, evaluation_episodes=2, horizon=200, action_repeat=AUTO, seed=1)
+SHORT = model_free(
+    iterations=2, episodes_per_iteration=4, evaluation_episodes=2, horizon=200, action_repeat=AUTO, seed=1
+)
 REPEATS = st.integers(1, 7)
 
 
@@ -139,7 +142,7 @@ class Repeat(gym.Wrapper[Any, Any, Any, Any]):
 
 def test_decisions_equal_a_wrapper_that_repeats_actions() -> None:
     repeat, discount, horizon = 3, 0.9, 12
-    policy = replace(first_policy(Training(), pendulum().spaces), action_repeat=repeat)
+    policy = replace(first_policy(model_free(), pendulum().spaces), action_repeat=repeat)
     batch = Batch(5, 0, 1, horizon, explore=True)
     steps = pendulum().collect(policy, batch)
     decisions = steps.decisions(repeat, discount, pendulum().spaces)
@@ -339,7 +342,7 @@ def test_model_rollouts_have_the_steps_of_the_task() -> None:
 
 def test_an_initial_policy_keeps_its_action_repeat_unless_the_settings_give_one() -> None:
     given = make_policy(5)
-    settings = Training(inputs=given.inputs, action_repeat=AUTO)
+    settings = model_free(inputs=given.inputs, action_repeat=AUTO)
     assert first_state(settings, SPACES, given).policy.action_repeat == 5
     assert first_state(replace(settings, action_repeat=2), SPACES, given).policy.action_repeat == 2
     remembering = make_policy(5, 2)

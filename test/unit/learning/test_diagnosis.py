@@ -26,9 +26,9 @@ from rkhs_ros.learning.diagnosis import (
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.model_based import ModelBased
 from rkhs_ros.learning.training import Iteration, train
-from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
+from test.unit.conftest import model_free
 
 Sign = Callable[[list[Summary]], bool]
 GOOD = (4.0, 24.0, 35.0, 41.0, 43.0, 45.0, 46.0, 46.0)  # evaluation returns of a cart-pole
@@ -148,7 +148,7 @@ def test_a_cart_without_a_rail_moves_away_and_a_swing_up_does_not() -> None:
     assert not moves_away(episodes_of(17.0 * t), np.zeros((5, 1)), 0)  # a column that was constant
 
 
-TRAINING = Training(
+TRAINING = model_free(
     iterations=3, episodes_per_iteration=2, evaluation_episodes=2, horizon=20, model=ModelBased(updates=2)
 )
 

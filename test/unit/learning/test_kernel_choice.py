@@ -6,10 +6,10 @@ from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.rkhs.kernels import RBF, Linear, Polynomial, median_bandwidth
 
 
-def test_the_default_bandwidths_are_medians_of_the_points(rng: np.random.Generator) -> None:
+def test_median_bandwidths_are_medians_of_the_points(rng: np.random.Generator) -> None:
     x = rng.normal(size=(30, 2)) * [1.0, 5.0]
     expected = RBF(tuple(2.0 * b for b in median_bandwidth(x)))
-    assert KernelChoice(bandwidth_scale=2.0).fit(x) == expected
+    assert KernelChoice(bandwidth="median", bandwidth_scale=2.0).fit(x) == expected
 
 
 @pytest.mark.parametrize("d", [1, 2, 10, 40])

@@ -18,7 +18,6 @@ from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.model.model_based import ModelBased, NoModel
 from rkhs_ros.learning.state import first_policy, first_state
 from rkhs_ros.learning.training import Collector, Iteration, train
-from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
@@ -27,8 +26,9 @@ from rkhs_ros.rkhs.kernels import RBF, median_bandwidth
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import load_config
+from test.unit.conftest import model_free
 
-SHORT = Training(iterations=3, episodes_per_iteration=4, evaluation_episodes=2, horizon=10, exploration_sd=(0.5,))
+SHORT = model_free(iterations=3, episodes_per_iteration=4, evaluation_episodes=2, horizon=10, exploration_sd=(0.5,))
 CONFIG = Path(__file__).parents[3] / "config"
 
 
@@ -52,31 +52,31 @@ def test_actions_are_learnt_relative_to_the_middle_of_their_bounds() -> None:
 
 
 def test_the_first_policy_has_mean_0_and_the_given_deviations() -> None:
-    policy = first_policy(Training(exploration_sd=(0.5, 2.0)), Spaces.unbounded(3, 2))
+    policy = first_policy(model_free(exploration_sd=(0.5, 2.0)), Spaces.unbounded(3, 2))
     assert np.array_equal(policy.mean(np.ones((4, 3))), np.zeros((4, 2)))
     assert policy.variance.values.tolist() == [0.25, 4.0]
-    alike = first_policy(Training(exploration_sd=(0.5,)), Spaces.unbounded(3, 2))
+    alike = first_policy(model_free(exploration_sd=(0.5,)), Spaces.unbounded(3, 2))
     assert alike.variance.values.tolist() == [0.25, 0.25]
     with pytest.raises(ValueError, match="exploration_sd: expected 1 or 3 numbers, got 2"):
-        first_policy(Training(exploration_sd=(0.5, 2.0)), Spaces.unbounded(3, 3))
+        first_policy(model_free(exploration_sd=(0.5, 2.0)), Spaces.unbounded(3, 3))
 
 
 @pytest.mark.parametrize("name", ["power", "rkhs_power"])
 def test_a_kernel_without_support_for_the_learnt_variance_is_rejected_early(name: str) -> None:
     def begin(**changes: object) -> None:
-        cubic = Training(kernel=KernelChoice("rbf + polynomial"), algorithm=ALGORITHMS[name](**changes))
+        cubic = model_free(kernel=KernelChoice("rbf + polynomial"), algorithm=ALGORITHMS[name](**changes))
         first_state(cubic, Spaces.unbounded(2, 1))
 
     with pytest.raises(
         ValueError, match=r"kernel: .* algorithm.variance=learnt \(use .* algorithm.variance=constant\)"
     ):
-        begin()
+        begin(variance="learnt")
     begin(variance="constant")
     begin(variance="as_published")
 
 
 def test_a_kernel_that_does_not_match_the_inputs_is_rejected_early() -> None:
-    two = Training(kernel=KernelChoice(bandwidth=(1.0, 2.0)))
+    two = model_free(kernel=KernelChoice(bandwidth=(1.0, 2.0)))
     first_state(two, Spaces.unbounded(2, 1))
     with pytest.raises(ValueError, match=r"kernel\.bandwidth: expected 1 or 4 numbers"):
         first_state(two, Spaces.unbounded(4, 1))
@@ -178,7 +178,7 @@ def test_a_run_resumes_from_any_state_bit_identically(
 
 @pytest.mark.filterwarnings("error")
 def test_training_works_with_one_episode_of_one_step() -> None:
-    tiny = Training(iterations=2, episodes_per_iteration=1, evaluation_episodes=1, horizon=1)
+    tiny = model_free(iterations=2, episodes_per_iteration=1, evaluation_episodes=1, horizon=1)
     assert len(list(train(tiny, InlineRunner(Simulation("rkhs/Toy-v0"))))) == 2
 
 
@@ -186,7 +186,7 @@ def test_training_works_with_one_episode_of_one_step() -> None:
 def test_a_mean_without_features_stays_0(algorithm: str) -> None:
     # At the toy's start, 0, the homogeneous polynomial kernel vanishes.
     choice = KernelChoice("polynomial", offset=0.0, degree=2)
-    training = Training(
+    training = model_free(
         iterations=1, episodes_per_iteration=3, horizon=1, kernel=choice, algorithm=ALGORITHMS[algorithm]()
     )
     (iteration,) = train(training, InlineRunner(Simulation("rkhs/Toy-v0")))

@@ -10,7 +10,6 @@ from rkhs_ros.base.settings import build
 from rkhs_ros.learning.model.dynamics_model import Transitions
 from rkhs_ros.learning.replay import check_actions
 from rkhs_ros.learning.state import first_policy
-from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.messages import policy_message
@@ -23,6 +22,7 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Polynomial
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
+from test.unit.conftest import model_free
 
 MakePolicy = Callable[..., GaussianPolicy]
 over_inputs = pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_windows_contain_the_clipped_actions_everywhere(random_policy: MakePolic
     )
     for again in (policy, policy_of(policy_arrays(policy)), policy_in(policy_message(Types(), policy, 1))):
         check_actions(episodes, again, batch)
-    start = first_policy(Training(inputs=Inputs(history=3)), runner.spaces).inputs
+    start = first_policy(model_free(inputs=Inputs(history=3)), runner.spaces).inputs
     assert (start.action_low, start.action_high) == ((inputs.action_low), (inputs.action_high))
 
 

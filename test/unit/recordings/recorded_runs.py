@@ -13,7 +13,6 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.execution import Execution, Record, discard
 from rkhs_ros.learning.messages import episodes_message
-from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.batches import RecordedBatch
@@ -23,8 +22,9 @@ from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.run import run_training
+from test.unit.conftest import model_free
 
-TRAINING = Training(name="short", iterations=4, episodes_per_iteration=3, evaluation_episodes=2, horizon=5)
+TRAINING = model_free(name="short", iterations=4, episodes_per_iteration=3, evaluation_episodes=2, horizon=5)
 CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
 ARRAYS = [f.name for f in fields(Episodes)]
 SECONDS = count(10**18, 10**9)  # start times of the attempts at episodes, in nanoseconds

@@ -95,10 +95,10 @@ def test_a_named_algorithm_has_its_defaults(rkhs: Rkhs) -> None:
     arguments = ("train", "--env", "my_slide:Slide-v0", *INLINE, "--iterations", 1, "--algorithm", "rkhs_power")
     assert rkhs(*arguments, "--out", "run", "--set", *SHORT).code == 0
     algorithm = build(Training, settings_for("rkhs_power")).algorithm
-    assert load_config(Path("run/config.yaml")).training.algorithm == algorithm != RKHSPoWER()
+    assert load_config(Path("run/config.yaml")).training.algorithm == algorithm == RKHSPoWER()
 
 
-@pytest.mark.parametrize("change", ["model.form=none", "model={}", "model={form: none}"])
+@pytest.mark.parametrize("change", ["model.form=none", "model={form: none}"])
 def test_training_without_a_model_has_its_own_defaults(rkhs: Rkhs, change: str) -> None:
     arguments = ("train", "--env", "my_slide:Slide-v0", *INLINE, "--iterations", 1, "--out", "run")
     assert rkhs(*arguments, "--set", change, "horizon=7", "evaluation_episodes=2").code == 0

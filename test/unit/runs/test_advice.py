@@ -10,7 +10,6 @@ import pytest
 import rkhs_ros
 import sim_nodes.envs  # noqa: F401  # registers the task
 from rkhs_ros.learning.diagnosis import SIGNS, Advice
-from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment
@@ -19,9 +18,10 @@ from rkhs_ros.runs.run import run_training
 from rkhs_ros.view.folder import Folder
 from rkhs_ros.view.source import FINISHED
 from rkhs_ros.view.status import status
+from test.unit.conftest import model_free
 
 CONSTANT = SIGNS[0][1]  # the reward has not changed
-TRAINING = Training(name="silent", iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
+TRAINING = model_free(name="silent", iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
 CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
 
 

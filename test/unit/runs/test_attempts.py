@@ -12,7 +12,6 @@ from gymnasium.spaces import Box
 
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.algorithms.step_rules import LineSearch
-from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
@@ -20,9 +19,10 @@ from rkhs_ros.runs.attempts import ATTEMPTS
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.episode_files import load_episodes
 from rkhs_ros.runs.run import run_training
+from test.unit.conftest import model_free
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
-TRAINING = Training(iterations=4, episodes_per_iteration=3, horizon=1, algorithm=ALGORITHMS["rkhs_power"](centres=5))
+TRAINING = model_free(iterations=4, episodes_per_iteration=3, horizon=1, algorithm=ALGORITHMS["rkhs_power"](centres=5))
 CONFIG = Config(Environment("test/Throw-v0", {}), TRAINING)
 
 

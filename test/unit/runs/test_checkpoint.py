@@ -15,7 +15,7 @@ from rkhs_ros.learning.algorithms.function_spaces import GridSettings
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.state import State
 from rkhs_ros.learning.training import train
-from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.learning.training_settings import training_from
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import packed, unpacked
 from rkhs_ros.rollouts.inline_runner import InlineRunner
@@ -23,9 +23,10 @@ from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs import provenance
 from rkhs_ros.runs.checkpoint import COUNTS, Checkpoints
 from rkhs_ros.runs.config import Config, Environment
+from test.unit.conftest import model_free
 
 ROOT = Path(__file__).parents[3]
-TINY = Training(iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=3)
+TINY = model_free(iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=3)
 CONFIG = Config(Environment("rkhs/Toy-v0", {}), TINY)
 TOY = InlineRunner(Simulation("rkhs/Toy-v0"))
 WAYS: list[Any] = [
@@ -46,8 +47,8 @@ def config_of(way: Any) -> Config:
     on_grid = issubclass(ALGORITHMS[way["name"]], GridSettings)
     size = {"grid_counts": 3, "grid_low": [-4.0], "grid_high": [4.0]} if on_grid else {"centres": 6}
     tree = {"iterations": 4, "episodes_per_iteration": 3, "evaluation_episodes": 2, "horizon": 6}
-    kernel = {"bandwidth": 4.0} if on_grid else {}
-    return Config(Environment("rkhs/Toy-v0", {}), training_from({**tree, "kernel": kernel, "algorithm": size | way}))
+    parts = {"kernel": {"bandwidth": 4.0} if on_grid else {}, "algorithm": size | way, "model": {"form": "none"}}
+    return Config(Environment("rkhs/Toy-v0", {}), training_from(tree | parts))
 
 
 @pytest.fixture

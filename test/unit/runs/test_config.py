@@ -76,7 +76,7 @@ def test_changes_replace_the_files_settings_and_nothing_else(write: Any) -> None
     algorithm = RKHSNAC(ridge=0.5, step=KLStep(cap=2.0))
     expected = Training(name="my_run", seed=4, exploration_sd=(1.0, 2.0), algorithm=algorithm)
     assert config == Config(Environment("X", {}), expected)
-    assert load_config(path).training == replace(expected, seed=3, exploration_sd=(1.0,), algorithm=RKHSNAC(ridge=0.5))
+    assert load_config(path).training == replace(expected, seed=3, exploration_sd="range", algorithm=RKHSNAC(ridge=0.5))
 
 
 def test_a_later_change_wins(write: Any) -> None:

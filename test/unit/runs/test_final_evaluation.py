@@ -9,7 +9,6 @@ import pytest
 import rkhs_ros
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.training import train
-from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.policy import load
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.final_evaluation import BATCHES, FinalEvaluation, final_evaluation
@@ -19,10 +18,11 @@ from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import BEST_POLICY, FINAL_EVALUATION, summary
 from rkhs_ros.runs.run import run_training
+from test.unit.conftest import model_free
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 TASK = "Pendulum-v1"  # with random initial states
-TRAINING = Training(
+TRAINING = model_free(
     iterations=3, episodes_per_iteration=2, evaluation_episodes=2, horizon=20, algorithm=RKHSNAC(centres=5), seed=2
 )
 

@@ -10,7 +10,6 @@ import pytest
 
 from rkhs_ros.learning.discovery.found import Known, settings_of
 from rkhs_ros.learning.training import train
-from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
@@ -19,12 +18,14 @@ from rkhs_ros.runs.config_comments import FOUND, found_comments
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.run import run_training
+from test.unit.conftest import model_free
 
 WRAP = {"angle": "wrap"}
 CHANGES = (
     *("iterations=3", "episodes_per_iteration=2", "evaluation_episodes=1", "horizon=200", "action_repeat=auto"),
     *("algorithm.centres=10", "model={form: gaussian_process, discovery: all, updates: 2, rollouts: 5, centres: 20}"),
 )
+
 CONFIG_FILE = Path(__file__).parents[3] / "config" / "pendulum_wrap_model_nac.yaml"
 CONFIG = load_config(CONFIG_FILE, ("inputs.angles=none", *CHANGES))
 
@@ -85,7 +86,7 @@ def test_an_initial_policy_brings_settings_that_were_not_found(
 
 
 def test_inputs_that_change_later_are_found_later() -> None:
-    training = Training(iterations=1, episodes_per_iteration=1, evaluation_episodes=1, horizon=4)
+    training = model_free(iterations=1, episodes_per_iteration=1, evaluation_episodes=1, horizon=4)
     (iteration,) = train(training, InlineRunner(Simulation("rkhs/Toy-v0")))
     assert found_comments(iteration, training) == []
     later = replace(iteration, before=Known(1, Inputs()), state=replace(iteration.state, iterations=7))
@@ -114,7 +115,7 @@ def test_settings_give_the_same_inputs(inputs: Inputs, expected: list[str]) -> N
 def test_only_for_a_robot_the_period_of_the_decisions_is_noted(
     capsys: pytest.CaptureFixture[str], is_robot: bool
 ) -> None:
-    training = Training(iterations=2, episodes_per_iteration=4, horizon=200, seed=1, action_repeat="auto")
+    training = model_free(iterations=2, episodes_per_iteration=4, horizon=200, seed=1, action_repeat="auto")
     with progress_bar(training, is_robot=is_robot) as show:
         for iteration in train(training, InlineRunner(Simulation("rkhs/Pendulum-v0"))):
             show(iteration)

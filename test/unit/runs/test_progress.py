@@ -21,13 +21,13 @@ from rkhs_ros.learning.diagnosis import Advice
 from rkhs_ros.learning.discovery.found import Known, newly_found
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.training import train
-from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs import progress
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.progress import ECHO, progress_bar
+from test.unit.conftest import model_free
 
 CONFIG = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
 COLUMNS = 80
@@ -67,7 +67,7 @@ def test_name_bar_iteration_times_and_returns_of_a_run_with_a_model_fit_80_colum
     out = StringIO()
     console = Console(file=out, force_terminal=True, color_system=None, width=COLUMNS - len(ECHO) - 1)
     monkeypatch.setattr(progress, "bar_console", lambda *, quiet: console)
-    training = Training(name="n" * 40, iterations=300, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
+    training = model_free(name="n" * 40, iterations=300, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
     (iteration,) = train(replace(training, iterations=1), InlineRunner(Simulation("rkhs/Toy-v0")))
     with progress_bar(training, done=298) as show:
         show(replace(iteration, model_return=-1234.5, model_error=0.0123))
@@ -81,7 +81,7 @@ def test_name_bar_iteration_times_and_returns_of_a_run_with_a_model_fit_80_colum
 
 
 def test_a_return_of_any_size_fits_the_bar(capsys: pytest.CaptureFixture[str]) -> None:
-    training = Training(name="short", iterations=1, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
+    training = model_free(name="short", iterations=1, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
     (iteration,) = train(training, InlineRunner(Simulation("rkhs/Toy-v0")))
     with progress_bar(training) as show:
         show(replace(iteration, exploration_returns=np.array([1.25e30]), evaluation_returns=np.array([-1e-30])))
@@ -116,7 +116,7 @@ def test_a_quiet_run_shows_no_progress(capsys: pytest.CaptureFixture[str]) -> No
 
 
 def test_a_line_shows_what_the_first_iteration_found(capsys: pytest.CaptureFixture[str]) -> None:
-    training = Training(
+    training = model_free(
         iterations=2, episodes_per_iteration=4, evaluation_episodes=1, horizon=200, seed=1, action_repeat="auto"
     )
     with progress_bar(training) as show:

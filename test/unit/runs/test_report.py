@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from rkhs_ros.learning.training import train
-from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.rollouts.inline_runner import InlineRunner
@@ -17,8 +16,9 @@ from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.episode_files import load_episodes, save_episodes
 from rkhs_ros.runs.report import Report, new_folder, summary
 from rkhs_ros.runs.run import run_training
+from test.unit.conftest import model_free
 
-TRAINING = Training(name="short", iterations=2, episodes_per_iteration=3, evaluation_episodes=2, horizon=8)
+TRAINING = model_free(name="short", iterations=2, episodes_per_iteration=3, evaluation_episodes=2, horizon=8)
 CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
 COLUMNS = [
     *(

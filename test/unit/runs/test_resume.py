@@ -20,7 +20,6 @@ from rkhs_ros import __version__
 from rkhs_ros.app.commands import train
 from rkhs_ros.base import ros
 from rkhs_ros.base.lock import locked
-from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.storage import packed, read_policy, unpacked
 from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.rollouts.inline_runner import InlineRunner
@@ -30,14 +29,14 @@ from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.curve import ADDED_LATER, Curve, Row
 from rkhs_ros.runs.run import run_training
 from rkhs_ros.view.recorded import Recorded
-from test.unit.conftest import Result, assert_refused
+from test.unit.conftest import Result, assert_refused, model_free
 from test.unit.runs.stopping import Stopping
 
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[3]
 CONFIG_FILE = ROOT / "config" / "toy_nac.yaml"
-TRAINING = Training(name="short", iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
+TRAINING = model_free(name="short", iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
 CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
 RESULTS = ("best_policy.npz", "config.yaml", "curve.csv", "episodes.npz", "final_evaluation.txt", "policy.npz")
 DRAWN = {"curve.png", "policy.png"}  # by the command

@@ -15,16 +15,15 @@ import numpy as np
 import pytest
 
 from rkhs_ros.base import ros
-from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.runs import tensorboard
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.curve import BEGINNING, Curve
 from rkhs_ros.runs.run import run_training
 from rkhs_ros.runs.tensorboard import has_events, logged
-from test.unit.conftest import Result, assert_refused
+from test.unit.conftest import Result, assert_refused, model_free
 from test.unit.runs.stopping import Stopping
 
-TRAINING = Training(name="short", iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
+TRAINING = model_free(name="short", iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
 CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
 CONFIG_FILE = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
 Cli = Callable[..., Result]

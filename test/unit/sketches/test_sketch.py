@@ -7,14 +7,14 @@ import pytest
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.training import Iteration, train
-from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.curve import BEGINNING, Row, seconds_left
 from rkhs_ros.sketches.sketch import MOST_ATTEMPTS, MOST_EPISODES, MOST_POINTS, SIZE, Sketch, Sketcher
+from test.unit.conftest import model_free
 
-TRAINING = Training(name="short", iterations=3, episodes_per_iteration=3, evaluation_episodes=1, horizon=150)
+TRAINING = model_free(name="short", iterations=3, episodes_per_iteration=3, evaluation_episodes=1, horizon=150)
 
 
 def learnt(environment: str) -> tuple[list[Iteration], Spaces]:

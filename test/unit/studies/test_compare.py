@@ -12,7 +12,6 @@ from matplotlib.image import imread
 from rich.console import Console
 
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
-from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.pictures.comparison import draw_comparison
 from rkhs_ros.pictures.style import COLOURS
 from rkhs_ros.policies.storage import Task
@@ -22,7 +21,7 @@ from rkhs_ros.runs.report import resolved
 from rkhs_ros.studies.aggregates import aggregates, mean_over_runs
 from rkhs_ros.studies.comparison import Comparison, LearningCurve, compare
 from rkhs_ros.studies.comparison_table import as_markdown, as_table
-from test.unit.conftest import Result, assert_refused
+from test.unit.conftest import Result, assert_refused, model_free
 
 pytestmark = pytest.mark.slow
 
@@ -35,7 +34,7 @@ def run_folder(
     folder: Path, returns: Sequence[float], *, train: float = -1.0, per_iteration: int = 10, **settings: Any
 ) -> Path:
     """Write the configuration and the curve of a run."""
-    training = Training(**{"horizon": 20, "iterations": len(returns) or 1, **settings})
+    training = model_free(**{"horizon": 20, "iterations": len(returns) or 1, **settings})
     folder.mkdir(parents=True)
     (folder / "config.yaml").write_text(resolved(Config(Environment("rkhs/Toy-v0", {}), training)))
     values = dict.fromkeys(Row._fields, 0.0) | {"centres": 3, "steps": 0, "evaluation_episodes": 0}

@@ -211,6 +211,7 @@ def test_with_orthonormal_kernel_functions_rkhs_and_parametric_actor_critics_agr
 ) -> None:
     policy, episodes = on_a_lattice(rng)
     same = {"critic": critic, "regression": regression, "ridge_norm": norm, "ridge": 0.1, "step": FixedStep(0.3)}
+    same |= {"value_ridge": 0.01, "trace": 0.9 if critic == "step" else 1.0}
     algorithms = free(centres=200, **same), fixed(**GRID, **same)
     one, two = (learn(algorithm, policy, episodes, DISCOUNT).policy for algorithm in algorithms)
     x = episodes.flat(episodes.observations)
@@ -239,7 +240,8 @@ def test_the_plain_gradient_is_the_sum_of_weighted_kernel_functions(
     episodes = random_episodes(policy, 4, 6, masked=True)
     algorithm = RKHSAC(centres=60, regression="ridge", step=FixedStep(0.5))
     moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
-    natural, *_ = learn(RKHSNAC(centres=60, step=FixedStep(1.0)), policy, episodes, DISCOUNT)  # h + w, the same critic
+    same = RKHSNAC(centres=60, trace=algorithm.trace, value_ridge=algorithm.value_ridge, step=FixedStep(1.0))
+    natural, *_ = learn(same, policy, episodes, DISCOUNT)  # h + w, the same critic
     x = rng.normal(size=(9, 2))
     total = np.zeros((9, 2))
     for steps in scores(policy, episodes):

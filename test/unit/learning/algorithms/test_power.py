@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ MakePolicy = Callable[..., GaussianPolicy]
 MakeEpisodes = Callable[..., Episodes]
 LINEAR = Polynomial(0.0, 1)
 DISCOUNT = 0.9
+AS_IN_THE_PAPER: dict[str, Any] = {"ridge_unit": "action", "variance": "learnt"}
 over_variances = pytest.mark.parametrize("state", [False, True], ids=["constant variance", "learnt variance"])
 over_weightings = pytest.mark.parametrize("weighting", ["positive", "shifted", "exponential", "returns"])
 
@@ -87,7 +89,8 @@ def test_rkhs_power_with_a_linear_kernel_is_power_on_the_observation(
     policy = replace(random_policy(d=3, kernel=LINEAR), variance=rbf.variance)
     episodes = random_episodes(policy, 6, 8, masked=True)
     # Only the mean is compared, because the learnt variance needs a kernel without negative values.
-    algorithm = RKHSPoWER(weighting=weighting, ridge=0.7, value_ridge=0.2, variance="as_published")
+    paper = AS_IN_THE_PAPER | {"variance": "as_published"}
+    algorithm = RKHSPoWER(weighting=weighting, ridge=0.7, value_ridge=0.2, **paper)
     moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
     x = episodes.flat(episodes.observations)
     exploration = episodes.flat(episodes.actions) - policy.mean(x)
@@ -104,7 +107,8 @@ def test_power_on_a_grid_is_the_regression_of_kober_and_peters(
     policy = random_policy(m=0)
     policy = replace(policy, variance=random_policy(learnt=state).variance)
     episodes = random_episodes(policy, 6, 8, masked=True)
-    algorithm = PoWER(weighting=weighting, ridge=0.7, value_ridge=0.2, grid_counts=(3.0,), reuse=0)
+    size: dict[str, Any] = {"grid_counts": (3.0,), "reuse": 0}
+    algorithm = PoWER(weighting=weighting, ridge=0.7, value_ridge=0.2, **size, **AS_IN_THE_PAPER)
     moved, metrics, _ = learn(algorithm, policy, episodes, DISCOUNT)
     assert metrics.sparsification_error == 0.0
     x = episodes.flat(episodes.observations)
@@ -139,7 +143,7 @@ def test_power_on_a_full_dictionary_is_the_full_kernel_system(
 ) -> None:
     policy = random_policy(kernel=RBF((0.4,)), learnt=state)
     episodes = random_episodes(policy, 4, 5, masked=True)
-    algorithm = RKHSPoWER(centres=60, ridge=0.5, value_ridge=0.2)
+    algorithm = RKHSPoWER(centres=60, ridge=0.5, value_ridge=0.2, **AS_IN_THE_PAPER)
     moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
     x, gram = full_gram(policy, episodes)
     # Any square root of the Gram matrix is a feature matrix of the full system.
@@ -164,7 +168,7 @@ def test_the_published_weighting_solves_the_papers_system(
 ) -> None:
     policy = random_policy(kernel=RBF((0.4,)), learnt=state)
     episodes = random_episodes(policy, 4, 5, masked=True)
-    algorithm = RKHSPoWER(centres=60, ridge=0.5, value_ridge=0.2, weighting="as_published")
+    algorithm = RKHSPoWER(centres=60, ridge=0.5, value_ridge=0.2, weighting="as_published", variance="learnt")
     moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
     x, gram = full_gram(policy, episodes)
     advantage = advantages(np.linalg.cholesky(gram), episodes, 0.2)
@@ -277,7 +281,7 @@ def bandit(best: float) -> tuple[GaussianPolicy, Episodes]:
 
 def test_power_in_one_state_learns_the_weighted_mean_of_squared_exploration(learn: Learn) -> None:
     policy, episodes = bandit(1.5)
-    new, *_ = learn(RKHSPoWER(), policy, episodes)
+    new, *_ = learn(RKHSPoWER(variance="learnt", value_ridge=0.01), policy, episodes)
     rewards, exploration = episodes.rewards[:, 0], episodes.actions[:, 0, 0]
     q = np.maximum(rewards - rewards.mean(), 0.0)  # up to its ridge, the value of the only state is the mean
     expected = np.sum(q * exploration**2) / np.sum(q)

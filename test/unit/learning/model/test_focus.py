@@ -22,6 +22,7 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Array
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
+from test.unit.conftest import model_free
 
 ROWS, STEPS = 4, 30
 
@@ -111,7 +112,7 @@ def ridges_of_a_run(environment: str) -> list[tuple[float, float]]:
     model = ModelBased(updates=2, rollouts=4, validation_rollouts=2, centres=20)
     algorithm = Spy(centres=10, ridge=0.01, value_ridge=0.001)
     shared = {"iterations": 2, "episodes_per_iteration": 1, "evaluation_episodes": 1, "exploration_sd": "range"}
-    learn(Training(**shared, horizon=20, algorithm=algorithm, model=model), environment)
+    learn(model_free(**shared, horizon=20, algorithm=algorithm, model=model), environment)
     return list(used)
 
 

@@ -312,7 +312,7 @@ def test_the_discount_limits_the_length_of_model_rollouts(discount: float, steps
             lasted.append(experience.episodes.horizon)
             return super().update(policy, experience)
 
-    training = settings(iterations=1, horizon=100, discount=discount)
+    training = settings(iterations=1, horizon=100, discount=discount, action_repeat=1)
     learn(replace(training, algorithm=Watched(centres=12)))
     assert set(lasted) == {steps}
     assert discount**steps < 0.05 or steps == 100

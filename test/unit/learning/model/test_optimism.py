@@ -14,7 +14,6 @@ from rkhs_ros.learning.model.model_based import ModelBased
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model.real_experience import is_stuck
 from rkhs_ros.learning.training import Iteration, train
-from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.streams import Batch
@@ -24,9 +23,10 @@ from rkhs_ros.rkhs.kernels import RBF, Array
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from sim_nodes.envs.pendulum import Pendulum
+from test.unit.conftest import model_free
 
 MODEL = ModelBased(updates=15, rollouts=20, centres=60, validation_rollouts=10)
-TRAINING = Training(
+TRAINING = model_free(
     iterations=6,
     episodes_per_iteration=1,
     evaluate_every=0,

@@ -34,11 +34,12 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Array
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
+from test.unit.conftest import model_free
 
 HORIZON = 12
 PENDULUM = "rkhs/Pendulum-v0"
 SMALL = ModelBased(updates=40, rollouts=5, centres=30, validation_rollouts=6, discovery="none")
-TRAINING = Training(
+TRAINING = model_free(
     iterations=2,
     episodes_per_iteration=2,
     evaluation_episodes=1,
@@ -104,7 +105,7 @@ def test_a_new_policy_replaces_earlier_ones_if_it_gains_more_than_the_standard_e
 def test_a_policy_that_was_not_trained_is_not_considered() -> None:
     runner = Scripted()
     validation = Validation(3, runner, 7, HORIZON, 0.9)
-    validation.consider_earlier(first_policy(Training(), Simulation(PENDULUM).spaces))
+    validation.consider_earlier(first_policy(model_free(), Simulation(PENDULUM).spaces))
     assert (validation.best, validation.improves, runner.batches) == (None, True, [])
 
 
