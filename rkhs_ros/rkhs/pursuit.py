@@ -61,7 +61,6 @@ def pursue(
     candidates: Array,
     *,
     budget: int,
-    tolerance: float = 0.0,
     fitting: Fitting = "pre_fitting",
     ridge: float = 0.0,
 ) -> Pursuit:
@@ -73,7 +72,6 @@ def pursue(
         targets: values to fit, shape (n, k); all k columns share the selected centres.
         candidates: possible centres, shape (p, d).
         budget: maximum number of selections.
-        tolerance: stop when the residual is below this fraction of the targets' norm.
         fitting: both fit all weights again after each selection; ``back_fitting`` selects by the residual before the
             fit, ``pre_fitting`` by the residual after it.
         ridge: weight of the function's squared RKHS norm relative to the mean squared residual.
@@ -90,11 +88,10 @@ def pursue(
     blocks = _blocks(lambda rows: basis(points[rows]), targets)
     triangle, reduced, unreachable = _reduce(blocks, size, targets.shape[1], ridge * len(points))
     dictionary = triangle @ cholesky.values.T
-    floor = tolerance * float(np.linalg.norm(targets))
-    chosen, weights, squares = _orthogonal(dictionary, reduced, budget, floor**2 - unreachable, fitting)
+    chosen, weights, squares = _orthogonal(dictionary, reduced, budget, -unreachable, fitting)
     if np.any(cholesky.power[chosen] > cholesky.floor):  # these weights are for projections
         own = candidates[chosen]  # which their own basis spans
-        fit = pursue(kernel, points, targets, own, budget=len(own), tolerance=tolerance, fitting=fitting, ridge=ridge)
+        fit = pursue(kernel, points, targets, own, budget=len(own), fitting=fitting, ridge=ridge)
         return replace(fit, chosen=chosen[fit.chosen])
     residuals = np.sqrt(np.array(squares) + unreachable)
     return Pursuit(chosen, Function(kernel, candidates[chosen], weights), residuals)
@@ -241,14 +238,13 @@ def _orthogonalise(column: Array, frame: Array) -> tuple[Array, Array, float]:
     return rest / length, first + second, length
 
 
-def sparsify(function: Function, points: Array, *, budget: int, tolerance: float = 0.0) -> Pursuit:
+def sparsify(function: Function, points: Array, *, budget: int) -> Pursuit:
     """Approximate a function at the points by a subset of its centres, and keep its bias.
 
     Args:
         function: the function to sparsify.
         points: points at which its values are fitted, shape (n, d).
         budget: maximum number of centres.
-        tolerance: relative residual below which no further centre is added.
     """
     fit = pursue(
         function.kernel,
@@ -256,7 +252,6 @@ def sparsify(function: Function, points: Array, *, budget: int, tolerance: float
         function.unbiased(points),
         function.centres,
         budget=budget,
-        tolerance=tolerance,
         ridge=SPARSIFICATION_RIDGE,
     )
     return replace(fit, function=replace(fit.function, bias=function.bias))

@@ -243,7 +243,10 @@ def config_for(environment: str, horizon: int | None, changes: Iterable[str] = (
     """
     changes = list(changes)
     chosen = tree_of(changes, {"algorithm": {"name": "rkhs_nac"}, "model": {"form": "gaussian_process"}})
-    algorithm, settings = _named(chosen, "algorithm", "name", "rkhs_nac"), _named(chosen, "model", "form", "gaussian_process")
+    algorithm, settings = (
+        _named(chosen, "algorithm", "name", "rkhs_nac"),
+        _named(chosen, "model", "form", "gaussian_process"),
+    )
     steps = chosen.get("horizon", horizon or Training.horizon)
     tree = {"name": name_of_run(environment), "environment": {"id": environment}}
     config = _changed(tree | settings_for(algorithm, settings, steps), changes)

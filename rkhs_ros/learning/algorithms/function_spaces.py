@@ -49,11 +49,9 @@ class Sparse:
 
     Attributes:
         centres: maximum number of centres of the policy.
-        tolerance: relative error below which no further centre is added.
     """
 
     centres: int
-    tolerance: float = 0.0
 
     def samples(self, policy: GaussianPolicy, episodes: Episodes) -> Samples:
         """Return the samples in a Newton basis.
@@ -68,9 +66,9 @@ class Sparse:
     def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
         """Return the policy with the direction added to its sparsified mean, and the relative error."""
         mean = policy.mean + direction
-        if len(mean.centres) <= self.centres and self.tolerance == 0.0:
+        if len(mean.centres) <= self.centres:
             return policy.with_mean(mean), 0.0
-        fit = sparsify(mean, points, budget=self.centres, tolerance=self.tolerance)
+        fit = sparsify(mean, points, budget=self.centres)
         return policy.with_mean(fit.function), fit.error
 
     def fit(self, kernel: Kernel, points: Array, values: Array) -> Function:
@@ -128,14 +126,11 @@ class SparseSettings:
     """Settings of algorithms that search the RKHS."""
 
     centres: int = setting(80, "maximum number of centres of the policy", minimum=1, maximum=2000)
-    sparsification_tolerance: float = setting(
-        0.0, "relative error below which sparsification adds no further centre", minimum=0.0, maximum=1.0
-    )
 
     @property
     def space(self) -> Sparse:
         """Function space of the search."""
-        return Sparse(self.centres, self.sparsification_tolerance)
+        return Sparse(self.centres)
 
 
 @dataclass(frozen=True)

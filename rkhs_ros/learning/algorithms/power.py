@@ -9,8 +9,7 @@ import numpy as np
 from rkhs_ros.base.settings import setting
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.function_spaces import GridSettings
-from rkhs_ros.learning.algorithms.weighted_exploration import WeightedExploration, weighted_regression
-from rkhs_ros.learning.algorithms.weightings import WEIGHTINGS
+from rkhs_ros.learning.algorithms.weighted_exploration import WEIGHTINGS, WeightedExploration, weighted_regression
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.function import Function
@@ -30,7 +29,7 @@ class PoWER(GridSettings, WeightedExploration):
     .. math:: \theta' = \theta + \Big(\sum_t q_t W_t + \lambda I\Big)^{-1} \sum_t q_t W_t\, \varepsilon_t
     """
 
-    weighting: str = setting("returns", "how the exploration of a step is weighted", choices=tuple(WEIGHTINGS))
+    weighting: str = setting("returns", "how the exploration of a step is weighted", choices=WEIGHTINGS)
     reuse: int = setting(5, "number of best episodes so far that the next update reuses", minimum=0, maximum=10_000)
     solution: str = setting(
         "full",

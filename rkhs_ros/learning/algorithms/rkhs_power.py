@@ -9,8 +9,7 @@ import numpy as np
 from rkhs_ros.base.settings import setting
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.function_spaces import SparseSettings
-from rkhs_ros.learning.algorithms.weighted_exploration import WeightedExploration, weighted_regression
-from rkhs_ros.learning.algorithms.weightings import WEIGHTINGS
+from rkhs_ros.learning.algorithms.weighted_exploration import WEIGHTINGS, WeightedExploration, weighted_regression
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.function import Function

@@ -11,7 +11,6 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.learning.algorithms.algorithm import Algorithm, Experience, Update, measure
 from rkhs_ros.learning.algorithms.critics import ValueBaseline
 from rkhs_ros.learning.algorithms.variance_update import VARIANCES
-from rkhs_ros.learning.algorithms.weightings import WEIGHTINGS, normalised
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -45,11 +44,14 @@ def weighted_regression(samples: Samples, weights: Array, ridge: float, unit: st
     return samples.basis.function(np.concatenate(coefficients, axis=1))
 
 
+WEIGHTINGS = ("positive", "returns")
+
+
 @dataclass(frozen=True)
 class WeightedExploration(Algorithm):
     """An EM-inspired update without a step size that moves the mean towards successful exploration."""
 
-    weighting: str = setting("positive", "how the exploration of a step is weighted", choices=tuple(WEIGHTINGS))
+    weighting: str = setting("positive", "how the exploration of a step is weighted", choices=WEIGHTINGS)
     ridge: float = setting(
         1.0, "penalty lambda on the squared norm of the change in the mean", minimum=1e-12, maximum=1e6
     )
@@ -97,8 +99,16 @@ class WeightedExploration(Algorithm):
         return ValueBaseline(self.value_ridge)
 
     def weights(self, samples: Samples, discount: float) -> Array:
-        """Return the weight q of each sample, shape (samples,); weights are non-negative and have mean 1."""
-        return normalised(WEIGHTINGS[self.weighting](samples, discount, self.value_baseline))
+        r"""Return the weight q of each sample, shape (samples,); weights are non-negative and have mean 1.
+
+        They are :math:`\max(A, 0)`, which ignores steps that were worse than expected, or :math:`\max(R, 0)` like
+        Kober and Peters (2011). With mean 1, the effect of a ridge does not depend on the rewards' units.
+        """
+        positive = self.weighting == "positive"
+        values = self.value_baseline.advantages if positive else Samples.rewards_to_go
+        q = np.maximum(values(samples, discount), 0.0)
+        mean = q.mean()
+        return q / mean if mean > 0 else np.ones_like(q)
 
     def advance(
         self, policy: GaussianPolicy, change: Function, samples: Samples, weights: Array, experience: Experience

@@ -219,22 +219,6 @@ def test_the_sparsification_error_is_the_distance_from_the_full_mean(
     assert learn(with_room, policy, episodes).metrics.sparsification_error == 0.0
 
 
-def test_a_larger_tolerance_leaves_fewer_centres(
-    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
-) -> None:
-    policy = random_policy(m=7)
-    episodes = random_episodes(policy)
-    errors, centres = [], []
-    for tolerance in (0.0, 0.01, 0.1):
-        metrics = learn(RKHSNAC(centres=40, sparsification_tolerance=tolerance), policy, episodes).metrics
-        assert metrics.sparsification_error <= max(tolerance, 1e-3)
-        errors.append(metrics.sparsification_error)
-        centres.append(metrics.centres)
-    assert errors == sorted(errors)
-    assert centres == sorted(centres, reverse=True)
-    assert centres[0] > centres[-1]
-
-
 @over_algorithms
 def test_an_update_far_from_all_centres_returns_a_policy(
     learn: Learn,

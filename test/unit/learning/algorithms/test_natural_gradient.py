@@ -219,7 +219,7 @@ def test_with_orthonormal_kernel_functions_rkhs_and_parametric_actor_critics_agr
     np.testing.assert_allclose(one.mean(x), two.mean(x), rtol=1e-8, atol=1e-8)
 
 
-@pytest.mark.parametrize("weighting", ["positive", "shifted", "exponential", "returns"])
+@pytest.mark.parametrize("weighting", ["positive", "returns"])
 def test_with_orthonormal_kernel_functions_rkhs_power_and_power_agree(
     learn: Learn, rng: np.random.Generator, weighting: str
 ) -> None:

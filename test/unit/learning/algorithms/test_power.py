@@ -28,7 +28,7 @@ LINEAR = Polynomial(0.0, 1)
 DISCOUNT = 0.9
 AS_IN_THE_PAPER: dict[str, Any] = {"ridge_unit": "action", "variance": "learnt"}
 over_variances = pytest.mark.parametrize("state", [False, True], ids=["constant variance", "learnt variance"])
-over_weightings = pytest.mark.parametrize("weighting", ["positive", "shifted", "exponential", "returns"])
+over_weightings = pytest.mark.parametrize("weighting", ["positive", "returns"])
 
 
 def rewards_to_go(episodes: Episodes) -> np.ndarray:
@@ -56,13 +56,8 @@ def advantages(features: np.ndarray, episodes: Episodes, ridge: float) -> np.nda
 
 def weights(weighting: str, features: np.ndarray, episodes: Episodes, ridge: float) -> np.ndarray:
     """Return the weights q of the samples, scaled to mean 1."""
-    a, steps = advantages(features, episodes, ridge), steps_of(episodes)
-    q = {
-        "positive": np.where(a > 0, a, 0.0),
-        "shifted": np.array([value - min(a[steps == t]) for value, t in zip(a, steps, strict=True)]),
-        "exponential": np.exp(a / np.std(a)),
-        "returns": rewards_to_go(episodes),
-    }[weighting]
+    a = advantages(features, episodes, ridge)
+    q = np.where(a > 0, a, 0.0) if weighting == "positive" else rewards_to_go(episodes)
     return q / np.mean(q)
 
 
