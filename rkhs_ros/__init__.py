@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from rkhs_ros.learning.algorithms.step_rules import KLStep as KLStep
     from rkhs_ros.learning.algorithms.step_rules import LineSearch as LineSearch
     from rkhs_ros.learning.kernel_choice import KernelChoice as KernelChoice
-    from rkhs_ros.learning.model.model_based import ModelBased as ModelBased
-    from rkhs_ros.learning.model.model_based import NoModel as NoModel
+    from rkhs_ros.learning.model_based.settings import ModelBased as ModelBased
+    from rkhs_ros.learning.model_based.settings import NoModel as NoModel
     from rkhs_ros.policies.inputs import Inputs as Inputs
     from rkhs_ros.policies.policy import Policy as Policy
     from rkhs_ros.policies.policy import load as load
@@ -50,7 +50,7 @@ _HOMES = {
     "learning.algorithms.enac": ("ENAC",),
     "learning.kernel_choice": ("KernelChoice",),
     "learning.algorithms.power": ("PoWER",),
-    "learning.model.model_based": ("ModelBased", "NoModel"),
+    "learning.model_based.settings": ("ModelBased", "NoModel"),
     "learning.algorithms.rkhs_ac": ("RKHSAC",),
     "learning.algorithms.rkhs_nac": ("RKHSNAC",),
     "learning.algorithms.rkhs_npg": ("RKHSNPG",),

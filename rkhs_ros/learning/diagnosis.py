@@ -12,7 +12,7 @@ from math import inf, isnan, nan
 import numpy as np
 
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.model.model_based import ModelBased
+from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.spaces import Spaces

@@ -8,7 +8,8 @@ import numpy as np
 
 from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.model.model_based import ModelBased, exploration_policy
+from rkhs_ros.learning.model_based.settings import ModelBased
+from rkhs_ros.learning.model_based.training_in_model import exploration_policy
 from rkhs_ros.learning.training_settings import AUTO, Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs

@@ -11,11 +11,12 @@ from rkhs_ros.base.threads import one_thread
 from rkhs_ros.learning.algorithms.algorithm import Experience, Metrics
 from rkhs_ros.learning.discovery.action_repeat import choose_action_repeat, correct_action_repeat
 from rkhs_ros.learning.discovery.angles import with_features
-from rkhs_ros.learning.discovery.found import Known
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.found import Known
 from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
-from rkhs_ros.learning.model.model_based import ModelBased, ModelUpdate, train_in_model
-from rkhs_ros.learning.model.real_experience import RealExperience, is_stuck
+from rkhs_ros.learning.model_based.real_experience import RealExperience, is_stuck
+from rkhs_ros.learning.model_based.settings import ModelBased
+from rkhs_ros.learning.model_based.training_in_model import ModelUpdate, train_in_model
 from rkhs_ros.learning.state import State, chooses_action_repeat, first_state, first_variance, may_correct_action_repeat
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy

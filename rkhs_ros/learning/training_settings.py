@@ -14,7 +14,7 @@ from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.algorithms.step_rules import LineSearch
 from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.learning.model.model_based import MODELS, ModelBased, ModelSettings
+from rkhs_ros.learning.model_based.settings import MODELS, ModelBased, ModelSettings
 from rkhs_ros.policies.gaussian import MOST_REPEAT
 from rkhs_ros.policies.inputs import Inputs
 

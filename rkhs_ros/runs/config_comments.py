@@ -9,7 +9,7 @@ from pathlib import Path
 from shlex import quote
 
 from rkhs_ros.base.files import read_whole
-from rkhs_ros.learning.discovery.found import Known, settings_of
+from rkhs_ros.learning.found import Known, settings_of
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.learning.training_settings import Training
 

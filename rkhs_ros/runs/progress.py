@@ -24,7 +24,7 @@ from rich.table import Column
 from rich.text import Text
 
 from rkhs_ros.learning.diagnosis import Advice
-from rkhs_ros.learning.discovery.found import newly_found
+from rkhs_ros.learning.found import newly_found
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.learning.training_settings import Training
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rkhs_ros.base.files import read_whole
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.model.model_based import ModelBased
+from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import policy_of, read_policy, unpacked
 from rkhs_ros.runs.checkpoint import MEMORY

@@ -117,6 +117,40 @@ def test_an_import_from_a_later_layer_is_detected(tmp_path: Path) -> None:
         assert upward(["sim_nodes.envs"], place)
 
 
+def circle_in(folder: Path, root: Path) -> set[str]:
+    """Return the modules and packages in a folder that import one another, directly or through others."""
+    prefix = ".".join(folder.relative_to(root).parts) + "."
+    parts = {path.stem: [path] for path in folder.glob("*.py") if path.stem != "__init__"}
+    parts |= {path.parent.name: list(path.parent.rglob("*.py")) for path in folder.glob("*/__init__.py")}
+    below = {
+        part: {
+            name.removeprefix(prefix).split(".")[0]
+            for path in paths
+            for name in imports(path)
+            if within(name, prefix[:-1])
+        }
+        - {part}
+        for part, paths in parts.items()
+    }
+    left = set(parts)
+    while free := {part for part in left if not below[part] & left}:
+        left -= free
+    return left
+
+
+def test_imports_run_one_way_within_each_package() -> None:
+    folders = {path.parent for path in SOURCES}
+    assert len(folders) > 20
+    assert {folder.name: circle for folder in folders if (circle := circle_in(folder, ROOT))} == {}
+
+
+def test_a_circle_of_imports_is_detected(tmp_path: Path) -> None:
+    for name, other in (("a", "b"), ("b", "c"), ("c", "a"), ("d", "a"), ("e", "numpy")):
+        (tmp_path / "package").mkdir(exist_ok=True)
+        (tmp_path / "package" / f"{name}.py").write_text(f"from package.{other} import something\n")
+    assert circle_in(tmp_path / "package", tmp_path) == {"a", "b", "c", "d"}
+
+
 def test_imports_are_absolute() -> None:
     assert offenders(EVERYTHING, lambda name: name.startswith(".")) == []
 

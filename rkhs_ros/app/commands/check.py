@@ -8,8 +8,8 @@ from shlex import quote
 
 from rkhs_ros.app.inline import runner_of, untuned_config
 from rkhs_ros.base.validation import require
-from rkhs_ros.learning.discovery.task_check import TaskCheck
 from rkhs_ros.learning.state import first_policy
+from rkhs_ros.learning.task_check import TaskCheck
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import Config, load_config
 

@@ -12,8 +12,7 @@ import rkhs_ros.app.inline  # noqa: F401  # registers the tasks, whose known ret
 from rkhs_ros.app.trust import reads_data
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.pictures.comparison import draw_comparison, format_of
-from rkhs_ros.studies.comparison import Comparison, compare
-from rkhs_ros.studies.comparison_table import CAPTION, as_csv, as_markdown, as_table
+from rkhs_ros.studies.comparison import CAPTION, Comparison, as_csv, as_markdown, as_table, compare
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,1 +1,1 @@
-"""Model-based training: the learnt dynamics model, the user's priors, model rollouts and policy updates."""
+"""The learnt dynamics model: the user's priors, posteriors of changes, rewards and ends, and model rollouts."""

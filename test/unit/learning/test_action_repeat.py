@@ -19,7 +19,8 @@ from rkhs_ros.learning.discovery.action_repeat import (
     correct_action_repeat,
 )
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.model.model_based import ModelBased, model_rollouts_of
+from rkhs_ros.learning.model_based.settings import ModelBased
+from rkhs_ros.learning.model_based.training_in_model import model_rollouts_of
 from rkhs_ros.learning.replay import check_actions
 from rkhs_ros.learning.state import first_policy, first_state
 from rkhs_ros.learning.training import train, with_action_repeat

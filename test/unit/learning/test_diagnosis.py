@@ -24,7 +24,7 @@ from rkhs_ros.learning.diagnosis import (
     summary_of,
 )
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.model.model_based import ModelBased
+from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation

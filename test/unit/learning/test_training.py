@@ -15,7 +15,7 @@ from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.algorithms.step_rules import LineSearch
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.learning.model.model_based import ModelBased, NoModel
+from rkhs_ros.learning.model_based.settings import ModelBased, NoModel
 from rkhs_ros.learning.state import first_policy, first_state
 from rkhs_ros.learning.training import Collector, Iteration, train
 from rkhs_ros.policies.gaussian import GaussianPolicy

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import rkhs_ros
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
-from rkhs_ros.learning.model.model_based import ModelBased
+from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.rollouts.inline_runner import InlineRunner

@@ -9,8 +9,8 @@ import pytest
 import rkhs_ros
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
-from rkhs_ros.learning.model.model_based import model_rollouts_of
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
+from rkhs_ros.learning.model_based.training_in_model import model_rollouts_of
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.model_env import LearntModel
 from rkhs_ros.rollouts.simulation import Simulation
@@ -65,7 +65,7 @@ def test_the_reward_margin_is_that_of_the_training(tmp_path: Path, monkeypatch: 
         used.append(reward_margin)
         return ModelRunner(*args, reward_margin=reward_margin, **how)
 
-    monkeypatch.setattr("rkhs_ros.learning.model.model_based.ModelRunner", runner)
+    monkeypatch.setattr("rkhs_ros.learning.model_based.training_in_model.ModelRunner", runner)
     settings = {"iterations": 3, "seed": 4, "horizon": HORIZON, "action_repeat": REPEAT}
     result = rkhs_ros.train(TASK, model=MODEL, progress=False, out=tmp_path / "run", **settings)
     in_training = used[-1]

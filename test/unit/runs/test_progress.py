@@ -18,8 +18,8 @@ from rich.console import Console
 
 from rkhs_ros.app.inline import iterations
 from rkhs_ros.learning.diagnosis import Advice
-from rkhs_ros.learning.discovery.found import Known, newly_found
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.found import Known, newly_found
 from rkhs_ros.learning.training import train
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.rollouts.inline_runner import InlineRunner

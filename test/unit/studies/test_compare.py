@@ -19,8 +19,7 @@ from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.curve import Curve, Row
 from rkhs_ros.runs.report import resolved
 from rkhs_ros.studies.aggregates import aggregates, mean_over_runs
-from rkhs_ros.studies.comparison import Comparison, LearningCurve, compare
-from rkhs_ros.studies.comparison_table import as_markdown, as_table
+from rkhs_ros.studies.comparison import Comparison, LearningCurve, as_markdown, as_table, compare
 from test.unit.conftest import Result, assert_refused, model_free
 
 pytestmark = pytest.mark.slow

@@ -11,7 +11,7 @@ import pytest
 import rkhs_ros
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
-from rkhs_ros.learning.model.model_based import ModelBased
+from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.state import first_state
 from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.learning.training_settings import Training, training_from
@@ -24,7 +24,7 @@ from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.run import run_training
-from test.unit.learning.model.test_model_based import results
+from test.unit.learning.model_based.test_model_based import results
 from test.unit.runs import stopping
 
 PENDULUM = "rkhs/Pendulum-v0"

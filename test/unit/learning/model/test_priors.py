@@ -10,9 +10,9 @@ import pytest
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel, prediction_test
-from rkhs_ros.learning.model.model_based import ModelBased
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model.priors import Priors
+from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.training import train
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.rollouts.inline_runner import InlineRunner

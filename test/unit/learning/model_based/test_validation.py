@@ -13,17 +13,17 @@ from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel, reward_depends_on_action_only
-from rkhs_ros.learning.model.model_based import (
+from rkhs_ros.learning.model.model_rollouts import ModelRunner
+from rkhs_ros.learning.model_based.settings import ModelBased
+from rkhs_ros.learning.model_based.training_in_model import (
     EXPLORATION_DECAY,
     EXPLORATION_MINIMUM,
     FINER,
     VALIDATE_EVERY,
-    ModelBased,
     RealExperience,
     reward_margin,
 )
-from rkhs_ros.learning.model.model_rollouts import ModelRunner
-from rkhs_ros.learning.model.validation import PATIENCE, Validation
+from rkhs_ros.learning.model_based.validation import PATIENCE, Validation
 from rkhs_ros.learning.state import first_policy, first_variance
 from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.learning.training_settings import Training

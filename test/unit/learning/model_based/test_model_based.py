@@ -17,8 +17,13 @@ from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.algorithms.rkhs_npg import RKHSNPG
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel, prediction_test
-from rkhs_ros.learning.model.model_based import EXPLORATION_DECAY, EXPLORATION_MINIMUM, NARROW, REWARD_MARGIN
-from rkhs_ros.learning.model.validation import Validation
+from rkhs_ros.learning.model_based.training_in_model import (
+    EXPLORATION_DECAY,
+    EXPLORATION_MINIMUM,
+    NARROW,
+    REWARD_MARGIN,
+)
+from rkhs_ros.learning.model_based.validation import Validation
 from rkhs_ros.learning.state import first_variance
 from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.learning.training_settings import Training, training_from

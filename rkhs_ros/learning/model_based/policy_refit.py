@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from rkhs_ros.learning.algorithms.algorithm import Algorithm
-from rkhs_ros.learning.model.real_experience import RealExperience
+from rkhs_ros.learning.model_based.real_experience import RealExperience
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.rkhs.function import Function

@@ -9,7 +9,6 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.learning.algorithms.algorithm import Algorithm, Experience, Metrics
 from rkhs_ros.learning.algorithms.function_spaces import Grid
 from rkhs_ros.learning.discovery.evidence import discover_inputs
@@ -21,10 +20,11 @@ from rkhs_ros.learning.model.dynamics_model import (
     prediction_test,
 )
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
-from rkhs_ros.learning.model.policy_refit import refit_policy
 from rkhs_ros.learning.model.priors import Priors
-from rkhs_ros.learning.model.real_experience import RealExperience
-from rkhs_ros.learning.model.validation import Validation
+from rkhs_ros.learning.model_based.policy_refit import refit_policy
+from rkhs_ros.learning.model_based.real_experience import RealExperience
+from rkhs_ros.learning.model_based.settings import ModelBased
+from rkhs_ros.learning.model_based.validation import Validation
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
@@ -32,68 +32,15 @@ from rkhs_ros.policies.streams import Batch, stream_seed
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.kernels import Array
 
-DISCOVERIES = ("none", "angles", "all")
 EXPLORATION_DECAY = 0.97  # factor on the standard deviation of the model rollouts after each update
 EXPLORATION_MINIMUM = 0.1  # their minimum standard deviation, relative to the first one
 NARROW = 0.3  # that of real episodes in every second iteration, likewise, to visit the states of the policy mean
 REWARD_MARGIN = 0.3  # by which rewards in the model may lie outside the observed range, relative to its width
 NEARLY = 0.05  # distance from the greatest reward that hardly matters, relative to the same width
 FINER = 100.0  # divisor of the ridges of an algorithm that trains a policy for one initial observation
-FUNCTION = "MODULE:FUNCTION, or empty to learn the function; maps batches of"
 FROM_THE_START = 2  # number of the first of three consecutive rollouts that start from initial observations
 VALIDATE_EVERY = 5  # updates
 HORIZONS_AHEAD = 3.0  # times 1 / (1 - discount); later steps contribute 5 % of the return
-
-
-@dataclass(frozen=True)
-class NoModel(Settings):
-    """Model-free training: each update uses only real episodes."""
-
-
-@dataclass(frozen=True)
-class ModelBased(Settings):
-    """Model-based training: each iteration fits a model to all real episodes and updates the policy in it."""
-
-    updates: int = setting(
-        240,
-        "maximum number of policy updates in the model per real iteration; they end when validation does not improve",
-        minimum=1,
-        maximum=1000,
-    )
-    rollouts: int = setting(50, "model rollouts with exploration noise per update", minimum=1, maximum=10_000)
-    validation_rollouts: int = setting(
-        50,
-        "number of model rollouts of the policy mean that measure a policy, with the same random numbers for all "
-        "policies; an iteration selects its best policy",
-        minimum=2,
-        maximum=10_000,
-    )
-    centres: int = setting(200, "maximum number of centres of the model", minimum=1, maximum=2000)
-    discovery: str = setting(
-        "all",
-        "what to find in the data and add to the policy's inputs, unless these are monomials, the centres are on a "
-        "grid or the kernel has one bandwidth per input: none; angles; or all, angles and a longer history. all also "
-        "compares two metrics for the model of the changes, and uses the one with the greater evidence",
-        choices=DISCOVERIES,
-    )
-    reward_fn: str = setting("", f"{FUNCTION} observations, actions and next observations to rewards")
-    termination_fn: str = setting("", f"{FUNCTION} observations to whether they terminate the episode")
-    dynamics_fn: str = setting(
-        "", f"{FUNCTION} observations and actions to a known part of the change; the rest is learnt"
-    )
-
-    @property
-    def tries_centred_metric(self) -> bool:
-        """Whether the model of the changes also tries the centred metric; see `rkhs_ros.rkhs.metric_learning`."""
-        return self.discovery == "all"
-
-    def priors(self, observation_dim: int) -> Priors:
-        """Import the functions of the settings.
-
-        Raises:
-            ValueError: a function does not exist.
-        """
-        return Priors.named(self.reward_fn, self.termination_fn, self.dynamics_fn, observation_dim)
 
 
 def exploration_policy(
@@ -122,10 +69,6 @@ def reward_margin(episodes: Episodes) -> float:
     greatest = np.where(mask, rewards, -np.inf).max(axis=1)
     width = float(np.ptp(rewards[mask]))
     return REWARD_MARGIN / (len(greatest) - int(np.argmax(greatest >= greatest.max() - NEARLY * width)))
-
-
-ModelSettings = NoModel | ModelBased
-MODELS: dict[str, type] = {"none": NoModel, "gaussian_process": ModelBased}
 
 
 @dataclass(frozen=True)
