@@ -7,19 +7,17 @@ starts as well, and the robot node arms the gate.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
 from launch.action import Action
-from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
-from launch.events.process import ProcessExited
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
 
 from rkhs_ros.app.launcher import robot_parameters
 from rkhs_ros.app.robots import check_robot
 from rkhs_ros.base.validation import require
+from rkhs_ros.nodes.core.launching import nodes_of_run
 from rkhs_ros.nodes.core.names import require_known_arguments
 from rkhs_ros.runs.config import load_config
 
@@ -30,7 +28,6 @@ ABOUT = {
     "simulated": "true: also start the simulated robot of the section /**/simulated_robot",
     "namespace": "namespace of all nodes",
 }
-OnExit = Callable[[ProcessExited, LaunchContext], list[Action]]
 DEFAULTS = {"resume": "false", "simulated": "false", "namespace": ""}
 
 
@@ -65,32 +62,5 @@ def nodes(context: LaunchContext) -> list[Action]:
     require(not simulated or "simulated_robot" in config.environment.nodes, "simulated", expected, "none")
     check_robot(config)
     file = robot_parameters(config, folder, resume=given["resume"] == "true", simulated=simulated)
-    return [
-        Node(
-            package="rkhs_ros",
-            executable=name,
-            namespace=given["namespace"],
-            output="screen",
-            parameters=[str(file)],
-            on_exit=learner_ended if name == "learner" else server_ended(name),
-        )
-        for name in (*(["simulated_robot"] if simulated else []), "gate", "robot", "policy", "learner")
-    ]
-
-
-def learner_ended(event: ProcessExited, context: LaunchContext) -> list[Action]:
-    """End the other nodes with the learner."""
-    if event.returncode != 0 and not context.is_shutdown:
-        raise RuntimeError(f"the learner exited with code {event.returncode}")
-    return [Shutdown(reason="the learner is done")]
-
-
-def server_ended(name: str) -> OnExit:
-    """Return a handler that ends the run if a node exits before the learner."""
-
-    def ended(event: ProcessExited, context: LaunchContext) -> list[Action]:
-        if not context.is_shutdown:
-            raise RuntimeError(f"the {name} node exited before the learner, with code {event.returncode}")
-        return []
-
-    return ended
+    names = (*(["simulated_robot"] if simulated else []), "gate", "robot", "policy", "learner")
+    return nodes_of_run({name: [str(file)] for name in names}, given["namespace"])

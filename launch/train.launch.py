@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
 from launch.action import Action
-from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
-from launch.events.process import ProcessExited
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
 from rkhs_ros.base.validation import require
+from rkhs_ros.nodes.core.launching import nodes_of_run
 from rkhs_ros.nodes.core.names import require_known_arguments
 
 ABOUT = {
@@ -23,7 +21,6 @@ ABOUT = {
     "resume": "true: resume the run in the output folder, if there is one",
     "namespace": "namespace of all nodes",
 }
-OnExit = Callable[[ProcessExited, LaunchContext], list[Action]]
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -51,32 +48,4 @@ def nodes(context: LaunchContext) -> list[Action]:
     require(given["resume"] in ("true", "false"), "resume", "true or false", given["resume"])
     learner = {"output": given["output"], "resume": given["resume"] == "true"}
     parameters = {"policy": [given["config"]], "simulator": [given["config"]], "learner": [given["config"], learner]}
-    return [
-        Node(
-            package="rkhs_ros",
-            executable=name,
-            namespace=given["namespace"],
-            output="screen",
-            parameters=own,
-            on_exit=learner_ended if name == "learner" else server_ended(name),
-        )
-        for name, own in parameters.items()
-    ]
-
-
-def learner_ended(event: ProcessExited, context: LaunchContext) -> list[Action]:
-    """End the other nodes with the learner; raising makes ``ros2 launch`` exit with 1."""
-    if event.returncode != 0 and not context.is_shutdown:
-        raise RuntimeError(f"the learner exited with code {event.returncode}")
-    return [Shutdown(reason="the learner is done")]
-
-
-def server_ended(name: str) -> OnExit:
-    """Return a handler that ends the run if a node exits before the learner."""
-
-    def ended(event: ProcessExited, context: LaunchContext) -> list[Action]:
-        if not context.is_shutdown:
-            raise RuntimeError(f"the {name} node exited before the learner, with code {event.returncode}")
-        return []
-
-    return ended
+    return nodes_of_run(parameters, given["namespace"])

@@ -37,6 +37,8 @@ ROS = (
     "std_srvs",
     "trajectory_msgs",
     "visualization_msgs",
+    "launch",
+    "launch_ros",
 )
 # Modules of sim_nodes that may import ROS.
 SIM_NODES = [

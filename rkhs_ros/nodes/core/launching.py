@@ -1,0 +1,52 @@
+"""The nodes of a run, for launch files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from launch.action import Action
+from launch.actions import Shutdown
+from launch.events.process import ProcessExited
+from launch.launch_context import LaunchContext  # not from launch, which mypy takes for the folder of that name
+from launch_ros.actions import Node
+
+OnExit = Callable[[ProcessExited, LaunchContext], list[Action]]
+
+
+def nodes_of_run(parameters: Mapping[str, Sequence[Any]], namespace: str) -> list[Action]:
+    """Return the nodes of a run, all of which exit with the first one that exits.
+
+    Args:
+        parameters: parameter files and values of each node, by the node's name.
+        namespace: namespace of all nodes.
+    """
+    return [
+        Node(
+            package="rkhs_ros",
+            executable=name,
+            namespace=namespace,
+            output="screen",
+            parameters=list(own),
+            on_exit=_learner_ended if name == "learner" else _server_ended(name),
+        )
+        for name, own in parameters.items()
+    ]
+
+
+def _learner_ended(event: ProcessExited, context: LaunchContext) -> list[Action]:
+    """End the other nodes with the learner; raising makes ``ros2 launch`` exit with 1."""
+    if event.returncode != 0 and not context.is_shutdown:
+        raise RuntimeError(f"the learner exited with code {event.returncode}")
+    return [Shutdown(reason="the learner is done")]
+
+
+def _server_ended(name: str) -> OnExit:
+    """Return a handler that ends the run if a node exits before the learner."""
+
+    def ended(event: ProcessExited, context: LaunchContext) -> list[Action]:
+        if not context.is_shutdown:
+            raise RuntimeError(f"the {name} node exited before the learner, with code {event.returncode}")
+        return []
+
+    return ended
