@@ -102,7 +102,7 @@ def training_in(simulation: Simulation, algorithm: Algorithm | str | None, setti
         pick(algorithm, ALGORITHMS, "algorithm")
     if isinstance(given.get("model"), str):
         given["model"] = pick(given["model"], MODELS, "model")()
-    name = algorithm if isinstance(algorithm, str) else _name_of(algorithm)
+    name = algorithm if isinstance(algorithm, str) else "rkhs_nac"  # an object replaces it below
     form = "none" if isinstance(given.get("model"), NoModel) else "gaussian_process"
     untuned = training_from(settings_for(name, form, given["horizon"]))
     kernel = given.get("kernel", untuned.kernel)
@@ -113,11 +113,6 @@ def training_in(simulation: Simulation, algorithm: Algorithm | str | None, setti
     if not isinstance(algorithm, str | None):
         given["algorithm"] = algorithm
     return replace(untuned, **given)
-
-
-def _name_of(algorithm: object) -> str:
-    """Return the name of an algorithm, or the default name if the object is not an algorithm."""
-    return next((name for name, each in ALGORITHMS.items() if type(algorithm) is each), "rkhs_nac")
 
 
 def _meant(name: str, known: Iterable[str]) -> str:
