@@ -1,6 +1,6 @@
 """Build the ament_python package; run by colcon, see the Makefile."""
 
-import os
+import re
 import sys
 from pathlib import Path
 
@@ -32,23 +32,9 @@ def requirements(name: str) -> list[str]:
     return [line for line in lines if line and not line.startswith("#")]
 
 
-def warn_of_missing_interfaces() -> None:
-    """Print how to link the messages if colcon does not find them: it does not search inside packages."""
-    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    found = any(Path(prefix, "share", "rkhs_interfaces", "package.xml").exists() for prefix in prefixes)
-    if BY_COLCON and prefixes != [""] and not found:
-        here = Path(__file__).resolve().parent
-        print(
-            f"rkhs_interfaces: expected the package in the workspace, got none. "
-            f"Run: ln -s {here.name}/rkhs_interfaces {here.parent}",
-            file=sys.stderr,
-        )
-
-
-warn_of_missing_interfaces()
 setup(
     name=NAME,
-    version="0.1.0",
+    version=re.search('__version__ = "(.*)"', Path(NAME, "__init__.py").read_text())[1],
     description="Policy search in reproducing kernel Hilbert spaces, in process or over ROS 2.",
     license="Apache-2.0",
     maintainer="The rkhs_ros authors",
@@ -68,6 +54,7 @@ setup(
     ],
     python_requires=">=3.11",
     install_requires=[
+        "argcomplete>=3",
         "gymnasium>=1.1",
         "joblib>=1.3",
         "matplotlib>=3.6",
@@ -81,18 +68,12 @@ setup(
         "threadpoolctl>=3.1",
     ],
     extras_require={
-        "lerobot": ["pyarrow>=15"],
-        "onnx": ["onnx>=1.17", "onnxruntime>=1.20"],
-        "pr2": ["pybullet>=3.2.5"],
-        "pr2-meshes": ["example-robot-data>=4.1"],
-        "mujoco": ["gymnasium[mujoco]>=1.1"],
+        "pr2": ["pybullet>=3.2.5", "example-robot-data>=4.1"],
         "view": ["viser>=1.1,<1.2"],
-        "peers": ["stable-baselines3>=2.6", "sb3-contrib>=2.6"],
+        "export": ["onnx>=1.17", "onnxruntime>=1.20", "pyarrow>=15"],
         "tensorboard": ["tensorboardX>=2.6"],
         "dask": ["distributed>=2024.8"],
-        "completion": ["argcomplete>=3"],
         "dev": requirements("dev"),
-        "test": ["pytest"],
     },
     zip_safe=True,
     entry_points={"console_scripts": ["rkhs = rkhs_ros.app.cli:main", *(NODES if BY_COLCON else [])]},

@@ -23,7 +23,7 @@ from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.report import resolved
 from timing import seconds_of
 
-with needing("pybullet", "make pr2"):
+with needing("pybullet", "pip install pybullet"):
     import sim_nodes.pr2.world  # noqa: F401
 
 CONFIG = Path(__file__).parents[1] / "config" / "pr2_door_power.yaml"

@@ -21,7 +21,7 @@ import numpy as np
 
 from command import needing, parser
 
-with needing("pybullet", "make pr2"):
+with needing("pybullet", "pip install pybullet"):
     from sim_nodes.pr2.environment import POSE_SD, PR2Door
 
 POSES = {

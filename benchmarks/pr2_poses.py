@@ -19,7 +19,7 @@ from rkhs_ros.learning.training import train
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import load_config
 
-with needing("pybullet", "make pr2"):
+with needing("pybullet", "pip install pybullet"):
     from sim_nodes.pr2.environment import PR2Door
 
 CONFIG = Path(__file__).parents[1] / "config" / "pr2_door_contextual.yaml"

@@ -181,7 +181,7 @@ def main(rounds: int, window_s: float, settle_s: float) -> None:
 
 if __name__ == "__main__":
     if browser.found() is None:
-        skip("chromium", "make view-tools")
+        skip("chromium", "apt-get install chromium")
     command = parser(__doc__)
     command.add_argument("--rounds", type=int, default=ROUNDS)
     command.add_argument("--window", type=float, default=WINDOW_S, help="seconds of a measurement")

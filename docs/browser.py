@@ -149,7 +149,7 @@ def started() -> Iterator[Browser]:
     """
     program = found()
     if program is None:
-        raise FileNotFoundError("chromium: expected an installed browser, got none. Run `make view-tools`")
+        raise FileNotFoundError("chromium: expected an installed browser, got none. Install the package chromium")
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         process = subprocess.Popen([program, *FLAGS, f"--user-data-dir={folder}", "about:blank"], **quiet)

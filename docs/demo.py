@@ -48,7 +48,7 @@ Discounted return:
   {max(references(task).values()):5.1f}  at the optimum
 
 Without a model, the same task takes {few} real episodes to reach {low}, and {many} to reach {high}
-(medians over 20 seeds, see docs/configurations.md). To compare: make demo-long
+(medians over 20 seeds, see docs/configurations.md). To compare: rkhs train config/pendulum_wrap_few_nac.yaml
 
 Pictures: {folder}/curve.png (returns) and {folder}/policy.png (the policy's actions, and episodes)
 

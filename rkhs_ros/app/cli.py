@@ -78,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _complete(line: str) -> None:
     """Pass the completions of a command line to the shell that requests them, and exit."""
-    import argcomplete  # an extra
+    import argcomplete  # only here, since few calls need it
 
     argcomplete.autocomplete(parser_of(line.split()))
 

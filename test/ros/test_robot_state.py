@@ -15,7 +15,7 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.simulation import Simulation
 from test.ros.conftest import PATIENCE, Probe, Process
 
-pytest.importorskip("pybullet", reason="PyBullet is not installed: make pr2")
+pytest.importorskip("pybullet", reason="PyBullet is not installed")
 
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from rkhs_ros import __version__
 from rkhs_ros.app.launcher import MODULES
 
 ROOT = Path(__file__).parents[2]
@@ -70,6 +71,7 @@ def test_pip_installs_the_library_and_the_command_without_ros(tmp_path: Path) ->
         "launch",
         "resource",
         "requirements",
+        "pyproject.toml",
         "setup.py",
         "setup.cfg",
         "package.xml",
@@ -134,6 +136,11 @@ def test_each_package_has_its_licence_and_a_changelog_of_its_name(package: Path)
     assert (package / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
     title = (package / "CHANGELOG.rst").read_text().splitlines()[1]
     assert title == f"Changelog for package {name}"
+
+
+def test_the_manifest_and_the_citation_have_the_version_of_the_package() -> None:
+    assert ET.parse(ROOT / "package.xml").findtext("version") == __version__
+    assert f"version: {__version__}" in (ROOT / "CITATION.cff").read_text()
 
 
 def named(*kinds: str) -> set[str]:

@@ -85,11 +85,8 @@ def test_the_rkhs_of_another_environment_trains_in_process_and_says_why(tmp_path
 @pytest.mark.timeout(300)
 def test_a_workspace_is_built_and_tested_by_plain_colcon(workspace: Path) -> None:
     only = ("--base-paths", "src/rkhs")  # the interfaces take long, and are built the same everywhere
-    alone = colcon("build", *only, cwd=workspace)
-    assert "rkhs_interfaces: expected the package in the workspace" in alone.stderr
-    assert "Run: ln -s rkhs/rkhs_interfaces " in alone.stderr
     built = colcon("build", *only, cwd=workspace, interfaces=True)
-    assert (built.returncode, "expected the package" in built.stderr) == (0, False), built.stderr
+    assert built.returncode == 0, built.stderr
     assert (workspace / "install/rkhs_ros/lib/rkhs_ros/learner").is_file()
     tested = colcon("test", *only, "--pytest-args", " -k", "names or packaging", cwd=workspace, interfaces=True)
     assert tested.returncode == 0, tested.stderr

@@ -28,7 +28,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def chromium() -> Iterator[browser.Browser]:
     """A browser."""
     if browser.found() is None:
-        pytest.skip("Chromium is not installed: make view-tools")
+        pytest.skip("Chromium is not installed")
     pytest.importorskip("viser")
     with browser.started() as each:
         yield each

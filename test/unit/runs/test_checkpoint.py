@@ -25,7 +25,6 @@ from rkhs_ros.runs.checkpoint import COUNTS, Checkpoints
 from rkhs_ros.runs.config import Config, Environment
 from test.unit.conftest import model_free
 
-ROOT = Path(__file__).parents[3]
 TINY = model_free(iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=3)
 CONFIG = Config(Environment("rkhs/Toy-v0", {}), TINY)
 TOY = InlineRunner(Simulation("rkhs/Toy-v0"))
@@ -341,12 +340,6 @@ def test_the_code_digest_depends_on_the_source_only(tmp_path: Path, monkeypatch:
     others = [code.replace("one", "two"), code.replace("f(", "g("), code.replace("return ", ""), f"{code}x = 1\n"]
     assert len({digest_of(text) for text in (code, *others)}) == 5
     assert provenance.provenance()["rkhs_ros"] not in map(digest_of, (code, *others))
-
-
-def test_checkpoints_contain_the_version_of_the_package() -> None:
-    for path in ("package.xml", "setup.py"):
-        text = (ROOT / path).read_text()
-        assert f"<version>{__version__}</version>" in text or f'version="{__version__}"' in text
 
 
 class Clock:

@@ -45,7 +45,7 @@ def test_every_configuration_survives_a_round_trip(path: Path, write: Any) -> No
 def test_the_task_of_every_configuration_can_be_simulated(path: Path) -> None:
     environment = load_config(path).environment
     if "PR2" in environment.id or "pybullet_data" in path.read_text():
-        pytest.importorskip("pybullet", reason="PyBullet is not installed: make pr2")
+        pytest.importorskip("pybullet", reason="PyBullet is not installed")
     if environment.nodes:
         check_robot(load_config(path))
     else:

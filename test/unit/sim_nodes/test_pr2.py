@@ -22,7 +22,7 @@ from sim_nodes.pr2.demonstration import TORSO, minimum_jerk
 from sim_nodes.pr2.kinematics import arm_chain, rotation_about
 from sim_nodes.pr2.motion import Motion, adapted
 
-pytest.importorskip("pybullet", reason="PyBullet is not installed: make pr2")
+pytest.importorskip("pybullet", reason="PyBullet is not installed")
 
 from sim_nodes.pr2.environment import POSE_SD, PR2Door
 from sim_nodes.pr2.world import EFFORT, VELOCITY, Trajectory, World

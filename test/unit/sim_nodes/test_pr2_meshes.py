@@ -88,7 +88,7 @@ def test_without_the_package_the_robot_has_boxes(tmp_path: Path, monkeypatch: py
 
 
 def test_meshes_do_not_change_the_motion(package: Path) -> None:
-    pytest.importorskip("pybullet", reason="PyBullet is not installed: make pr2")
+    pytest.importorskip("pybullet", reason="PyBullet is not installed")
     from sim_nodes.pr2 import demonstration
     from sim_nodes.pr2.motion import adapted
     from sim_nodes.pr2.world import World

@@ -18,7 +18,7 @@ from rkhs_ros.rkhs.kernels import RBF
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 
-pytest.importorskip("pybullet", reason="PyBullet is not installed: make pr2")
+pytest.importorskip("pybullet", reason="PyBullet is not installed")
 
 from sim_nodes.pr2 import environment, robot, world
 from sim_nodes.pr2.environment import PR2Door
