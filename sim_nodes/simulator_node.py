@@ -8,8 +8,6 @@ import time
 from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING
 
-from rosgraph_msgs.msg import Clock
-
 import sim_nodes.envs  # noqa: F401  # registers the tasks
 from rkhs_interfaces import msg
 from rkhs_interfaces.msg import Action, Episodes, Observation
@@ -20,10 +18,8 @@ from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.nodes.core.arguments import require_section
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import (
-    CLOCK_ENDS,
     LOCKSTEP_QOS,
     batch_of,
-    clock_message,
     describe,
     observation_message,
     show,
@@ -41,13 +37,11 @@ from rkhs_ros.runs.config import environment_from
 if TYPE_CHECKING:
     from rkhs_ros.nodes.robot.robot_state import RobotState
 
-LISTENERS_PERIOD_S = 0.5  # between checks for subscribers of the clock
-
 
 class SimulatorNode(ReportingNode):
     """Publishes observations, executes actions, and publishes the resulting episodes.
 
-    Owns the environment, the current step, the running episodes and the clock. A step ends when its action arrives. The
+    Owns the environment, the current step, and the running episodes. A step ends when its action arrives. The
     node accepts only the action of the current batch, step and policy. If the environment or the policy fails, the
     batch ends with a message that says why.
     """
@@ -72,15 +66,11 @@ class SimulatorNode(ReportingNode):
         self._step = 0
         self._version = 0
         self._timeout = 0.0  # seconds without an action; 0 for no limit
-        self._clock_steps = 0
-        self._clock_has_subscribers = False
-        self._listeners_at = 0.0  # monotonic time, seconds
         # Message of the batch, updated at each step; None without a running batch.
         self._newest: Observation | None = None
         self._published_at = 0.0  # monotonic time, seconds
         self._observations = self.create_publisher(Observation, "observation", LOCKSTEP_QOS)
         self._episodes = self.create_publisher(Episodes, "episodes", LOCKSTEP_QOS)
-        self._clock_ticks = self.create_publisher(Clock, "clock", LOCKSTEP_QOS)
         self.diagnostics = Diagnostics(self, self._report, ["action"])
         self.create_subscription(Action, "action", self._act, LOCKSTEP_QOS)
         self.create_service(StartEpisodes, "start_episodes", self._start)
@@ -101,9 +91,6 @@ class SimulatorNode(ReportingNode):
         now = time.monotonic()
         if self._newest is not None and 0 < self._timeout < now - self._published_at:
             raise SilentError(f"the policy node did not act within {self._timeout:g} s")
-        if now >= self._listeners_at:
-            self._clock_has_subscribers = self._clock_ticks.get_subscription_count() > 0
-            self._listeners_at = now + LISTENERS_PERIOD_S
         return self.diagnostics.heartbeat()
 
     def _make_simulation(self, tree: dict[str, dict[str, object]]) -> Simulation:
@@ -179,12 +166,10 @@ class SimulatorNode(ReportingNode):
             self._fail(str(error))
             return
         self._step += 1
-        self._clock_steps += 1
         show(observation, self._step, frame)
         self._publish(observation)
         self._record(batch, frame, actions)
         self.diagnostics.steps += 1
-        self._tick()
         if self._robot is not None:
             self._robot.publish()
 
@@ -206,11 +191,6 @@ class SimulatorNode(ReportingNode):
         if frame.is_over:
             episodes = self._recorder.episodes()
             self._episodes.publish(episodes_message(msg, self._identity, self._version, episodes))
-
-    def _tick(self) -> None:
-        seconds = self._clock_steps * self._simulation.step_seconds
-        if self._clock_has_subscribers and seconds < CLOCK_ENDS:
-            self._clock_ticks.publish(clock_message(seconds))
 
 
 def main() -> None:

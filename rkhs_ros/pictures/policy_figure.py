@@ -14,13 +14,13 @@ from matplotlib.patheffects import withStroke
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.pictures.circle_axes import CircleAxes
+from rkhs_ros.pictures.policy_coordinates import PolicyCoordinates
 from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED, colour_bar, label, legend_above, sheet
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.input_names import Names
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.informative_inputs import most_informative_inputs, on_slice
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.sketches.policy_coordinates import PolicyCoordinates
 
 MOST_ACTIONS = 3  # with a plot
 PANEL, LEAST_WIDTH, HEIGHT = 4.6, 6.6, 4.6  # inches

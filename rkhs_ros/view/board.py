@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.pictures.policy_coordinates import PolicyCoordinates
 from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED, colour_bar, label, legend_above, pixels, sheet
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.sketches.policy_coordinates import PolicyCoordinates
 
 SIZE, DPI = (4.2, 4.9), 180  # inches
 CELLS = 90  # along each side of the map

@@ -11,9 +11,9 @@ from viser import ViserServer
 
 from rkhs_ros.base.endings import error_message
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.pictures.policy_coordinates import PolicyCoordinates
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rollouts.visualization import BodyTrajectories
-from rkhs_ros.sketches.policy_coordinates import PolicyCoordinates
 from rkhs_ros.view.board import Choice, Subject, draw
 from rkhs_ros.view.source import MODEL_ROLLOUTS, IterationView, Source
 from rkhs_ros.view.stage import Stage

@@ -14,7 +14,7 @@ from std_srvs.srv import Trigger
 from rkhs_ros.base.settings import entries
 from rkhs_ros.nodes.core.arguments import require_section
 from rkhs_ros.nodes.core.clocks import now_by_both_clocks
-from rkhs_ros.nodes.core.diagnostics import STOP, Diagnostics
+from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.nodes.core.parameters import declare, declared, given
 from rkhs_ros.nodes.core.publishers import SinglePublishers
@@ -109,7 +109,6 @@ class SimulatedRobotNode(ReportingNode):
         protection = self._topics.robot.state.protection
         if protection.reason and protection.reason not in self._published:
             self.get_logger().error(f"protective stop: {protection.reason}")
-            self.diagnostics.publish_event(STOP, f"protective stop: {protection.reason}")
         self._published = (protection.violations, protection.reason)
         self._violations.publish(
             DiagnosticStatus(

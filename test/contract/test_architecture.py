@@ -14,7 +14,6 @@ LAYERS = (
     "learning",
     "recordings",
     "rollouts",
-    "sketches",
     "runs",
     "studies",
     "robot",
@@ -28,7 +27,6 @@ ROS = (
     "rclpy",
     "rkhs_interfaces",
     "rcl_interfaces",
-    "rosgraph_msgs",
     "builtin_interfaces",
     "diagnostic_msgs",
     "geometry_msgs",
@@ -36,7 +34,6 @@ ROS = (
     "std_msgs",
     "std_srvs",
     "trajectory_msgs",
-    "visualization_msgs",
     "launch",
     "launch_ros",
 )

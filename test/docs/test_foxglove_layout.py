@@ -10,9 +10,9 @@ from rkhs_ros.recordings.definitions import PACKAGE, store
 
 ROOT = Path(__file__).parents[2]
 LAYOUT = json.loads((ROOT / "docs" / "foxglove_layout.json").read_text())
-PANELS = {"3D", "Plot", "DiagnosticSummary", "StateTransitions", "RawMessages"}
-MESSAGES = {"/progress": "LearningProgress", "/gate/state": "GateState", "/rkhs/events": "LearningEvent"}
-STANDARD_TOPICS = {"/learning_markers", "/diagnostics"}
+PANELS = {"3D", "Plot", "DiagnosticSummary", "StateTransitions", "RosOut"}
+MESSAGES = {"/progress": "LearningProgress", "/gate/state": "GateState"}
+STANDARD_TOPICS = {"/robot_description", "/joint_states", "/diagnostics"}
 
 
 def panels(layout: Any) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Status reports of nodes, and the simulator's clock."""
+"""Status reports of nodes."""
 
 import os
 import signal
@@ -8,38 +8,27 @@ from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
 
-import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rich.console import Console
-from rosgraph_msgs.msg import Clock
 
 from rkhs_interfaces.msg import Action
-from rkhs_interfaces.srv import DescribeTask
 from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS
-from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, start_request
 from rkhs_ros.nodes.watch.status_node import reasons
-from rkhs_ros.policies.messages import doubles
-from rkhs_ros.policies.streams import Batch
 from test.ros.conftest import ROOT, Probe, Process, nodes_of
 
 Start = Callable[..., Process]
 PENDULUM = ROOT / "config" / "pendulum_nac.yaml"
-STEP = 0.1  # seconds of the pendulum
 KEYS = {"serving version", "batch", "step", "steps per second", "refusals", "ignored", "last refusal"}
 
 
 class Hearing:
-    """The newest report of each node, all states it was heard in, and all times that were told."""
+    """The newest report of each node, and all states it was heard in."""
 
-    def __init__(self, probe: Probe, clock: str = "clock") -> None:
+    def __init__(self, probe: Probe) -> None:
         self.reports: dict[str, DiagnosticStatus] = {}
         self.states: dict[str, set[tuple[bytes, str]]] = defaultdict(set)
-        self.times: list[float] = []
-        self.listeners = [
-            probe.create_subscription(DiagnosticArray, "/diagnostics", self._report, DIAGNOSTICS_QOS),
-            probe.create_subscription(Clock, clock, self._tick, LOCKSTEP_QOS),
-        ]
+        probe.create_subscription(DiagnosticArray, "/diagnostics", self._report, DIAGNOSTICS_QOS)
 
     def value(self, name: str, key: str) -> str:
         return next((v.value for v in self.reports[name].values if v.key == key), "") if name in self.reports else ""
@@ -48,9 +37,6 @@ class Hearing:
         for status in message.status:
             self.reports[status.name] = status
             self.states[status.name].add((status.level, status.message))
-
-    def _tick(self, message: Clock) -> None:
-        self.times.append(message.clock.sec + 1e-9 * message.clock.nanosec)
 
 
 @pytest.fixture
@@ -125,25 +111,3 @@ def test_status_prints_a_refusal_literally() -> None:
     console = Console(width=250, record=True, file=StringIO())
     console.print(*reasons({"/policy": DiagnosticStatus(level=DiagnosticStatus.OK, values=[refusal])}))
     assert refusal.value in console.export_text()
-
-
-def test_a_late_subscriber_receives_the_clock(start: Start, probe: Probe) -> None:
-    start("simulator", "--ros-args", "--params-file", PENDULUM)
-    probe.meet("observation")
-    batch = Batch(seed=0, first_episode=0, num_envs=1, horizon=1000, explore=False)
-    task = probe.ask("describe_task", DescribeTask.Request())
-    probe.speak("action")
-    request = start_request(1, 1, batch, task, seeds=(), timeout=0.0)
-    probe.until(lambda: probe.ask("start_episodes", request).accepted)
-    probe.until(lambda: probe.heard["observation"] != [])
-    hearing, step = Hearing(probe), 0
-
-    def act() -> bool:
-        nonlocal step
-        if probe.heard["observation"][-1].step == step:
-            probe.say("action", Action(batch=1, step=step, policy_version=1, actions=doubles(np.zeros(1))))
-            step += 1
-        return hearing.times != []
-
-    probe.until(act)
-    assert hearing.times[0] == pytest.approx(STEP * step, abs=10 * STEP)  # some steps later, it is heard

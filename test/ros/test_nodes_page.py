@@ -35,7 +35,7 @@ def test_the_page_lists_all_topics_and_services(
     start("recorder", "--ros-args", "-p", f"output:={tmp_path}")
     probe.until(lambda: bool(probe.count_publishers("progress")))
     start("simulator", "--ros-args", "--params-file", parameters("toy_nac"))
-    offered = {"simulator": {"/start_episodes", "/clock"}, "robot": {"/robot/veto"}, "gate": {"/gate/arm"}}
+    offered = {"simulator": {"/start_episodes", "/observation"}, "robot": {"/robot/veto"}, "gate": {"/gate/arm"}}
     for node, some in offered.items():
         probe.until(lambda node=node, some=some: node in probe.get_node_names() and some <= names(probe, node))
     for node in (*ROBOTS, "simulator"):

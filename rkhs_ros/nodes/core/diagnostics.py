@@ -1,4 +1,4 @@
-"""Diagnostics: a node's status reports on /diagnostics, and its events on /rkhs/events."""
+"""Diagnostics: a node's status reports on /diagnostics."""
 
 from __future__ import annotations
 
@@ -11,23 +11,19 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 
-from rkhs_interfaces.msg import LearningEvent
 from rkhs_ros.nodes.core.publishers import SinglePublishers
 
 TOPIC = "/diagnostics"
 DIAGNOSTICS_QOS = QoSProfile(depth=10)  # reliable and volatile, like all publishers of this topic
-EVENTS_TOPIC = "/rkhs/events"
-EVENTS_QOS = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # the last ones of each node
-DISCARDED_EPISODE, STOP = LearningEvent.DISCARDED_EPISODE, LearningEvent.STOP
 REPORT_PERIOD_S = 1.0
-LOG_PERIOD_S = 1.0  # between log lines, and between events, of refusals
+LOG_PERIOD_S = 1.0  # between log lines of refusals
 LAST_REPORT_TIMEOUT_S = 0.5  # for subscribers to receive the report of an error before the node exits
 
 
 class Diagnostics:
-    """A node's status reports, once a second, and its events.
+    """A node's status reports, once a second.
 
     Owns the numbers of refused and ignored messages and of steps, why the node is stuck or has stopped the robot,
     what the operator has to do, and which subscribed topics have more than one publisher.
@@ -53,23 +49,13 @@ class Diagnostics:
         self._host = socket.gethostname()
         self._due = self._reported_at = time.monotonic()
         self._refusals_reported = self._steps_reported = 0
-        self._refusal_event_at = -LOG_PERIOD_S  # monotonic time, seconds
         self._reports = node.create_publisher(DiagnosticArray, TOPIC, DIAGNOSTICS_QOS)
-        self._events = node.create_publisher(LearningEvent, EVENTS_TOPIC, EVENTS_QOS)
-
-    def publish_event(self, kind: str, text: str) -> None:
-        """Publish an event."""
-        stamp, name = self._node.get_clock().now().to_msg(), str(self._node.get_fully_qualified_name())
-        self._events.publish(LearningEvent(stamp=stamp, node=name, kind=kind, text=text))
 
     def refuse(self, reason: str) -> None:
         """Count a refused message, and log why."""
         self.refusals += 1
         self.last_refusal = reason
         self._node.get_logger().warning(f"refused {reason}", throttle_duration_sec=LOG_PERIOD_S)
-        if (now := time.monotonic()) >= self._refusal_event_at + LOG_PERIOD_S:
-            self._refusal_event_at = now
-            self.publish_event(LearningEvent.REFUSAL, f"refused {reason}")
 
     @contextmanager
     def accepting(self, response: Any, what: str) -> Iterator[None]:
@@ -107,7 +93,6 @@ class Diagnostics:
             yield
         except Exception as error:
             self._publish(DiagnosticStatus.ERROR, f"exits: {error}")
-            self.publish_event(STOP, f"exits: {error}")
             self._reports.wait_for_all_acked(Duration(seconds=LAST_REPORT_TIMEOUT_S))
             raise
 

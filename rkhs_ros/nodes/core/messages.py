@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
-from rosgraph_msgs.msg import Clock
 
 import rkhs_interfaces.msg as msg
 from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
@@ -35,7 +34,6 @@ if TYPE_CHECKING:  # a policy node needs no simulation
 LOCKSTEP_QOS = QoSProfile(depth=16, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
 LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # late subscribers receive the last one
 batch_fields = attrgetter(*(field.name for field in fields(Batch)))  # of a message
-CLOCK_ENDS = 2**31  # seconds, the first time that /clock cannot represent
 
 
 def observation_message(identity: int, version: int, batch: Batch, step: int, frame: Frame) -> msg.Observation:
@@ -157,11 +155,6 @@ def describe_robot(task: RobotTask, waiting: str) -> DescribeTask.Response:
         learner_timeout=task.learner_timeout,
         waiting=waiting,
     )
-
-
-def clock_message(seconds: float) -> Clock:
-    """Return the /clock message of a time since the start of the run."""
-    return Clock(clock=Time(nanoseconds=round(1e9 * seconds)).to_msg())
 
 
 def joint_state_messages(states: JointStates, begin: int) -> list[JointState]:

@@ -12,11 +12,11 @@ from rkhs_ros.base.endings import Stop
 from rkhs_ros.base.settings import Entry, entries
 from rkhs_ros.learning.training_settings import training_from
 from rkhs_ros.nodes.core.arguments import require_section
-from rkhs_ros.nodes.core.diagnostics import STOP, Diagnostics
+from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.parameters import declare, declared, given
 from rkhs_ros.nodes.core.peers import Peers
 from rkhs_ros.nodes.core.spin import ReportingNode, StoppedError, run
-from rkhs_ros.nodes.lockstep.learning_topics import LearningTopics
+from rkhs_ros.nodes.lockstep.progress_topic import ProgressTopic
 from rkhs_ros.nodes.lockstep.simulator_link import ROBOT, SIMULATOR
 from rkhs_ros.nodes.lockstep.topic_runner import TopicRunner
 from rkhs_ros.policies.storage import load_policy
@@ -65,7 +65,7 @@ class LearnerNode(ReportingNode):
         self.peers = Peers(self, self.training.timeout)
         kind = ROBOT if self.environment and self.environment.nodes else SIMULATOR
         self.runner = TopicRunner(self, self.peers, self.training.num_envs, kind)
-        self.topics = LearningTopics(self, self.training)
+        self.progress = ProgressTopic(self, self.training)
 
     def _environment_from(self, tree: dict[str, Any]) -> Environment | None:
         """Remove the environment from the tree of parameters, and return it; return None if the tree has none."""
@@ -78,7 +78,7 @@ class LearnerNode(ReportingNode):
 
     def heartbeat(self) -> float:
         """Publish the status, progress and heartbeats that are due; return the seconds until the next ones."""
-        return min(self.diagnostics.heartbeat(), self.runner.heartbeat(), self.topics.heartbeat())
+        return min(self.diagnostics.heartbeat(), self.runner.heartbeat(), self.progress.heartbeat())
 
 
 def draw_nothing(folder: Path) -> None:
@@ -95,7 +95,7 @@ def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
         folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
         node.get_logger().info(f"learning {config.environment.id}; the results are in {folder.resolve()}")
         is_robot = node.runner.is_robot
-        node.topics.begin(folder, node.runner.spaces)
+        node.progress.begin(folder)
         try:
             run_training(
                 config,
@@ -108,17 +108,16 @@ def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
                 sync=is_robot,
                 provenance_may_change=node.provenance_may_change,
                 rest=node.peers.rest,
-                on_iteration=node.topics.publish,
+                on_iteration=lambda _, rows: node.progress.offer(rows),
                 on_advice=lambda advice: node.get_logger().warning(str(advice)),
             )
         except (StoppedError, KeyboardInterrupt):
-            node.diagnostics.publish_event(STOP, "the run was asked to stop")
             node.get_logger().info(interruption_summary(folder, config))
             if (folder / "policy.npz").is_file():
                 draw(folder)
             raise
         finally:
-            node.topics.close()
+            node.progress.close()
         draw(folder)
         node.get_logger().info(next_steps(folder, config))
 

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
-from rkhs_interfaces import msg
 from rkhs_interfaces.msg import Action
 from rkhs_interfaces.msg import Observation as ObservationMessage
-from rkhs_interfaces.msg import Policy as PolicyMessage
 from rkhs_interfaces.srv import SetPolicy
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_fields, batch_of, observations_of
-from rkhs_ros.nodes.core.newest_topic import NewestTopic
 from rkhs_ros.nodes.core.parameters import declared, given, require_known
 from rkhs_ros.nodes.core.publishers import is_answered
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
-from rkhs_ros.policies.messages import doubles, policy_message, policy_of
+from rkhs_ros.policies.messages import doubles, policy_of
 from rkhs_ros.policies.serving import Answer, Failed, Ignored, Observation, Reply, ServedPolicy, Session
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.policies.streams import Batch
@@ -109,16 +105,13 @@ class PolicyNode(ReportingNode):
         self.served = self._from_file(tree)
         self._simulator = SimulatorTopics(self)
         self.diagnostics = Diagnostics(self, self._report, ["observation"])
-        self._in_service = NewestTopic(self, PolicyMessage, "policy_in_service")
-        if self.served:
-            self._in_service.offer(partial(policy_message, msg, self.served.policy, self.served.version))
         self.create_service(SetPolicy, "set_policy", self._set_policy)
         source = "with the policy of a file, without exploration noise" if self.served else "for a learner's policy"
         self.get_logger().info(f"ready {source}")
 
     def heartbeat(self) -> float:
-        """Publish the status and the policy in service if due; return the seconds until the next ones."""
-        return min(self.diagnostics.heartbeat(), self._in_service.heartbeat())
+        """Publish the status if due; return the seconds until the next one."""
+        return self.diagnostics.heartbeat()
 
     def _report(self) -> dict[str, object]:
         last, version = self._simulator.session.last, self.served.version if self.served else 0
@@ -143,9 +136,7 @@ class PolicyNode(ReportingNode):
         with self.diagnostics.accepting(response, "set_policy"):
             if self.served is not None and not self.served.explores:
                 raise ValueError("policy: expected none from a learner, because this node serves the policy of a file")
-            message = request.policy
-            self.served = ServedPolicy(policy_of(message), message.version)
-            self._in_service.offer(lambda: message)
+            self.served = ServedPolicy(policy_of(request.policy), request.policy.version)
         return response
 
 

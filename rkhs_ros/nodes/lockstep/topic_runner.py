@@ -7,7 +7,6 @@ from collections import deque
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.execution import Record, discard, record_kinds
-from rkhs_ros.nodes.core.diagnostics import DISCARDED_EPISODE
 from rkhs_ros.nodes.core.peers import Peers
 from rkhs_ros.nodes.core.spin import ReportingNode
 from rkhs_ros.nodes.lockstep.policy_link import PolicyLink
@@ -121,7 +120,7 @@ class TopicRunner:
             finished = self._ended(batch)
             if not (reason := discard_reason(finished)):
                 return finished
-            self._report_discarded(finished)
+            self.record(*finished)
         number = batch.first_episode + 1  # people count from 1
         raise RunError(f"episode {number} was discarded {MAX_DISCARDS} times in a row; the last reason: {reason}")
 
@@ -148,12 +147,6 @@ class TopicRunner:
     def _record_vetoes(self) -> None:
         """Record episodes that the operator has vetoed after their completion; they will run again."""
         for finished in self._simulator.vetoed:
-            self._report_discarded(finished)
+            self.record(*finished)
             self._again.append(finished.batch)
         self._simulator.vetoed.clear()
-
-    def _report_discarded(self, finished: FinishedBatch) -> None:
-        """Record a discarded episode, and publish an event."""
-        self.record(*finished)
-        text = f"episode {finished.batch.first_episode}: {discard_reason(finished)}"
-        self._node.diagnostics.publish_event(DISCARDED_EPISODE, text)

@@ -18,7 +18,7 @@ from rkhs_interfaces.msg import Command, GateReport, GateState
 from rkhs_ros.base.settings import build, entries
 from rkhs_ros.base.validation import truncated
 from rkhs_ros.nodes.core.arguments import require_section
-from rkhs_ros.nodes.core.diagnostics import STOP, Diagnostics
+from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import LATCHED_QOS, LOCKSTEP_QOS
 from rkhs_ros.nodes.core.parameters import declare, given
 from rkhs_ros.nodes.core.publishers import UNKNOWN, full_name, listed
@@ -175,7 +175,6 @@ class GateNode(ReportingNode):
         is_new = self._published is None or self._published[0] != Mode.STOPPED
         if state.mode == Mode.STOPPED and is_new and not state.is_shutting_down:
             self.get_logger().error(f"stopped: {state.reason}")
-            self.diagnostics.publish_event(STOP, state.reason)
         self.diagnostics.stopped = state.reason
         self._states.publish(state_message(state))
         self._published = visible

@@ -26,6 +26,7 @@ from rkhs_ros.pictures.comparison import comparison_figure
 from rkhs_ros.pictures.film import Film
 from rkhs_ros.pictures.film_files import strip_figure
 from rkhs_ros.pictures.known import names_of, success_reward
+from rkhs_ros.pictures.policy_coordinates import PolicyCoordinates
 from rkhs_ros.pictures.policy_figure import policy_figure
 from rkhs_ros.pictures.run_pictures import curve_figure
 from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED
@@ -39,7 +40,6 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.informative_inputs import most_informative_inputs
 from rkhs_ros.rkhs.kernels import RBF, Array
 from rkhs_ros.rollouts.simulation import Simulation
-from rkhs_ros.sketches.policy_coordinates import PolicyCoordinates
 from rkhs_ros.studies.comparison import Comparison, LearningCurve
 from rkhs_ros.view.board import Choice, Subject, board_figure
 from rkhs_ros.view.timeline import Timeline

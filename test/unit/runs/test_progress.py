@@ -26,6 +26,7 @@ from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs import progress
 from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.curve import BEGINNING, Row, seconds_left
 from rkhs_ros.runs.progress import ECHO, progress_bar
 from test.unit.conftest import model_free
 
@@ -140,3 +141,14 @@ def test_advice_has_a_line_of_its_own(capsys: pytest.CaptureFixture[str]) -> Non
     with progress_bar(config.training) as show:
         show(iteration, Advice("nothing moves", "a larger force"))
     assert capsys.readouterr().err.splitlines()[-1] == "toy_nac: iteration 1: nothing moves; try a larger force"
+
+
+def test_the_remaining_time_follows_from_the_last_iterations() -> None:
+    def rows(seconds: list[float]) -> list[Row]:
+        return [BEGINNING._replace(iteration=i + 1, seconds=s) for i, s in enumerate(seconds)]
+
+    assert np.isnan(seconds_left([], 10))
+    assert np.isnan(seconds_left(rows([1.0]), 10))
+    assert seconds_left(rows([1.0, 3.0]), 10) == 16.0
+    slow_at_first = [100.0 * i for i in range(30)] + [2900.0 + 0.5 * i for i in range(1, 21)]
+    assert seconds_left(rows(slow_at_first), 70) == pytest.approx(10.0)

@@ -32,7 +32,7 @@ from sim_nodes.envs import TASKS
 
 viser = pytest.importorskip("viser")
 
-from rkhs_ros.sketches.policy_coordinates import PolicyCoordinates  # noqa: E402
+from rkhs_ros.pictures.policy_coordinates import PolicyCoordinates  # noqa: E402
 from rkhs_ros.view.board import Choice, Subject, board_figure, draw  # noqa: E402
 from rkhs_ros.view.curve_plot import MAX_POINTS, plotted  # noqa: E402
 from rkhs_ros.view.folder import Folder  # noqa: E402
