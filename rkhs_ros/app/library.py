@@ -36,7 +36,7 @@ from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.model_env import LearntModel
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment
-from rkhs_ros.runs.curve import Curve, Row, columns
+from rkhs_ros.runs.curve import Row, columns
 from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.report import FIRST_POLICY, is_started, new_folder
 from rkhs_ros.runs.run import training_steps
@@ -301,36 +301,33 @@ def _check_order(environment: object) -> None:
 
 def _results(run: _Prepared, *, quiet: bool) -> Generator[Result, None, None]:
     """Run the iterations and yield the results."""
-    rows: tuple[Row, ...] = ()
     acting = partial(Policy, task=run.config.task, spaces=run.runner.spaces)
     with run.runner, closing(_in_folder(run, run.out, quiet) if run.out else _in_memory(run, quiet)) as steps:
-        for iteration, row, best, final in steps:
-            if run.out and not rows and iteration.number > 1:
-                rows = tuple(Curve(run.out / "curve.csv").rows()[: iteration.number - 1])
-            rows = (*rows, row)
+        for iteration, rows, best, final in steps:
             policy, best_policy = acting(iteration.policy), acting(best) if best else None
-            yield Result(policy, best_policy, iteration, rows, run.config.training, final)
+            yield Result(policy, best_policy, iteration, tuple(rows), run.config.training, final)
 
 
-# Iterations with the best policy so far and, after the last one, the final evaluation.
-Steps = Generator[tuple[Iteration, Row, GaussianPolicy | None, FinalEvaluation | None], None, None]
+# Iterations with the curve so far, the best policy so far and, after the last one, the final evaluation.
+Steps = Generator[tuple[Iteration, list[Row], GaussianPolicy | None, FinalEvaluation | None], None, None]
 
 
 def _in_memory(run: _Prepared, quiet: bool) -> Steps:
     """Run the iterations without files."""
     training, runner, began = run.config.training, run.runner, time.monotonic()
-    highest, best = float("-inf"), None
+    highest, best, rows = float("-inf"), None, list[Row]()
     diagnosis = Diagnosis(training, runner.spaces)
     with progress_bar(training, quiet=quiet) as show:
         for iteration in iterations_of(training, runner, run.first):
             if iteration.evaluation_bound > highest:
                 highest, best = iteration.evaluation_bound, iteration.policy
-            row, final = Row.of(iteration, time.monotonic() - began), None
+            rows.append(Row.of(iteration, time.monotonic() - began))
+            final = None
             if iteration.number == training.iterations and best:
                 final = final_evaluation(training, runner, best, iteration.policy)
                 best = iteration.policy if final.last_is_better else best
             show(iteration, None if quiet else diagnosis.advise(iteration))
-            yield iteration, row, best, final
+            yield iteration, rows, best, final
 
 
 def _in_folder(run: _Prepared, out: Path, quiet: bool) -> Steps:
@@ -346,7 +343,7 @@ def _in_folder(run: _Prepared, out: Path, quiet: bool) -> Steps:
         with closing(steps):
             for iteration, report in steps:
                 has_learnt = True
-                yield iteration, report.recent[-1], report.best_policy, report.final
+                yield iteration, report.rows, report.best_policy, report.final
     finally:
         if has_learnt and (out / "policy.npz").is_file():  # missing if the disk is full
             draw_run(out)

@@ -96,9 +96,7 @@ def spaces_of(message: Any) -> Spaces:
     bounds = (np.array(bound, dtype=message.action_type) for bound in (message.action_low, message.action_high))
     low, high = (bound.reshape(shape) if bound.size == sizes[1] else bound for bound in bounds)
     require(low.shape == shape, "action_low", f"{shape} values", low.shape)
-    # Old recordings have no names.
-    names = (tuple(getattr(message, f"{kind}_names", ())) for kind in ("observation", "action"))
-    return Spaces(observation_shape, low, high, *names)
+    return Spaces(observation_shape, low, high, tuple(message.observation_names), tuple(message.action_names))
 
 
 def policy_message(types: Any, policy: GaussianPolicy, version: int) -> Any:
@@ -148,8 +146,7 @@ def policy_of(message: Any) -> GaussianPolicy:
     centres, weights = matrix(message.centres, m, d, "centres"), matrix(message.weights, m, n, "weights")
     mean = Function(kernel, centres, weights, tuple(message.bias))
     variance, inputs = _variance_of(message.variance, d, n), _inputs_of(message.inputs, d)
-    # Old recordings have no action repeat.
-    return GaussianPolicy(mean, variance, inputs, message.noise, int(getattr(message, "action_repeat", 1)))
+    return GaussianPolicy(mean, variance, inputs, message.noise, int(message.action_repeat))
 
 
 def _terms(types: Any, kernel: Kernel) -> list[Any]:
@@ -171,7 +168,7 @@ def _kernel(terms: Iterable[Any], d: int) -> Kernel:
 def _inputs_of(message: Any, d: int) -> Inputs:
     require(len(message.angles) <= d, "inputs.angles", f"at most {d} columns, one per input", len(message.angles))
     numbers = {"history": message.history, "degree": message.degree, "offset": message.offset}
-    lists = {"angles": message.angles, "turns": getattr(message, "turns", ())}  # old recordings have no turns
+    lists = {"angles": message.angles, "turns": message.turns}
     angles = {name: [float(value) for value in values] for name, values in lists.items() if len(values)}
     low, high = (tuple(map(float, bound)) for bound in (message.action_low, message.action_high))
     return replace(build(Inputs, {**numbers, **angles}, "inputs."), action_low=low, action_high=high)

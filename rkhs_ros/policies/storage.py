@@ -189,10 +189,10 @@ def policy_of(arrays: Arrays) -> GaussianPolicy:
         ValueError: the arrays do not form a valid policy.
     """
     mean = Function(_kernel(arrays, "kernel"), arrays["centres"], arrays["weights"], tuple(arrays["bias"].tolist()))
-    low, high = (tuple(bound.tolist()) for bound in arrays.get("window_bounds", np.zeros((2, 0))))
+    low, high = (tuple(bound.tolist()) for bound in arrays["window_bounds"])
     inputs = replace(build(Inputs, json.loads(str(arrays["inputs"])), "inputs."), action_low=low, action_high=high)
-    (action_repeat,) = whole_numbers(np.reshape(arrays.get("action_repeat", 1), 1), "action_repeat")
-    return GaussianPolicy(mean, _variance(arrays), inputs, str(arrays.get("noise", "white")), action_repeat)
+    (action_repeat,) = whole_numbers(arrays["action_repeat"].reshape(1), "action_repeat")
+    return GaussianPolicy(mean, _variance(arrays), inputs, str(arrays["noise"]), action_repeat)
 
 
 def _kernel_arrays(prefix: str, kernel: Kernel) -> Arrays:

@@ -106,6 +106,8 @@ def update_fields(iteration: Iteration) -> dict[str, Any]:
         "exploration_return_sd": float(iteration.exploration_returns.std()),
         "evaluation_return": iteration.evaluation_return,
         "evaluation_return_sd": iteration.evaluation_return_sd,
+        "undiscounted_exploration_return": iteration.undiscounted_exploration_return,
+        "undiscounted_evaluation_return": iteration.undiscounted_evaluation_return,
         **{name: getattr(iteration.metrics, name) for name in METRICS},
         "model_return": iteration.model_return,
         "model_error": iteration.model_error,

@@ -98,10 +98,7 @@ def replay(recording: Recording) -> Iterator[Iteration]:
         require(
             update.iteration == iteration.number, where, "all earlier updates", f"update {update.iteration} instead"
         )
-        counts_steps = getattr(update, "steps", 0) > 0  # older recordings have no count of steps
         for name, value in update_fields(iteration).items():
-            if name == "steps" and not counts_steps:
-                continue
             _check_same(f"{where}, {name}", getattr(update, name), value)
         runner.check_policy(iteration.policy, update.policy_version, where)
         runner.update += 1

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from collections import deque
 from collections.abc import Iterable, Iterator
 from datetime import datetime
 from math import inf, isnan
@@ -34,7 +33,6 @@ BEST_POLICY = "best_policy.npz"
 BEST_IN_RUN = "checkpoints/best_policy"  # what best_policy.npz was before the last policy replaced it
 FINAL_EVALUATION = "final_evaluation.txt"
 FIRST_POLICY = "first_policy.npz"  # initial policy, if one was given
-MOST_RECENT = 256  # lines of the curve that stay in memory for display
 RAW = "raw.mcap"  # of the recorder node, which starts before the learner
 BEFORE_A_RUN = {
     "checkpoints",
@@ -109,10 +107,10 @@ class Report:
         folder: an empty folder, or the folder of the run that resumes.
         config: configuration of the run.
         spaces: spaces of its task.
-        done: number of finished iterations; their lines stay in curve.csv, later lines are removed.
+        rows: rows of the finished iterations.
 
     Attributes:
-        recent: the last lines of the learning curve.
+        rows: the rows of the learning curve so far.
         best_policy: the policy of best_policy.npz; None before the first evaluation.
         final: the evaluation at the end of the run, if there was one.
 
@@ -120,7 +118,7 @@ class Report:
         OSError: the folder cannot be written.
     """
 
-    def __init__(self, folder: Path, config: Config, spaces: Spaces, done: int = 0) -> None:
+    def __init__(self, folder: Path, config: Config, spaces: Spaces, rows: Iterable[Row] = ()) -> None:
         self.folder = folder
         self._config = config
         self._curve = Curve(folder / "curve.csv")
@@ -128,14 +126,14 @@ class Report:
         self._spaces = spaces
         self.final: FinalEvaluation | None = None
         self._undo_decision()
-        rows = self._curve.rows()[:done]
-        self.recent = deque(rows, MOST_RECENT)
-        self._best, self.best_policy = self._best_of(rows)
+        self.rows = list(rows)
+        done = len(self.rows)
+        self._best, self.best_policy = self._best_of(self.rows)
         self._attempts = Attempts(folder, config.task, spaces, done)
-        self._began = time.monotonic() - (rows[-1].seconds if rows else 0.0)
+        self._began = time.monotonic() - (self.rows[-1].seconds if self.rows else 0.0)
         self._configuration = config_comments.resumed(folder / CONFIGURATION, resolved(config), done)
         write_whole(folder / CONFIGURATION, self._configuration.encode())
-        self._curve.begin(rows)
+        self._curve.begin(self.rows)
 
     def add(self, iteration: Iteration) -> None:
         """Write the line of an iteration, and add to config.yaml what the iteration found about the task.
@@ -145,7 +143,7 @@ class Report:
         """
         row = Row.of(iteration, time.monotonic() - self._began)
         self._curve.append(row)
-        self.recent.append(row)
+        self.rows.append(row)
         self._attempts.add(iteration.number, iteration.exploration)
         self._save_if_best(iteration)
         if comments := config_comments.found_comments(iteration, self._config.training):

@@ -21,10 +21,10 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.recordings.recording import FILE
 from rkhs_ros.rollouts.final_evaluation import final_evaluation
-from rkhs_ros.runs.checkpoint import REMEDY, WHOLE, Checkpoints
+from rkhs_ros.runs.checkpoint import Checkpoints
 from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.control import Control, Rest
-from rkhs_ros.runs.curve import Curve, Row
+from rkhs_ros.runs.curve import Row
 from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.report import FIRST_POLICY, Report, advice_in, begin, is_started, new_folder, old_folder
 from rkhs_ros.runs.tensorboard import has_events, logged
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from rkhs_ros.runs.recorded import RecordableRunner, RecordingRunner
 
 RECORDED = "the recording of this run (restore it, or start another run with --record)"
-OnIteration = Callable[[Iteration, Sequence[Row]], None]  # takes an iteration and the last lines of the curve
+OnIteration = Callable[[Iteration, Sequence[Row]], None]  # takes an iteration and the curve so far
 
 
 OnAdvice = Callable[[Advice], None]
@@ -97,7 +97,7 @@ def run_training(
     )
     with closing(steps):
         for iteration, report in steps:
-            on_iteration(iteration, report.recent)
+            on_iteration(iteration, report.rows)
     return folder
 
 
@@ -144,22 +144,16 @@ def training_steps(
     with locked(folder):
         require(resume or not is_started(folder), f"{folder}", "a new or empty folder for the results", "a run")
         checkpoints = Checkpoints(folder, config, provenance_may_change=provenance_may_change)
-        curve = Curve(folder / "curve.csv")
-        rows, iterations = curve.rows(), config.training.iterations
-        lines = len(rows)
-        require(lines <= iterations, "iterations", f"at least {lines}, the number of finished iterations", iterations)
-        state = checkpoints.newest(lines) if resume else None
+        found = checkpoints.newest() if resume else None
+        state, rows = found or (None, [])
         if resume and state is None:
             _check_environment(folder, config.environment)
-            if lines > 1:  # a kill may come between the first line and the first checkpoint
-                raise ValueError(f"{folder / 'checkpoints'}: {WHOLE}, got none. {REMEDY}")
             policy = folder / "policy.npz"
-            require(lines > 0 or not policy.exists(), f"{curve.path}", f"the learning curve of {policy}", "none")
-            if curve.path.exists():
+            require(not policy.exists(), f"{folder / 'checkpoints'}", f"the checkpoints of {policy}", "none")
+            if (folder / "curve.csv").exists():
                 print(f"note: {folder}: no checkpoint to resume from; the run restarts", file=sys.stderr)
         if state:
             _check_spaces(folder, state.policy, runner.spaces)
-        done = state.iterations if state else 0
         first = state or first_state(config.training, runner.spaces, _given(folder))
         control = Control(folder, rest)
         record |= os.path.lexists(folder / FILE)  # true for a pipe or a broken link as well, which then raises
@@ -169,22 +163,22 @@ def training_steps(
             begin(folder, config)
         how = {"sync": sync, "provenance_may_change": provenance_may_change}
         recording = _recording(config, runner, folder, **how) if record else nullcontext()
-        events = logged(folder, rows[:done]) if tensorboard else nullcontext(ignore_row)
+        events = logged(folder, rows) if tensorboard else nullcontext(ignore_row)
         with recording as recorder, events as log_row:
             if state:
                 checkpoints.resume_from(state)
-            report = Report(folder, config, runner.spaces, done)  # replaces earlier results from here on
+            report = Report(folder, config, runner.spaces, rows)  # replaces earlier results from here on
             is_robot = bool(config.environment.nodes)
-            bar = progress_bar(config.training, done, quiet=quiet, folder=folder, is_robot=is_robot)
+            bar = progress_bar(config.training, len(rows), quiet=quiet, folder=folder, is_robot=is_robot)
             with finished(report), bar as show:
                 diagnosis = _diagnosis(config, runner.spaces, report)
                 for iteration in train(config.training, recorder or runner, first):
                     if recorder:
                         recorder.updated(iteration)
-                    report.add(iteration)  # before the checkpoint, which is useless without its line
-                    log_row(report.recent[-1])
-                    checkpoints.write(iteration.state)
-                    if iteration.number == iterations and report.best_policy and not is_robot:
+                    report.add(iteration)
+                    log_row(report.rows[-1])
+                    checkpoints.write(iteration.state, report.rows)
+                    if iteration.number == config.training.iterations and report.best_policy and not is_robot:
                         with _unrecorded(runner) if recorder else nullcontext():
                             best = report.best_policy
                             report.decide(final_evaluation(config.training, runner, best, iteration.policy))
@@ -207,8 +201,7 @@ def _unrecorded(runner: RecordableRunner) -> Iterator[None]:
 def _diagnosis(config: Config, spaces: Spaces, report: Report) -> Diagnosis:
     """Return the diagnosis of a run, which continues that of its earlier iterations."""
     earlier = [
-        Summary(row.exploration_return, row.evaluation_return, row.model_return, row.model_error)
-        for row in report.recent
+        Summary(row.exploration_return, row.evaluation_return, row.model_return, row.model_error) for row in report.rows
     ]
     return Diagnosis(config.training, spaces, earlier, advice_in(report.folder))
 

@@ -15,7 +15,7 @@ from rkhs_ros.recordings.batches import RecordedBatch, countable
 from rkhs_ros.recordings.following import Following, Place
 from rkhs_ros.recordings.recording import Head, faults_named, head_of, recording_file, recording_of
 from rkhs_ros.runs.config import load_config, robot_nodes
-from rkhs_ros.runs.curve import MISSING, Row
+from rkhs_ros.runs.curve import Row
 from rkhs_ros.runs.recorded import training_of
 from rkhs_ros.runs.report import is_started
 from rkhs_ros.view.source import IterationView, model_rollout_function
@@ -125,9 +125,7 @@ class Recorded:
         self.nodes: Mapping[str, Mapping[str, Any]] = robot_nodes(loaded(head.configuration))
 
     def _row(self, update: Any, place: Place) -> Row:
-        known: dict[str, Any] = {
-            name: getattr(update, name, MISSING.get(name)) for name in Row._fields if name != "seconds"
-        }
+        known = {name: getattr(update, name) for name in Row._fields if name != "seconds"}
         return Row(**known, seconds=(place.time - self._began_ns) / 1e9)
 
     def _batch(self, place: Place) -> RecordedBatch:

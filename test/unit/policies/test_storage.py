@@ -78,15 +78,6 @@ def test_a_saved_policy_is_bit_identical_after_loading(
     assert np.array_equal(loaded.act(x, exploration), policy.act(x, exploration))
 
 
-def test_the_default_noise_of_a_file_is_white(tmp_path: Path, random_policy: Make) -> None:
-    path = tmp_path / "policy.npz"
-    save_policy(path, replace(random_policy(), noise="pink"), TASK)
-    with np.load(path) as file:
-        arrays = {name: file[name] for name in file.files if name != "noise"}
-    np.savez(path, **arrays)
-    assert load_policy(path)[0].noise == "white"
-
-
 def test_angles_of_a_file_without_turns_are_in_radians(tmp_path: Path, random_policy: Make) -> None:
     path = tmp_path / "policy.npz"
     save_policy(path, random_policy(d=3), TASK)

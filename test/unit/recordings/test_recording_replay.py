@@ -15,7 +15,6 @@ from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.replay import DifferenceError, replay
 from rkhs_ros.runs.report import FIRST_POLICY
-from rkhs_ros.view.recorded import Recorded
 from test.unit.conftest import Result, assert_refused
 from test.unit.recordings.recorded_runs import CONFIG, TRAINING, Robot, longer, recorded_run
 
@@ -93,22 +92,6 @@ def test_a_run_with_an_initial_policy_replays(whole: Path, tmp_path: Path) -> No
     recording = read_recording(recorded_run(tmp_path / "run", longer(2, seed=9)))
     assert len(recording.policies[1].mean.centres) > 0
     assert len(list(replay(recording))) == 2
-
-
-def test_a_recording_without_a_count_of_steps_replays_and_is_viewed(whole: Path, tmp_path: Path) -> None:
-    at, field = 4 + 3 * 8, "uint64 steps\n"  # after the header of CDR and three numbers of 8 bytes
-    older = [
-        each._replace(content=each.content[:at] + each.content[at + 8 :], definition=each.definition.replace(field, ""))
-        if each.kind.endswith("/Update")
-        else each
-        for each in read_messages(whole).messages
-    ]
-    file = tmp_path / "older.mcap"
-    MessageFile(file, older).close()
-    assert not hasattr(read_recording(file).updates[0], "steps")
-    assert len(list(replay(read_recording(file)))) == 4
-    source = Recorded(file)
-    assert [(row.episodes, row.steps) for row in source.rows] == [(3, 0), (6, 0), (9, 0), (12, 0)]
 
 
 def test_a_flipped_count_of_steps_is_detected(whole: Path) -> None:

@@ -23,6 +23,7 @@ from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs import provenance
 from rkhs_ros.runs.checkpoint import COUNTS, Checkpoints
 from rkhs_ros.runs.config import Config, Environment
+from rkhs_ros.runs.curve import BEGINNING, Row
 from test.unit.conftest import model_free
 
 TINY = model_free(iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=3)
@@ -53,7 +54,6 @@ def config_of(way: Any) -> Config:
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "checkpoints").mkdir()
-    (tmp_path / "curve.csv").touch()
     return tmp_path
 
 
@@ -61,6 +61,10 @@ def folder(tmp_path: Path) -> Path:
 def states() -> list[State]:
     """Return the initial state and the states after the iterations of a tiny run."""
     return [iteration.state for iteration in train(TINY, TOY)]
+
+
+def rows(count: int) -> list[Row]:
+    return [BEGINNING._replace(iteration=k, seconds=0.1 * k) for k in range(1, count + 1)]
 
 
 def files(folder: Path) -> list[str]:
@@ -93,9 +97,11 @@ def test_every_algorithm_resumes_bit_identically_from_each_checkpoint(
     config = replace(config, training=replace(config.training, inputs=inputs))
     whole = list(train(config.training, TOY))
     for k, iteration in enumerate(whole[:-1], 1):
-        Checkpoints(folder, config).write(iteration.state)
-        state = Checkpoints(folder, config).newest(k)
-        assert state is not None
+        Checkpoints(folder, config).write(iteration.state, rows(k))
+        found = Checkpoints(folder, config).newest()
+        assert found is not None
+        assert repr(found.rows) == repr(rows(k))
+        state = found.state
         assert_same_state(state, iteration.state, arrays_of)
         rest = list(train(config.training, TOY, state))
         assert len(rest) == len(whole) - k
@@ -113,13 +119,13 @@ def test_checkpoints_contain_the_memory(folder: Path) -> None:
 def write(folder: Path, *states: State, config: Config = CONFIG) -> list[Path]:
     checkpoints = Checkpoints(folder, config)
     for state in states:
-        checkpoints.write(state)
+        checkpoints.write(state, rows(state.iterations))
     return [folder / "checkpoints" / f"{state.iterations:07}.npz" for state in states]
 
 
-def newest(folder: Path, config: Config = CONFIG, lines: int = 99) -> int | None:
-    state = Checkpoints(folder, config).newest(lines)
-    return None if state is None else state.iterations
+def newest(folder: Path, config: Config = CONFIG) -> int | None:
+    found = Checkpoints(folder, config).newest()
+    return None if found is None else found.state.iterations
 
 
 @pytest.mark.nightly
@@ -151,8 +157,9 @@ def test_a_flipped_bit_is_detected_or_harmless(
     content = bytearray(path.read_bytes())
     content[data.draw(st.integers(0, len(content) - 1))] ^= 1 << data.draw(st.integers(0, 7))
     path.write_bytes(content)
-    state = Checkpoints(folder, CONFIG).newest(2)
-    assert state is not None
+    found = Checkpoints(folder, CONFIG).newest()
+    assert found is not None
+    state = found.state
     assert_same_state(state, states[state.iterations - 1], arrays_of)
     assert (f"warning: {path}: skipped (" in capsys.readouterr().err) is (state.iterations == 1)
 
@@ -201,30 +208,18 @@ def test_a_damaged_checkpoint_before_an_intact_last_one_is_named(folder: Path, s
         newest(folder)
 
 
-def test_a_checkpoint_with_too_few_lines_in_the_curve_is_skipped(
-    folder: Path, states: list[State], capsys: pytest.CaptureFixture[str]
-) -> None:
-    one, two = write(folder, *states[:2])
-    assert [newest(folder, lines=lines) for lines in (3, 2)] == [2, 2]
-    assert capsys.readouterr().err == ""
-    assert newest(folder, lines=1) == 1
-    assert capsys.readouterr().err == f"warning: {two}: skipped (expected 2 lines in curve.csv, got 1)\n"
-    with pytest.raises(ValueError, match=r"curve\.csv: expected the lines of the 2 iterations before"):
-        newest(folder, lines=0)
-    assert one.exists()
-
-
 def test_the_last_iteration_is_repeated(folder: Path, states: list[State]) -> None:
     write(folder, *states)
     assert files(folder) == ["0000003.npz", "0000004.npz"]
-    longer, shorter = (replace(CONFIG, training=replace(TINY, iterations=n)) for n in (9, 3))
-    assert [newest(folder, config) for config in (CONFIG, longer, shorter)] == [3, 4, None]
+    assert [newest(folder, config) for config in (CONFIG, changed(iterations=9))] == [3, 4]
+    with pytest.raises(ValueError, match="iterations: expected at least 4, the number of finished iterations, got 3"):
+        newest(folder, changed(iterations=3))
 
 
 def test_file_names_sort_by_iteration(folder: Path, states: list[State]) -> None:
     config = replace(CONFIG, training=replace(TINY, iterations=10**6))
     write(folder, *(replace(states[0], iterations=n) for n in (99_999, 100_000)), config=config)
-    assert newest(folder, config, lines=10**6) == 100_000
+    assert newest(folder, config) == 100_000
 
 
 def changed(**changes: Any) -> Config:
@@ -272,9 +267,9 @@ def test_settings_without_effect_on_results_may_differ(folder: Path, states: lis
 def test_a_checkpoint_of_another_schema_is_rejected(folder: Path, states: list[State]) -> None:
     path, *_ = write(folder, states[0])
     arrays = unpacked(path.read_bytes())
-    about = arrays["about"].item().replace(b'"schema": 6', b'"schema": 7').replace(__version__.encode(), b"9.8.7")
+    about = arrays["about"].item().replace(b'"schema": 7', b'"schema": 8').replace(__version__.encode(), b"9.8.7")
     path.write_bytes(packed({"about": np.array(about)}))
-    with pytest.raises(ValueError, match=r"a checkpoint of schema 6, got schema 7. Resume with rkhs_ros 9\.8\.7"):
+    with pytest.raises(ValueError, match=r"a checkpoint of schema 7, got schema 8. Resume with rkhs_ros 9\.8\.7"):
         newest(folder)
 
 
@@ -309,17 +304,17 @@ def test_a_checkpoint_of_other_code_or_libraries_is_rejected(
         newest(folder)
     assert ", or resume regardless with --allow-provenance-change" in str(refusal.value)
     checkpoints = Checkpoints(folder, CONFIG, provenance_may_change=True)
-    state = checkpoints.newest(99)
-    assert state is not None
-    assert state.iterations == 2
-    checkpoints.write(state)
+    found = checkpoints.newest()
+    assert found is not None
+    assert found.state.iterations == 2
+    checkpoints.write(*found)
     assert newest(folder) == 2  # the run now belongs to this code
 
 
 def test_settings_may_not_change_with_the_provenance(folder: Path, states: list[State]) -> None:
     write(folder, *states[:2])
     with pytest.raises(ValueError, match=r"seed: expected 0 as at the start of the run, got 1. Start another run$"):
-        Checkpoints(folder, changed(seed=1), provenance_may_change=True).newest(99)
+        Checkpoints(folder, changed(seed=1), provenance_may_change=True).newest()
 
 
 def test_the_code_digest_depends_on_the_source_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -370,9 +365,9 @@ def test_the_disk_is_synced_once_a_second(folder: Path, states: list[State], syn
     checkpoints = Checkpoints(folder, CONFIG, clock=clock)
     due = []
     for k, clock.now in enumerate((0.2, 0.99, 1.0, 1.5, 1.99, 2.0, 2.5, 7.0, 7.5), 1):
-        checkpoints.write(replace(states[0], iterations=k))
+        checkpoints.write(replace(states[0], iterations=k), rows(k))
         if synced:
-            assert synced == ["curve.csv", f"{k:07}.npz.part", "checkpoints"]
+            assert synced == [f"{k:07}.npz.part", "checkpoints"]
             due.append(clock.now)
         synced.clear()
     assert due == [1.0, 2.0, 7.0]
@@ -383,7 +378,7 @@ def test_the_last_two_and_the_newest_synced_checkpoints_stay(folder: Path, state
     checkpoints = Checkpoints(folder, CONFIG, clock=clock)
     stored = []
     for k, clock.now in enumerate((0.0, 0.1, 0.2, 1.0, 1.1, 1.2, 1.3, 2.1, 3.2, 3.3), 1):
-        checkpoints.write(replace(states[0], iterations=k))
+        checkpoints.write(replace(states[0], iterations=k), rows(k))
         stored.append([int(name[:7]) for name in files(folder)])
     assert stored == [[1], [1, 2], [2, 3], [3, 4], [4, 5], [4, 5, 6], [4, 6, 7], [7, 8], [8, 9], [9, 10]]
 
@@ -391,13 +386,11 @@ def test_the_last_two_and_the_newest_synced_checkpoints_stay(folder: Path, state
 def test_the_checkpoint_of_a_resumed_run_is_synced(folder: Path, states: list[State], synced: list[str]) -> None:
     write(folder, *states[:2])
     checkpoints = Checkpoints(folder, CONFIG, clock=Clock())
-    state = checkpoints.newest(1)
-    assert state is not None
-    checkpoints.resume_from(state)
+    checkpoints.resume_from(states[0])
     assert synced == ["0000001.npz", "checkpoints"]
-    assert files(folder) == ["0000001.npz"]  # later ones contain digests of lines with other seconds
+    assert files(folder) == ["0000001.npz"]
     for k in (2, 3, 4, 5):
-        checkpoints.write(replace(states[0], iterations=k))
+        checkpoints.write(replace(states[0], iterations=k), rows(k))
     assert files(folder) == ["0000001.npz", "0000004.npz", "0000005.npz"]
 
 
@@ -406,11 +399,9 @@ def test_an_incomplete_file_is_ignored_and_deleted(folder: Path, states: list[St
     for name in ("0000001.npz.part", "0000002.npz.part", "0000009.npz.part"):
         (folder / "checkpoints" / name).write_bytes(one.read_bytes())
     checkpoints = Checkpoints(folder, CONFIG)
-    state = checkpoints.newest(9)
-    assert state is not None
-    assert state.iterations == 1
-    checkpoints.resume_from(state)
-    checkpoints.write(states[1])
+    assert newest(folder) == 1
+    checkpoints.resume_from(states[0])
+    checkpoints.write(states[1], rows(2))
     assert files(folder) == ["0000001.npz", "0000002.npz"]
 
 
