@@ -52,9 +52,7 @@ def _return(name: str, episodes: int, seed: int, rounds: int) -> float:
     config = load_config(ROOT / "config" / f"{name}.yaml", [f"seed={seed}"])
     runner = runner_of(config.environment)
     with tempfile.TemporaryDirectory() as folder:
-        recording = read_recording(
-            run_training(_exploring(config, episodes), runner, Path(folder), quiet=True, record=True)
-        )
+        recording = read_recording(run_training(_exploring(config, episodes), runner, Path(folder), quiet=True))
     recorded = all_episodes({"recording": recording})
     training = replace(config.training, iterations=rounds)
     *_, last = learn_offline(training, runner.spaces, recorded)

@@ -58,7 +58,7 @@ def main(runs: Sequence[str], iterations: int, repeats: int) -> None:
         for _ in range(repeats):
             with tempfile.TemporaryDirectory() as folder:
                 watch.seconds, begin = 0.0, time.process_time()
-                run_training(config, runner_of(config.environment), Path(folder), quiet=True, record=True)
+                run_training(config, runner_of(config.environment), Path(folder), quiet=True)
                 whole.append(time.process_time() - begin)
                 writing.append(watch.seconds)
                 size = (Path(folder) / "recording.mcap").stat().st_size

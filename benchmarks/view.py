@@ -121,7 +121,7 @@ def timings(rounds: int, window_s: float, settle_s: float) -> dict[str, list[tup
     found: dict[str, list[tuple[float, float]]] = {kind: [] for kind in KINDS}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "run"
-        train_options = ("--runner", "ros", "--quiet", "--record", "--iterations", 100_000, "--out", folder)
+        train_options = ("--runner", "ros", "--quiet", "--iterations", 100_000, "--out", folder)
         with process("train", CONFIG, *train_options):
             rows_once(folder, WARM_UP)
             with process("view", folder) as page, browser.started() as chromium:

@@ -45,7 +45,6 @@ class LearnSettings(TypedDict, total=False):
         out: new or empty folder for the files of a run, those of ``rkhs train --out``; without it, nothing is written.
         resume: resume the run in ``out``, which needs equal settings except for ``iterations``; start it if there is
             none.
-        record: write recording.mcap to ``out``, for replay, offline training and viewing.
         tensorboard: log each iteration for TensorBoard, in ``out``.
     """
 
@@ -67,7 +66,6 @@ class LearnSettings(TypedDict, total=False):
     num_envs: int
     out: str | Path
     resume: bool
-    record: bool
     tensorboard: bool
 
 

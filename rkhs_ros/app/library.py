@@ -45,7 +45,7 @@ from rkhs_ros.runs.tensorboard import has_events
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FOLDER_SETTINGS: Mapping[str, Any] = {"out": None, "resume": False, "record": False, "tensorboard": False}
+FOLDER_SETTINGS: Mapping[str, Any] = {"out": None, "resume": False, "tensorboard": False}
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,6 @@ class _Prepared(NamedTuple):
         first_policy: its initial policy, if one was given.
         out: folder of its files; None for a run without files.
         resume: whether to resume the run in the folder, if there is one.
-        record: whether to record the run.
         tensorboard: whether to write TensorBoard events.
     """
 
@@ -203,7 +202,6 @@ class _Prepared(NamedTuple):
     first_policy: Policy | None
     out: Path | None
     resume: bool
-    record: bool
     tensorboard: bool
 
 
@@ -212,7 +210,7 @@ def _prepared(environment: Source, algorithm: Algorithm | str | None, settings: 
     _check_order(environment)
     given = dict(settings)
     start, options, num_envs = given.pop("policy", None), given.pop("options", None), given.pop("num_envs", 0)
-    out, resume, record, tensorboard = _folder_settings(given)
+    out, resume, tensorboard = _folder_settings(given)
     simulation = Simulation(environment, options, num_envs)
     with ExitStack() as undo:
         undo.callback(simulation.close)
@@ -227,26 +225,26 @@ def _prepared(environment: Source, algorithm: Algorithm | str | None, settings: 
         undo.pop_all()
     if "horizon" not in given:
         warn_of_horizon(simulation, training.horizon, given=False)
-    return _Prepared(config, InlineRunner(simulation), first, warm_start, out, resume, record, tensorboard)
+    return _Prepared(config, InlineRunner(simulation), first, warm_start, out, resume, tensorboard)
 
 
-def _folder_settings(given: dict[str, Any]) -> tuple[Path | None, bool, bool, bool]:
+def _folder_settings(given: dict[str, Any]) -> tuple[Path | None, bool, bool]:
     """Remove the settings of the folder from the given ones.
 
     Returns:
-        The folder, whether to resume, whether to record, and whether to write TensorBoard events.
+        The folder, whether to resume, and whether to write TensorBoard events.
 
     Raises:
         ValueError: a setting is invalid or needs a folder, or tensorboardX is needed and not installed.
     """
     out, *switches = (given.pop(name, unset) for name, unset in FOLDER_SETTINGS.items())
     require(out is None or isinstance(out, str | Path), "out", "a folder", out)
-    for name, value in zip(("resume", "record", "tensorboard"), switches, strict=True):
+    for name, value in zip(("resume", "tensorboard"), switches, strict=True):
         require(isinstance(value, bool), name, "True or False", value)
         require(out is not None or not value, name, "out=FOLDER as well", "none")
-    resume, record, tensorboard = switches
+    resume, tensorboard = switches
     has_events(None, tensorboard)
-    return None if out is None else Path(out), resume, record, tensorboard
+    return None if out is None else Path(out), resume, tensorboard
 
 
 def _made_folder(out: Path, config: Config, first_policy: Policy | None, *, resume: bool) -> bool:
@@ -335,9 +333,7 @@ def _in_folder(run: _Prepared, out: Path, quiet: bool) -> Steps:
     from rkhs_ros.pictures.run_pictures import draw_run  # here, since the import is slow
 
     resume = _made_folder(out, run.config, run.first_policy, resume=run.resume)  # again: another run may have begun
-    steps = training_steps(
-        run.config, run.runner, out, quiet=quiet, resume=resume, record=run.record, tensorboard=run.tensorboard
-    )
+    steps = training_steps(run.config, run.runner, out, quiet=quiet, resume=resume, tensorboard=run.tensorboard)
     has_learnt = False
     try:
         with closing(steps):

@@ -75,7 +75,6 @@ def make_missing(
     title: str,
     quiet: bool,
     drawn: bool = False,
-    record: bool = False,
     tensorboard: bool = False,
     provenance_may_change: bool = False,
 ) -> dict[Path, str]:
@@ -87,11 +86,10 @@ def make_missing(
         title: title of the progress bar.
         quiet: show no progress bar.
         drawn: plot each run.
-        record: record each run.
         tensorboard: write TensorBoard events of each run.
         provenance_may_change: resume runs of other code or libraries.
     """
-    how = drawn, record, tensorboard, provenance_may_change
+    how = drawn, tensorboard, provenance_may_change
     missing = [(path, each, *how) for path, each in runs.items() if not _is_done(path, each, drawn)]
     ends: dict[Path, str | None] = {}
     try:
@@ -116,7 +114,7 @@ def _is_done(folder: Path, config: Config, drawn: bool) -> bool:
 
 
 def _make(
-    folder: Path, config: Config, drawn: bool, record: bool, tensorboard: bool, provenance_may_change: bool
+    folder: Path, config: Config, drawn: bool, tensorboard: bool, provenance_may_change: bool
 ) -> tuple[Path, str | None]:
     """Start or resume a run; return its folder and its error, which is None if the run succeeded."""
     try:
@@ -130,7 +128,6 @@ def _make(
                 folder,
                 quiet=True,
                 resume=True,
-                record=record,
                 tensorboard=tensorboard,
                 provenance_may_change=provenance_may_change,
             )

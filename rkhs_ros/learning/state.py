@@ -29,7 +29,7 @@ class State:
     Attributes:
         iterations: number of completed iterations.
         policy: the policy after them.
-        memory: episodes that the algorithm stores, or all episodes for model-based training; empty at first.
+        memory: episodes that the next update reuses, or all episodes for model-based training; empty at first.
         explored: number of exploration episodes so far, which is the number of the next one.
         evaluated: number of evaluation episodes so far.
         steps: number of environment steps of the exploration episodes so far.
@@ -105,6 +105,25 @@ def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy |
     memory = Episodes.none(training.horizon, spaces.observation_dim, spaces.action_dim)
     is_model_based = isinstance(training.model, ModelBased)
     return State(0, policy, memory if is_model_based else memory.with_inputs(policy.inputs), 0, 0, 0)
+
+
+def remembered(
+    memory: Episodes, exploration: Episodes, training: Training, policy: GaussianPolicy, spaces: Spaces
+) -> Episodes:
+    """Return the memory of a run after an iteration.
+
+    Args:
+        memory: memory before the iteration.
+        exploration: exploration episodes of the iteration, as observed.
+        training: the learner's settings.
+        policy: the policy, whose inputs and action repeat are constant without a model.
+        spaces: spaces of the task.
+    """
+    if isinstance(training.model, ModelBased):
+        return memory + exploration
+    repeat, discount = policy.action_repeat, training.discount
+    episodes = exploration.decisions(repeat, discount, spaces).with_inputs(policy.inputs)
+    return training.algorithm.remembered(episodes + memory, discount**repeat)
 
 
 def chooses_action_repeat(state: State, training: Training) -> bool:

@@ -17,7 +17,14 @@ from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
 from rkhs_ros.learning.model_based.real_experience import RealExperience, is_stuck
 from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.model_based.training_in_model import ModelUpdate, train_in_model
-from rkhs_ros.learning.state import State, chooses_action_repeat, first_state, first_variance, may_correct_action_repeat
+from rkhs_ros.learning.state import (
+    State,
+    chooses_action_repeat,
+    first_state,
+    first_variance,
+    may_correct_action_repeat,
+    remembered,
+)
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
@@ -240,7 +247,7 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
     policy = with_action_repeat(state, training, exploration)
     earlier: tuple[GaussianPolicy, ...] = ()
     if isinstance(training.model, ModelBased):
-        memory = state.memory + exploration
+        memory = remembered(state.memory, exploration, training, policy, spaces)
         model_update = _train_in_model(training.model, training, policy, memory, spaces, state)
         earlier = (state.policy, *state.earlier)[:EARLIER]
         policy, metrics = model_update.policy, model_update.metrics
@@ -256,7 +263,8 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
         experience = Experience(
             episodes, training.discount**repeat, state.memory, collector.try_out, variance, state.iterations
         )
-        policy, metrics, memory = training.algorithm.update(policy, experience)
+        policy, metrics = training.algorithm.update(policy, experience)
+        memory = remembered(state.memory, exploration, training, policy, spaces)
         model_return, model_error, optimistic = float("nan"), float("nan"), False
     done = state.iterations + 1
     due = training.evaluate_every > 0 and done % training.evaluate_every == 0

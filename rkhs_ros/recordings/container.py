@@ -201,10 +201,9 @@ def read_messages(path: Path) -> Found:
             require_expansion(unpacked, size, f"{path}")
     if scan.missing:
         found.faults.append(f"{scan.missing} messages are missing")
-    if not ended:
+    if not ended and size > at:
         found.lost += size - at
-        rest = f"{size - at} bytes at the end skipped" if size > at else "the file was not closed, but nothing is lost"
-        found.faults.append(f"incomplete after {len(found.messages)} messages: {rest}")
+        found.faults.append(f"incomplete after {len(found.messages)} messages: {size - at} bytes at the end skipped")
     return found
 
 

@@ -9,9 +9,9 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from rkhs_ros.base.files import open_regular, read_whole, write_whole
+from rkhs_ros.base.files import open_regular
 from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.messages import episodes_of, executions_of
@@ -21,10 +21,8 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.batches import RecordedBatch, countable, finished_episodes
+from rkhs_ros.recordings.container import Found, Stored, read_messages
 from rkhs_ros.recordings.definitions import PACKAGE, decoded, store_of_all
-
-if TYPE_CHECKING:
-    from rkhs_ros.recordings.container import Found, Stored
 
 FILE = "recording.mcap"
 BAG = "metadata.yaml"  # in the folder of a bag
@@ -147,7 +145,7 @@ def recording_file(path: Path) -> Path:
     if not path.is_dir() or (path / BAG).is_file():
         return path
     if not (path / FILE).is_file():
-        raise FileNotFoundError(f"{path}: no {FILE} in this folder. Record runs with rkhs train --record")
+        raise FileNotFoundError(f"{path}: no {FILE} in this folder")
     return path / FILE
 
 
@@ -178,23 +176,43 @@ def read_recording(path: Path) -> Recording:
     return recording
 
 
-def read_held(path: Path) -> tuple[Recording, list[Stored]]:
-    """Return the recording of a run that resumes, and its messages; both are empty without a file or a header.
+def read_held(path: Path, iterations: int, *, keeps_later: bool) -> tuple[Recording, list[Stored]]:
+    """Return the recording of a run that resumes after an iteration, and its messages; both are empty without a file.
 
-    The run rewrites the file with these messages. A damaged file is copied first, since it may be repairable.
+    The run rewrites the file with these messages.
+
+    Args:
+        path: the recording.
+        iterations: number of finished iterations.
+        keeps_later: whether to keep what was recorded after the iteration, except updates, since the episodes of a
+            robot are not repeated.
 
     Raises:
-        ValueError: the file is not a recording.
-        OSError: the file cannot be read or copied.
+        ValueError: the file is not a recording of these iterations.
+        OSError: the file cannot be read.
     """
-    if not os.path.lexists(path):
-        return Recording(), []
-    found = _whole(path)
-    with faults_named(path):
-        recording = recording_of(_ours(found.messages))
-    if found.lost or (found.messages and not recording.head):
-        _copy_damaged(path)
-    return (recording, found.messages) if recording.head else (Recording(), [])
+    found = _whole(path) if os.path.lexists(path) else None
+    if found is None:
+        recording, messages = Recording(), list[Stored]()
+    else:
+        with faults_named(path):
+            messages = list(_until(found.messages, iterations, keeps_later))
+            recording = recording_of(_ours(messages))
+    updates = [update.iteration for update in recording.updates]
+    expected = f"the updates of the {iterations} finished iterations"
+    require(updates == list(range(1, iterations + 1)), f"{path}", expected, f"{len(updates)} updates")
+    return (recording, messages) if recording.head else (Recording(), [])
+
+
+def _until(messages: Iterable[Stored], iterations: int, keeps_later: bool) -> Iterator[Stored]:
+    """Yield the messages up to the update of an iteration, and the headers or all messages but updates after it."""
+    is_past = iterations == 0
+    for stored in messages:
+        is_update = stored.kind == f"{PACKAGE}Update"
+        if not is_past or (not is_update and (keeps_later or stored.kind == f"{PACKAGE}Task")):
+            yield stored
+        if is_update and not is_past:
+            is_past = decoded(stored.content, stored.kind, stored.definition).iteration == iterations
 
 
 @contextmanager
@@ -215,17 +233,8 @@ def faults_named(path: Path) -> Iterator[None]:
         raise ValueError(f"{path}: expected the messages of a run, got invalid ones ({truncated(why)})") from error
 
 
-def _copy_damaged(path: Path) -> None:
-    count = len(list(path.parent.glob(f"{path.stem}_damaged_*{path.suffix}")))
-    copy = path.with_name(f"{path.stem}_damaged_{count + 1}{path.suffix}")
-    write_whole(copy, read_whole(path))
-    print(f"warning: {path}: copied the damaged file to {copy}", file=sys.stderr)
-
-
 def _whole(path: Path) -> Found:
     """Return the intact messages of an MCAP file; print warnings about damaged parts."""
-    from rkhs_ros.recordings.container import read_messages  # here, since only recordings need mcap
-
     found = read_messages(path)
     for fault in found.faults:
         print(f"warning: {path}: {fault}", file=sys.stderr)

@@ -6,7 +6,6 @@ import json
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,11 +17,12 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.state import State
 from rkhs_ros.policies.storage import packed, policy_arrays, policy_of, unpacked
+from rkhs_ros.recordings.recording import FILE
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import KINDS, Row
 from rkhs_ros.runs.provenance import provenance
 
-SCHEMA = 7
+SCHEMA = 8
 ACCEPT = "--allow-provenance-change"  # option of ``rkhs train``
 SYNC_EVERY = 1.0  # seconds; waiting for the disk takes longer than many iterations
 STORED = 2  # newest checkpoints that are not deleted
@@ -30,7 +30,6 @@ FREE = ("iterations", "timeout")  # settings that do not affect the result of an
 COUNTS = ("iterations", "explored", "evaluated", "steps")  # of a state
 REMEDY = "Restore the file, or train in another folder."
 WHOLE = "expected an intact checkpoint to resume from"
-MEMORY = [f.name for f in fields(Episodes)]
 ROW = np.dtype(list(KINDS.items()))
 
 
@@ -42,7 +41,7 @@ class Checkpoint(NamedTuple):
     """The progress of a run after an iteration.
 
     Attributes:
-        state: the state of the run.
+        state: the state of the run; read from a file, its memory is empty, since the recording contains the episodes.
         rows: the rows of its learning curve.
     """
 
@@ -61,9 +60,6 @@ class Checkpoints:
         config: configuration of the run.
         provenance_may_change: whether to resume a run of other code or libraries.
         clock: monotonic clock in seconds.
-
-    Attributes:
-        recorded: whether the run is recorded; stored in each checkpoint, and read by `newest`.
     """
 
     def __init__(
@@ -75,12 +71,12 @@ class Checkpoints:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._folder = folder / "checkpoints"
+        self._recording = folder / FILE
         self._config = config
         self._clock = clock
         self._synced_at = clock()
         self._synced: Path | None = None
         self._last: list[Path] = []
-        self.recorded = False
         self._provenance = provenance()
         self._compared = config.settings if provenance_may_change else config.settings | self._provenance
 
@@ -92,6 +88,8 @@ class Checkpoints:
         """
         now = self._clock()
         due = now - self._synced_at >= SYNC_EVERY
+        if due:
+            sync_to_disk(self._recording)  # first, since a checkpoint without the recorded episodes is useless
         path = self._path(state.iterations)
         write_whole(path, self._content(state, rows), sync=due)
         if due:
@@ -133,8 +131,8 @@ class Checkpoints:
             raise OtherRunError(f"{damaged[0]}: {WHOLE}, got damaged ones only. {REMEDY}")
         return None
 
-    def last(self) -> State:
-        """Return the state after the last iteration, from the newest intact checkpoint; warn for each damaged one.
+    def last(self) -> Checkpoint:
+        """Return the newest intact checkpoint; print a warning for each damaged one.
 
         Raises:
             ValueError: there is no intact checkpoint, or it has another schema or other settings.
@@ -142,7 +140,7 @@ class Checkpoints:
         """
         for path in sorted(self._folder.glob("*.npz"), reverse=True):
             if found := self._read(path):
-                return found.state
+                return found
         raise ValueError(f"{self._folder}: expected an intact checkpoint, got none")
 
     def resume_from(self, state: State) -> None:
@@ -166,15 +164,14 @@ class Checkpoints:
 
     def _content(self, state: State, rows: Sequence[Row]) -> bytes:
         run = {"settings": self._config.settings, "provenance": self._provenance}
-        about = {"schema": SCHEMA, "version": __version__, "recorded": self.recorded, **run}
+        about = {"schema": SCHEMA, "version": __version__, **run}
         counts = {name: getattr(state, name) for name in COUNTS}
-        memory = {f"memory_{name}": getattr(state.memory, name) for name in MEMORY}
         about |= counts | {"earlier": len(state.earlier)}
         earlier = {
             f"earlier_{i}_{n}": a for i, each in enumerate(state.earlier) for n, a in policy_arrays(each).items()
         }
         progress = {"about": np.array(json.dumps(about).encode()), "rows": np.array(list(rows), dtype=ROW)}
-        return packed({**progress, **policy_arrays(state.policy), **earlier, **memory})
+        return packed({**progress, **policy_arrays(state.policy), **earlier})
 
     def _read(self, path: Path) -> Checkpoint | None:
         """Return the content of a checkpoint; None if it is damaged."""
@@ -182,15 +179,14 @@ class Checkpoints:
             arrays = unpacked(read_whole(path))
             about = json.loads(arrays["about"].item())
             _check_same_run(path, about, self._compared)
-            memory = Episodes(*(arrays[f"memory_{name}"] for name in MEMORY))
             counts = {name: about[name] for name in COUNTS}
             good = all(type(count) is int and count >= 0 for count in counts.values())
             require(good, "counts", "whole numbers >= 0", counts)
             rows = [Row(*row) for row in arrays["rows"].astype(ROW).tolist()]
             require(len(rows) == counts["iterations"], "rows", f"{counts['iterations']}, one per iteration", len(rows))
-            self.recorded |= about["recorded"]
             earlier = tuple(policy_of(_named(f"earlier_{i}_", arrays)) for i in range(about["earlier"]))
-            return Checkpoint(State(policy=policy_of(arrays), memory=memory, earlier=earlier, **counts), rows)
+            policy, none = policy_of(arrays), Episodes.none(1, 1, 1)
+            return Checkpoint(State(policy=policy, memory=none, earlier=earlier, **counts), rows)
         except OtherRunError:
             raise
         except Exception as error:  # a damaged archive raises almost anything

@@ -5,16 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 from rkhs_ros.policies.storage import read_policy
+from rkhs_ros.recordings.recording import FILE, read_recording
 from rkhs_ros.rollouts.model_env import LearntModel
 from rkhs_ros.runs.checkpoint import Checkpoints
 from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.recorded import with_memory
 from rkhs_ros.runs.report import CONFIGURATION, last_policy
 
 
 def load_model(folder: str | Path) -> LearntModel:
     """Return the dynamics model of a run.
 
-    It is fitted to the real episodes in the run's last checkpoint. With the same code and libraries, it is
+    It is fitted to all real episodes of the run, which are in its recording. With the same code and libraries, it is
     bit-identical to the model of the run's last iteration.
 
     Args:
@@ -30,4 +32,6 @@ def load_model(folder: str | Path) -> LearntModel:
     config, spaces = load_config(folder / CONFIGURATION), read_policy(policy).spaces
     if spaces is None:
         raise ValueError(f"{policy}: expected a policy with the spaces of its task, got one without")
-    return LearntModel.of(config.training, Checkpoints(folder, config, provenance_may_change=True).last(), spaces)
+    training, found = config.training, Checkpoints(folder, config, provenance_may_change=True).last()
+    episodes = read_recording(folder).by_numbers()
+    return LearntModel.of(training, with_memory(found, training, spaces, episodes, f"{folder / FILE}"), spaces)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import groupby
@@ -15,15 +15,17 @@ from rkhs_ros.base.yaml_text import loaded
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.execution import Record
 from rkhs_ros.learning.replay import check_actions
+from rkhs_ros.learning.state import State, remembered
 from rkhs_ros.learning.training import Iteration, Runner
 from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
+from rkhs_ros.recordings.batches import RecordedBatch
 from rkhs_ros.recordings.container import MessageFile
 from rkhs_ros.recordings.recorder import Recorder
-from rkhs_ros.recordings.recording import FILE, Head, Recording, read_held
-from rkhs_ros.runs.checkpoint import ACCEPT, FREE
+from rkhs_ros.recordings.recording import FILE, Head, read_held
+from rkhs_ros.runs.checkpoint import ACCEPT, FREE, Checkpoint
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.provenance import provenance_lines
 from rkhs_ros.runs.report import FIRST_POLICY, resolved
@@ -41,12 +43,20 @@ class RecordingRunner:
     Args:
         runner: the other runner.
         recorder: recorder of the run.
-        held: content of the recording when the run resumed.
+        held: recorded episodes that no update has used yet, by number.
+        state: state of the run, from which it resumes; None for a new run.
     """
 
-    def __init__(self, runner: RecordableRunner, recorder: Recorder, held: Recording) -> None:
+    def __init__(
+        self,
+        runner: RecordableRunner,
+        recorder: Recorder,
+        held: Mapping[Batch, RecordedBatch],
+        state: State | None = None,
+    ) -> None:
+        self.state = state
         self._runner = runner
-        self._held = held.by_numbers()
+        self._held = held
         self._recorder = recorder
 
     @property
@@ -85,7 +95,13 @@ class RecordingRunner:
 
 @contextmanager
 def recorded(
-    config: Config, runner: RecordableRunner, folder: Path, *, sync: bool, provenance_may_change: bool = False
+    config: Config,
+    runner: RecordableRunner,
+    folder: Path,
+    found: Checkpoint | None,
+    *,
+    sync: bool,
+    provenance_may_change: bool = False,
 ) -> Iterator[RecordingRunner]:
     """Record a run in its folder, or continue its recording.
 
@@ -93,29 +109,60 @@ def recorded(
         config: configuration of the run.
         runner: runner of the episodes.
         folder: folder of the run.
+        found: checkpoint from which the run resumes; None for a new run.
         sync: sync each message to the disk, such as for a robot, whose episodes are costly.
         provenance_may_change: whether to continue a recording of other code or libraries, with a new header.
 
     Raises:
-        ValueError: the recording belongs to another run.
+        ValueError: the recording belongs to another run, or lacks finished iterations or their episodes.
         OSError: the recording cannot be read or written.
     """
     file, head = folder / FILE, head_of_run(config, runner.spaces, warm_start=(folder / FIRST_POLICY).exists())
-    held, messages = read_held(file)
+    done, is_robot = len(found.rows) if found else 0, bool(config.environment.nodes)
+    held, messages = read_held(file, done, keeps_later=is_robot)
     is_new = not held.heads or held.heads[-1].versions != head.versions
     if held.head:
         _check_same_run(file, held.head, head)
         expected = f"a recording with the current versions (or {ACCEPT})"
         require(provenance_may_change or not is_new, f"{file}", expected, "other versions")
+    episodes = held.by_numbers()
+    state = with_memory(found, config.training, runner.spaces, episodes, f"{file}") if found else None
+    counts = (state.evaluated, state.explored) if state else (0, 0)
+    later = {each: episode for each, episode in episodes.items() if each.first_episode >= counts[each.explore]}
     recorder, record_before = Recorder(MessageFile(file, messages, sync=sync), held), runner.record
     runner.record = recorder.ended
     try:
         if is_new:
             recorder.begin(head)
-        yield RecordingRunner(runner, recorder, held)
+        yield RecordingRunner(runner, recorder, later, state)
     finally:
         runner.record = record_before
         recorder.close()
+
+
+def with_memory(
+    found: Checkpoint, training: Training, spaces: Spaces, episodes: Mapping[Batch, RecordedBatch], what: str
+) -> State:
+    """Return the state of a checkpoint with its memory, from the recorded episodes.
+
+    Args:
+        found: the checkpoint.
+        training: settings of the run.
+        spaces: spaces of its task.
+        episodes: the recorded episodes by number.
+        what: name of the recording, used in error messages.
+
+    Raises:
+        ValueError: an episode is not recorded.
+    """
+    memory = found.state.memory
+    for begin in [0, *(row.episodes for row in found.rows)][: len(found.rows)]:
+        batch = Batch(training.seed, begin, training.episodes_per_iteration, training.horizon, explore=True)
+        missing = [each.first_episode for each in batch.parts(1) if each not in episodes]
+        require(not missing, what, "the exploration episodes of the finished iterations", f"none of number {missing}")
+        exploration = Episodes.concatenate(episodes[each].episodes for each in batch.parts(1))
+        memory = remembered(memory, exploration, training, found.state.policy, spaces)
+    return replace(found.state, memory=memory)
 
 
 def head_of_run(config: Config, spaces: Spaces, *, warm_start: bool) -> Head:

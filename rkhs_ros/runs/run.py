@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
+from contextlib import closing, contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rkhs_ros.base.lock import locked
 from rkhs_ros.base.validation import require
@@ -19,20 +17,16 @@ from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import load_policy
-from rkhs_ros.recordings.recording import FILE
 from rkhs_ros.rollouts.final_evaluation import final_evaluation
 from rkhs_ros.runs.checkpoint import Checkpoints
 from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.control import Control, Rest
 from rkhs_ros.runs.curve import Row
 from rkhs_ros.runs.progress import progress_bar
+from rkhs_ros.runs.recorded import RecordableRunner, recorded
 from rkhs_ros.runs.report import FIRST_POLICY, Report, advice_in, begin, is_started, new_folder, old_folder
 from rkhs_ros.runs.tensorboard import has_events, logged
 
-if TYPE_CHECKING:
-    from rkhs_ros.runs.recorded import RecordableRunner, RecordingRunner
-
-RECORDED = "the recording of this run (restore it, or start another run with --record)"
 OnIteration = Callable[[Iteration, Sequence[Row]], None]  # takes an iteration and the curve so far
 
 
@@ -54,7 +48,6 @@ def run_training(
     *,
     quiet: bool = False,
     resume: bool = False,
-    record: bool = False,
     tensorboard: bool = False,
     sync: bool = False,
     provenance_may_change: bool = False,
@@ -70,7 +63,6 @@ def run_training(
         folder: folder of the results, new or empty unless the run resumes; None for results/NAME/TIME.
         quiet: show no progress bar.
         resume: resume the run in the folder.
-        record: write recording.mcap.
         tensorboard: write TensorBoard events.
         sync: sync each message of the recording to the disk.
         provenance_may_change: resume a run of other code or libraries.
@@ -88,7 +80,6 @@ def run_training(
         folder,
         quiet=quiet,
         resume=resume,
-        record=record,
         tensorboard=tensorboard,
         sync=sync,
         provenance_may_change=provenance_may_change,
@@ -108,7 +99,6 @@ def training_steps(
     *,
     quiet: bool = False,
     resume: bool = False,
-    record: bool = False,
     tensorboard: bool = False,
     sync: bool = False,
     provenance_may_change: bool = False,
@@ -127,7 +117,6 @@ def training_steps(
         folder: existing folder of the results.
         quiet: show no progress bar.
         resume: resume the run in the folder; its results are bit-identical to those of an uninterrupted run.
-        record: write recording.mcap; a resumed run continues an existing recording in any case.
         tensorboard: write TensorBoard events; a resumed run continues existing events in any case.
         sync: sync each message of the recording to the disk, such as for a robot, whose episodes are costly.
         provenance_may_change: resume a run of other code or libraries; config.yaml records the change.
@@ -154,17 +143,15 @@ def training_steps(
                 print(f"note: {folder}: no checkpoint to resume from; the run restarts", file=sys.stderr)
         if state:
             _check_spaces(folder, state.policy, runner.spaces)
-        first = state or first_state(config.training, runner.spaces, _given(folder))
+        warm_start = _given(folder)
         control = Control(folder, rest)
-        record |= os.path.lexists(folder / FILE)  # true for a pipe or a broken link as well, which then raises
-        require(record or not checkpoints.recorded, f"{folder / FILE}", RECORDED, "none")
-        checkpoints.recorded = record
         if not is_started(folder):
             begin(folder, config)
         how = {"sync": sync, "provenance_may_change": provenance_may_change}
-        recording = _recording(config, runner, folder, **how) if record else nullcontext()
+        recording = recorded(config, runner, folder, found, **how)
         events = logged(folder, rows) if tensorboard else nullcontext(ignore_row)
         with recording as recorder, events as log_row:
+            first = recorder.state or first_state(config.training, runner.spaces, warm_start)
             if state:
                 checkpoints.resume_from(state)
             report = Report(folder, config, runner.spaces, rows)  # replaces earlier results from here on
@@ -172,14 +159,13 @@ def training_steps(
             bar = progress_bar(config.training, len(rows), quiet=quiet, folder=folder, is_robot=is_robot)
             with finished(report), bar as show:
                 diagnosis = _diagnosis(config, runner.spaces, report)
-                for iteration in train(config.training, recorder or runner, first):
-                    if recorder:
-                        recorder.updated(iteration)
+                for iteration in train(config.training, recorder, first):
+                    recorder.updated(iteration)
                     report.add(iteration)
                     log_row(report.rows[-1])
                     checkpoints.write(iteration.state, report.rows)
                     if iteration.number == config.training.iterations and report.best_policy and not is_robot:
-                        with _unrecorded(runner) if recorder else nullcontext():
+                        with _unrecorded(runner):
                             best = report.best_policy
                             report.decide(final_evaluation(config.training, runner, best, iteration.policy))
                     show(iteration, _advise(diagnosis.advise(iteration), report, on_advice))
@@ -213,14 +199,6 @@ def _advise(advice: Advice | None, report: Report, on_advice: OnAdvice | None) -
         if on_advice is not None:
             on_advice(advice)
     return None if on_advice is not None else advice
-
-
-def _recording(
-    config: Config, runner: RecordableRunner, folder: Path, **how: bool
-) -> AbstractContextManager[RecordingRunner]:
-    from rkhs_ros.runs.recorded import recorded  # here, since only recordings need mcap
-
-    return recorded(config, runner, folder, **how)
 
 
 def _check_environment(folder: Path, environment: Environment) -> None:

@@ -15,7 +15,6 @@ from rkhs_ros.base.validation import truncated
 from rkhs_ros.recordings.recording import BAG, FILE
 from rkhs_ros.runs.report import is_started
 from rkhs_ros.view.bag import Bag
-from rkhs_ros.view.folder import Folder
 from rkhs_ros.view.guard import guard, is_local
 from rkhs_ros.view.monitor import Monitor
 from rkhs_ros.view.page import Page
@@ -43,7 +42,7 @@ def source_of(path: Path) -> Source:
         with suppress(ValueError):  # bags of other tools have no header
             return Recorded(folder)
         return Bag(folder)
-    return Recorded(folder) if (folder / FILE).is_file() else Folder(folder)
+    return Recorded(folder)
 
 
 def wait_for_recording(file: Path) -> Source:

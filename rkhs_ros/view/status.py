@@ -20,8 +20,6 @@ def status(source: Source, state: str) -> str:
         sizes = ", ".join(counted(count, what) for what, count in counts.items() if count)
         lines.append(f"{sizes}, {clock(last.seconds)}{left(source, state)}")
         lines.append(f"Return: exploration **{last.exploration_return:.4g}**{measured(rows)}")
-    if source.iterations and source.iterations[0] > 1:
-        lines.append(f"Stored: iterations {source.iterations[0]} to {source.iterations[-1]}; with `--record`, all")
     lines += [f"**Note**: {advice}" for advice in advice_in(source.path)]
     what = f"`{source.task.environment}` in " * bool(source.task.environment)
     return "\n\n".join([*lines, f"{what}`{source.path}`"])

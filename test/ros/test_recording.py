@@ -11,7 +11,7 @@ from rkhs_ros.recordings.recording import read_recording
 from test.ros.conftest import ROOT, Process
 from test.unit.recordings.recorded_runs import content, same_batch
 
-SHORT = ("--iterations", 3, "--set", "episodes_per_iteration=4", "horizon=10", "timeout=60", "--quiet", "--record")
+SHORT = ("--iterations", 3, "--set", "episodes_per_iteration=4", "horizon=10", "timeout=60", "--quiet")
 
 
 @pytest.mark.nightly

@@ -93,7 +93,6 @@ def test_pip_installs_the_library_and_the_command_without_ros(tmp_path: Path) ->
         2,
         "--out",
         "run",
-        "--record",
     )
     learnt = run(rkhs, *arguments, "--quiet", cwd=tmp_path)
     assert learnt.returncode == 0, learnt.stderr

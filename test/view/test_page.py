@@ -29,7 +29,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     config = load_config(CONFIGS / "pendulum_few_nac.yaml", ["iterations=3"])
     path = tmp_path_factory.mktemp("page") / "run"
-    return run_training(config, runner_of(config.environment), path, quiet=True, record=True)
+    return run_training(config, runner_of(config.environment), path, quiet=True)
 
 
 def has_free_edges(picture: np.ndarray) -> bool:

@@ -46,8 +46,6 @@ from rkhs_ros.runs.run import run_training
 from rkhs_ros.runs.tensorboard import has_events
 from rkhs_ros.studies.comparison import compare
 
-RECORDS = ("episodes", "raw")  # choices of --record
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -75,14 +73,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     about = "settings to replace, such as algorithm.ridge=0.1"
     add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help=about)
     add("--out", type=Path, metavar="DIR", help="folder for the results (default: results/NAME/TIME)")
-    add(
-        "--record",
-        nargs="?",
-        const=RECORDS[0],
-        choices=RECORDS,
-        help="write recording.mcap for replay, offline training and viewing; raw: record all topics as well",
-    )
-    add("--view", action="store_true", help="record the run and show it in the browser")
+    add("--record-topics", action="store_true", help="record all messages of all topics in raw.mcap as well")
+    add("--view", action="store_true", help="show the run in the browser")
     add("--tensorboard", action="store_true", help="log each iteration for TensorBoard as well, in DIR/tensorboard")
     add_trust_argument(parser)
     add("--quiet", action="store_true", help="no progress bar")
@@ -99,7 +91,6 @@ def run(options: argparse.Namespace) -> int:
 def _train(options: argparse.Namespace) -> int:
     if options.view:
         require_viser()
-        options.record = options.record or RECORDS[0]
     has_events(options.resume, options.tensorboard)
     if _has_several_seeds(options):
         require(not options.view, "--view", "a single run", "several seeds")
@@ -189,7 +180,7 @@ def _prepared(options: argparse.Namespace) -> PreparedRun:
     config = _configuration(options, old_folder(options.resume) / "config.yaml" if options.resume else options.config)
     spaces, runner = _learnable(config, options.policy, quiet=options.quiet)
     over_topics = _is_over_topics(options.runner)
-    require(over_topics or options.record != "raw", "--record", "episodes, since --runner inline has no topics", "raw")
+    require(over_topics or not options.record_topics, "--record-topics", "a run over topics", "--runner inline")
     if over_topics:
         if runner:
             runner.simulation.close()  # hardware can be open only once, and the simulator node opens it
@@ -250,12 +241,12 @@ def _is_over_topics(asked: str | None) -> bool:
 
 def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> int:
     output = str(folder.resolve())
-    given: dict[str, str | bool] = {name: bool(getattr(options, name)) for name in ("quiet", "record", "tensorboard")}
+    given: dict[str, str | bool] = {name: bool(getattr(options, name)) for name in ("quiet", "tensorboard")}
     given["provenance_may_change"] = options.allow_provenance_change
     further: dict[str, dict[str, str | bool]] = {}
     if config.environment.nodes:
         further["robot"] = {"journal": journal_in(folder.resolve())}
-    if options.record == "raw":
+    if options.record_topics:
         further["recorder"] = {"output": output}
 
     def run(again: bool) -> int:
@@ -274,7 +265,6 @@ def _in_process(config: Config, folder: Path, options: argparse.Namespace, runne
             folder,
             quiet=options.quiet,
             resume=bool(options.resume),
-            record=bool(options.record),
             tensorboard=options.tensorboard,
             provenance_may_change=options.allow_provenance_change,
         )
@@ -287,7 +277,7 @@ def _train_several(options: argparse.Namespace) -> int:
     """Run several seeds in parallel; return 1 and report the runs that failed, if any."""
     workers = workers_of(options)
     require(options.runner in (None, "inline"), "--runner", "inline for several seeds", options.runner)
-    require(options.record != "raw", "--record", "episodes, since several seeds run without topics", "raw")
+    require(not options.record_topics, "--record-topics", "a run over topics", "several seeds")
     require(options.seed is None, "--seed", "either --seed or --seeds", "both")
     folder, runs = _runs_to_resume(options) if options.resume else _new_runs(options)
     title = next(iter(runs.values())).training.name
@@ -298,7 +288,6 @@ def _train_several(options: argparse.Namespace) -> int:
             title=title,
             quiet=options.quiet,
             drawn=True,
-            record=bool(options.record),
             tensorboard=options.tensorboard,
             provenance_may_change=options.allow_provenance_change,
         )

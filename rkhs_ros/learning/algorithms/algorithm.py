@@ -45,7 +45,7 @@ class Experience:
     Attributes:
         episodes: exploration episodes of the policy, N at least 1.
         discount: discount factor of the return.
-        memory: earlier episodes that the algorithm stored; empty at first.
+        memory: earlier episodes that the algorithm reuses; empty at first.
         collect: runs a number of new exploration episodes with a policy; they count as episodes used.
         first_variance: variance of the first policy, shape (n,); it determines the bounds of a learnt variance.
         iteration: number of previous updates.
@@ -65,12 +65,10 @@ class Update(NamedTuple):
     Attributes:
         policy: the next policy.
         metrics: measurements of the update.
-        memory: episodes to store for the next update.
     """
 
     policy: GaussianPolicy
     metrics: Metrics
-    memory: Episodes
 
 
 @dataclass(frozen=True)
@@ -105,6 +103,15 @@ class Algorithm(Settings, ABC):
             policy: the policy that acted in the episodes.
             experience: the episodes and further data of the update.
         """
+
+    def remembered(self, episodes: Episodes, discount: float) -> Episodes:
+        """Return the episodes that the next update reuses, by default none.
+
+        Args:
+            episodes: the episodes of an update, followed by those that it reused.
+            discount: discount factor of the return.
+        """
+        return episodes.take(slice(0))
 
     def gradient_step(
         self,
@@ -143,7 +150,7 @@ class Algorithm(Settings, ABC):
         new = replace(
             moved, variance=self.decayed(policy) if spread is None else _moved(policy, alpha * spread, experience)
         )
-        return Update(new, measure(samples, new, alpha, error), experience.memory)
+        return Update(new, measure(samples, new, alpha, error))
 
     def decayed(self, policy: GaussianPolicy) -> ConstantVariance:
         """Return the decayed variance of the next policy.

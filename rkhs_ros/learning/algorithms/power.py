@@ -45,7 +45,7 @@ class PoWER(GridSettings, WeightedExploration):
             change = weighted_regression(samples, q, self.ridge, self.ridge_unit)  # the matrix W: Eq 23 in phi
         else:
             change = mean_exploration(samples, q)  # Eq 6
-        return self.advance(policy, change, samples, q, experience)  # theta + change; the variance by Eq 24
+        return self.advance(policy, change, samples, q)  # theta + change; the variance by Eq 24
 
 
 def mean_exploration(samples: Samples, weights: Array) -> Function:

@@ -10,6 +10,7 @@ from rkhs_ros.base.settings import setting
 from rkhs_ros.learning.algorithms.actor_critic import ActorCritic
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.function_spaces import SparseSettings
+from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.kernels import Array
@@ -48,12 +49,14 @@ class RKHSNAC(SparseSettings, ActorCritic):
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
         """Return the policy after one step along the natural gradient."""
-        episodes = experience.episodes + experience.memory
-        samples = self.space.samples(policy, episodes)
+        samples = self.space.samples(policy, experience.episodes + experience.memory)
         w = self.chosen_critic.fit(samples, experience.discount)  # Eq 12, which makes w the gradient of Eq 22
         v = self._spread(samples, w, experience) if self.learns_variance else None
-        update = self.gradient_step(policy, w, samples, experience, self.step, v)  # h + alpha w, Algorithm 1
-        return update._replace(memory=episodes.take(slice(self.reuse)))
+        return self.gradient_step(policy, w, samples, experience, self.step, v)  # h + alpha w, Algorithm 1
+
+    def remembered(self, episodes: Episodes, discount: float) -> Episodes:
+        """Return the newest episodes."""
+        return episodes.take(slice(self.reuse))
 
     def _spread(self, samples: Samples, w: Array, experience: Experience) -> Array:
         """Return the natural gradient v of the standard deviation, shape (n,).

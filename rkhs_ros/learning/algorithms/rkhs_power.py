@@ -36,7 +36,7 @@ class RKHSPoWER(SparseSettings, WeightedExploration):
         else:
             q = self.weights(samples, experience.discount)
             change = weighted_regression(samples, q, self.ridge, self.ridge_unit)  # Eq 23, corrected
-        return self.advance(policy, change, samples, q, experience)  # h + change; the variance by Eq 24
+        return self.advance(policy, change, samples, q)  # h + change; the variance by Eq 24
 
 
 def published_regression(samples: Samples, advantages: Array, ridge: float) -> Function:

@@ -8,7 +8,7 @@ import numpy as np
 
 from rkhs_ros.base.settings import setting
 from rkhs_ros.base.validation import require
-from rkhs_ros.learning.algorithms.algorithm import Algorithm, Experience, Update, measure
+from rkhs_ros.learning.algorithms.algorithm import Algorithm, Update, measure
 from rkhs_ros.learning.algorithms.critics import ValueBaseline
 from rkhs_ros.learning.algorithms.variance_update import VARIANCES
 from rkhs_ros.learning.episodes import Episodes
@@ -110,22 +110,18 @@ class WeightedExploration(Algorithm):
         mean = q.mean()
         return q / mean if mean > 0 else np.ones_like(q)
 
-    def advance(
-        self, policy: GaussianPolicy, change: Function, samples: Samples, weights: Array, experience: Experience
-    ) -> Update:
-        """Return the policy with the changed mean and the new variance, and the episodes to reuse.
+    def advance(self, policy: GaussianPolicy, change: Function, samples: Samples, weights: Array) -> Update:
+        """Return the policy with the changed mean and the new variance.
 
         Args:
             policy: the policy.
             change: h' - h.
             samples: samples of the iteration and of the reused episodes.
             weights: q, shape (samples,).
-            experience: the data of the update.
         """
         moved, error = self.space.move(policy, change, samples.observations)
         new = replace(moved, variance=self._next_variance(policy, samples, weights))
-        metrics = measure(samples, new, 1.0, error)
-        return Update(new, metrics, self._best(samples.episodes, experience.discount))
+        return Update(new, measure(samples, new, 1.0, error))
 
     def _next_variance(self, policy: GaussianPolicy, samples: Samples, weights: Array) -> Variance:
         if self.variance == "constant":
@@ -134,6 +130,7 @@ class WeightedExploration(Algorithm):
             return policy.variance
         return VARIANCES[self.variance](samples, weights, self.sd_minimum, self.sd_maximum)  # Eq 24
 
-    def _best(self, episodes: Episodes, discount: float) -> Episodes:
+    def remembered(self, episodes: Episodes, discount: float) -> Episodes:
+        """Return the episodes with the greatest returns."""
         order = np.argsort(-episodes.returns(discount), kind="stable")
         return episodes.take(order[: self.reuse])

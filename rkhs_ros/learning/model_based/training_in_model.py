@@ -181,7 +181,8 @@ def _optimise(
     while validation.improves and number < settings.updates:
         rollouts = runner.collect(policy, _batch(settings, experience, number)).with_inputs(policy.inputs)
         update = Experience(rollouts, discount, memory, _no_fresh_episodes, experience.first_variance, number)
-        policy, metrics, memory = algorithm.update(policy, update)
+        policy, metrics = algorithm.update(policy, update)
+        memory = algorithm.remembered(rollouts + memory, discount)
         deviation = np.maximum(deviation * EXPLORATION_DECAY, least)
         if not algorithm.learns_variance:
             policy = replace(policy, variance=ConstantVariance(deviation**2))

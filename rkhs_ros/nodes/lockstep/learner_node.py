@@ -53,7 +53,6 @@ class LearnerNode(ReportingNode):
         self.resume = declared(self, tree, "resume", False, "resume the run in the output folder, if there is one")
         about = "resume a run of different code or libraries too"
         self.provenance_may_change = declared(self, tree, "provenance_may_change", False, about)
-        self.record = declared(self, tree, "record", False, "record the run in recording.mcap, in its folder")
         about = "log each iteration for TensorBoard, in the output folder"
         self.tensorboard = declared(self, tree, "tensorboard", False, about)
         about = "policy.npz to evaluate instead of learning; empty to learn"
@@ -103,7 +102,6 @@ def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
                 folder,
                 quiet=node.quiet,
                 resume=resume,
-                record=node.record or is_robot,
                 tensorboard=node.tensorboard,
                 sync=is_robot,
                 provenance_may_change=node.provenance_may_change,

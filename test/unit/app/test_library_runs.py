@@ -62,8 +62,8 @@ def without_times(folder: Path) -> list[tuple[Any, ...]]:
 
 def test_a_run_writes_the_folder_of_the_command_line(tmp_path: Path) -> None:
     ours, theirs = tmp_path / "python", tmp_path / "command"
-    result = rkhs_ros.train("rkhs/Toy-v0", out=ours, record=True, **SHORT)
-    train = ("train", "--env", "rkhs/Toy-v0", "--runner", "inline", "--quiet", "--record", "--out", theirs)
+    result = rkhs_ros.train("rkhs/Toy-v0", out=ours, **SHORT)
+    train = ("train", "--env", "rkhs/Toy-v0", "--runner", "inline", "--quiet", "--out", theirs)
     assert command(*train, "--set", *CHANGES) == 0
     files = [written(each) for each in (ours, theirs)]
     assert files[0] == files[1]
@@ -78,7 +78,7 @@ def test_a_run_writes_the_folder_of_the_command_line(tmp_path: Path) -> None:
 
 def test_commands_work_on_a_run_from_python(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "run"
-    rkhs_ros.train("rkhs/Toy-v0", out=folder, record=True, **SHORT)
+    rkhs_ros.train("rkhs/Toy-v0", out=folder, **SHORT)
     assert command("plot", folder) == command("replay", folder) == 0
     assert command("compare", folder, "--out", tmp_path / "c.png") == 0
     assert str(rkhs_ros.compare(folder)) in capsys.readouterr().out
@@ -176,7 +176,6 @@ def test_of_two_loops_in_one_folder_the_second_changes_nothing(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"record": True}, r"^record: expected out=FOLDER as well, got none$"),
         ({"resume": True}, r"^resume: expected out=FOLDER as well, got none$"),
         ({"out": 3}, r"^out: expected a folder, got 3$"),
         ({"out": "unused", "kernel": rkhs_ros.RBF((1.0,))}, r"^kernel: expected a text or a KernelChoice, .* got RBF"),
@@ -202,7 +201,7 @@ def test_an_initial_policy_is_part_of_the_folder(tmp_path: Path) -> None:
 
 def test_a_class_is_named_by_commands_that_cannot_create_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "run"
-    result = rkhs_ros.train(Slide, out=folder, record=True, **SHORT)
+    result = rkhs_ros.train(Slide, out=folder, **SHORT)
     assert command("plot", folder) == command("replay", folder) == 0
     evaluations = [rkhs_ros.evaluate(*each, episodes=3) for each in ((folder, Slide), (result.policy, Slide()))]
     assert len({each.discounted_returns.tobytes() for each in evaluations}) == 1

@@ -43,7 +43,7 @@ def fresh(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def foreign_run(rkhs: Rkhs, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a foreign run whose environment is in a module beside it, which reports its import."""
     Path("theirs.py").write_text(MODULE)
-    train = ("train", "--env", "theirs:Slide-v0", *INLINE, "--iterations", 1, "--out", "run", "--record")
+    train = ("train", "--env", "theirs:Slide-v0", *INLINE, "--iterations", 1, "--out", "run")
     assert rkhs(*train, "--set", *SHORT).code == 0
     sys.modules.pop("theirs")
     monkeypatch.setattr(sys, "path", [path for path in sys.path if path != os.getcwd()])

@@ -106,7 +106,7 @@ def recorded_run(folder: Path, config: Config = CONFIG, runner: Any = None, **mo
             config, environment=replace(config.environment, nodes={"robot": {"task": "rkhs/Toy-v0"}, "gate": {}})
         )
     runner = runner or InlineRunner(Simulation(config.environment.id, config.environment.options))
-    return run_training(config, runner, folder, quiet=True, record=True, **more) / "recording.mcap"
+    return run_training(config, runner, folder, quiet=True, **more) / "recording.mcap"
 
 
 def same_batch(one: RecordedBatch, other: RecordedBatch) -> bool:

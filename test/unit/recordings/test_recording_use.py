@@ -73,7 +73,7 @@ def test_an_offline_policy_is_evaluated_and_trained_further(whole: Path, rkhs: C
     assert task == CONFIG.task
     began = rkhs(
         "train", whole.parent / "config.yaml", "--policy", "learnt/policy.npz", "--runner", "inline", "--iterations", 1,
-        "--record", "--quiet", "--out", "on",
+        "--quiet", "--out", "on",
     )  # fmt: skip
     assert began.code == 0
     assert np.array_equal(read_recording(Path("on")).policies[1].mean.weights, policy.mean.weights)

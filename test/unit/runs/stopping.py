@@ -2,6 +2,7 @@
 
 from typing import Any, ClassVar
 
+from rkhs_ros.learning.execution import Record
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.inline_runner import InlineRunner
@@ -24,6 +25,14 @@ class Stopping:
         self._error = error or KeyboardInterrupt()
         self._num_envs = num_envs
         self._seed: int | None = None
+
+    @property
+    def record(self) -> Record:
+        return self._runner.record
+
+    @record.setter
+    def record(self, record: Record) -> None:
+        self._runner.record = record
 
     def capacity(self, num_envs: int) -> int:
         return min(num_envs, self._num_envs)

@@ -15,7 +15,7 @@ from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.report import advice_in
 from rkhs_ros.runs.run import run_training
-from rkhs_ros.view.folder import Folder
+from rkhs_ros.view.recorded import Recorded
 from rkhs_ros.view.source import FINISHED
 from rkhs_ros.view.status import status
 from test.unit.conftest import model_free
@@ -42,9 +42,7 @@ def test_a_run_stores_its_advice_once_and_the_page_shows_it(tmp_path: Path, caps
     run_training(longer, runner(), folder, resume=True)
     assert advice_in(folder) == [str(CONSTANT)]
     assert str(CONSTANT) not in capsys.readouterr().err
-    page = Folder(folder)
-    page.refresh()
-    assert str(CONSTANT) in status(page, FINISHED)
+    assert str(CONSTANT) in status(Recorded(folder), FINISHED)
 
 
 def test_a_callback_replaces_the_printed_advice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,6 +13,7 @@ from gymnasium.spaces import Box
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.algorithms.step_rules import LineSearch
 from rkhs_ros.pictures.run_pictures import draw_run
+from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.attempts import ATTEMPTS
@@ -47,10 +48,9 @@ def runner() -> Iterator[InlineRunner]:
 
 
 def test_every_attempt_is_stored_and_drawn(tmp_path: Path, runner: InlineRunner) -> None:
-    explored = []
-    runner.record = lambda batch, episodes, _: explored.append(episodes) if batch.explore else None
     folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
     stored = load_episodes(folder / ATTEMPTS).episodes
+    explored = [each.episodes for each in read_recording(folder).batches if each.batch.explore]
     np.testing.assert_array_equal(stored.actions, np.concatenate([episodes.actions for episodes in explored]))
     np.testing.assert_array_equal(stored.rewards, np.concatenate([episodes.rewards for episodes in explored]))
     with_attempts = draw_run(folder)[1].read_bytes()

@@ -13,17 +13,21 @@ from hypothesis import strategies as st
 from rkhs_ros import __version__
 from rkhs_ros.learning.algorithms.function_spaces import GridSettings
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
+from rkhs_ros.learning.execution import discard
 from rkhs_ros.learning.state import State
 from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import training_from
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import packed, unpacked
+from rkhs_ros.recordings.batches import RecordedBatch, countable
+from rkhs_ros.recordings.recording import FILE
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs import provenance
 from rkhs_ros.runs.checkpoint import COUNTS, Checkpoints
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.curve import BEGINNING, Row
+from rkhs_ros.runs.recorded import with_memory
 from test.unit.conftest import model_free
 
 TINY = model_free(iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=3)
@@ -54,6 +58,7 @@ def config_of(way: Any) -> Config:
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "checkpoints").mkdir()
+    (tmp_path / FILE).touch()
     return tmp_path
 
 
@@ -95,13 +100,18 @@ def test_every_algorithm_resumes_bit_identically_from_each_checkpoint(
     if isinstance(config.training.algorithm, GridSettings) and inputs != Inputs():
         inputs = Inputs(angles=(0.0,))
     config = replace(config, training=replace(config.training, inputs=inputs))
+    batches: list[RecordedBatch] = []
+    TOY.record = lambda batch, episodes, _: batches.append(RecordedBatch(batch, 1, episodes, [], 0))
     whole = list(train(config.training, TOY))
+    TOY.record = discard
+    episodes = countable(batches)
     for k, iteration in enumerate(whole[:-1], 1):
-        Checkpoints(folder, config).write(iteration.state, rows(k))
+        lines = [Row.of(each, 0.1) for each in whole[:k]]
+        Checkpoints(folder, config).write(iteration.state, lines)
         found = Checkpoints(folder, config).newest()
         assert found is not None
-        assert repr(found.rows) == repr(rows(k))
-        state = found.state
+        assert repr(found.rows) == repr(lines)
+        state = with_memory(found, config.training, TOY.spaces, episodes, "recording")
         assert_same_state(state, iteration.state, arrays_of)
         rest = list(train(config.training, TOY, state))
         assert len(rest) == len(whole) - k
@@ -111,7 +121,7 @@ def test_every_algorithm_resumes_bit_identically_from_each_checkpoint(
             assert_same_state(one.state, other.state, arrays_of)
 
 
-def test_checkpoints_contain_the_memory(folder: Path) -> None:
+def test_the_state_contains_the_memory() -> None:
     *_, last = train(config_of({"name": "power", "reuse": 3}).training, TOY)
     assert len(last.state.memory) == 3  # otherwise the test above would be vacuous
 
@@ -160,7 +170,8 @@ def test_a_flipped_bit_is_detected_or_harmless(
     found = Checkpoints(folder, CONFIG).newest()
     assert found is not None
     state = found.state
-    assert_same_state(state, states[state.iterations - 1], arrays_of)
+    written = states[state.iterations - 1]
+    assert_same_state(replace(state, memory=written.memory), written, arrays_of)
     assert (f"warning: {path}: skipped (" in capsys.readouterr().err) is (state.iterations == 1)
 
 
@@ -267,9 +278,9 @@ def test_settings_without_effect_on_results_may_differ(folder: Path, states: lis
 def test_a_checkpoint_of_another_schema_is_rejected(folder: Path, states: list[State]) -> None:
     path, *_ = write(folder, states[0])
     arrays = unpacked(path.read_bytes())
-    about = arrays["about"].item().replace(b'"schema": 7', b'"schema": 8').replace(__version__.encode(), b"9.8.7")
+    about = arrays["about"].item().replace(b'"schema": 8', b'"schema": 9').replace(__version__.encode(), b"9.8.7")
     path.write_bytes(packed({"about": np.array(about)}))
-    with pytest.raises(ValueError, match=r"a checkpoint of schema 7, got schema 8. Resume with rkhs_ros 9\.8\.7"):
+    with pytest.raises(ValueError, match=r"a checkpoint of schema 8, got schema 9. Resume with rkhs_ros 9\.8\.7"):
         newest(folder)
 
 
@@ -367,7 +378,7 @@ def test_the_disk_is_synced_once_a_second(folder: Path, states: list[State], syn
     for k, clock.now in enumerate((0.2, 0.99, 1.0, 1.5, 1.99, 2.0, 2.5, 7.0, 7.5), 1):
         checkpoints.write(replace(states[0], iterations=k), rows(k))
         if synced:
-            assert synced == [f"{k:07}.npz.part", "checkpoints"]
+            assert synced == [FILE, f"{k:07}.npz.part", "checkpoints"]
             due.append(clock.now)
         synced.clear()
     assert due == [1.0, 2.0, 7.0]

@@ -27,11 +27,11 @@ TRAINING = model_free(
 )
 
 
-def run(folder: Path, *, iterations: int = 3, resume: bool = False, record: bool = False, seed: int = 2) -> Path:
+def run(folder: Path, *, iterations: int = 3, resume: bool = False, seed: int = 2) -> Path:
     training = replace(TRAINING, iterations=iterations, seed=seed)
     with InlineRunner(Simulation(TASK)) as runner:
         config = Config(Environment(TASK, {}), training)
-        return run_training(config, runner, folder, quiet=True, resume=resume, record=record)
+        return run_training(config, runner, folder, quiet=True, resume=resume)
 
 
 def test_both_policies_act_in_the_same_episodes_which_no_iteration_used() -> None:
@@ -58,20 +58,19 @@ def test_the_mean_decides_and_the_line_shows_both_with_their_standard_errors() -
     assert str(FinalEvaluation(low, low)) == "best policy, which is the last one, 2 \u00b1 0.41 in 4 fresh episodes"
 
 
-@pytest.mark.parametrize("record", [False, True])
 def test_the_better_policy_is_kept_and_a_longer_run_continues_as_if_nothing_had_been_decided(
-    tmp_path: Path, record: bool
+    tmp_path: Path,
 ) -> None:
     seed = next(s for s in range(9) if _last_wins(run(tmp_path / f"{s}", seed=s)))  # against the choice by bounds
     short, whole = tmp_path / "short", tmp_path / "whole"
-    run(short, seed=seed, record=record)
+    run(short, seed=seed)
     assert (short / BEST_POLICY).read_bytes() == (short / "policy.npz").read_bytes()
     assert (short / FINAL_EVALUATION).read_text().strip() in summary(short, Config(Environment(TASK, {}), TRAINING))
     decided = (short / BEST_POLICY).read_bytes()
     run(short, seed=seed, resume=True)  # repeats the last iteration
     assert (short / BEST_POLICY).read_bytes() == decided
     run(short, iterations=5, seed=seed, resume=True)
-    run(whole, iterations=5, seed=seed, record=record)
+    run(whole, iterations=5, seed=seed)
     for name in (BEST_POLICY, FINAL_EVALUATION, "policy.npz"):
         assert (short / name).read_bytes() == (whole / name).read_bytes()
 

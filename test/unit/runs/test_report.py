@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rkhs_ros.learning.execution import Record, discard
 from rkhs_ros.learning.training import train
 from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.policies.storage import load_policy
@@ -53,7 +54,7 @@ def test_a_run_writes_its_curve_and_policy(
     folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
     assert sorted(p.name for p in folder.iterdir()) == [
         *("best_policy.npz", "checkpoints", "config.yaml", "curve.csv", "episodes.npz", "final_evaluation.txt"),
-        "policy.npz",
+        *("policy.npz", "recording.mcap"),
     ]
     assert draw_run(folder) == [folder / "curve.png", folder / "policy.png"]
     assert all((folder / name).read_bytes().startswith(b"\x89PNG") for name in ("curve.png", "policy.png"))
@@ -87,6 +88,7 @@ def test_a_run_writes_its_curve_and_policy(
 def test_an_interrupted_run_saves_its_policy(tmp_path: Path, runner: InlineRunner) -> None:
     class Interrupted:
         spaces = runner.spaces
+        record: Record = staticmethod(discard)
         batches = 0
 
         def capacity(self, num_envs: int) -> int:

@@ -35,7 +35,6 @@ viser = pytest.importorskip("viser")
 from rkhs_ros.pictures.policy_coordinates import PolicyCoordinates  # noqa: E402
 from rkhs_ros.view.board import Choice, Subject, board_figure, draw  # noqa: E402
 from rkhs_ros.view.curve_plot import MAX_POINTS, plotted  # noqa: E402
-from rkhs_ros.view.folder import Folder  # noqa: E402
 from rkhs_ros.view.iteration_panel import IterationPanel  # noqa: E402
 from rkhs_ros.view.recorded import Recorded  # noqa: E402
 from rkhs_ros.view.serving import opened  # noqa: E402
@@ -55,7 +54,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished run with a recording."""
     config = load_config(CONFIGS / "pendulum_few_nac.yaml", ["iterations=4", "horizon=30", "evaluate_every=2"])
     path = tmp_path_factory.mktemp("view") / "run"
-    return run_training(config, runner_of(config.environment), path, quiet=True, record=True)
+    return run_training(config, runner_of(config.environment), path, quiet=True)
 
 
 def test_a_recording_contains_all_iterations(folder: Path) -> None:
@@ -117,37 +116,17 @@ def test_a_damaged_recording_does_not_stop_the_page(
             source.load(number)
 
 
-def test_a_folder_without_a_recording_shows_its_checkpoints(folder: Path, tmp_path: Path) -> None:
-    bare = tmp_path / "bare"
-    shutil.copytree(folder, bare, ignore=shutil.ignore_patterns("*.mcap"))
-    source = Folder(bare)
-    source.refresh()
-    assert len(source.rows) == 4
-    assert source.iterations[-2:] == [3, 4]  # an older one may remain until the newer ones are synced to disk
-    assert np.array_equal(source.load(4).policy.mean.centres, load_policy(bare / "policy.npz")[0].mean.centres)
-    assert source.load(4).evaluation.horizon == 30
-    assert source.load(3).evaluation is None
-    assert source.spaces.action_high.tolist() == [3.0]
-    assert source.load(5) is None
-
-
 @pytest.fixture(scope="module")
 def model_update(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished run of model-based training with a recording."""
     changes = ["iterations=2", "horizon=20", "model.updates=1", "model.rollouts=2"]
     config = load_config(CONFIGS / "pendulum_model_nac.yaml", changes)
     path = tmp_path_factory.mktemp("model_based") / "run"
-    return run_training(config, runner_of(config.environment), path, quiet=True, record=True)
+    return run_training(config, runner_of(config.environment), path, quiet=True)
 
 
-def test_model_based_training_shows_its_episodes_without_a_recording(model_update: Path) -> None:
-    recorded, stored = Recorded(model_update), Folder(model_update)
-    stored.refresh()
-    for number in (1, 2):
-        expected, got = (source.load(number).exploration for source in (recorded, stored))
-        assert np.array_equal(expected.observations, got.observations)
-        assert np.array_equal(*(source.load(number).roll_out_model().observations for source in (recorded, stored)))
-    starts = stored.load(2).roll_out_model().observations[:, 0]
+def test_model_rollouts_start_from_real_states(model_update: Path) -> None:
+    starts = Recorded(model_update).load(2).roll_out_model().observations[:, 0]
     real = read_recording(model_update).batches
     of_both = np.concatenate([each.episodes.observations[:, 0] for each in real if each.batch.explore])
     assert len(starts) == 3
@@ -156,12 +135,10 @@ def test_model_based_training_shows_its_episodes_without_a_recording(model_updat
 
 def test_a_run_without_a_model_offers_no_model_rollouts(folder: Path) -> None:
     assert Recorded(folder).load(4).roll_out_model is None
-    assert Folder(folder).load(4).roll_out_model is None
 
 
 def test_model_rollouts_can_be_selected(model_update: Path) -> None:
-    source = Folder(model_update)
-    source.refresh()
+    source = Recorded(model_update)
     server = opened("127.0.0.1", 0)
     try:
         showing = IterationPanel(server, source)
@@ -183,15 +160,6 @@ def test_model_rollouts_can_be_selected(model_update: Path) -> None:
     finally:
         with redirect_stdout(StringIO()):
             server.stop()
-
-
-def test_the_page_names_the_stored_iterations(folder: Path, tmp_path: Path) -> None:
-    bare = tmp_path / "bare"
-    shutil.copytree(folder, bare, ignore=shutil.ignore_patterns("*.mcap", "0000001.npz", "0000002.npz"))
-    source = Folder(bare)
-    source.refresh()
-    assert "Stored: iterations 3 to 4; with `--record`, all" in status(source, FINISHED)
-    assert "Stored" not in status(Recorded(folder), FINISHED)
 
 
 def test_the_lock_determines_the_state_of_a_run(folder: Path, tmp_path: Path) -> None:

@@ -42,7 +42,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished run with a recording."""
     config = load_config(CONFIGS / "toy_few_nac.yaml", ["iterations=4"])
     path = tmp_path_factory.mktemp("view") / "run"
-    return run_training(config, runner_of(config.environment), path, quiet=True, record=True)
+    return run_training(config, runner_of(config.environment), path, quiet=True)
 
 
 @pytest.mark.parametrize(
@@ -269,7 +269,7 @@ def test_no_request_arms_a_robot(served: Served) -> None:
 @pytest.mark.timeout(600)
 def test_memory_stays_bounded_over_a_long_run(tmp_path: Path) -> None:
     config = load_config(CONFIGS / "toy_few_nac.yaml", ["iterations=3000", "horizon=10", "evaluate_every=0"])
-    path = run_training(config, runner_of(config.environment), tmp_path / "run", quiet=True, record=True)
+    path = run_training(config, runner_of(config.environment), tmp_path / "run", quiet=True)
     source = Recorded(path)
     page = Page(opened("127.0.0.1", 0), source, Monitor(lambda: None))
     page.refresh()

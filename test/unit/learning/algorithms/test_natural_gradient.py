@@ -115,7 +115,8 @@ def test_a_learnt_variance_follows_the_gradient_of_the_unexplained_advantage(
     policy = random_policy(d=3, kernel=LINEAR)
     newest, older = (random_episodes(policy, n, 8, masked=masked) for n in (5, 3))
     algorithm = RKHSNAC(variance="learnt", reuse=4, trace=0.8, step=FixedStep(0.3))
-    moved, _, memory = learn(algorithm, policy, newest, DISCOUNT, memory=older)
+    moved, _ = learn(algorithm, policy, newest, DISCOUNT, memory=older)
+    memory = algorithm.remembered(newest + older, DISCOUNT)
     w = (moved.mean(np.eye(3)) - policy.mean(np.eye(3))) / 0.3  # for a linear mean
     samples = algorithm.space.samples(policy, newest + older)
     left, count = iter(algorithm.value_baseline.advantages(samples, DISCOUNT)), 0
@@ -133,7 +134,7 @@ def test_the_joint_step_of_mean_and_variance_has_the_given_divergence(
 ) -> None:
     policy = random_policy()
     algorithm = RKHSNAC(variance="learnt", step=KLStep(divergence=1e-6))
-    moved, metrics, _ = learn(algorithm, policy, random_episodes(policy, 20, 8), DISCOUNT)
+    moved, metrics = learn(algorithm, policy, random_episodes(policy, 20, 8), DISCOUNT)
     assert (moved.variance.values != policy.variance.values).all()
     assert metrics.kl == pytest.approx(1e-6, rel=0.01)  # up to the order of the step, 1e-3
 
@@ -268,7 +269,7 @@ def test_a_line_search_collects_episodes_for_each_candidate(
     algorithm = RKHSNAC(
         centres=200, step=LineSearch(choices=5, episodes=2, shortest=0.1, longest=1.0), exploration_decay=0.5
     )
-    moved, metrics, _ = learn(algorithm, policy, episodes, collect=collect)
+    moved, metrics = learn(algorithm, policy, episodes, collect=collect)
     x = episodes.flat(episodes.observations)
     assert len(tried) == 5
     assert np.array_equal(moved.mean(x), tried[2].mean(x))

@@ -104,7 +104,7 @@ def test_power_on_a_grid_is_the_regression_of_kober_and_peters(
     episodes = random_episodes(policy, 6, 8, masked=True)
     size: dict[str, Any] = {"grid_counts": (3.0,), "reuse": 0}
     algorithm = PoWER(weighting=weighting, ridge=0.7, value_ridge=0.2, **size, **AS_IN_THE_PAPER)
-    moved, metrics, _ = learn(algorithm, policy, episodes, DISCOUNT)
+    moved, metrics = learn(algorithm, policy, episodes, DISCOUNT)
     assert metrics.sparsification_error == 0.0
     x = episodes.flat(episodes.observations)
     centres = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
@@ -293,7 +293,7 @@ def test_the_best_episodes_so_far_are_stored(
     policy, memory = random_policy(), None
     collected = [random_episodes(policy, n, 8, masked=True) for n in (2, 6, 6)]
     for k, episodes in enumerate(collected):
-        *_, memory = learn(algorithm, policy, episodes, DISCOUNT, memory=memory)
+        memory = algorithm.remembered(episodes if memory is None else episodes + memory, DISCOUNT)
         everything = [
             (sum(DISCOUNT**t * r for t, r in enumerate(rewards)), observations.tobytes())
             for some in collected[: k + 1]
@@ -324,7 +324,7 @@ def test_without_reuse_no_episode_is_stored(
     learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:
     policy = random_policy()
-    assert len(learn(RKHSPoWER(reuse=0), policy, random_episodes(policy)).memory) == 0
+    assert len(RKHSPoWER(reuse=0).remembered(random_episodes(policy), DISCOUNT)) == 0
 
 
 @pytest.mark.parametrize("power", [RKHSPoWER, PoWER])

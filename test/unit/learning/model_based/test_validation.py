@@ -154,7 +154,8 @@ def weights_of_updates(training: Training, episodes: Episodes) -> list[Array]:
         seed = stream_seed(experience.seed, "practice", experience.iteration)
         batch = Batch(seed, number * settings.rollouts, settings.rollouts, HORIZON, explore=True)
         rollouts = Experience(runner.collect(policy, batch), training.discount, memory, refuse, variance, number)
-        policy, _, memory = algorithm.update(policy, rollouts)
+        policy, _ = algorithm.update(policy, rollouts)
+        memory = algorithm.remembered(rollouts.episodes + memory, training.discount)
         weights.append(policy.mean.weights)
         deviation = np.maximum(deviation * EXPLORATION_DECAY, EXPLORATION_MINIMUM * np.sqrt(variance))
     return weights
