@@ -16,6 +16,7 @@ from side_by_side_film import PICTURE_SIZE, Chart, Label, Moment, Scene, frames,
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.pictures.style import COLOURS
+from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.episode_files import load_episodes
 from sim_nodes.envs.vector_task import DARK, ORANGE, Body
@@ -39,9 +40,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("run", type=Path)
     run = parser.parse_args().run
-    first = min((run / "checkpoints" / "episodes").glob("training_*.npz"))
+    first = read_recording(run).exploration(1)
     scenes = [
-        _scene("first episode: random exploration", COLOURS[1], load_episodes(first).episodes),
+        _scene("first episode: random exploration", COLOURS[1], first),
         _scene("after twelve episodes", COLOURS[0], load_episodes(run / "evaluation.npz").episodes),
     ]
     write_gif(HERE / "robot_arm.gif", list(frames(scenes, CHART)), FRAME_MS)

@@ -13,6 +13,7 @@ from side_by_side_film import Scene, frames, write_gif
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.pictures.style import COLOURS
+from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.episode_files import load_episodes
 
@@ -26,9 +27,9 @@ def main() -> None:
     parser.add_argument("run", type=Path)
     run = parser.parse_args().run
     config = load_config(SIMULATED)
-    first = min((run / "checkpoints" / "episodes").glob("training_*.npz"))
+    first = read_recording(run).exploration(1)
     scenes = [
-        _scene(config, "first episode: random exploration", COLOURS[1], load_episodes(first).episodes),
+        _scene(config, "first episode: random exploration", COLOURS[1], first),
         _scene(config, "after ten episodes", COLOURS[0], load_episodes(run / "evaluation.npz").episodes),
     ]
     write_gif(HERE / "robot_pendulum.gif", list(frames(scenes, chart_of(config))))

@@ -17,7 +17,7 @@ from rkhs_ros.runs.run import run_training
 from rkhs_ros.studies.parallel import run_parallel
 from rkhs_ros.studies.workers import ALL_CORES, WorkerLostError, Workers
 
-LAST_FILE, LAST_PICTURE = "episodes.npz", "policy.png"  # that a run writes
+LAST_FILE, LAST_PICTURE = "policy.npz", "policy.png"  # that a run writes
 KILLED = "its worker process, or another one, was killed"
 
 

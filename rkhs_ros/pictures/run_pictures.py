@@ -19,56 +19,54 @@ from rkhs_ros.pictures.style import COLOURS, draw_references, label, legend_abov
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task, read_policy
-from rkhs_ros.runs.attempts import ATTEMPTS
+from rkhs_ros.recordings.recording import FILE, faults_named, read_recording
 from rkhs_ros.runs.curve import Curve, columns
-from rkhs_ros.runs.episode_files import load_episodes
 
+MOST_ATTEMPTS = 10_000  # newest ones, which are drawn
 FEW = 30  # iterations up to which the points are marked
 
 
 def draw_run(folder: Path) -> list[Path]:
-    """Draw curve.png and policy.png from the files in a run's folder; return their paths.
+    """Draw curve.png and, from the recorded episodes, policy.png in a run's folder; return their paths.
 
     Raises:
         ValueError: a file of the run is damaged.
         OSError: a file is missing, or a picture cannot be written.
     """
     policy, task, spaces = read_policy(folder / "policy.npz")
-    episodes = _episodes(folder / "episodes.npz", policy)
-    figures = {
-        folder / "curve.png": curve_figure(columns(Curve(folder / "curve.csv").rows()), task),
-        folder / "policy.png": _policy_figure(folder, policy, task, spaces, episodes),
-    }
+    figures = {folder / "curve.png": curve_figure(columns(Curve(folder / "curve.csv").rows()), task)}
+    if (folder / FILE).is_file():  # offline training runs no episodes
+        figures[folder / "policy.png"] = _policy_figure(folder, policy, task, spaces)
     for path, figure in figures.items():
         write(path, figure)
     return list(figures)
 
 
-def _policy_figure(
-    folder: Path, policy: GaussianPolicy, task: Task, spaces: Spaces | None, episodes: Episodes
-) -> Figure:
+def _policy_figure(folder: Path, policy: GaussianPolicy, task: Task, spaces: Spaces | None) -> Figure:
     """Return the figure of a policy; for one-step tasks, the figure of the attempts."""
+    recording = read_recording(folder)
+    with faults_named(folder / FILE):
+        episodes = _checked(recording.last_episodes(), policy)
     widths = episodes.observations.shape[2], episodes.actions.shape[2]
     names, spaces = names_of(task, *widths, spaces), spaces or Spaces.unbounded(*widths)
-    if task.horizon == 1 and (folder / ATTEMPTS).is_file():
-        attempts = load_episodes(folder / ATTEMPTS).episodes
-        return attempts_figure(attempts, episodes, spaces, names, task.environment, success_reward(task))
+    if task.horizon == 1:
+        attempts = [each.episodes for each in recording.finished if each.batch.explore][-MOST_ATTEMPTS:]
+        attempted = Episodes.concatenate(attempts)
+        return attempts_figure(attempted, episodes, spaces, names, task.environment, success_reward(task))
     return policy_figure(policy, spaces, names, episodes, task.environment)
 
 
-def _episodes(path: Path, policy: GaussianPolicy) -> Episodes:
-    """Return the episodes in a file, as observed.
+def _checked(episodes: Episodes, policy: GaussianPolicy) -> Episodes:
+    """Return episodes that a policy can have run, with a step to draw.
 
     Raises:
         ValueError: there is no step to draw, or the dimensions differ from those of the policy.
-        OSError: the file cannot be read.
     """
-    episodes = load_episodes(path).episodes
-    require(bool(episodes.mask[:1].any()), f"{path}", "an episode with at least one step", "none")
+    require(bool(episodes.mask[:1].any()), "recording", "an episode with at least one step", "none")
     widths = (episodes.observations.shape[2], episodes.actions.shape[2])
     expected = (policy.mean.input_dim, policy.mean.output_dim)
     got = (policy.inputs.dimension(*widths), widths[1])
-    require(got == expected, f"{path}", f"episodes of a policy from {expected[0]} to {expected[1]} dimensions", got)
+    require(got == expected, "recording", f"episodes of a policy from {expected[0]} to {expected[1]} dimensions", got)
     return episodes
 
 

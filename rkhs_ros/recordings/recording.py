@@ -103,6 +103,36 @@ class Recording:
         require(len(horizons) == 1, "recording", "episodes with a common horizon", f"horizons {sorted(horizons)}")
         return Episodes.concatenate(each.episodes for each in finished)
 
+    def exploration(self, iteration: int) -> Episodes:
+        """Return the exploration episodes of a finished iteration, before its update.
+
+        Raises:
+            ValueError: an episode is missing.
+        """
+        begin = self.updates[iteration - 2].episodes if iteration > 1 else 0
+        return self._numbered(begin, len(self.updates[iteration - 1].exploration_returns), explore=True)
+
+    def last_episodes(self) -> Episodes:
+        """Return the evaluation episodes after the last update, or its exploration episodes if it was not evaluated.
+
+        Raises:
+            ValueError: there is no update, or an episode is missing.
+        """
+        require(bool(self.updates), "recording", "at least one finished iteration", "none")
+        last = self.updates[-1]
+        if count := len(last.evaluation_returns):
+            return self._numbered(last.evaluation_episodes - count, count, explore=False)
+        return self.exploration(len(self.updates))
+
+    def _numbered(self, begin: int, count: int, *, explore: bool) -> Episodes:
+        if self.head is None:
+            raise ValueError("recording: expected the header of a run, got none")
+        known, horizon, numbers = self.by_numbers(), self.head.task.horizon, range(begin, begin + count)
+        batches = [Batch(self.head.seed, number, 1, horizon, explore=explore) for number in numbers]
+        missing = [each.first_episode for each in batches if each not in known]
+        require(not missing, "recording", f"episodes {begin} to {begin + count - 1}", f"none of number {missing}")
+        return Episodes.concatenate(known[each].episodes for each in batches)
+
     def by_numbers(self) -> dict[Batch, RecordedBatch]:
         """Return the completed episodes by number, each as a batch of one episode."""
         return countable(self.batches)

@@ -102,8 +102,7 @@ class Checkpoints:
     def newest(self) -> Checkpoint | None:
         """Return the newest intact checkpoint from before the last iteration; print a warning for each damaged one.
 
-        Plots show the episodes of the last iteration, which are not stored, so that the run repeats this iteration with
-        a bit-identical result.
+        A finished run repeats its last iteration, with a bit-identical result, and returns it to the caller.
 
         Returns:
             The checkpoint, or None if there is none.

@@ -1,4 +1,4 @@
-"""Results of a run in its folder: configuration, learning curve, policy and episodes."""
+"""Results of a run in its folder: configuration, learning curve and policy."""
 
 from __future__ import annotations
 
@@ -21,10 +21,8 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import load_policy, read_policy, save_policy
 from rkhs_ros.rollouts.final_evaluation import FinalEvaluation
 from rkhs_ros.runs import config_comments
-from rkhs_ros.runs.attempts import Attempts
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve, Row
-from rkhs_ros.runs.episode_files import save_episodes
 from rkhs_ros.runs.provenance import provenance_lines
 
 CONFIGURATION = "config.yaml"
@@ -98,10 +96,10 @@ def last_policy(folder: Path) -> Path:
 class Report:
     """Results of a run, written while it runs.
 
-    Owns the files of the folder except the checkpoints. config.yaml is written at the start; its comments grow with
-    what the run finds about its task. curve.csv grows with the run, and so do advice.txt and, if the task has one step,
-    attempts.npz. best_policy.npz holds the policy with the greatest evaluation return minus its standard error, which
-    `decide` may replace by the last policy. `finish` writes policy.npz and episodes.npz.
+    Owns the files of the folder except checkpoints and recording. config.yaml is written at the start; its comments
+    grow with what the run finds about its task. curve.csv and advice.txt grow with the run. best_policy.npz holds the
+    policy with the greatest evaluation return minus its standard error, which `decide` may replace by the last policy.
+    `finish` writes policy.npz.
 
     Args:
         folder: an empty folder, or the folder of the run that resumes.
@@ -129,7 +127,6 @@ class Report:
         self.rows = list(rows)
         done = len(self.rows)
         self._best, self.best_policy = self._best_of(self.rows)
-        self._attempts = Attempts(folder, config.task, spaces, done)
         self._began = time.monotonic() - (self.rows[-1].seconds if self.rows else 0.0)
         self._configuration = config_comments.resumed(folder / CONFIGURATION, resolved(config), done)
         write_whole(folder / CONFIGURATION, self._configuration.encode())
@@ -144,7 +141,6 @@ class Report:
         row = Row.of(iteration, time.monotonic() - self._began)
         self._curve.append(row)
         self.rows.append(row)
-        self._attempts.add(iteration.number, iteration.exploration)
         self._save_if_best(iteration)
         if comments := config_comments.found_comments(iteration, self._config.training):
             self._configuration = config_comments.with_comments(self._configuration, comments)
@@ -200,16 +196,13 @@ class Report:
             save_policy(self.folder / BEST_POLICY, iteration.policy, self._config.task, self._spaces)
 
     def finish(self) -> None:
-        """Write the last policy and its evaluation episodes, or exploration episodes if there was no evaluation.
+        """Write the last policy.
 
         Raises:
             OSError: a file cannot be written.
         """
-        if self._last is None:
-            return
-        save_policy(self.folder / "policy.npz", self._last.policy, self._config.task, self._spaces)
-        shown = self._last.evaluation if len(self._last.evaluation) else self._last.exploration
-        save_episodes(self.folder / "episodes.npz", shown, self._config.task)
+        if self._last is not None:
+            save_policy(self.folder / "policy.npz", self._last.policy, self._config.task, self._spaces)
 
 
 def advice_in(folder: Path) -> list[str]:

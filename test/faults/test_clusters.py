@@ -38,7 +38,7 @@ def kill_when(folder: Path, runs: int, victims: Callable[[], list[int]]) -> Thre
     """Kill one of the processes after a number of runs."""
 
     def kill() -> None:
-        while len(list(folder.glob("runs/*/episodes.npz"))) < runs or not (found := victims()):
+        while len(list(folder.glob("runs/*/policy.npz"))) < runs or not (found := victims()):
             time.sleep(0.02)
         os.kill(found[0], signal.SIGKILL)
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rkhs_ros.runs.episode_files import load_episodes
+from rkhs_ros.recordings.recording import read_recording
 
 Start = Callable[..., Any]
 
@@ -72,9 +72,9 @@ def test_one_robot_learns_over_topics_as_in_process(
     without_seconds = [[line.rpartition(",")[0] for line in curve] for curve in lines]
     assert without_seconds[0] == without_seconds[1]
     assert len(without_seconds[0]) == 4
-    for file in ("policy.npz", "best_policy.npz", "episodes.npz"):
+    for file in ("policy.npz", "best_policy.npz"):
         assert Path("inline", file).read_bytes() == Path("ros", file).read_bytes()
-    episodes, _ = load_episodes(Path("ros", "episodes.npz"))
+    episodes = read_recording(Path("ros")).last_episodes()
     assert episodes.terminated.all()
     assert (episodes.mask.sum(axis=1) < 9).all()
     assert np.isfinite(episodes.final_observations).all()

@@ -14,10 +14,11 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.imitation import imitation_from
 from rkhs_ros.policies.policy import Policy
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.policies.storage import Task, read_policy
+from rkhs_ros.policies.storage import Task
 from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.runs.config import Environment, tree_of
 from rkhs_ros.runs.episode_files import load_episodes
+from rkhs_ros.runs.report import is_started
 
 DISCOUNT = 0.99  # if the file contains no task
 
@@ -48,8 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @reads_data
 def run(options: argparse.Namespace) -> int:
     """Fit the policy, save it, and print its distance from the demonstrations."""
-    file = options.episodes / "episodes.npz" if (options.episodes / "episodes.npz").is_file() else options.episodes
-    episodes, recorded_task, repeat = _stored(file) if file.suffix == ".npz" else _recorded(file)
+    file = options.episodes
+    episodes, recorded_task, repeat = (*load_episodes(file), 1) if file.suffix == ".npz" else _recorded(file)
     imitation = imitation_from(tree_of([f"action_repeat={repeat}", *options.set]))
     task = _task(episodes, recorded_task, options.env)
     spaces = spaces_of(Environment(task.environment, task.options)) if task.environment else _plain(episodes)
@@ -69,17 +70,15 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _stored(file: Path) -> tuple[Episodes, Task | None, int]:
-    """Return the episodes in a file, their task, and the action repeat of the policy of the same run, or 1."""
-    policy = file.with_name("policy.npz")
-    repeat = read_policy(policy).policy.action_repeat if file.name == "episodes.npz" and policy.is_file() else 1
-    return *load_episodes(file), repeat
+def _recorded(path: Path) -> tuple[Episodes, Task | None, int]:
+    """Return the completed episodes of a recording, or the last ones of a run in a folder.
 
-
-def _recorded(file: Path) -> tuple[Episodes, Task | None, int]:
-    """Return the completed episodes of a recording, their task, and the action repeat of its newest policy, or 1."""
-    recording = read_recording(file)
-    return recording.episodes(), recording.head.task if recording.head else None, recording.action_repeat or 1
+    Returns:
+        The episodes, their task, and the action repeat of the newest policy, or 1.
+    """
+    recording = read_recording(path)
+    episodes = recording.last_episodes() if is_started(path) else recording.episodes()
+    return episodes, recording.head.task if recording.head else None, recording.action_repeat or 1
 
 
 def _task(episodes: Episodes, recorded: Task | None, environment: str | None) -> Task:

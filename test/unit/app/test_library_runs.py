@@ -68,7 +68,7 @@ def test_a_run_writes_the_folder_of_the_command_line(tmp_path: Path) -> None:
     files = [written(each) for each in (ours, theirs)]
     assert files[0] == files[1]
     same = [file for file in files[0] if file.name not in WITH_TIMES]
-    assert {"config.yaml", "policy.npz", "best_policy.npz", "episodes.npz", "curve.png"} <= {file.name for file in same}
+    assert {"config.yaml", "policy.npz", "best_policy.npz", "curve.png"} <= {file.name for file in same}
     for file in same:
         assert (ours / file).read_bytes() == (theirs / file).read_bytes(), file
     assert without_times(ours) == without_times(theirs)
@@ -107,7 +107,7 @@ def test_a_run_that_a_callback_stops_resumes_bit_identically(source: Any, tmp_pa
     resumed = rkhs_ros.train(source, out=folder, resume=True, **SHORT)
     assert without_times(folder) == without_times(tmp_path / "whole")
     assert repr(list(resumed.rows)) == repr(Curve(folder / "curve.csv").rows())
-    for name in ("policy.npz", "best_policy.npz", "episodes.npz"):
+    for name in ("policy.npz", "best_policy.npz"):
         assert (folder / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
     best = [each.best_policy for each in (resumed, whole)]
     weights = [each.gaussian.mean.weights.tobytes() for each in best if each]

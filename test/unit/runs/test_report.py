@@ -10,11 +10,12 @@ import pytest
 from rkhs_ros.learning.execution import Record, discard
 from rkhs_ros.learning.training import train
 from rkhs_ros.pictures.run_pictures import draw_run
-from rkhs_ros.policies.storage import load_policy
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.storage import load_policy, save_policy
+from rkhs_ros.recordings.container import MessageFile, read_messages
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment, load_config
-from rkhs_ros.runs.episode_files import load_episodes, save_episodes
 from rkhs_ros.runs.report import Report, new_folder, summary
 from rkhs_ros.runs.run import run_training
 from test.unit.conftest import model_free
@@ -53,7 +54,7 @@ def test_a_run_writes_its_curve_and_policy(
 ) -> None:
     folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
     assert sorted(p.name for p in folder.iterdir()) == [
-        *("best_policy.npz", "checkpoints", "config.yaml", "curve.csv", "episodes.npz", "final_evaluation.txt"),
+        *("best_policy.npz", "checkpoints", "config.yaml", "curve.csv", "final_evaluation.txt"),
         *("policy.npz", "recording.mcap"),
     ]
     assert draw_run(folder) == [folder / "curve.png", folder / "policy.png"]
@@ -108,17 +109,18 @@ def test_an_interrupted_run_saves_its_policy(tmp_path: Path, runner: InlineRunne
     assert np.array_equal(policy.mean.weights, first.policy.mean.weights)
 
 
-def test_drawing_without_episodes_raises(tmp_path: Path, runner: InlineRunner) -> None:
+def test_drawing_without_episodes_raises(
+    tmp_path: Path, runner: InlineRunner, random_policy: Callable[..., GaussianPolicy]
+) -> None:
     folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
-    episodes = load_episodes(folder / "episodes.npz").episodes
-    over = replace(episodes, mask=np.zeros_like(episodes.mask))
-    for none in (episodes.take(slice(0)), over):
-        save_episodes(folder / "episodes.npz", none, CONFIG.task)
-        with pytest.raises(ValueError, match=r"episodes\.npz: expected an episode with at least one step, got none"):
-            draw_run(folder)
-    wide = replace(episodes, observations=np.zeros((2, 8, 3)), final_observations=np.zeros((2, 3)))
-    save_episodes(folder / "episodes.npz", wide, CONFIG.task)
-    with pytest.raises(ValueError, match="expected episodes of a policy from 1 to 1 dimensions, got"):
+    whole = (folder / "policy.npz").read_bytes()
+    save_policy(folder / "policy.npz", random_policy(d=3), CONFIG.task)
+    with pytest.raises(ValueError, match=r"recording\.mcap: .*expected episodes of a policy from 3 to 2 dim"):
+        draw_run(folder)
+    (folder / "policy.npz").write_bytes(whole)
+    messages = [each for each in read_messages(folder / "recording.mcap").messages if "Update" not in each.kind]
+    MessageFile(folder / "recording.mcap", messages).close()
+    with pytest.raises(ValueError, match=r"recording\.mcap: .*expected at least one finished iteration, got none"):
         draw_run(folder)
     assert not (folder / "curve.png").exists()
 

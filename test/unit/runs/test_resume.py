@@ -36,7 +36,7 @@ ROOT = Path(__file__).parents[3]
 CONFIG_FILE = ROOT / "config" / "toy_nac.yaml"
 TRAINING = model_free(name="short", iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
 CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
-RESULTS = ("best_policy.npz", "config.yaml", "curve.csv", "episodes.npz", "final_evaluation.txt", "policy.npz")
+RESULTS = ("best_policy.npz", "config.yaml", "curve.csv", "final_evaluation.txt", "policy.npz")
 DRAWN = {"curve.png", "policy.png"}  # by the command
 INLINE = ("--runner", "inline", "--quiet")
 COMMAND = (sys.executable, "-m", "rkhs_ros.app.cli", "train")
@@ -128,8 +128,7 @@ def test_a_lost_best_policy_is_reported_and_replaced(
 
 def test_a_finished_run_repeats_its_last_iteration(tmp_path: Path, whole: dict[str, object]) -> None:
     folder = run_training(CONFIG, Stopping(), tmp_path / "run", quiet=True)
-    for name in ("policy.npz", "episodes.npz"):  # like a run that is killed before its end
-        (folder / name).unlink()
+    (folder / "policy.npz").unlink()  # like a run that is killed before its end
     run_training(CONFIG, Stopping(2), folder, quiet=True, resume=True)
     assert results(folder) == whole
 
@@ -352,12 +351,12 @@ class Blocking(Stopping):
 
 def test_results_that_cannot_be_written_are_reported(tmp_path: Path, whole: dict[str, object]) -> None:
     folder = stopped(tmp_path / "run", 5)
-    (folder / "episodes.npz").unlink()
-    (folder / "episodes.npz").mkdir()
-    with pytest.raises(OSError, match=r"Is a directory: .*episodes\.npz"):
+    (folder / "policy.npz").unlink()
+    (folder / "policy.npz").mkdir()
+    with pytest.raises(OSError, match=r"Is a directory: .*policy\.npz"):
         resumed(folder)
     assert not list(folder.rglob("*.part"))
-    (folder / "episodes.npz").rmdir()
+    (folder / "policy.npz").rmdir()
     assert results(resumed(folder)) == whole
 
 

@@ -132,7 +132,7 @@ def test_a_log_that_begins_with_a_resume_contains_all_rows_and_changes_no_result
     without = run_training(CONFIG, Stopping(), tmp_path / "without", quiet=True)
     folder = resumed(stopped(tmp_path / "run", 5), tensorboard=True)
     assert [step for step, *_ in events(folder)] == [1, 2, 3, 4]
-    names = ("policy.npz", "episodes.npz", "config.yaml")
+    names = ("policy.npz", "config.yaml")
     assert [(folder / name).read_bytes() for name in names] == [(without / name).read_bytes() for name in names]
 
 

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 CONFIG = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
 EPISODES = ("--set", "horizon=4", "episodes_per_iteration=2")
 SHORT = (*EPISODES, "iterations=2")
-RESULTS = ("config.yaml", "policy.npz", "episodes.npz", "curve.png", "policy.png")
+RESULTS = ("config.yaml", "policy.npz", "curve.png", "policy.png")
 Run = Callable[..., Result]
 ranges = st.tuples(st.integers(0, 300), st.integers(0, 20)).map(lambda pair: range(pair[0], pair[0] + pair[1] + 1))
 

@@ -89,7 +89,7 @@ def test_a_sweep_continues_and_a_larger_one_runs_only_new_points(rkhs: Run, swep
     whole = (swept / "runs.csv").read_bytes()
     cut, *finished = sorted((swept / "runs").iterdir())
     Curve(cut / "curve.csv").begin(Curve(cut / "curve.csv").rows()[:1])
-    for path in (cut / "checkpoints").glob("*.npz"):  # of later iterations
+    for path in (cut / "policy.npz", *(cut / "checkpoints").glob("*.npz")):  # of later iterations
         path.unlink()
     times = [(path / "policy.npz").stat().st_mtime_ns for path in finished]
     larger = [str(word).replace("0-1", "0-2") for word in GRID]
@@ -103,7 +103,7 @@ def test_a_sweep_continues_and_a_larger_one_runs_only_new_points(rkhs: Run, swep
 def test_a_failed_run_is_reported_and_the_others_are_tabulated(rkhs: Run, swept: Path) -> None:
     bad = min((swept / "runs").iterdir())
     (bad / "config.yaml").write_text("- no configuration\n")
-    (bad / "episodes.npz").unlink()
+    (bad / "policy.npz").unlink()
     for path in (bad / "checkpoints").glob("*.npz"):
         path.unlink()
     code, _, err = rkhs("sweep", CONFIG, *GRID, *TINY, "--out", "grid")

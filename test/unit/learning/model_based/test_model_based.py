@@ -254,7 +254,7 @@ class Stopping(stopping.Stopping):
 
 def results(folder: Path) -> dict[str, object]:
     """Return the results of a run without its durations."""
-    names = ("policy.npz", "best_policy.npz", "episodes.npz", "config.yaml")
+    names = ("policy.npz", "best_policy.npz", "config.yaml")
     lines = [line.rpartition(",")[0] for line in (folder / "curve.csv").read_text().splitlines()]
     return {"curve": lines} | {name: (folder / name).read_bytes() for name in names}
 
