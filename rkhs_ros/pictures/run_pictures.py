@@ -34,9 +34,10 @@ def draw_run(folder: Path) -> list[Path]:
         OSError: a file is missing, or a picture cannot be written.
     """
     policy, task, spaces = read_policy(folder / "policy.npz")
-    figures = {folder / "curve.png": curve_figure(columns(Curve(folder / "curve.csv").rows()), task)}
-    if (folder / FILE).is_file():  # offline training runs no episodes
-        figures[folder / "policy.png"] = _policy_figure(folder, policy, task, spaces)
+    figures = {
+        folder / "curve.png": curve_figure(columns(Curve(folder / "curve.csv").rows()), task),
+        folder / "policy.png": _policy_figure(folder, policy, task, spaces),
+    }
     for path, figure in figures.items():
         write(path, figure)
     return list(figures)

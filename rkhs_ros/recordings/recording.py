@@ -106,11 +106,14 @@ class Recording:
     def exploration(self, iteration: int) -> Episodes:
         """Return the exploration episodes of a finished iteration, before its update.
 
+        All iterations of an offline run have the same episodes.
+
         Raises:
             ValueError: an episode is missing.
         """
-        begin = self.updates[iteration - 2].episodes if iteration > 1 else 0
-        return self._numbered(begin, len(self.updates[iteration - 1].exploration_returns), explore=True)
+        update = self.updates[iteration - 1]
+        begin = max((each.episodes for each in self.updates if each.episodes < update.episodes), default=0)
+        return self._numbered(begin, len(update.exploration_returns), explore=True)
 
     def last_episodes(self) -> Episodes:
         """Return the evaluation episodes after the last update, or its exploration episodes if it was not evaluated.
@@ -125,13 +128,10 @@ class Recording:
         return self.exploration(len(self.updates))
 
     def _numbered(self, begin: int, count: int, *, explore: bool) -> Episodes:
-        if self.head is None:
-            raise ValueError("recording: expected the header of a run, got none")
-        known, horizon, numbers = self.by_numbers(), self.head.task.horizon, range(begin, begin + count)
-        batches = [Batch(self.head.seed, number, 1, horizon, explore=explore) for number in numbers]
-        missing = [each.first_episode for each in batches if each not in known]
+        known = {each.batch.first_episode: each.episodes for each in self.finished if each.batch.explore == explore}
+        missing = [number for number in range(begin, begin + count) if number not in known]
         require(not missing, "recording", f"episodes {begin} to {begin + count - 1}", f"none of number {missing}")
-        return Episodes.concatenate(known[each].episodes for each in batches)
+        return Episodes.concatenate(known[number] for number in range(begin, begin + count))
 
     def by_numbers(self) -> dict[Batch, RecordedBatch]:
         """Return the completed episodes by number, each as a batch of one episode."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from contextlib import closing
 from dataclasses import replace
 from math import inf
 from pathlib import Path
@@ -18,10 +19,14 @@ from rkhs_ros.learning.training_settings import AUTO
 from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import save_policy
-from rkhs_ros.recordings.recording import Recording, read_recording
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.recordings.container import MessageFile
+from rkhs_ros.recordings.recorder import Recorder
+from rkhs_ros.recordings.recording import FILE, Recording, read_recording
 from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.offline import all_episodes, learn_offline, offline_changes, offline_settings
 from rkhs_ros.runs.progress import progress_bar
+from rkhs_ros.runs.recorded import head_of_run
 from rkhs_ros.runs.report import BEST_POLICY, Report, new_folder
 from rkhs_ros.runs.run import finished
 
@@ -101,9 +106,13 @@ def _train_into(folder: Path, config: Config, spaces: Spaces, episodes: Episodes
     """Train, write the results of the run into its folder, and return a summary of a few lines."""
     best = -inf
     with locked(folder):
-        report = Report(folder, config, spaces)
-        with finished(report), progress_bar(config.training, quiet=quiet) as show:
+        report, recorder = Report(folder, config, spaces), Recorder(MessageFile(folder / FILE), Recording())
+        with closing(recorder), finished(report), progress_bar(config.training, quiet=quiet) as show:
+            recorder.begin(head_of_run(config, spaces, warm_start=False))
+            batch = Batch(config.training.seed, 0, len(episodes), episodes.horizon, explore=True)
+            recorder.ended(batch, episodes, [])  # of policy 0, which is none of this run
             for iteration in learn_offline(config.training, spaces, episodes):
+                recorder.updated(iteration)
                 report.add(iteration)
                 show(iteration)
                 if iteration.model_return > best:

@@ -67,7 +67,7 @@ def test_an_offline_policy_is_evaluated_and_trained_further(whole: Path, rkhs: C
     done = rkhs("offline", whole, *SHORT, "--out", "learnt")
     assert (done.code, done.err) == (0, "")
     made = {path.name for path in Path("learnt").iterdir()}
-    assert {"policy.npz", "best_policy.npz", "config.yaml", "curve.csv", "curve.png"} <= made
+    assert {"policy.npz", "best_policy.npz", "config.yaml", "curve.csv", "curve.png", "policy.png"} <= made
     assert rkhs("evaluate", "learnt", "--episodes", 2).code == 0
     policy, task = load_policy(Path("learnt/policy.npz"))
     assert task == CONFIG.task
@@ -77,6 +77,23 @@ def test_an_offline_policy_is_evaluated_and_trained_further(whole: Path, rkhs: C
     )  # fmt: skip
     assert began.code == 0
     assert np.array_equal(read_recording(Path("on")).policies[1].mean.weights, policy.mean.weights)
+
+
+def test_an_offline_run_is_viewed_and_imitated(whole: Path, rkhs: Callable[..., Result]) -> None:
+    pytest.importorskip("viser")
+    from rkhs_ros.view.serving import source_of
+
+    assert rkhs("offline", whole, *SHORT, "--set", "horizon=3", "--out", "learnt").code == 0
+    source, given = source_of(Path("learnt")), read_recording(whole).episodes()
+    assert len(source.rows) == len(source.iterations) == 2
+    first, last = source.load(1), source.load(2)
+    assert np.array_equal(first.exploration.rewards, given.rewards)
+    weights = load_policy(Path("learnt/policy.npz"))[0].mean.weights
+    assert np.array_equal(last.policy.mean.weights, weights)
+    assert len(last.roll_out_model()) > 0
+    assert rkhs("export", "learnt", "page.html").code == 0
+    assert "Fitted 5 centres to 20 episodes" in rkhs("imitate", "learnt", "--set", "centres=5").out
+    assert_refused(rkhs("replay", "learnt", "--quiet"), "in the recording, got none")
 
 
 def test_offline_training_is_a_function_of_the_recordings(whole: Path, rkhs: Callable[..., Result]) -> None:
