@@ -108,7 +108,7 @@ def report_failures(failures: Mapping[Path, str]) -> None:
 def _is_done(folder: Path, config: Config, drawn: bool) -> bool:
     curve, last = folder / "curve.csv", folder / (LAST_PICTURE if drawn else LAST_FILE)
     finished = last.is_file() and curve.is_file() and last.stat().st_mtime_ns >= curve.stat().st_mtime_ns
-    with suppress(ValueError):  # from a damaged curve; the run then fails to resume
+    with suppress(ValueError):  # from a damaged curve, which the run writes again
         return finished and len(Curve(curve).rows()) == config.training.iterations
     return False
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from rkhs_ros.runs.curve import Curve
 from test.processes import children_of, is_running, of_process
 from test.ros.conftest import ROOT, Probe, Process, kill, nodes_of
 
@@ -100,6 +101,10 @@ def test_a_run_interrupted_before_its_first_iteration_can_be_resumed(start: Star
     assert err.count("\n") == 1
     code, _, err = start("rkhs", "train", "--quiet", "--resume", folder).finish()
     assert (code, err) == (0, f"note: {folder}: no checkpoint to resume from; the run restarts\n")
+    (folder / "curve.csv").write_text("damaged")
+    code, _, err = start("rkhs", "train", "--quiet", "--iterations", 3, "--resume", folder).finish()
+    assert (code, err) == (0, "")
+    assert len(Curve(folder / "curve.csv").rows()) == 3
 
 
 @pytest.mark.parametrize("name", [pytest.param("simulator", marks=pytest.mark.nightly), "policy"])

@@ -90,13 +90,11 @@ def test_an_incomplete_run_is_repeated(experiment: Experiment, tmp_path: Path) -
 
 @pytest.mark.slow
 @pytest.mark.parametrize("left", [b"", b"iteration,episodes\n", b"\xff\n"], ids=["empty", "header", "no text"])
-def test_a_run_with_a_damaged_curve_is_reported(experiment: Experiment, tmp_path: Path, left: bytes) -> None:
-    make_table(experiment, tmp_path, runs=1)
+def test_a_damaged_curve_is_written_again(experiment: Experiment, tmp_path: Path, left: bytes) -> None:
+    whole = make_table(experiment, tmp_path, runs=1).read_bytes()
     curve = min((tmp_path / "runs").iterdir()) / "curve.csv"
     curve.write_bytes(left)
-    with pytest.raises(RunError, match=rf"{curve}: .* \(1 of 3 runs failed; run the same command to continue\)"):
-        make_table(experiment, tmp_path, runs=1)
-    assert curve.read_bytes() == left
+    assert make_table(experiment, tmp_path, runs=1).read_bytes() == whole
 
 
 @pytest.mark.slow
