@@ -140,7 +140,7 @@ def test_defaults_do_not_depend_on_how_the_algorithm_is_chosen(form: str, tmp_pa
 
 def test_typed_keywords_match_the_accepted_settings() -> None:
     of_run = {each.name for each in fields(Training)} - {"algorithm", "timeout"}  # of nodes
-    others = {"policy", "options", "num_envs", "out", "resume", "record", "tensorboard"}
+    others = {"policy", "options", "num_envs", "out", "resume", "tensorboard"}
     assert set(LearnSettings.__annotations__) == of_run | others
 
 

@@ -216,6 +216,3 @@ def test_names_of_spaces_survive_messages_and_files(
     assert spaces_of(SimpleNamespace(**spaces_fields(spaces))) == spaces
     save_policy(tmp_path / "p.npz", random_policy(2, 1), Task("robot", {}, 3, 0.9), spaces)
     assert read_policy(tmp_path / "p.npz").spaces == spaces
-    without = vars(SimpleNamespace(**spaces_fields(spaces)))
-    old = SimpleNamespace(**{name: value for name, value in without.items() if not name.endswith("_names")})
-    assert spaces_of(old).observation_names == ()  # as in older recordings
