@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from array import array
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from rclpy.duration import Duration
@@ -15,6 +16,7 @@ from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.runs.curve import BEGINNING, Curve, Row, seconds_left
 
+MOST_RECENT = 256  # iterations in a message
 PERIOD_S = 0.2  # between messages
 LAST_MESSAGE_TIMEOUT_S = 0.5  # for subscribers to receive the last message before the node exits
 
@@ -22,7 +24,7 @@ LAST_MESSAGE_TIMEOUT_S = 0.5  # for subscribers to receive the last message befo
 class ProgressTopic:
     """Publishes the progress of a run at a limited rate; late subscribers receive the newest message.
 
-    Owns the last lines of the learning curve until they are published.
+    Owns the learning curve until it is published.
 
     Args:
         node: the learner node.
@@ -40,10 +42,12 @@ class ProgressTopic:
     def begin(self, folder: Path) -> None:
         """Set the folder of the results, and publish the progress so far."""
         self._folder = folder.resolve()
-        self._rows = Curve(folder / "curve.csv").rows()
+        self._rows = []
+        with suppress(ValueError):  # from a damaged curve, which the run writes again
+            self._rows = Curve(folder / "curve.csv").rows()
 
     def offer(self, rows: Sequence[Row]) -> None:
-        """Set the last lines of the learning curve; they replace unpublished ones."""
+        """Set the learning curve so far; it replaces an unpublished one."""
         self._rows = rows
 
     def heartbeat(self) -> float:
@@ -65,7 +69,7 @@ class ProgressTopic:
         if self._rows is None:
             return
         rows, self._rows = self._rows, None
-        iterations = self._training.iterations
+        iterations, recent = self._training.iterations, rows[-MOST_RECENT:]
         message = LearningProgress(
             stamp=self._clock.now().to_msg(),
             run=self._training.name,
@@ -73,9 +77,9 @@ class ProgressTopic:
             iterations=iterations,
             **(rows[-1] if rows else BEGINNING)._asdict(),
             seconds_left=seconds_left(rows, iterations),
-            last_iterations=array("I", [row.iteration for row in rows]),
-            last_exploration_returns=array("d", [row.exploration_return for row in rows]),
-            last_evaluation_returns=array("d", [row.evaluation_return for row in rows]),
-            last_model_returns=array("d", [row.model_return for row in rows]),
+            last_iterations=array("I", [row.iteration for row in recent]),
+            last_exploration_returns=array("d", [row.exploration_return for row in recent]),
+            last_evaluation_returns=array("d", [row.evaluation_return for row in recent]),
+            last_model_returns=array("d", [row.model_return for row in recent]),
         )
         self._publisher.publish(message)
