@@ -17,7 +17,6 @@ NODES = [
     "gate = rkhs_ros.nodes.robot.gate_node:main",
     "policy = rkhs_ros.nodes.lockstep.policy_node:main",
     "learner = rkhs_ros.app.learner:main",
-    "recorder = rkhs_ros.nodes.watch.recorder_node:main",
 ]
 
 

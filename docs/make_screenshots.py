@@ -1,4 +1,4 @@
-"""Make the pictures of docs/view.md: screenshots of the pages of a pendulum, the PR2 and an arm during training."""
+"""Make the pictures of docs/view.md: the pages of a pendulum, the PR2 and an arm after some iterations."""
 
 from __future__ import annotations
 
@@ -15,9 +15,6 @@ import browser
 import numpy as np
 from PIL import Image
 
-from rkhs_ros.runs.control import PAUSE, ask, is_pausing
-from rkhs_ros.runs.curve import Curve
-
 HERE = Path(__file__).parent
 CONFIGS = HERE.parent / "config"
 SIZE = (1280, 800)
@@ -31,10 +28,9 @@ class Shot(NamedTuple):
 
     Attributes:
         config: configuration of the run.
-        iteration: iteration to wait for.
+        iteration: number of iterations of the run.
         kind: episode to show, as the page lists it.
         part: position of the time slider, from 0 to 1.
-        settings: changes of the configuration.
         over_topics: whether the run uses nodes, as for a robot.
     """
 
@@ -42,13 +38,12 @@ class Shot(NamedTuple):
     iteration: int
     kind: str
     part: float
-    settings: tuple[str, ...] = ()
     over_topics: bool = False
 
 
 SHOTS = {
-    "view_pendulum.png": Shot("pendulum_model_nac", 5, "evaluation 1", 0.1, ("iterations=40",)),
-    "view_pr2.png": Shot("pr2_door_nac", 11, "evaluation 1", 0.75, ("iterations=60",)),
+    "view_pendulum.png": Shot("pendulum_model_nac", 5, "evaluation 1", 0.1),
+    "view_pr2.png": Shot("pr2_door_nac", 11, "evaluation 1", 0.75),
     "view_arm.png": Shot("robot_arm", 8, "exploration 1", 0.45, over_topics=True),
 }
 
@@ -59,22 +54,21 @@ def main(names: Sequence[str]) -> None:
         for name, shot in SHOTS.items():
             if names and name not in names:
                 continue
-            with run_of(shot) as (folder, address):
-                wait_for_pause(folder, shot.iteration)
+            with run_of(shot) as address:
                 picture = taken(chromium.open(f"{address}?{SHARP}", *SIZE), shot)
             picture.save(HERE / name, optimize=True)
             print(HERE / name)
 
 
 @contextmanager
-def run_of(shot: Shot) -> Iterator[tuple[Path, str]]:
-    """Start a run; yield its folder and the address of its page."""
-    command = ["train", str(CONFIGS / f"{shot.config}.yaml"), "--view"]
-    where = "ros" if shot.over_topics else "inline"
-    changes = ["--set", *shot.settings] if shot.settings else []
-    options = ["--runner", where, "--quiet", *changes, "--out", "results/run"]
-    with tempfile.TemporaryDirectory() as folder, page_of([*command, *options], folder) as address:
-        yield Path(folder, "results", "run"), address
+def run_of(shot: Shot) -> Iterator[str]:
+    """Train a run up to the iteration of a screenshot; yield the address of its page."""
+    command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", str(CONFIGS / f"{shot.config}.yaml"), "--quiet"]
+    where = ["--runner", "ros" if shot.over_topics else "inline", "--iterations", str(shot.iteration)]
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run([*command, *where, "--out", "run"], cwd=folder, stdout=subprocess.DEVNULL, check=True)
+        with page_of(["view", "run"], folder) as address:
+            yield address
 
 
 @contextmanager
@@ -87,16 +81,6 @@ def page_of(arguments: Sequence[str], folder: str | Path = ".") -> Iterator[str]
     finally:
         process.terminate()
         process.communicate()
-
-
-def wait_for_pause(folder: Path, iteration: int) -> None:
-    """Pause a run after an iteration, so that the browser has the cores and the page stays the same."""
-    deadline = time.monotonic() + LEARNING_TIMEOUT_S
-    while time.monotonic() < deadline and not is_pausing(folder):
-        curve = Curve(folder / "curve.csv")
-        if curve.path.exists() and len(curve.rows()) >= iteration:
-            ask(folder, PAUSE)
-        time.sleep(0.5)
 
 
 def taken(tab: browser.Tab, shot: Shot) -> Image.Image:

@@ -37,9 +37,7 @@ MODULES = {
     "simulated_robot": "sim_nodes.robots.simulated_robot_node",
     "policy": "rkhs_ros.nodes.lockstep.policy_node",
     "learner": "rkhs_ros.nodes.lockstep.learner_node",
-    "recorder": "rkhs_ros.nodes.watch.recorder_node",
     "status": "rkhs_ros.nodes.watch.status_node",
-    "monitor": "rkhs_ros.nodes.watch.monitor_node",
     "operator": "rkhs_ros.nodes.watch.operator_node",
 }
 
@@ -89,18 +87,17 @@ def launch(parameters: str, further: Further, *, composed: bool = False) -> int:
 
     Args:
         parameters: content of a ROS parameter file.
-        further: further parameters of nodes, such as paths. The recorder node starts only if it has some.
+        further: further parameters of nodes, such as paths.
         composed: whether simulator and policy node share a process.
 
     Returns:
         Exit code of the learner, or of a node that ended earlier; `RESUMABLE` if a node died or was silent.
     """
     document = loaded(parameters)
-    recorder = [name for name in further if name == "recorder"]
     names = [COMPOSED, "learner"] if composed else node_names(robot_nodes(document))
     with (
         _in_memory(for_all(parameters, further)) as file,
-        started([*recorder, *names], file) as nodes,
+        started(names, file) as nodes,
         _signals_passed_to(nodes["learner"]),
     ):
         return _supervise(nodes, _environment_in(document)["id"])

@@ -31,13 +31,10 @@ BEST_POLICY = "best_policy.npz"
 BEST_IN_RUN = "checkpoints/best_policy"  # what best_policy.npz was before the last policy replaced it
 FINAL_EVALUATION = "final_evaluation.txt"
 FIRST_POLICY = "first_policy.npz"  # initial policy, if one was given
-RAW = "raw.mcap"  # of the recorder node, which starts before the learner
 BEFORE_A_RUN = {
     "checkpoints",
     "config.yaml.part",
     FIRST_POLICY,
-    RAW,
-    f"{RAW}.part",
 }  # files that may be left by a run that was killed before it started
 
 

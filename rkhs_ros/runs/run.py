@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager, nullcontext, suppress
 from pathlib import Path
@@ -20,7 +19,6 @@ from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.rollouts.final_evaluation import final_evaluation
 from rkhs_ros.runs.checkpoint import Checkpoints
 from rkhs_ros.runs.config import Config, Environment, load_config
-from rkhs_ros.runs.control import Control, Rest
 from rkhs_ros.runs.curve import Row
 from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.recorded import RecordableRunner, recorded
@@ -51,7 +49,6 @@ def run_training(
     tensorboard: bool = False,
     sync: bool = False,
     provenance_may_change: bool = False,
-    rest: Rest = time.sleep,
     on_iteration: OnIteration = ignore_iteration,
     on_advice: OnAdvice | None = None,
 ) -> Path:
@@ -66,7 +63,6 @@ def run_training(
         tensorboard: write TensorBoard events.
         sync: sync each message of the recording to the disk.
         provenance_may_change: resume a run of other code or libraries.
-        rest: function that waits for a number of seconds during a pause.
         on_iteration: callback for each iteration, after its results are written.
         on_advice: callback for advice if the run does not learn; None prints it with the progress.
 
@@ -83,7 +79,6 @@ def run_training(
         tensorboard=tensorboard,
         sync=sync,
         provenance_may_change=provenance_may_change,
-        rest=rest,
         on_advice=on_advice,
     )
     with closing(steps):
@@ -102,7 +97,6 @@ def training_steps(
     tensorboard: bool = False,
     sync: bool = False,
     provenance_may_change: bool = False,
-    rest: Rest = time.sleep,
     on_advice: OnAdvice | None = None,
 ) -> Generator[tuple[Iteration, Report], None, None]:
     """Train, write the results, and yield each iteration after its results are written.
@@ -120,14 +114,12 @@ def training_steps(
         tensorboard: write TensorBoard events; a resumed run continues existing events in any case.
         sync: sync each message of the recording to the disk, such as for a robot, whose episodes are costly.
         provenance_may_change: resume a run of other code or libraries; config.yaml records the change.
-        rest: function that waits for a number of seconds during a pause.
         on_advice: callback for advice if the run does not learn; None prints it with the progress.
 
     Raises:
         ValueError: the folder contains a run that is not to be resumed, no run to resume or a run with other settings,
             or is used by another process; or tensorboardX is needed and not installed.
         OSError: the folder cannot be written.
-        KeyboardInterrupt: a viewer stopped the run.
     """
     tensorboard = has_events(folder, tensorboard)
     with locked(folder):
@@ -144,7 +136,6 @@ def training_steps(
         if state:
             _check_spaces(folder, state.policy, runner.spaces)
         warm_start = _given(folder)
-        control = Control(folder, rest)
         if not is_started(folder):
             begin(folder, config)
         how = {"sync": sync, "provenance_may_change": provenance_may_change}
@@ -170,8 +161,6 @@ def training_steps(
                             report.decide(final_evaluation(config.training, runner, best, iteration.policy))
                     show(iteration, _advise(diagnosis.advise(iteration), report, on_advice))
                     yield iteration, report
-                    control.obey()
-        control.clear()
 
 
 @contextmanager

@@ -1,70 +1,72 @@
-"""Show the nodes of a run over topics on the page, and offer the commands that are safe to send from there."""
+"""Show on the page the nodes of a run over topics, and the gate of a robot."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
 
 from viser import GuiApi
 
-from rkhs_ros.view.monitor import Monitor, NodeReport, Report
-
-WORST_FIRST = ("error", "silent", "warning", "ok")
+WORST_FIRST = ("error", "warning", "ok")
 MAX_NODES = 12  # shown, worst first
 MAX_LETTERS = 160  # of a node's message
-# The commands of the page. Arming is not among them: it requires a person beside the robot.
-STOP = "stop"
-EPISODES = {"Pause": "pause", "Start next": "start", "Veto last": "veto"}
 STANDING = ("disarmed", "stopped")  # states of a gate that lets no command through
 ARM_HINT = "To arm it, make sure that the robot may move, then type `rkhs robot arm` in a terminal beside the robot."
-STOP_HINT = "The gate stops the robot until someone arms it again with rkhs robot arm."
-EPISODES_HINT = (
-    "Pause: start no further episode. Start next: confirm that the scene is ready, or end the pause. "
-    "Veto last: discard the last episode, unless an update has used it already."
-)
+NodeReport = tuple[str, str, str]  # name, level and message of a node
+
+
+class Reports(Protocol):
+    """The reports of a run's nodes; see `rkhs_ros.nodes.watch.node_reports.NodeReports`."""
+
+    def nodes(self) -> Sequence[NodeReport]:
+        """Return the name, the level and the message of each node."""
+
+    def gate(self) -> Mapping[str, Any] | None:
+        """Return the fields of the gate's state by name; None without a gate."""
+
+    def close(self) -> None:
+        """Stop listening."""
+
+
+OpenReports = Callable[[], Reports | None]
 
 
 class NodesPanel:
-    """The state of a run's nodes and of its robot's gate, with buttons for the robot.
+    """The state of a run's nodes and of its robot's gate.
 
-    Owns these controls. They are visible while reports arrive.
+    Owns these texts, which are visible while reports arrive, and the reports while a browser shows the page.
 
     Args:
         gui: GUI of the page.
-        monitor: receives the reports of the nodes.
+        open_reports: starts to listen to the nodes; returns None if there are none.
     """
 
-    def __init__(self, gui: GuiApi, monitor: Monitor) -> None:
-        self._monitor = monitor
+    def __init__(self, gui: GuiApi, open_reports: OpenReports) -> None:
+        self._open = open_reports
+        self._reports: Reports | None = None
         self._nodes = gui.add_markdown("", visible=False)
-        self._robot = gui.add_folder("Robot", visible=False)
-        with self._robot:
-            self._gate = gui.add_markdown("")
-            stop = gui.add_button("Stop the robot", hint=STOP_HINT, color="red")
-            episodes = gui.add_button_group("Episodes", tuple(EPISODES), hint=EPISODES_HINT)
-            self._answer = gui.add_markdown("")
-        stop.on_click(lambda _: monitor.send(STOP))
-        episodes.on_click(lambda event: monitor.send(EPISODES[event.target.value]))
+        self._gate = gui.add_markdown("", visible=False)
 
     def refresh(self, *, running: bool) -> None:
-        """Show the latest report; listen only while the run is in progress."""
-        if running:
-            self._show(self._monitor.listen())
-        else:
+        """Show the latest reports; listen only while the run is in progress."""
+        if not running:
             self.stop_listening()
+            return
+        if self._reports is None:
+            self._reports = self._open()
+        if self._reports is not None:
+            self._show(node_text(self._reports.nodes()), gate_text(self._reports.gate() or {}))
 
     def stop_listening(self) -> None:
-        """Stop listening and hide the controls."""
-        self._monitor.stop_listening()
-        self._show(Report())
+        """Stop listening and hide the texts."""
+        reports, self._reports = self._reports, None
+        if reports is not None:
+            reports.close()
+        self._show("", "")
 
-    def _show(self, report: Report) -> None:
-        self._robot.visible, self._nodes.visible = report.gate is not None, bool(report.nodes)
-        for control, text in (
-            (self._gate, gate_text(report.gate or {})),
-            (self._answer, plain(report.answer)),
-            (self._nodes, node_text(report.nodes)),
-        ):
+    def _show(self, nodes: str, gate: str) -> None:
+        for control, text in ((self._nodes, nodes), (self._gate, gate)):
+            control.visible = bool(text)
             if control.content != text:
                 control.content = text
 
@@ -81,10 +83,11 @@ def gate_text(gate: Mapping[str, Any]) -> str:
 
 def node_text(nodes: Sequence[NodeReport]) -> str:
     """Return the state of the nodes as Markdown: one line per node with a problem, worst first, then the others."""
-    ranked = sorted(nodes, key=lambda node: WORST_FIRST.index(node.level))
-    faulty = [node for node in ranked if node.level != "ok"][:MAX_NODES]
-    lines = [f"**{plain(node.name)} {node.level}** {plain(node.message)}" for node in faulty]
-    ok = [plain(node.name.strip("/")) for node in ranked if node.level == "ok"][: MAX_NODES - len(faulty)]
+    ranked = sorted(nodes, key=lambda node: WORST_FIRST.index(node[1]))
+    faulty = [f"**{plain(name)} {level}** {plain(message)}" for name, level, message in ranked if level != "ok"]
+    ok = [plain(name.strip("/")) for name, level, _ in ranked if level == "ok"]
+    lines = faulty[:MAX_NODES]
+    ok = ok[: MAX_NODES - len(lines)]
     return "\n\n".join([*lines, *([f"Nodes without problems: {', '.join(ok)}"] if ok else [])])
 
 

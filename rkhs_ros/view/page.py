@@ -9,12 +9,10 @@ from typing import Any
 from viser import ViserServer
 
 from rkhs_ros.pictures.known import references
-from rkhs_ros.runs.control import PAUSE, RESUME, STOP, ask
 from rkhs_ros.view.curve_plot import CurvePlot
 from rkhs_ros.view.iteration_panel import IterationPanel
-from rkhs_ros.view.monitor import Monitor
-from rkhs_ros.view.nodes_panel import NodesPanel
-from rkhs_ros.view.source import PAUSED, RUNNING, Source, state_of
+from rkhs_ros.view.nodes_panel import NodesPanel, OpenReports
+from rkhs_ros.view.source import RUNNING, Source, state_of
 from rkhs_ros.view.status import status
 
 MAX_CACHED = 12  # iterations in memory
@@ -26,12 +24,7 @@ ON_PHONE = """<style>@media (max-width: 36em) {
   [style*="width: 20em"] { width: 100% !important; }
   [style*="inset"]:has(> canvas) { bottom: 60% !important; }
 }</style>"""
-BUTTONS = {
-    RUNNING: {"Pause after this iteration": PAUSE, "End the run": STOP},
-    PAUSED: {"Resume": RESUME, "End the run": STOP},
-}
 NO_OTHERS: Mapping[str, Source] = {}
-HINT = "Pause: wait until Resume. End the run: as Ctrl-C does; rkhs train --resume continues it later."
 
 
 class Page:
@@ -43,12 +36,12 @@ class Page:
     Args:
         server: server of the page.
         source: run to show.
-        monitor: receives the reports of the run's nodes.
+        open_reports: starts to listen to the run's nodes; returns None if there are none.
         others: other runs by name, whose evaluation returns are drawn beside those of the run.
     """
 
     def __init__(
-        self, server: ViserServer, source: Source, monitor: Monitor, others: Mapping[str, Source] = NO_OTHERS
+        self, server: ViserServer, source: Source, open_reports: OpenReports, others: Mapping[str, Source] = NO_OTHERS
     ) -> None:
         gui = self._gui = server.gui
         self._server, self._source, self._others = server, source, others
@@ -60,8 +53,7 @@ class Page:
         gui.set_panel_label(source.name)
         gui.add_html(ON_PHONE)
         self._status = gui.add_markdown("")
-        self._buttons = {state: self._offer(state, commands) for state, commands in BUTTONS.items()}
-        self._nodes = NodesPanel(gui, monitor)
+        self._nodes = NodesPanel(gui, open_reports)
         height = BESIDE_ROBOT_PX if source.nodes else CURVE_PX
         self._curve = CurvePlot(gui, gui.add_folder("Learning curve"), references(source.task), height)
         hint = "From the first to the last stored iteration. At its right end the slider follows the run."
@@ -76,8 +68,6 @@ class Page:
             self._state = state
             self._load.cache_clear()  # the end of a run adds evaluation episodes to its last iteration
             self._showing.reset()
-        for its, buttons in self._buttons.items():
-            buttons.visible = its == state
         self._status.content = status(self._source, state)
         for other in self._others.values():
             other.refresh()
@@ -86,7 +76,7 @@ class Page:
 
     def listen(self) -> None:
         """Show the reports of the nodes, if the run is in progress."""
-        self._nodes.refresh(running=self._state in (RUNNING, PAUSED))
+        self._nodes.refresh(running=self._state == RUNNING)
 
     def stop_listening(self) -> None:
         """Stop receiving the reports of the nodes."""
@@ -104,17 +94,6 @@ class Page:
         """Show on the page that the viewer has ended."""
         self._status.content = "### The viewer has ended\nRestart it with `rkhs view`."
         self._server.flush()
-
-    def _offer(self, state: str, commands: Mapping[str, str]) -> Any:
-        """Add the buttons for a state of the run; ``commands`` maps each label to the command that its button sends."""
-        buttons = self._gui.add_button_group("Run", tuple(commands), hint=HINT, visible=False)
-
-        @buttons.on_click
-        def _(event: Any) -> None:
-            if state_of(self._source) == state:
-                ask(self._source.path, commands[event.target.value])
-
-        return buttons
 
     def _follow(self) -> None:
         """Update the range of the slider; if it is at its right end, move it to the newest iteration."""

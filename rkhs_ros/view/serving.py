@@ -12,15 +12,14 @@ from socket import create_server
 from viser import ViserServer
 
 from rkhs_ros.base.validation import truncated
-from rkhs_ros.recordings.recording import BAG, FILE
+from rkhs_ros.recordings.recording import FILE
 from rkhs_ros.runs.report import is_started
-from rkhs_ros.view.bag import Bag
-from rkhs_ros.view.guard import guard, is_local
-from rkhs_ros.view.monitor import Monitor
+from rkhs_ros.view.nodes_panel import OpenReports
 from rkhs_ros.view.page import Page
 from rkhs_ros.view.recorded import Recorded
 from rkhs_ros.view.source import Source
 
+LOCAL = ("127.0.0.1", "::1", "0.0.0.0", "localhost")
 REFRESH_S = 0.5  # between reads of the run
 TICK_S = 0.05  # between reads of the controls
 REST_S = 5.0  # without a browser until the nodes' reports stop; longer than a browser needs to reload the page
@@ -29,20 +28,13 @@ END_MESSAGE_S = 0.3  # for the browsers to receive the last message
 
 
 def source_of(path: Path) -> Source:
-    """Open the run in a folder, in a recording, or in a bag of ``ros2 bag record``.
+    """Open the run in a folder, or in a recording.
 
     Raises:
         ValueError: the path contains no run.
         OSError: the folder or file does not exist.
     """
-    folder = path.parent if path.name == FILE and is_started(path.parent) else path
-    if (folder / BAG).is_file():
-        return Bag(folder)
-    if folder.is_file():
-        with suppress(ValueError):  # bags of other tools have no header
-            return Recorded(folder)
-        return Bag(folder)
-    return Recorded(folder)
+    return Recorded(path.parent if path.name == FILE and is_started(path.parent) else path)
 
 
 def wait_for_recording(file: Path) -> Source:
@@ -61,7 +53,7 @@ def wait_for_recording(file: Path) -> Source:
 
 
 def opened(host: str, port: int) -> ViserServer:
-    """Start a server that accepts only updates of controls from browsers.
+    """Start a server.
 
     Args:
         host: address to listen on.
@@ -75,15 +67,13 @@ def opened(host: str, port: int) -> ViserServer:
     except (OSError, UnicodeError) as error:
         raise ValueError(f"host: expected an address of this machine, got {truncated(host)} ({error})") from error
     with redirect_stdout(StringIO()):  # viser prints addresses, too
-        server = ViserServer(host=host, port=port, verbose=False)
-    guard(server, local=is_local(host))
-    return server
+        return ViserServer(host=host, port=port, verbose=False)
 
 
 def serve(
     begun: Callable[[], Source],
     others: Mapping[str, Source],
-    monitor: Monitor,
+    open_reports: OpenReports,
     host: str,
     port: int,
     on_address: Callable[[str], None],
@@ -93,7 +83,7 @@ def serve(
     Args:
         begun: waits for the run to start and returns it; the page is empty until then.
         others: other runs by name, whose evaluation returns are drawn beside those of the run.
-        monitor: receives the reports of the run's nodes.
+        open_reports: starts to listen to the run's nodes; returns None if there are none.
         host: address to listen on.
         port: port to listen on, or the next free one.
         on_address: called with the address of the page as soon as it is served.
@@ -103,10 +93,10 @@ def serve(
         KeyboardInterrupt: the process was interrupted; the page shows that it has ended.
     """
     server = opened(host, port)
-    name = "localhost" if is_local(host) or host == "0.0.0.0" else host
+    name = "localhost" if host in LOCAL else host
     try:
         on_address(f"http://{name}:{server.get_port()}")
-        page = Page(server, begun(), monitor, others)
+        page = Page(server, begun(), open_reports, others)
         try:
             page.refresh()
             page.tick()

@@ -1,4 +1,4 @@
-"""Interface of the runs that a page can show: folders, recordings and bags."""
+"""Interface of the runs that a page can show."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ from rkhs_ros.learning.model_based.training_in_model import model_rollouts_of
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
-from rkhs_ros.runs.control import is_pausing
 from rkhs_ros.runs.curve import Row
 
 MODEL_ROLLOUTS = 3  # per iteration
-RUNNING, PAUSED, FINISHED, ENDED = "running", "paused", "finished", "not running"
+RUNNING, FINISHED, ENDED = "running", "finished", "not running"
 
 
 class IterationView(NamedTuple):
@@ -94,8 +93,8 @@ def model_rollout_function(
 
 
 def state_of(source: Source) -> str:
-    """Return the state of a run: RUNNING, PAUSED, FINISHED or ENDED (before its last iteration)."""
+    """Return the state of a run: RUNNING, FINISHED or ENDED (before its last iteration)."""
     if source.path.is_dir() and is_locked(source.path):
-        return PAUSED if is_pausing(source.path) else RUNNING
+        return RUNNING
     done = source.rows[-1].iteration if source.rows else 0
     return FINISHED if done >= source.total else ENDED

@@ -38,7 +38,6 @@ MODULES = {
     "gate": "rkhs_ros.nodes.robot.gate_node",
     "learner": "rkhs_ros.nodes.lockstep.learner_node",
     "drawing_learner": "rkhs_ros.app.learner",  # as `ros2 run` and the launch files start it
-    "recorder": "rkhs_ros.nodes.watch.recorder_node",
     "rkhs": "rkhs_ros.app.cli",
     "imports": "test.ros.imports",
     "sender": "test.ros.gate_sender",

@@ -9,7 +9,7 @@ from rkhs_ros.runs.config import load_config
 from test.ros.conftest import ROOT, Probe, Process
 from test.ros.robot_bench import CONFIG, QUICK
 
-ROBOTS = ("simulated_robot", "gate", "robot", "policy", "learner", "recorder")
+ROBOTS = ("simulated_robot", "gate", "robot", "policy", "learner")
 OF_EVERY_ROS_NODE = r"/(rosout|parameter_events|\w+/(describe|get|list|set)_\w+|\w+/get_type_description)"
 
 
@@ -30,9 +30,8 @@ def test_the_page_lists_all_topics_and_services(
     documented = {f"/{name.strip('/')}" for name in re.findall(r"`([\w/]+)`", page)}
     configured = {f"/{name}" for name in re.findall(r"topic: ([\w/]+)", CONFIG.read_text())}
     file = robot_parameters(load_config(CONFIG, QUICK), tmp_path / "run", resume=False, simulated=True)
-    for name in ROBOTS[:-1]:
+    for name in ROBOTS:
         start(name, "--ros-args", "--params-file", file)
-    start("recorder", "--ros-args", "-p", f"output:={tmp_path}")
     probe.until(lambda: bool(probe.count_publishers("progress")))
     start("simulator", "--ros-args", "--params-file", parameters("toy_nac"))
     offered = {"simulator": {"/start_episodes", "/observation"}, "robot": {"/robot/veto"}, "gate": {"/gate/arm"}}

@@ -1,4 +1,4 @@
-"""The progress of a run, for early and late subscribers."""
+"""The progress of a run, as viewers receive it."""
 
 import csv
 from collections.abc import Callable
@@ -13,7 +13,6 @@ from rkhs_ros.app.inline import runner_of
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.nodes.lockstep.progress_topic import PERIOD_S
 from rkhs_ros.runs.config import load_config
-from rkhs_ros.runs.control import ask, is_pausing
 from rkhs_ros.runs.run import run_training
 from test.ros.conftest import PATIENCE, ROOT, Probe, Process
 
@@ -62,13 +61,3 @@ def test_progress_equals_the_curve_and_the_run_stays_bit_identical(start: Start,
     config = load_config(TOY, [f"iterations={ITERATIONS}"])
     alone = run_training(config, runner_of(config.environment), folder.parent / "alone", quiet=True)
     assert (folder / "policy.npz").read_bytes() == (alone / "policy.npz").read_bytes()
-
-
-@pytest.mark.nightly
-def test_late_subscribers_receive_the_progress(start: Start, probe: Probe, folder: Path) -> None:
-    start("rkhs", "train", TOY, "--quiet", "--iterations", 5000, "--out", folder)
-    probe.until(lambda: len(curve(folder)) > 1)
-    ask(folder, "pause")
-    probe.until(lambda: is_pausing(folder))
-    progress = hear(probe)
-    probe.until(lambda: bool(progress) and progress[-1].iteration == len(curve(folder)))

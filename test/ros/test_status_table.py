@@ -1,17 +1,13 @@
 """The status table prints the reports of other nodes literally, whatever they contain."""
 
 from io import StringIO
-from pathlib import Path
 
 import pytest
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rich.console import Console
 
 from rkhs_interfaces.msg import LearningProgress
-from rkhs_ros.nodes.lockstep.learning_messages import progress_message
 from rkhs_ros.nodes.watch.status_node import COLUMNS, LAST_REFUSAL, MODE, heading, reasons, table
-from rkhs_ros.runs.control import PAUSING
 
 
 @pytest.mark.parametrize(
@@ -93,13 +89,6 @@ def test_the_heading_states_the_progress_of_the_run() -> None:
 
 
 def test_the_heading_has_no_return_before_the_first_iteration() -> None:
-    progress = progress_message(Time(), "mine", Path("/results/mine"), 40, [])
+    progress = LearningProgress(run="mine", folder="/results/mine", iterations=40, seconds_left=float("nan"))
     lines = printed(heading(progress))
     assert lines == ["mine: iteration 0 of 40, 0 episodes, 0 centres", "no return yet", "in /results/mine"]
-
-
-def test_a_paused_run_has_no_time_left(tmp_path: Path) -> None:
-    progress = LearningProgress(run="a", folder=str(tmp_path), seconds_left=7.0)
-    assert "about 7 s left" in heading(progress).plain
-    (tmp_path / PAUSING).touch()
-    assert heading(progress).plain.splitlines()[0].endswith(", paused")

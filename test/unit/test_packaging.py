@@ -117,7 +117,7 @@ def test_only_colcon_installs_the_nodes(command: str, nodes: bool, monkeypatch: 
     monkeypatch.chdir(ROOT)
     runpy.run_path("setup.py")
     scripts = {script.partition(" ")[0] for script in given["entry_points"]["console_scripts"]}
-    launched = set(MODULES) & {"simulator", "gate", "robot", "simulated_robot", "policy", "learner", "recorder"}
+    launched = set(MODULES) & {"simulator", "gate", "robot", "simulated_robot", "policy", "learner"}
     assert scripts == {"rkhs"} | (launched if nodes else set())
 
 

@@ -73,7 +73,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     about = "settings to replace, such as algorithm.ridge=0.1"
     add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help=about)
     add("--out", type=Path, metavar="DIR", help="folder for the results (default: results/NAME/TIME)")
-    add("--record-topics", action="store_true", help="record all messages of all topics in raw.mcap as well")
     add("--view", action="store_true", help="show the run in the browser")
     add("--tensorboard", action="store_true", help="log each iteration for TensorBoard as well, in DIR/tensorboard")
     add_trust_argument(parser)
@@ -180,7 +179,6 @@ def _prepared(options: argparse.Namespace) -> PreparedRun:
     config = _configuration(options, old_folder(options.resume) / "config.yaml" if options.resume else options.config)
     spaces, runner = _learnable(config, options.policy, quiet=options.quiet)
     over_topics = _is_over_topics(options.runner)
-    require(over_topics or not options.record_topics, "--record-topics", "a run over topics", "--runner inline")
     if over_topics:
         if runner:
             runner.simulation.close()  # hardware can be open only once, and the simulator node opens it
@@ -246,8 +244,6 @@ def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> i
     further: dict[str, dict[str, str | bool]] = {}
     if config.environment.nodes:
         further["robot"] = {"journal": journal_in(folder.resolve())}
-    if options.record_topics:
-        further["recorder"] = {"output": output}
 
     def run(again: bool) -> int:
         learner = {"output": output, "resume": again or bool(options.resume), **given}
@@ -277,7 +273,6 @@ def _train_several(options: argparse.Namespace) -> int:
     """Run several seeds in parallel; return 1 and report the runs that failed, if any."""
     workers = workers_of(options)
     require(options.runner in (None, "inline"), "--runner", "inline for several seeds", options.runner)
-    require(not options.record_topics, "--record-topics", "a run over topics", "several seeds")
     require(options.seed is None, "--seed", "either --seed or --seeds", "both")
     folder, runs = _runs_to_resume(options) if options.resume else _new_runs(options)
     title = next(iter(runs.values())).training.name

@@ -6,15 +6,15 @@ import argparse
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import rkhs_ros.app.inline  # noqa: F401  # registers the tasks, which are shown
-from rkhs_ros.app.domain import VARIABLE, domain_of
-from rkhs_ros.app.launcher import MODULES, environment
+from rkhs_ros.app.domain import domain_of
 from rkhs_ros.app.trust import add_trust_argument, reads_data
 from rkhs_ros.base.endings import INTERRUPTED
 from rkhs_ros.base.processes import terminate_with_parent
@@ -22,6 +22,9 @@ from rkhs_ros.base.ros import missing_ros
 from rkhs_ros.base.streams import Lossy
 from rkhs_ros.base.validation import require
 from rkhs_ros.recordings.recording import FILE
+
+if TYPE_CHECKING:
+    from rkhs_ros.nodes.watch.node_reports import NodeReports
 
 HOST, PORT = "127.0.0.1", 8080
 MOST_PORT = 65535
@@ -61,8 +64,6 @@ def run(options: argparse.Namespace) -> int:
     """
     require_viser()
     require(0 <= options.port <= MOST_PORT, "--port", f"0 to {MOST_PORT}", options.port)
-    from rkhs_ros.view.guard import is_local
-    from rkhs_ros.view.monitor import Monitor
     from rkhs_ros.view.serving import serve, source_of, wait_for_recording
 
     os.nice(NICENESS)
@@ -70,35 +71,27 @@ def run(options: argparse.Namespace) -> int:
     source = None if options.wait else source_of(path)
     folder = source.path if source else path.parent
     others = {str(other): source_of(other) for other in options.others}
-    if not is_local(options.host):
-        print(
-            f"warning: --host {options.host}: everyone who can reach this address can watch and stop the run or robot",
-            file=sys.stderr,
-        )
-    monitor = Monitor(partial(monitor_process, folder))
     print_address = partial(print, f"View {folder} at", flush=True)
     try:
-        serve(lambda: source or wait_for_recording(path), others, monitor, options.host, options.port, print_address)
+        begun = (lambda: source) if source else partial(wait_for_recording, path)
+        serve(begun, others, reports_of(folder), options.host, options.port, print_address)
     except KeyboardInterrupt:  # the normal way to stop
         return INTERRUPTED
     return 0
 
 
-def monitor_process(folder: Path) -> subprocess.Popen[bytes] | None:
-    """Start the node that listens to a run over topics; return None without ROS or an active run over topics."""
+def reports_of(folder: Path) -> Callable[[], NodeReports | None]:
+    """Return a function that starts to listen to the nodes of a run, or returns None if none is active."""
     if missing_ros():
+        return lambda: None
+    from rkhs_ros.nodes.watch.node_reports import NodeReports
+
+    def reports() -> NodeReports | None:
+        with suppress(ValueError, OSError):
+            return NodeReports(int(domain_of(folder)))
         return None
-    with suppress(ValueError, OSError):
-        return subprocess.Popen(
-            [sys.executable, "-P", "-m", MODULES["monitor"], "--ros-args", "--log-level", "error"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            process_group=0,
-            env=environment() | {VARIABLE: domain_of(folder)},
-            preexec_fn=partial(terminate_with_parent, os.getpid()),
-        )
-    return None
+
+    return reports
 
 
 def require_viser() -> None:

@@ -105,7 +105,6 @@ def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
                 tensorboard=node.tensorboard,
                 sync=is_robot,
                 provenance_may_change=node.provenance_may_change,
-                rest=node.peers.rest,
                 on_iteration=lambda _, rows: node.progress.offer(rows),
                 on_advice=lambda advice: node.get_logger().warning(str(advice)),
             )

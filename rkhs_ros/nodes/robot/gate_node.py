@@ -55,7 +55,7 @@ LATE = 2  # periods between two ticks above which a tick counts as missed
 STATE = "gate/state"
 MOST_FAILURES = 3  # of successive ticks, after which the gate can no longer bring the robot to rest
 RETRY_S = 1.0  # between attempts of a gate to arm itself
-SIMULATED = ("simulated_robot", "recorder")  # nodes that may receive the commands of a gate that arms itself
+SIMULATED = "simulated_robot"  # the node that may receive the commands of a gate that arms itself
 HARDWARE_QOS = QoSProfile(depth=1)
 
 
@@ -303,7 +303,7 @@ class GateNode(ReportingNode):
 
 def _is_simulated(name: str) -> bool:
     """Return whether a node's name is that of a simulated robot or of an observer, such as `ros2 topic echo`."""
-    return name in SIMULATED or (name.startswith("_") and name != UNKNOWN)
+    return name == SIMULATED or (name.startswith("_") and name != UNKNOWN)
 
 
 def main() -> None:

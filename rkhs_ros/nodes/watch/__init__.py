@@ -1,1 +1,1 @@
-"""The nodes that observe a run or forward an operator's commands: status, monitor, operator, recorder."""
+"""The nodes that observe a run or forward an operator's commands: status and operator."""

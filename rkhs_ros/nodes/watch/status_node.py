@@ -7,11 +7,9 @@ from collections.abc import Iterator
 from contextlib import nullcontext
 from functools import partial
 from math import isnan
-from pathlib import Path
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
@@ -20,13 +18,12 @@ from rich.text import Text
 from rkhs_interfaces.msg import LearningProgress
 from rkhs_ros.base.endings import Stop
 from rkhs_ros.base.validation import truncated
-from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS, REPORT_PERIOD_S, TOPIC
+from rkhs_ros.nodes.core.diagnostics import REPORT_PERIOD_S
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.nodes.core.sources import PREFIX
 from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S, PeerError, run
-from rkhs_ros.runs.control import is_pausing
+from rkhs_ros.nodes.watch.node_reports import LISTEN_S, ReportListener, Statuses, values_of
 
-LISTEN_S = 3 * REPORT_PERIOD_S  # without a new node, after which the list of nodes counts as complete
 PROGRESS = "rkhs_interfaces/msg/LearningProgress"
 COLUMNS = {  # headers of the reported values: one line each, and short enough for a terminal of 80 columns
     "serving version": "policy",
@@ -38,37 +35,22 @@ COLUMNS = {  # headers of the reported values: one line each, and short enough f
 }
 LAST_REFUSAL = "last refusal"
 MODE = "state"  # of a gate or a robot, in addition to the node's status
-OF_OURS = "ignored"  # key that all nodes of this project report
 RANDOM = ("serving version", "batch")  # random identifiers
 DIGITS = 4  # printed of an identifier
 COLOURS = {DiagnosticStatus.OK: "green", DiagnosticStatus.WARN: "yellow", DiagnosticStatus.ERROR: "red"}
-Statuses = dict[str, DiagnosticStatus]
 
 
-class StatusNode(Node):
+class StatusNode(ReportListener):
     """Subscribes to the status reports of nodes and the progress of learners.
 
-    Owns the newest report of each node with its arrival time, the newest progress of each learner, and the time of the
-    last new node's appearance.
+    Owns the newest progress of each learner.
     """
 
     def __init__(self) -> None:
-        """Open the topic of the reports."""
         super().__init__("status")
         self.watches = bool(self.declare_parameter("watch", False).value)
-        self.heard_new_at = time.monotonic()
         self.progress: dict[str, LearningProgress] = {}
-        self._heard: dict[str, tuple[float, DiagnosticStatus]] = {}
         self._topics: set[str] = set()
-        self.create_subscription(DiagnosticArray, TOPIC, self._hear, DIAGNOSTICS_QOS)
-
-    @property
-    def statuses(self) -> Statuses:
-        """The newest report of each node, replaced by an error if the node has fallen silent."""
-        now = time.monotonic()
-        return {
-            name: _silent(each, now - at) if now - at > LISTEN_S else each for name, (at, each) in self._heard.items()
-        }
 
     def look_for_learners(self) -> None:
         """Subscribe to new learners in any namespace."""
@@ -78,25 +60,12 @@ class StatusNode(Node):
                 hear = partial(self.progress.__setitem__, topic)
                 self.create_subscription(LearningProgress, topic, hear, LATCHED_QOS)
 
-    def _hear(self, message: DiagnosticArray) -> None:
-        now = time.monotonic()
-        ours = {each.name: (now, each) for each in message.status if OF_OURS in _values(each)}
-        if ours.keys() - self._heard.keys():
-            self.heard_new_at = now
-        self._heard |= ours
-
-
-def _silent(status: DiagnosticStatus, seconds: float) -> DiagnosticStatus:
-    message = f"silent: for {seconds:.0f} s"
-    return DiagnosticStatus(name=status.name, level=DiagnosticStatus.ERROR, message=message, values=status.values)
-
 
 def heading(progress: LearningProgress) -> Text:
     """Return three lines: the progress of a run, its returns, and its results folder."""
-    left = ", paused" if is_pausing(Path(progress.folder)) else _time_left(progress)
     lines = (
         f"{truncated(progress.run)}: iteration {progress.iteration} of {progress.iterations}, "
-        f"{progress.episodes} episodes, {progress.centres} centres{left}",
+        f"{progress.episodes} episodes, {progress.centres} centres{_time_left(progress)}",
         f"return {progress.exploration_return:.4g}{_measured(progress)}" if progress.iteration else "no return yet",
         "in " + "".join(c if c.isprintable() else "?" for c in progress.folder),  # never truncated
     )
@@ -121,7 +90,7 @@ def table(statuses: Statuses) -> Table:
         wraps = head in ("state", "batch", "step")
         result.add_column(head, overflow="fold", no_wrap=not wraps, min_width=len(head) if wraps else None)
     for name, status in sorted(statuses.items()):
-        values = _values(status)
+        values = values_of(status)
         state = Text(
             truncated(" ".join(dict.fromkeys(filter(None, (_word(status), values.get(MODE)))))),
             COLOURS.get(status.level, "red"),
@@ -135,7 +104,7 @@ def reasons(statuses: Statuses) -> Iterator[Text]:
     for name, status in sorted(statuses.items()):
         if status.message != _word(status):
             yield Text(f"{truncated(name)} {truncated(status.message)}")
-        values = _values(status)
+        values = values_of(status)
         for key, line in values.items():
             if key.startswith(PREFIX):
                 yield Text(f"{truncated(name)} {truncated(key.removeprefix(PREFIX))}: {truncated(line)}")
@@ -146,10 +115,6 @@ def reasons(statuses: Statuses) -> Iterator[Text]:
 def _word(status: DiagnosticStatus) -> str:
     """Return a node's status without its reason, which the table has no space for."""
     return str(status.message.partition(": ")[0])
-
-
-def _values(status: DiagnosticStatus) -> dict[str, str]:
-    return {value.key: value.value for value in status.values}
 
 
 def _cell(key: str, value: str) -> str:

@@ -150,9 +150,6 @@ def test_vetoed_episodes_are_not_viewed(whole: Path, never_vetoed: Path, order: 
 
 @pytest.mark.parametrize("plugin", list(StoragePlugin))
 def test_a_veto_in_a_bag_discards_the_episode_in_any_order(cut: Path, tmp_path: Path, plugin: StoragePlugin) -> None:
-    pytest.importorskip("viser")
-    from rkhs_ros.view.bag import Bag
-
     recording = read_recording(cut)
     batches = recording.batches
     for name, each in {"later": recording, "first": replace(recording, batches=[batches[-1], *batches[:-1]])}.items():
@@ -160,8 +157,6 @@ def test_a_veto_in_a_bag_discards_the_episode_in_any_order(cut: Path, tmp_path: 
         read = read_recording(folder)
         assert read.by_numbers().keys() == recording.by_numbers().keys()
         assert read.episodes().rewards.min() >= 0
-        viewed = Bag(folder)
-        assert viewed.rows[-1].episodes == sum(one.batch.explore for one in recording.finished)
 
 
 class TestTwoRunsInOneBag:
@@ -176,18 +171,6 @@ class TestTwoRunsInOneBag:
         assert capsys.readouterr().err == ""
         learnt = rkhs("offline", tmp_path / "bag", runs[0].parent / "config.yaml", *SHORT, "--out", "learnt")
         assert "from 20 recorded episodes" in learnt.out
-
-    def test_runs_with_different_seeds_are_viewed_in_sequence(self, tmp_path: Path) -> None:
-        pytest.importorskip("viser")
-        from rkhs_ros.view.bag import Bag
-
-        recordings = [read_recording(recorded_run(tmp_path / str(seed), longer(2, seed=seed))) for seed in (0, 5)]
-        viewed = Bag(bag(tmp_path / "bag", *recordings))
-        assert list(viewed.iterations) == [1, 2, 3, 4]
-        assert viewed.rows[-1].episodes == 12
-        third = viewed.load(3)
-        assert third is not None
-        assert np.array_equal(third.exploration.rewards, recordings[1].batches[0].episodes.rewards)
 
     def test_of_runs_with_the_same_seed_the_later_is_read_with_a_warning(
         self, tmp_path: Path, capsys: pytest.CaptureFixture[str]

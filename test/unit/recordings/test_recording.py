@@ -293,15 +293,6 @@ def test_the_command_records(rkhs: Callable[..., Result]) -> None:
     assert [read_recording(Path("two") / f"seed_{seed}").head.seed for seed in (3, 5)] == [3, 5]
 
 
-def test_recording_all_topics_requires_topics(rkhs: Callable[..., Result]) -> None:
-    toy = ROOT / "config" / "toy_nac.yaml"
-    for more in (("--runner", "inline"), ("--seeds", "0-1")):
-        assert_refused(
-            rkhs("train", toy, "--record-topics", "--out", "run", *more), "--record-topics: expected a run over"
-        )
-    assert not Path("run").exists()
-
-
 def test_invalid_recordings_are_rejected(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_bytes(b"no such thing")
     with pytest.raises(ValueError, match=r"a\.mcap: expected an MCAP file"):

@@ -166,29 +166,6 @@ def test_a_bag_of_the_topics_is_read(of_a_robot: Path, tmp_path: Path, plugin: S
         assert np.array_equal(getattr(read.episodes(), name), getattr(recording.episodes(), name))
 
 
-@pytest.mark.parametrize("plugin", list(StoragePlugin))
-def test_a_bag_is_viewed_by_its_episodes(of_a_robot: Path, tmp_path: Path, plugin: StoragePlugin) -> None:
-    pytest.importorskip("viser")
-    from rkhs_ros.view.recorded import Recorded
-    from rkhs_ros.view.serving import source_of
-    from rkhs_ros.view.source import FINISHED, state_of
-
-    folder = bag(tmp_path / "bag", read_recording(of_a_robot), plugin=plugin, namespace="/simulator_1")
-    run = Recorded(of_a_robot)
-    sources = [source_of(folder), *map(source_of, folder.glob("*.mcap"))]
-    assert len(sources) == 1 + (plugin == StoragePlugin.MCAP)
-    for viewed in sources:
-        assert list(viewed.iterations) == list(run.iterations)
-        assert state_of(viewed) == FINISHED
-        for number in run.iterations:
-            ours, theirs = viewed.load(number), run.load(number)
-            assert ours.policy is None
-            assert np.array_equal(ours.exploration.rewards, theirs.exploration.rewards)
-            assert (ours.evaluation is None) == (theirs.evaluation is None)
-        assert [row.episodes for row in viewed.rows] == [row.episodes for row in run.rows]
-        assert viewed.rows[0].exploration_return == pytest.approx(viewed.load(1).exploration.returns(1.0).mean())
-
-
 def test_offline_training_from_a_bag_needs_a_configuration(whole: Path, rkhs: Callable[..., Result]) -> None:
     bag(Path("bag"), read_recording(whole))
     assert_refused(rkhs("offline", "bag", *SHORT), "bag: expected a configuration as well, since a bag names no task")

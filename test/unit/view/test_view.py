@@ -38,7 +38,7 @@ from rkhs_ros.view.curve_plot import MAX_POINTS, plotted  # noqa: E402
 from rkhs_ros.view.iteration_panel import IterationPanel  # noqa: E402
 from rkhs_ros.view.recorded import Recorded  # noqa: E402
 from rkhs_ros.view.serving import opened  # noqa: E402
-from rkhs_ros.view.source import ENDED, FINISHED, PAUSED, RUNNING, state_of  # noqa: E402
+from rkhs_ros.view.source import ENDED, FINISHED, RUNNING, state_of  # noqa: E402
 from rkhs_ros.view.stage import Stage  # noqa: E402
 from rkhs_ros.view.status import clock, status  # noqa: E402
 from rkhs_ros.view.tasks import scene_of  # noqa: E402
@@ -169,8 +169,6 @@ def test_the_lock_determines_the_state_of_a_run(folder: Path, tmp_path: Path) ->
     assert state_of(source) == FINISHED
     with locked(path):
         assert state_of(source) == RUNNING
-        (path / "pausing").touch()
-        assert state_of(source) == PAUSED
     source.total = 5
     assert state_of(source) == ENDED
     assert "iteration 4 of 5" in status(source, ENDED)
