@@ -22,8 +22,6 @@ from rkhs_ros.rkhs.kernels import Array
 Flags = NDArray[np.bool_]
 AnyEnv = Env[Any, Any]
 AnyVectorEnv = VectorEnv[Any, Any, Any]
-# Instead of a seed: reset the environment without a new seed, or continue its episode.
-CONTINUE_STREAM, CONTINUE_EPISODE = -1, -2
 MOST_COPIES = 32  # of an environment in a batch; more copies do not save time
 MOST_SEEDS = 2**32  # of environments with an old random generator
 MOST_VECTORS = 8  # cached vector environments; more than a run has kinds of batches
@@ -68,10 +66,7 @@ class EnvBatch(Protocol):
         """Return how many of the environments can run in one batch."""
 
     def reset(self, seeds: list[int], horizon: int) -> Array:
-        """Reset one environment per seed; return the observations, shape (num_envs, d).
-
-        A seed may be `CONTINUE_STREAM` or `CONTINUE_EPISODE`; the observation for the latter is undefined.
-        """
+        """Reset one environment per seed; return the observations, shape (num_envs, d)."""
 
     def step(self, actions: NDArray[Any], active: Flags) -> Step:
         """Step with actions of shape ``(num_envs, *shape)``; the result of an inactive environment is undefined."""
@@ -135,11 +130,7 @@ class SeparateEnvs:
         """Reset one environment per seed; return the observations, shape (num_envs, d)."""
         first: list[Array] = []
         for self.current, seed in enumerate(seeds):
-            if seed == CONTINUE_EPISODE:
-                first.append(self._observations[self.current])
-            else:
-                given = None if seed == CONTINUE_STREAM else seed
-                first.append(self._real(_reset(self._copies[self.current], given)))
+            first.append(self._real(_reset(self._copies[self.current], seed)))
         self._observations = np.stack(first)
         return self._observations.copy()
 
@@ -201,24 +192,8 @@ class VectorEnvBatch:
         self._current = self._vector(len(seeds), horizon)
         self._count = len(seeds)
         spare = self._current.num_envs - self._count  # if the size of the vector environment is fixed
-        seeds = seeds + seeds[-1:] * spare
-        if min(seeds) >= 0:
-            observations, _ = self._current.reset(seed=seeds)  # type: ignore[arg-type]
-        elif set(seeds) == {CONTINUE_STREAM}:
-            observations, _ = self._current.reset()
-        else:
-            observations, _ = self._current.reset(options={"reset_mask": self._reset_mask(seeds)})
+        observations, _ = self._current.reset(seed=seeds + seeds[-1:] * spare)  # type: ignore[arg-type]
         return self._flat(observations)
-
-    def _reset_mask(self, seeds: list[int]) -> Flags:
-        """Return which environments are reset while the others continue.
-
-        Raises:
-            RunError: the vector environment does not support a partial reset.
-        """
-        if self._mode != AutoresetMode.DISABLED or set(seeds) != {CONTINUE_STREAM, CONTINUE_EPISODE}:
-            raise RunError("expected a reset of all environments, since this vector environment has no partial reset")
-        return np.array([seed == CONTINUE_STREAM for seed in seeds])
 
     @property
     def _mode(self) -> Any:
@@ -270,7 +245,7 @@ class VectorEnvBatch:
         return self._vectors[key]
 
 
-def _reset(env: AnyEnv, seed: int | None) -> Any:
+def _reset(env: AnyEnv, seed: int) -> Any:
     """Reset an environment; return its observation.
 
     An environment that rejects the seed gets its last 32 bits, because the seeds of `numpy.random.RandomState`, which
@@ -279,7 +254,7 @@ def _reset(env: AnyEnv, seed: int | None) -> Any:
     try:
         return env.reset(seed=seed)[0]
     except ValueError:
-        if seed is None or seed < MOST_SEEDS:
+        if seed < MOST_SEEDS:
             raise
         return env.reset(seed=seed % MOST_SEEDS)[0]
 

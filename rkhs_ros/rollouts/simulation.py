@@ -20,7 +20,7 @@ from rkhs_ros.policies.input_names import reported_names
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rollouts.env_batch import CONTINUE_EPISODE, AnyEnv, AnyVectorEnv, Flags
+from rkhs_ros.rollouts.env_batch import AnyEnv, AnyVectorEnv, Flags
 from rkhs_ros.rollouts.environments import Source, env_batch_of, name_of, options_of, time_limit
 from rkhs_ros.rollouts.visualization import HasRobot, JointStates
 
@@ -83,10 +83,7 @@ class Simulation:
         self._registered = isinstance(environment, str)
         self._is_open = not isinstance(environment, gymnasium.Env | VectorEnv)  # and must be closed here
         self._envs = env_batch_of(environment, options, num_envs)
-        self._batch: Batch | None = None
-        self._step = 0
-        self._lasts: NDArray[np.int64] = np.empty(0, dtype=np.int64)  # step at which each episode is cut off
-        self._cuts: frozenset[int] = frozenset()  # the distinct values of _lasts
+        self._step = self._horizon = 0
         self._frame: Frame
         with ExitStack() as undo:
             undo.callback(self.close)
@@ -141,8 +138,7 @@ class Simulation:
 
         Args:
             batch: the episodes.
-            seeds: seeds for the resets, one per environment, instead of those of the batch; `CONTINUE_STREAM` resets
-                an environment without a seed, `CONTINUE_EPISODE` continues its episode of the previous batch.
+            seeds: seeds for the resets, one per environment, instead of those of the batch.
 
         Raises:
             ValueError: the batch exceeds the capacity, or the seeds do not fit.
@@ -150,45 +146,19 @@ class Simulation:
         """
         capacity = self.capacity(batch.num_envs)
         require(batch.num_envs <= capacity, f"{self.environment}: num_envs", f"at most {capacity}", batch.num_envs)
-        continued = self._continued(batch, seeds)
-        self._batch = None  # until all environments are reset
+        what = "environment_seeds"
+        require(len(seeds) in (0, batch.num_envs), what, f"{batch.num_envs}, one per environment", len(seeds))
+        require(all(seed >= 0 for seed in seeds), what, "whole numbers >= 0", seeds)
         observations = self._called("reset", self._envs.reset, list(seeds) or batch.environment_seeds(), batch.horizon)
-        frame = Frame(
+        self._step, self._horizon = 0, batch.horizon
+        self._frame = Frame(
             observations=observations,
             rewards=np.zeros(0),
             active=np.ones(batch.num_envs, dtype=bool),
             terminated=np.zeros(batch.num_envs, dtype=bool),
             truncated=np.zeros(batch.num_envs, dtype=bool),
         )
-        lasts = np.full(batch.num_envs, batch.horizon)
-        if continued.any():
-            before, lasts[continued] = self._frame, self._lasts[continued] - self._step
-            frame = Frame(
-                observations=np.where(continued[:, None], before.observations, observations),
-                rewards=frame.rewards,
-                active=~continued | before.active,
-                terminated=continued & before.terminated,
-                truncated=continued & before.truncated,
-            )
-        self._batch, self._step, self._lasts, self._frame = batch, 0, lasts, frame
-        self._cuts = frozenset(lasts.tolist())
-        return self._checked(frame)
-
-    def _continued(self, batch: Batch, seeds: Sequence[int]) -> Flags:
-        """Return which environments continue their episode.
-
-        Raises:
-            ValueError: there is no episode to continue, or the number of seeds is wrong.
-        """
-        what = "environment_seeds"
-        require(len(seeds) in (0, batch.num_envs), what, f"{batch.num_envs}, one per environment", len(seeds))
-        require(all(seed >= CONTINUE_EPISODE for seed in seeds), what, f"whole numbers >= {CONTINUE_EPISODE}", seeds)
-        continued = np.array([seed == CONTINUE_EPISODE for seed in seeds] or [False] * batch.num_envs)
-        if continued.any():
-            before = self._batch
-            good = before is not None and (before.seed, before.num_envs) == (batch.seed, batch.num_envs)
-            require(good, what, "active episodes to continue", "none of that seed")
-        return continued
+        return self._checked(self._frame)
 
     def step(self, actions: Array) -> Frame:
         """Step the active environments with unclipped actions of shape (num_envs, n).
@@ -200,8 +170,8 @@ class Simulation:
         self._step += 1
         result = self._called(f"step {self._step}", self._envs.step, self.spaces.shaped(actions), before.active)
         truncated = result.truncated
-        if self._step in self._cuts:
-            truncated = truncated | (self._step == self._lasts)
+        if self._step == self._horizon:
+            truncated = np.ones_like(truncated)
         active = ~(result.terminated | truncated)
         frame = Frame(result.observations, result.rewards, active, result.terminated, truncated)
         self._frame = frame if before.is_whole else _where_active(before, frame)

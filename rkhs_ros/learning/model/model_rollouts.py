@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,27 +34,6 @@ class Draws:
     rewards: DrawnFunctions | None
     noise: Array
     limits: Array | None
-
-    def with_rows(self, which: NDArray[np.bool_], fresh: Draws) -> Draws:
-        """Return a copy with new draws for some of the N episodes.
-
-        Args:
-            which: True for the episodes to replace, shape (N,).
-            fresh: one draw for each of these episodes.
-        """
-
-        def merged(old: Array, new: Array) -> Array:
-            result = old.copy()
-            result[which] = new
-            return result
-
-        rewards, limits = self.rewards, self.limits
-        if limits is not None and fresh.limits is not None:
-            limits = merged(limits, fresh.limits)
-        if rewards is not None and fresh.rewards is not None:
-            rewards = replace(rewards, weights=merged(rewards.weights, fresh.rewards.weights))
-        changes = replace(self.changes, weights=merged(self.changes.weights, fresh.changes.weights))
-        return Draws(changes, rewards, merged(self.noise, fresh.noise), limits)
 
 
 class ModelRunner:

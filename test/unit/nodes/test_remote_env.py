@@ -8,10 +8,8 @@ import pytest
 import sim_nodes.envs  # noqa: F401  # registers it
 
 
-@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
-def test_without_ros_the_error_names_what_to_install(monkeypatch: pytest.MonkeyPatch, make: object) -> None:
-    for module in ("remote_env", "remote_simulation"):
-        monkeypatch.delitem(sys.modules, f"rkhs_ros.nodes.remote.{module}", raising=False)
+def test_without_ros_the_error_names_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "rkhs_ros.nodes.lockstep.remote_env", raising=False)
     monkeypatch.setitem(sys.modules, "rclpy", None)
     with pytest.raises(gymnasium.error.DependencyNotInstalled, match=r"rkhs/Remote-v0: expected ROS 2 Jazzy"):
-        make("rkhs/Remote-v0")  # type: ignore[operator]
+        gymnasium.make("rkhs/Remote-v0")

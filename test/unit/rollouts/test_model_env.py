@@ -1,7 +1,6 @@
 """Episodes in a dynamics model as an environment are those of `ModelRunner`, and follow Gymnasium's conventions."""
 
 import re
-from typing import Any
 
 import numpy as np
 import pytest
@@ -80,41 +79,18 @@ def test_an_episode_is_that_of_the_runner_with_the_same_draws(rng: np.random.Gen
             assert (ends or cut) == (step == expected.count - 1)
         np.testing.assert_array_equal(observation, expected.final_observations[0])
         assert ends == expected.terminated[0]
+        with pytest.raises(ResetNeeded):
+            environment.step(action)
         terminated += ends
     assert 0 < terminated < 20
 
 
-def test_each_environment_of_a_vector_environment_is_a_single_environment(rng: np.random.Generator) -> None:
-    model = model_of(rng, INPUTS["a window"])
-    singles, many = [model.as_env() for _ in range(EPISODES)], model.as_vector_env(EPISODES)
-    observations, _ = many.reset(seed=5)
-    for row, single in enumerate(singles):
-        np.testing.assert_array_equal(single.reset(seed=5 + row)[0], observations[row])
-    over, ended = np.zeros(EPISODES, dtype=bool), 0
-    for action in rng.uniform(-1.5, 1.5, (40, EPISODES, 1)):
-        observations, *results, _ = many.step(action)
-        for row, single in enumerate(singles):
-            if over[row]:
-                expected: Any = (single.reset()[0], 0.0, False, False)
-            else:
-                expected = single.step(action[row])[:4]
-            for got, value in zip((observations, *results), expected, strict=True):
-                np.testing.assert_array_equal(got[row], value)
-        over = results[1] | results[2]
-        ended += over.sum()
-    assert ended > 2 * EPISODES
-
-
-def test_the_environments_follow_gymnasium(rng: np.random.Generator) -> None:
+def test_the_environment_follows_gymnasium(rng: np.random.Generator) -> None:
     model = model_of(rng)
     with pytest.raises(ResetNeeded, match=r"^step: cannot step before reset\(\); call reset\(\) first$"):
         model.as_env().step(np.zeros(1))
     with pytest.warns(UserWarning, match="infinity"):  # the bounds of the observations are not known
         check_env(model.as_env(), skip_render_check=True)
-    with pytest.raises(ValueError, match=r"^seed: expected 2 seeds, one for each environment, got 1$"):
-        model.as_vector_env(2).reset(seed=[1])
-    with pytest.raises(ValueError, match=r"^num_envs: expected a whole number >= 1, got 0$"):
-        model.as_vector_env(0)
     for caution in (-1.0, np.nan, np.inf, "no"):
         with pytest.raises(ValueError, match=rf"^caution: expected a number >= 0, got {caution}$"):
             model.as_env(caution)  # type: ignore[arg-type]
@@ -126,7 +102,7 @@ def test_an_action_of_the_wrong_size_or_that_is_not_finite_is_rejected(
 ) -> None:
     environment = model_of(rng).as_env()
     environment.reset(seed=0)
-    message = rf"^action: expected finite numbers, 1 for each environment, got {re.escape(str([action]))}$"
+    message = rf"^action: expected 1 finite numbers, got {re.escape(str(action))}$"
     with pytest.raises(ValueError, match=message):
         environment.step(action)
 

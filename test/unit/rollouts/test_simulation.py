@@ -8,9 +8,8 @@ from gymnasium.spaces import Box, Dict, Discrete, Tuple
 from gymnasium.vector import SyncVectorEnv
 
 import rkhs_ros
-from rkhs_ros.base.endings import RunError
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.rollouts.env_batch import CONTINUE_EPISODE, CONTINUE_STREAM, MOST_VECTORS
+from rkhs_ros.rollouts.env_batch import MOST_VECTORS
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 
@@ -233,41 +232,8 @@ def test_an_error_in_close_is_reported_without_losing_the_result(
     assert capsys.readouterr().err == "warning: test/Robot-v0: close: OSError: it hangs on\n"
 
 
-def test_episodes_continue_while_other_environments_are_reset(walk: Simulation) -> None:
-    single = Walk()
-    seeds = [4, 5]
-    first = walk.start(batch(2, 6), seeds)
-    for row, seed in enumerate(seeds):
-        np.testing.assert_array_equal(first.observations[row], single.reset(seed=seed)[0].ravel())
-    pace = np.array([[1.0, 0.0], [0.5, 0.0]])
-    walk.step(pace)
-    walk.step(pace)
-    single.reset(seed=4)
-    frame = walk.start(batch(2, 6), [CONTINUE_STREAM, CONTINUE_EPISODE])
-    assert frame.observations[0].tolist() == single.reset()[0].ravel().tolist()
-    assert frame.observations[1, 0] == 1.0
-    frames = [walk.step(pace) for _ in range(4)]
-    assert [frame.truncated.tolist() for frame in frames] == [[False, False]] * 3 + [[False, True]]
-    assert [frame.terminated.tolist() for frame in frames] == [[False, False]] * 3 + [[True, False]]
-
-
 def test_invalid_seeds_are_rejected(walk: Simulation) -> None:
-    with pytest.raises(ValueError, match="environment_seeds: expected active episodes to continue, got none"):
-        walk.start(batch(2, 6), [1, CONTINUE_EPISODE])
-    walk.start(batch(2, 6), [1, 2])
-    for other in (batch(3, 6), Batch(1, 0, 2, 6, explore=True)):
-        with pytest.raises(ValueError, match="environment_seeds: expected active episodes to continue, got none"):
-            walk.start(other, [CONTINUE_EPISODE] * other.num_envs)
     with pytest.raises(ValueError, match="environment_seeds: expected 2, one per environment, got 3"):
         walk.start(batch(2, 6), [1, 2, 3])
-    with pytest.raises(ValueError, match="environment_seeds: expected whole numbers >= -2"):
+    with pytest.raises(ValueError, match="environment_seeds: expected whole numbers >= 0"):
         walk.start(batch(2, 6), [1, -3])
-
-
-def test_a_vector_environment_without_partial_reset_resets_all_environments() -> None:
-    toy = Simulation("rkhs/Toy-v0")
-    toy.start(batch(2, 6), [1, 2])
-    with pytest.raises(RunError, match="expected a reset of all environments"):
-        toy.start(batch(2, 6), [CONTINUE_STREAM, CONTINUE_EPISODE])
-    with pytest.raises(ValueError, match="active episodes to continue"):
-        toy.start(batch(2, 6), [CONTINUE_STREAM, CONTINUE_EPISODE])

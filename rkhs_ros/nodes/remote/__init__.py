@@ -1,1 +1,0 @@
-"""Simulators and robots as Gymnasium environments, for learners of other libraries."""
