@@ -21,10 +21,8 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.episode_files import load_episodes
 from sim_nodes.envs.vector_task import DARK, ORANGE, Body
 from sim_nodes.pr2.cameras import Camera
-from sim_nodes.robots.arm import HOME
+from sim_nodes.robots.arm import CENTRE, HOME, distance
 from sim_nodes.robots.arm_body import FILE, JOINTS, TOOL
-from sim_nodes.robots.mark import CENTRE
-from sim_nodes.robots.rewards import distance
 
 HERE = Path(__file__).parent
 CAMERA = Camera((1.75, -1.35, 1.0), (0.22, 0.0, 0.42), 36.0)

@@ -18,7 +18,7 @@ from rkhs_ros.robot.limits import Limits
 from rkhs_ros.robot.task import RobotTask, robot_task_from
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.report import last_policy
-from sim_nodes.robots.kinds import DEFAULT, settings_of
+from sim_nodes.robots import DEFAULT, settings_of
 
 
 def check_robot(config: Config) -> Spaces:

@@ -1,4 +1,7 @@
-"""A simulated seven-joint arm in real time, with a moving mark to reach."""
+"""A simulated seven-joint arm in real time, with a mark to reach.
+
+The mark moves in front of the arm, on a known slow path with a random start in each episode.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +15,20 @@ from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.policies.streams import stream
 from sim_nodes.robots.drives import DriveLimits, Drives, JointCommand
-from sim_nodes.robots.joints import JointReadings
-from sim_nodes.robots.mark import first_phase, mark_at
-from sim_nodes.robots.robot import Robot, RobotSettings
+from sim_nodes.robots.robot import JointReadings, Robot, RobotSettings
 
 if TYPE_CHECKING:
     from sim_nodes.robots.arm_body import Pose
 
+Array = NDArray[np.float64]
 POSITIONS, TRAJECTORIES = "position_controller", "joint_trajectory_controller"
 HOME = np.array([0.0, -0.3, 0.0, -2.2, 0.0, 2.0, 0.79])  # rad: the hand in front of the mark's path, pointing down
 SIZE = len(HOME)
+CENTRE = np.array([0.5, 0.0, 0.45])  # m, of the mark's path, in the frame of the arm's base
+EXTENT = np.array([0.0, 0.2, 0.1])  # m, of the path to both sides
+FREQUENCIES = np.array([0.0, 1.0, 2.0])  # of each axis: a horizontal figure eight in the vertical plane
+PERIOD_S = 12.0
+NEAR = 0.1  # m from the mark, at which the reward is exp(-1 / 2)
 
 
 @dataclass(frozen=True)
@@ -133,5 +140,34 @@ class ArmRobot(Robot[Drives]):
         return urdf()
 
 
-def _row(values: NDArray[np.float64]) -> tuple[float, ...]:
+def first_phase(seed: int, episode: int) -> float:
+    """Return the mark's start on its path in an episode, in [0, 1)."""
+    return float(stream(seed, "arm/mark", episode).random())
+
+
+def mark_at(time: float, phase: float) -> Array:
+    """Return the mark's position x, y, z in metres at a time, in seconds since the start of the episode."""
+    return np.asarray(CENTRE + EXTENT * np.sin(2 * np.pi * FREQUENCIES * (time / PERIOD_S + phase)))
+
+
+def distance(observations: Array) -> Array:
+    """Return the distance of the arm's tool from the mark, in metres.
+
+    Args:
+        observations: y and z of the mark, whose x is constant, then x, y and z of the tool, shape (..., 5).
+    """
+    mark, tool = observations[..., :2], observations[..., 2:]
+    off = np.concatenate([tool[..., :1] - CENTRE[0], tool[..., 1:] - mark], axis=-1)
+    return np.asarray(np.linalg.norm(off, axis=-1))
+
+
+def near(before: Array, executed: Array, after: Array) -> Array:
+    r"""Return :math:`\exp(-d^2 / 2 s^2)` of the distance d of the arm's tool from the mark after a step.
+
+    The arguments may have leading dimensions, so that model-based training can use it as a known reward.
+    """
+    return np.asarray(np.exp(-0.5 * (distance(after) / NEAR) ** 2))
+
+
+def _row(values: Array) -> tuple[float, ...]:
     return tuple(values.tolist())

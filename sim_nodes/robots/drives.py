@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim_nodes.robots.protection import COMMAND_TIMEOUT, SECOND_PUBLISHER, TOLERANCE, Protection
+from sim_nodes.robots.robot import COMMAND_TIMEOUT, SECOND_PUBLISHER, TOLERANCE, Protection
 
 Array = NDArray[np.float64]
 KINDS = (

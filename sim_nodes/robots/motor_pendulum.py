@@ -12,12 +12,22 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.policies.streams import stream
-from sim_nodes.robots.joints import JointReadings
-from sim_nodes.robots.protection import COMMAND_TIMEOUT, SECOND_PUBLISHER, Protection, exceeds
-from sim_nodes.robots.robot import Robot, RobotSettings
+from sim_nodes.robots.robot import (
+    COMMAND_TIMEOUT,
+    SECOND_PUBLISHER,
+    JointReadings,
+    Protection,
+    Robot,
+    RobotSettings,
+    exceeds,
+)
 
+Array = NDArray[np.float64]
 JOINT = "motor"
 KINDS = ("malformed", "non_finite", "torque", "torque_step", "velocity", SECOND_PUBLISHER, COMMAND_TIMEOUT)
 BRAKE = 60.0  # rad/s²: from the greatest velocity to rest in 0.2 s
@@ -117,6 +127,11 @@ class MotorPendulum:
         if not self.protection.is_stopped and exceeds(torque - self.torque, limits.torque_step):
             return "torque_step", f"expected at most {limits.torque_step:g} N m from {self.torque:g}, got {torque:g}"
         return None
+
+
+def upright(before: Array, executed: Array, after: Array) -> float:
+    r"""Return :math:`\exp(-\theta^2 / 2)` of the angle before a step, the paper's reward, for robot configurations."""
+    return float(np.exp(-0.5 * before[0] ** 2))
 
 
 def _braked(velocity: float, seconds: float) -> float:

@@ -1,14 +1,70 @@
-"""Base classes of simulated robots."""
+"""Base classes of simulated robots: settings, state with a protective stop, and readings of joints."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import Any, Generic, Protocol, Self, TypeVar
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Generic, NamedTuple, Protocol, Self, TypeVar
 
 from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.base.validation import require
-from sim_nodes.robots.protection import Protection
+
+SECOND_PUBLISHER, COMMAND_TIMEOUT = "second_publisher", "command_timeout"  # kinds of every robot
+TOLERANCE = 1e-6  # relative tolerance of limits, because values at a limit are rounded
+
+
+class JointReadings(NamedTuple):
+    """Readings of all joints at one time, as in `sensor_msgs/JointState`.
+
+    Attributes:
+        names: of the joints.
+        positions: rad.
+        velocities: rad/s.
+        efforts: N m.
+    """
+
+    names: tuple[str, ...]
+    positions: tuple[float, ...]
+    velocities: tuple[float, ...]
+    efforts: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Protection:
+    """State of a robot's protective stop.
+
+    Attributes:
+        counts: number of violations since the robot started, by kind.
+        reason: why the robot is stopped; empty if it is not.
+    """
+
+    counts: Mapping[str, int] = field(default_factory=dict)
+    reason: str = ""
+
+    @property
+    def is_stopped(self) -> bool:
+        """Whether the robot is stopped."""
+        return bool(self.reason)
+
+    @property
+    def violations(self) -> int:
+        """Number of violations of all kinds."""
+        return sum(self.counts.values())
+
+    def tripped(self, kind: str, reason: str) -> Protection:
+        """Return the state after another violation: stopped, with the reason of the first one."""
+        counts = {**self.counts, kind: self.counts.get(kind, 0) + 1}
+        return Protection(counts, self.reason or f"{kind}: {reason}")
+
+    def reset(self) -> Protection:
+        """Return the state after a reset; the counts are preserved."""
+        return Protection(self.counts)
+
+
+def exceeds(value: float, limit: float) -> bool:
+    """Return whether a magnitude exceeds a limit by more than rounding."""
+    return not abs(value) <= limit * (1.0 + TOLERANCE)
 
 
 @dataclass(frozen=True)

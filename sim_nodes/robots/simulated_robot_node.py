@@ -19,12 +19,12 @@ from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.nodes.core.parameters import declare, declared, given
 from rkhs_ros.nodes.core.publishers import SinglePublishers
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
+from sim_nodes.robots import DEFAULT, SETTINGS, settings_of
 from sim_nodes.robots.hardware import Hardware, Sample
-from sim_nodes.robots.kinds import DEFAULT, SETTINGS, settings_of
-from sim_nodes.robots.protection import SECOND_PUBLISHER
-from sim_nodes.robots.topics import ArmTopics, DoorTopics, MotorPendulumTopics, RobotTopics
+from sim_nodes.robots.robot import SECOND_PUBLISHER
+from sim_nodes.robots.topics import ArmTopics, MotorPendulumTopics, RobotTopics
 
-TOPICS: dict[str, Any] = {"motor_pendulum": MotorPendulumTopics, "arm": ArmTopics, "pr2_door": DoorTopics}
+TOPICS: dict[str, Any] = {"motor_pendulum": MotorPendulumTopics, "arm": ArmTopics}
 LEFT_TIMEOUT_S = 4.0  # for the senders of commands to exit, before the node exits
 REPORT_PERIOD_S = 0.1  # between reports of violations, and checks of the commands' publishers
 

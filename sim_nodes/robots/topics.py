@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, PointStamped, PoseStamped, Quaternion
@@ -12,20 +12,15 @@ from geometry_msgs.msg import Pose as PoseMessage
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Float64MultiArray, Header, String
+from std_msgs.msg import Float64MultiArray, Header, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from sim_nodes.robots.arm import POSITIONS, ArmReadings, ArmRobot, ArmSettings
-from sim_nodes.robots.door import DoorSettings
 from sim_nodes.robots.drives import JointCommand
-from sim_nodes.robots.joints import JointReadings
 from sim_nodes.robots.motor_pendulum import MotorPendulumRobot, MotorPendulumSettings
-from sim_nodes.robots.robot import Robot
-
-if TYPE_CHECKING:
-    from sim_nodes.robots.door_robot import DoorReadings
+from sim_nodes.robots.robot import JointReadings, Robot
 
 SENSOR_QOS = QoSProfile(depth=10)  # like the controllers of ros2_control
 Send = Callable[[Any], None]
@@ -146,35 +141,3 @@ class ArmTopics:
         )
         self._tool.publish(PoseStamped(header=header, pose=pose))
         self._mark.publish(PointStamped(header=header, point=Point(**dict(zip("xyz", readings.mark, strict=True)))))
-
-
-class DoorTopics:
-    """The topics of the PR2's door: trajectories in; joint state, the error of the base's pose and the reward out.
-
-    The times of a trajectory are in the robot's time: at twice the speed it takes half as long.
-
-    Args:
-        node: the robot's node.
-        settings: of the robot.
-        send: sends a command to the robot.
-    """
-
-    def __init__(self, node: Node, settings: DoorSettings, send: Send) -> None:
-        from sim_nodes.robots.door_robot import DoorRobot  # imported here: the other robots do not need PyBullet
-
-        self.robot: Robot[Any] = (pr2 := DoorRobot(settings))
-        self.command_topics: tuple[str, ...] = (f"{settings.controller}/joint_trajectory",)
-        self._joints = JointPublisher(node, pr2.description())
-        self._base_error = node.create_publisher(Float64MultiArray, "base_error", SENSOR_QOS)
-        self._reward = node.create_publisher(Float64, "reward", SENSOR_QOS)
-        serve_episodes(node, pr2.begin_episode)
-        node.create_subscription(
-            JointTrajectory, self.command_topics[0], lambda m: send(trajectory(m, speed=1.0)), SENSOR_QOS
-        )
-
-    def publish(self, readings: DoorReadings, stamp: Time) -> None:
-        """Publish the readings of the sensors, with their time stamp."""
-        self._joints.publish(readings.joints, stamp)
-        self._base_error.publish(Float64MultiArray(data=readings.base_error))
-        if readings.reward is not None:
-            self._reward.publish(Float64(data=readings.reward))

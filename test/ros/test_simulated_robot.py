@@ -16,15 +16,13 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PointStamped, PoseStamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Float64MultiArray, String
+from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from sim_nodes.robots import drives, motor_pendulum
-from sim_nodes.robots.arm import HOME
-from sim_nodes.robots.door import adapted_trajectory
-from sim_nodes.robots.mark import first_phase, mark_at
+from sim_nodes.robots.arm import HOME, first_phase, mark_at
 from sim_nodes.robots.topics import SENSOR_QOS
 from test.ros.conftest import Probe, Process
 
@@ -248,34 +246,6 @@ def test_the_arm_follows_a_trajectory_and_holds_at_its_end(arm: Callable[..., Op
     assert operator.violations == {}
     operator.send(JointTrajectory(joint_names=names[1:], points=points))
     assert operator.violations == {"malformed": 1}
-
-
-def test_a_trajectory_is_one_attempt_at_the_door(robot: Callable[..., Operator]) -> None:
-    pytest.importorskip("pybullet")
-    operator = robot(
-        robot="pr2_door",
-        speed=10.0,
-        sensor_rate=5.0,
-        topic="joint_trajectory_controller/joint_trajectory",
-        kind=JointTrajectory,
-    )
-    operator.probe.add_service(EPISODE, Trigger)
-    assert len(hear(operator, "base_error", Float64MultiArray).data) == 3
-    shown = adapted_trajectory(np.zeros(2))
-    points = [
-        JointTrajectoryPoint(positions=row, time_from_start=Duration(sec=int(time), nanosec=round(time % 1 * 1e9)))
-        for time, row in zip(shown.times, shown.positions, strict=True)
-    ]
-    attempt = JointTrajectory(joint_names=shown.names, points=points)
-    operator.send(attempt)
-    assert 0.0 < hear(operator, "reward", Float64).data <= 1.0
-    last = operator.move_on()
-    assert last.position[last.name.index("door_hinge")] > 0.0
-    assert operator.probe.ask(EPISODE, Trigger.Request()).success
-    shut = operator.move_on()
-    assert shut.position[shut.name.index("door_hinge")] == 0.0
-    operator.send(attempt)
-    assert operator.violations == {}
 
 
 def test_each_episode_starts_with_another_mark(arm: Callable[..., Operator]) -> None:

@@ -9,10 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rkhs_ros.base.settings import build
-from sim_nodes.robots.arm import HOME, ArmRobot, ArmSettings
+from sim_nodes.robots.arm import CENTRE, EXTENT, HOME, PERIOD_S, ArmRobot, ArmSettings, first_phase, mark_at
 from sim_nodes.robots.drives import BANDWIDTH, BRAKE, KINDS, DriveLimits, Drives, JointCommand, SetPoints
 from sim_nodes.robots.hardware import Hardware
-from sim_nodes.robots.mark import CENTRE, PERIOD_S, SIZE, first_phase, mark_at
 
 STEP = 1.0 / 240.0  # s
 LIMITS = DriveLimits(*(np.array(pair) for pair in ((-1.0, -2.0), (1.0, 2.0), (2.0, 2.0), (25.0, 25.0), (0.1, 0.05))))
@@ -141,7 +140,7 @@ def test_commands_within_the_step_limits_are_accepted(parts: list[float]) -> Non
 def test_the_mark_is_slow_and_within_reach() -> None:
     path = np.array([mark_at(time, 0.3) for time in np.linspace(0.0, PERIOD_S, 1000)])
     np.testing.assert_allclose(path[0], path[-1])
-    assert (np.abs(path - CENTRE) <= SIZE + 1e-12).all()
+    assert (np.abs(path - CENTRE) <= EXTENT + 1e-12).all()
     assert np.max(np.linalg.norm(np.diff(path, axis=0), axis=1)) / (PERIOD_S / 999) < 0.2  # m/s
     np.testing.assert_allclose(mark_at(1.2, 0.0), mark_at(0.0, 0.1))
 

@@ -15,9 +15,8 @@ from hypothesis import strategies as st
 from rkhs_ros.base.settings import entries
 from rkhs_ros.policies.streams import stream
 from sim_nodes.envs.pendulum import Pendulum
-from sim_nodes.robots import door, drives
-from sim_nodes.robots.hardware import MOST_CATCH_UP_S, Hardware, Sample
-from sim_nodes.robots.kinds import SETTINGS, settings_of
+from sim_nodes.robots import SETTINGS, drives, settings_of
+from sim_nodes.robots.hardware import MOST_CATCH_UP_S, Hardware, Sample, Wire
 from sim_nodes.robots.motor_pendulum import (
     BRAKE,
     KINDS,
@@ -27,8 +26,7 @@ from sim_nodes.robots.motor_pendulum import (
     MotorPendulumRobot,
     MotorPendulumSettings,
 )
-from sim_nodes.robots.protection import TOLERANCE, Protection
-from sim_nodes.robots.wire import Wire
+from sim_nodes.robots.robot import TOLERANCE, Protection
 
 PAGE = (Path(__file__).parents[3] / "docs" / "simulated_robots.md").read_text()
 STEP = 0.002  # s
@@ -290,7 +288,7 @@ def test_invalid_settings_of_robots_are_refused(values: dict[str, object], messa
         settings_of("motor_pendulum", values)
 
 
-KINDS_OF = {"motor_pendulum": KINDS, "arm": drives.KINDS, "pr2_door": door.KINDS}
+KINDS_OF = {"motor_pendulum": KINDS, "arm": drives.KINDS}
 
 
 @pytest.mark.parametrize("robot", SETTINGS)

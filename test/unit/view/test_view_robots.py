@@ -168,7 +168,7 @@ def test_sensed_joints_are_found_in_the_observation() -> None:
         "zone": {"topic": "z", "type": "std_msgs/msg/Float64MultiArray", "fields": ["data[1:3]"]},
         "base": {"topic": "b", "type": "geometry_msgs/msg/Twist", "fields": ["angular.x", "linear.x", "linear.y"]},
     }
-    reward = {"function": "sim_nodes.robots.rewards:upright"}
+    reward = {"function": "sim_nodes.robots.motor_pendulum:upright"}
     made = robot_task_from({"sensors": sensors, "reward": reward})
     assert sensed_joints(made) == {"a": 2, "b": 3}
 
