@@ -42,7 +42,7 @@ setup(
     package_data={
         "rkhs_ros.nodes.core": ["*.xml"],
         "rkhs_ros.recordings": ["msg/*.msg"],
-        "sim_nodes.pr2": ["*.npz"],
+        "sim_nodes.pr2": ["*.npz", "*.urdf"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
@@ -67,7 +67,7 @@ setup(
         "threadpoolctl>=3.1",
     ],
     extras_require={
-        "pr2": ["pybullet>=3.2.5", "example-robot-data>=4.1"],
+        "pr2": ["pybullet>=3.2.5"],
         "view": ["viser>=1.1,<1.2"],
         "export": ["onnx>=1.17", "onnxruntime>=1.20", "pyarrow>=15"],
         "tensorboard": ["tensorboardX>=2.6"],

@@ -23,7 +23,7 @@ CAPTION_PART = 18  # height of a frame, relative to that of its caption
 
 
 def draw_strip(path: Path, film: Film) -> None:
-    """Draw selected frames side by side, from the first motion on, with a row for each camera."""
+    """Draw selected frames side by side, from the first motion on."""
     write(path, strip_figure(film))
 
 
@@ -31,28 +31,24 @@ def strip_figure(film: Film) -> Figure:
     """Return a figure of selected frames of a film."""
     first = first_motion(film)
     moments = [first + moment for moment in spread(len(film.captions) - first, MOMENTS)]
-    height, width = next(iter(film.pictures.values())).shape[1:3]
-    size = (2.0 * len(moments), 2.0 * height / width * len(film.pictures) + 0.3)
+    height, width = film.pictures.shape[1:3]
+    size = (2.0 * len(moments), 2.0 * height / width + 0.3)
     figure = Figure(figsize=size, layout="constrained", facecolor="white")
-    rows = figure.subplots(len(film.pictures), len(moments), squeeze=False)
-    for row, (camera, pictures) in zip(rows, film.pictures.items(), strict=True):
-        row[0].set_ylabel(camera)
-        for axes, moment in zip(row, moments, strict=True):
-            axes.imshow(pictures[moment])
-            axes.set(xticks=[], yticks=[], frame_on=False)
-    for axes, moment in zip(rows[-1], moments, strict=True):
-        axes.set_xlabel(film.captions[moment])
+    row = figure.subplots(1, len(moments), squeeze=False)[0]
+    for axes, moment in zip(row, moments, strict=True):
+        axes.imshow(film.pictures[moment])
+        axes.set(xticks=[], yticks=[], frame_on=False, xlabel=film.captions[moment])
     return figure
 
 
 def animate(path: Path, film: Film) -> None:
-    """Write the frames from the first motion on as a GIF, with the cameras side by side.
+    """Write the frames from the first motion on as a GIF.
 
     The frames are scaled down if the file would be too large.
     """
     first = first_motion(film)
-    wide = np.concatenate(list(film.pictures.values()), axis=2)[first:]
-    images = [_captioned(picture, caption) for picture, caption in zip(wide, film.captions[first:], strict=True)]
+    moments = zip(film.pictures[first:], film.captions[first:], strict=True)
+    images = [_captioned(picture, caption) for picture, caption in moments]
     while len(data := _gif(images)) > LIMIT:
         size = [max(round(SMALLER * length), 1) for length in images[0].size]
         images = [image.resize((size[0], size[1]), Image.Resampling.LANCZOS) for image in images]
@@ -61,9 +57,7 @@ def animate(path: Path, film: Film) -> None:
 
 def first_motion(film: Film) -> int:
     """Return the index of the last frame before the first motion; 0 if nothing moves."""
-    moved = np.zeros(len(film.captions), dtype=bool)
-    for pictures in film.pictures.values():
-        moved |= (pictures != pictures[0]).any(axis=3).mean(axis=(1, 2)) > STILL
+    moved = (film.pictures != film.pictures[0]).any(axis=3).mean(axis=(1, 2)) > STILL
     return max(int(moved.argmax()) - 1, 0)
 
 

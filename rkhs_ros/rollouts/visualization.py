@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 from rkhs_ros.rkhs.kernels import Array
 
@@ -34,16 +34,6 @@ class HasRobot(Protocol):
 
     def robot_description(self) -> str | None:
         """Return the URDF of the robot; None for a task without a robot."""
-
-
-@runtime_checkable
-class DrawsItself(Protocol):
-    """Task that draws a state of its first environment."""
-
-    states: Any
-
-    def draw(self, axes: Any, state: Array, action: Array) -> None:
-        """Draw a state with the action taken in it."""
 
 
 class Body(Protocol):

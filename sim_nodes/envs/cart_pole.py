@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import ceil, isfinite
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.cart_pole_scene import DRAWN_HALF, REACH, bodies, draw, motion
-from sim_nodes.envs.vector_task import Array, Body, BodyTrajectories, Flags, VectorTask, wrapped
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from sim_nodes.envs.drawn_task import DrawnTask
+from sim_nodes.envs.scene import BLUE, DARK, GREEN, ORANGE, PALE, Body, BodyTrajectories, upright
+from sim_nodes.envs.vector_task import Array, Flags, wrapped
 
 SECONDS = 3.0  # of an episode
 USUAL_RATE = 20.0  # Hz
@@ -26,10 +24,16 @@ OBSERVATIONS = {
     "wrapped": (CART, SPEED, "angle in [-pi, pi) (rad)", ANGULAR_SPEED),
     "unwrapped": (CART, SPEED, "angle (rad)", ANGULAR_SPEED),
 }
+REACH = 0.5  # m, of the tip of the pole from its joint
+DRAWN_HALF = 1.0  # m, of the drawn rail on each side if the task has no limit
+FLOOR = -0.62  # m
+METRES_PER_NEWTON = 0.05  # of the row of beads that visualises the force
+BEADS = 8
+CART_SIZE = (0.3, 0.16, 0.12)  # m
 HIGHEST = {"cosine": (np.inf, np.inf, 1.0, 1.0, np.inf), "wrapped": (np.inf, np.inf, np.pi, np.inf)}
 
 
-class CartPole(VectorTask):
+class CartPole(DrawnTask):
     r"""Swing up a pole on a cart by a force on the cart, and balance it over the middle of the rail.
 
     The state is :math:`(x, v, \theta, \omega)`. The angle is 0 if the pole hangs, and the tip of the pole is at
@@ -52,6 +56,7 @@ class CartPole(VectorTask):
         reward_width: replaces the 3 rad in the reward; the width along the rail, 1 m, changes in proportion.
         observation: observe the angle as cosine and sine ("cosine"), within [-pi, pi) ("wrapped"), or with its whole
             turns ("unwrapped").
+        render_mode: "rgb_array" for pictures; None for none.
     """
 
     mass = 0.5  # m, of the pole, kg
@@ -77,6 +82,7 @@ class CartPole(VectorTask):
         rail: float | None = None,
         reward_width: float = USUAL_WIDTH,
         observation: str = "cosine",
+        render_mode: str | None = None,
     ) -> None:
         if observation not in OBSERVATIONS:
             raise ValueError(f"observation: expected one of {', '.join(OBSERVATIONS)}, got {observation!r}")
@@ -89,7 +95,7 @@ class CartPole(VectorTask):
         self.observation_names = OBSERVATIONS[observation]
         high = np.array(HIGHEST.get(observation, (np.inf,) * 4))
         self.single_observation_space = Box(-high, high, dtype=np.float64)
-        super().__init__(num_envs, min(steps, max_episode_steps or steps))
+        super().__init__(num_envs, min(steps, max_episode_steps or steps), render_mode)
 
     @classmethod
     def time_limit(cls, options: Mapping[str, Any]) -> int:
@@ -164,27 +170,48 @@ class CartPole(VectorTask):
         states = self.states_of(observations[-count:])
         return len(states) == count and bool(np.all((np.abs(states[:, 0]) < 0.1) & (from_upright(states) < 0.25)))
 
-    def draw(self, axes: Axes, state: Array, action: Array) -> None:
-        """Draw the cart on its rail, the pole, the force as an arrow, and the target of the tip."""
-        draw(axes, state, float(action[0]), self.rail)
-
     def view_direction(self) -> tuple[float, float, float]:
         """Return the direction from the task towards the viewer."""
         return (0.0, -1.0, 0.2)
 
     def bounds(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """Return the corners of the box in which the tip of the pole moves."""
-        half = self.rail or DRAWN_HALF
+        """Return the corners of the box in which the tip of the pole moves; without a rail, the cart may leave it."""
+        half = (self.rail or DRAWN_HALF) + REACH
         return (-half, -0.1, -REACH), (half, 0.1, REACH)
 
     def bodies(self) -> list[Body]:
         """Return the rail, the floor, the cart, the pole and its tip, the target, and the force as a row of beads."""
-        return bodies(self.rail)
+        length = 2 * (self.rail or DRAWN_HALF)
+        beads = [Body("ball", (size, size, size), ORANGE) for size in [*[0.03] * (BEADS - 1), 0.07]]
+        return [
+            Body("box", (length, 0.05, 0.03), PALE),
+            Body("box", (length, 0.6, 0.01), PALE),
+            Body("box", CART_SIZE, DARK),
+            Body("cylinder", (0.03, 0.03, REACH), BLUE),
+            Body("ball", (0.08, 0.08, 0.08), BLUE),
+            Body("ball", (0.1, 0.1, 0.1), GREEN),
+            *beads,
+        ]
 
     def motion(self, observations: Array, actions: Array) -> BodyTrajectories:
         """Return the bodies' trajectories in an episode; the row of a force of 10 N is half a metre long."""
         times = self.step_seconds * np.arange(len(observations), dtype=np.float64)
-        return motion(times, self.states_of(observations), actions[:, 0])
+        states = self.states_of(observations)
+        x, angle, zero = states[:, 0], states[:, 2], 0 * states[:, 0]
+        across, up = np.sin(angle), -np.cos(angle)
+        row = x[:, None] + METRES_PER_NEWTON * np.linspace(0.0, 1.0, BEADS) * actions[:, :1]
+        along = np.stack([zero, zero, x, x + REACH / 2 * across, x + REACH * across, zero], axis=1)
+        heights = np.stack([zero, zero + FLOOR, zero, REACH / 2 * up, REACH * up, zero + REACH], axis=1)
+        along = np.concatenate([along, row], axis=1)
+        heights = np.concatenate([heights, np.full_like(row, -0.17)], axis=1)
+        depth = np.array([0.0, 0.0, 0.0, -0.12, -0.12, -0.12, *[-0.12] * BEADS])  # in front of the cart
+        positions = np.stack([along, np.broadcast_to(depth, along.shape), heights], axis=2)
+        orientations = np.array(upright(positions))
+        orientations[:, 3, 0], orientations[:, 3, 2] = (
+            np.sin(angle / 2),
+            np.cos(angle / 2),
+        )  # z points from joint to tip
+        return BodyTrajectories(times, positions, orientations)
 
 
 def from_upright(states: Array) -> Array:

@@ -2,26 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.vector_task import (
-    BLUE,
-    DARK,
-    ORANGE,
-    PALE,
-    Array,
-    Body,
-    BodyTrajectories,
-    VectorTask,
-    upright,
-    wrapped,
-)
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from sim_nodes.envs.drawn_task import DrawnTask
+from sim_nodes.envs.scene import BLUE, DARK, ORANGE, PALE, Body, BodyTrajectories, upright
+from sim_nodes.envs.vector_task import Array, wrapped
 
 ANGLES = ("clip", "wrap")
 HIGH = np.array([[np.pi], [4 * np.pi]])  # of angle and angular velocity
@@ -29,7 +17,7 @@ LOW = -HIGH
 BEADS = 12  # in the arc that visualises the torque
 
 
-class Pendulum(VectorTask):
+class Pendulum(DrawnTask):
     r"""Swing up and balance; the observation is the state :math:`(\theta, \omega)`.
 
     .. math:: \theta' = \theta + 0.05\,\omega + \epsilon, \quad \omega' = \omega + 0.05\,a + 2\epsilon, \quad
@@ -42,6 +30,7 @@ class Pendulum(VectorTask):
         num_envs: number of environments.
         max_episode_steps: steps after which an episode is truncated; None for never.
         angle: at the ends of [-pi, pi] the angle is clipped ("clip") or wraps around ("wrap").
+        render_mode: "rgb_array" for pictures; None for none.
     """
 
     single_observation_space = Box(np.array([-np.pi, -4 * np.pi]), np.array([np.pi, 4 * np.pi]), dtype=np.float64)
@@ -58,10 +47,16 @@ class Pendulum(VectorTask):
     noise_sd = 0.02
     kick_sds = noise_sd * np.array([[1.0], [2.0], [1.0], [2.0]])  # of angle and angular velocity, twice
 
-    def __init__(self, num_envs: int = 1, max_episode_steps: int | None = None, angle: str = "clip") -> None:
+    def __init__(
+        self,
+        num_envs: int = 1,
+        max_episode_steps: int | None = None,
+        angle: str = "clip",
+        render_mode: str | None = None,
+    ) -> None:
         if angle not in ANGLES:
             raise ValueError(f"angle: expected one of {', '.join(ANGLES)}, got '{angle}'")
-        super().__init__(num_envs, max_episode_steps)
+        super().__init__(num_envs, max_episode_steps, render_mode)
         self.angle = angle
 
     def initial_states(self, num_envs: int) -> Array:  # noqa: D102
@@ -80,17 +75,6 @@ class Pendulum(VectorTask):
 
     def reward(self, states: Array, actions: Array) -> Array:  # noqa: D102
         return np.exp(-0.5 * states[:, 0] ** 2)
-
-    def draw(self, axes: Axes, state: Array, action: Array) -> None:
-        """Draw the rod, upright at angle zero and turning clockwise, and the torque as an arc in its direction."""
-        theta, torque = float(state[0]), float(action[0])
-        turn = np.linspace(theta, theta + 0.5 * torque, 30)
-        axes.plot(np.sin(turn) / 2, np.cos(turn) / 2, color=ORANGE, linewidth=3)
-        axes.plot(np.sin(turn[-1]) / 2, np.cos(turn[-1]) / 2, "o", color=ORANGE, markersize=7)
-        axes.plot([0.0, np.sin(theta)], [0.0, np.cos(theta)], color=BLUE, linewidth=6, solid_capstyle="round")
-        axes.plot(0.0, 0.0, "o", color="black", markersize=8)
-        axes.text(1.3, -1.15, f"torque {torque:+.2f}", ha="right", fontsize=12)
-        axes.set(xlim=(-1.4, 1.4), ylim=(-1.25, 1.25), aspect="equal")
 
     def view_direction(self) -> tuple[float, float, float]:
         """Return the direction from the task towards the viewer."""

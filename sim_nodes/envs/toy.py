@@ -2,32 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.vector_task import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    PALE,
-    Array,
-    Body,
-    BodyTrajectories,
-    VectorTask,
-    clip,
-    upright,
-)
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from sim_nodes.envs.drawn_task import DrawnTask
+from sim_nodes.envs.scene import BLUE, GREEN, ORANGE, PALE, Body, BodyTrajectories, upright
+from sim_nodes.envs.vector_task import Array, clip
 
 GOAL = 3.0
 BEADS = 8  # in the line that visualises the action
 
 
-class Toy(VectorTask):
+class Toy(DrawnTask):
     r"""Move along a line to the point 3.
 
     .. math:: s_{t+1} = s_t + a_t + \epsilon, \qquad r(s, a) = \exp(-|s - 3|), \qquad s_0 = 0
@@ -53,24 +41,13 @@ class Toy(VectorTask):
     def reward(self, states: Array, actions: Array) -> Array:  # noqa: D102
         return np.exp(-np.abs(states[:, 0] - GOAL))
 
-    def draw(self, axes: Axes, state: Array, action: Array) -> None:
-        """Draw the line, the goal, the point, and the action."""
-        place, target = float(state[0]), float(state[0] + action[0])
-        axes.plot([-4.0, 4.0], [0.0, 0.0], color="lightgrey", linewidth=4)
-        axes.plot(GOAL, 0.0, "*", color=GREEN, markersize=20)
-        axes.plot([place, target], [0.25, 0.25], color=ORANGE, linewidth=3)
-        axes.plot(target, 0.25, ">" if target > place else "<", color=ORANGE, markersize=9)
-        axes.plot(place, 0.0, "o", color=BLUE, markersize=14)
-        axes.text(0.0, -0.6, f"position {place:+.2f}, action {action[0]:+.2f}", ha="center", fontsize=13)
-        axes.set(xlim=(-5.2, 5.2), ylim=(-1.0, 1.0))
-
     def view_direction(self) -> tuple[float, float, float]:
         """Return the direction from the task towards the viewer."""
         return (0.0, -1.0, 0.2)
 
     def bounds(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """Return the corners of the box in which the point moves."""
-        return (-4.5, 0.0, -0.3), (4.5, 0.0, 1.0)
+        return (-5.2, 0.0, -0.3), (5.2, 0.0, 1.0)
 
     def bodies(self) -> list[Body]:
         """Return the line, the goal, the point, and beads that visualise the action."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -13,16 +13,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:  # a node draws nothing, so it need not import it
-    from matplotlib.axes import Axes
-
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 NOISE_BLOCK = 128  # steps
 NEVER = -1  # is no number of steps
-BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"  # distinguishable for colour-blind viewers
-DARK, PALE = "#26262B", "#CCCCCC"
 
 
 def clip(values: Array, low: Array | float, high: Array | float) -> Array:
@@ -44,39 +39,6 @@ class JointStates(NamedTuple):
     period: float
 
 
-class Body(NamedTuple):
-    """A visible rigid body.
-
-    Attributes:
-        shape: "box", "ball" or "cylinder", whose axis is z.
-        size: along x, y and z, in metres.
-        colour: red, green and blue, such as "#0072B2".
-    """
-
-    shape: str
-    size: tuple[float, float, float]
-    colour: str
-
-
-class BodyTrajectories(NamedTuple):
-    """Trajectories of bodies; z is up.
-
-    Attributes:
-        times: of each moment, in seconds, shape (k,).
-        positions: of the centres, in metres, shape (k, bodies, 3).
-        orientations: unit quaternions w, x, y, z, shape (k, bodies, 4).
-    """
-
-    times: Array
-    positions: Array
-    orientations: Array
-
-
-def upright(positions: Array) -> Array:
-    """Return identity orientations for positions of shape (k, bodies, 3)."""
-    return np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*positions.shape[:2], 4))
-
-
 def wrapped(angle: Array) -> Array:
     """Return angles within [-pi, pi)."""
     turned = (angle + np.pi) % (2 * np.pi) - np.pi
@@ -92,6 +54,7 @@ class VectorTask(VectorEnv[Array, Array, Any]):
     Args:
         num_envs: number of environments.
         max_episode_steps: steps after which an episode is truncated; None for never.
+        render_mode: one of the task's ``render_modes``; None for no pictures.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}
@@ -106,7 +69,11 @@ class VectorTask(VectorEnv[Array, Array, Any]):
     observation_names: tuple[str, ...] = ()  # of each dimension, with its unit, for figures
     action_names: tuple[str, ...] = ()
 
-    def __init__(self, num_envs: int = 1, max_episode_steps: int | None = None) -> None:
+    def __init__(self, num_envs: int = 1, max_episode_steps: int | None = None, render_mode: str | None = None) -> None:
+        modes = self.metadata["render_modes"]
+        if render_mode is not None and render_mode not in modes:
+            raise ValueError(f"render_mode: expected one of {', '.join(modes) or 'none'}, got {render_mode!r}")
+        self.render_mode = render_mode
         self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -156,16 +123,6 @@ class VectorTask(VectorEnv[Array, Array, Any]):
             noise: standard normal draws, shape (num_envs, observation_noise_dim).
         """
         return states.copy()
-
-    def draw(self, axes: Axes, state: Array, action: Array) -> None:
-        """Draw one step, for a film of an episode.
-
-        Args:
-            axes: empty axes to draw in.
-            state: shape (state_dim,).
-            action: within its bounds, shape (n,).
-        """
-        raise ValueError(f"{type(self).__name__}: expected a task with a method draw, got one without")
 
     def joint_states(self) -> JointStates | None:
         """Return the robot's motion in the last step of the first environment; None if there is none."""
@@ -261,10 +218,9 @@ class SingleTask(gymnasium.Env[Array, Array]):
             number of steps.
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}
-
     def __init__(self, task: VectorTask) -> None:
         self.task = task
+        self.metadata, self.render_mode = task.metadata, task.render_mode
         self.observation_space = task.single_observation_space
         self.action_space = task.single_action_space
 
@@ -278,3 +234,8 @@ class SingleTask(gymnasium.Env[Array, Array]):
         """Make one step."""
         observations, rewards, terminated, truncated, info = self.task.step(np.asarray(action)[None])
         return observations[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), info
+
+    def render(self) -> Any:
+        """Return the picture of the current state, or the pictures since the last call."""
+        frames = self.task.render()
+        return None if frames is None else frames[0]

@@ -8,15 +8,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.vector_task import Array, Body, BodyTrajectories, JointStates, SingleTask, VectorTask, clip
-from sim_nodes.pr2 import cameras, demonstration, door, robot, visual_bodies
-from sim_nodes.pr2.motion import adapted
-from sim_nodes.pr2.world import Trajectory, World, in_window, require_display
+from sim_nodes.envs.drawn_task import DrawnTask
+from sim_nodes.envs.scene import Body, BodyTrajectories, Camera, Pixels, quaternions
+from sim_nodes.envs.vector_task import Array, JointStates, SingleTask, clip
+from sim_nodes.pr2.description import DOOR, PR2, rotation_about
+from sim_nodes.pr2.motion import RATE, SECONDS, Demonstration, adapted, demonstration, finger_angle
+from sim_nodes.pr2.world import HINGE_NAMES, JOINT_NAMES, OPENED, Trajectory, World
 
 POSES = ("per_run", "per_episode")
 POSE_SD = np.array([0.015, 0.05, 0.05])  # of the base: x, y (m), yaw (rad)
 START = (0.05, 0.04)  # m: a poor first guess of the grip position and the opening
 TRACKING_SCALE = 0.05  # m
+FPS = 5  # pictures per second of a motion
+FRAMED = (-0.2, -0.7, 0.45), (0.9, 0.5, 1.5)  # m, corners of what a picture shows
 
 
 class Outcome(NamedTuple):
@@ -37,7 +41,7 @@ class Outcome(NamedTuple):
     trajectory: Trajectory | None
 
 
-class PR2Door(VectorTask):
+class PR2Door(DrawnTask):
     r"""Open a door by changing a demonstration, which was recorded at another pose of the robot's base.
 
     The observation is the error of the base's pose: :math:`(x / 0.015\,m, y / 0.05\,m, yaw / 0.05\,rad)`, standard
@@ -61,8 +65,11 @@ class PR2Door(VectorTask):
         pose_seed: seed of the "per_run" error.
         start: the change for the action (0, 0), two numbers in metres. It is added to the clipped action; the sum is
             clipped to the same bounds.
-        gui: show the simulation in PyBullet's window. A process has one window, which stays open until it exits.
+        render_mode: "rgb_array" for a picture of the end of the motion, "rgb_array_list" for pictures of the whole
+            motion; None for none.
     """
+
+    metadata = {**DrawnTask.metadata, "render_modes": ["rgb_array", "rgb_array_list"]}
 
     single_observation_space = Box(-np.inf, np.inf, (3,), np.float64)
     single_action_space = Box(np.array([-0.2, -0.08]), np.array([0.2, 0.08]), dtype=np.float64)
@@ -70,7 +77,7 @@ class PR2Door(VectorTask):
     action_names: tuple[str, ...] = ("shift along the lever (m)", "change of the opening (m)")
     success_reward = float(np.exp(-1.0))  # the greatest reward without opening the door
     noise_dim = 0
-    step_seconds = demonstration.SECONDS
+    step_seconds = SECONDS
 
     def __init__(
         self,
@@ -79,7 +86,7 @@ class PR2Door(VectorTask):
         pose: str = "per_run",
         pose_seed: int = 0,
         start: Sequence[float] = START,
-        gui: bool = False,
+        render_mode: str | None = None,
     ) -> None:
         if pose not in POSES:
             raise ValueError(f"pose: expected one of {', '.join(POSES)}, got '{pose}'")
@@ -88,32 +95,21 @@ class PR2Door(VectorTask):
         first = np.asarray(start, dtype=np.float64) if _numbers(start) else np.empty(0)
         if first.shape != (2,) or not np.all(np.isfinite(first)):
             raise ValueError(f"start: expected two finite numbers, got {start!r}")
-        if not isinstance(gui, bool):
-            raise ValueError(f"gui: expected true or false, got {gui!r}")
-        if gui:
-            require_display()
-        super().__init__(num_envs, 1)
-        self.gui = gui
+        super().__init__(num_envs, 1, render_mode)
+        self.metadata["render_fps"] = FPS
         self.pose = pose
         self.pose_seed = pose_seed
         self.start = first
         self.outcomes: list[Outcome] = []
         self._world: World | None = None
-        self._filmed: World | None = None
+        self._is_drawn = False  # since the last step
 
     @property
     def world(self) -> World:
         """The simulator."""
         if self._world is None:
-            self._world = in_window() if self.gui else World()
+            self._world = World()
         return self._world
-
-    @property
-    def filmed(self) -> World:
-        """The simulator for films, with the robot's meshes."""
-        if self._filmed is None:
-            self._filmed = in_window() if self.gui else World(meshes=True)
-        return self._filmed
 
     def initial_states(self, num_envs: int) -> Array:
         """Return the errors of the pose: x, y in metres, yaw in radians; shape (num_envs, 3)."""
@@ -130,7 +126,7 @@ class PR2Door(VectorTask):
         return np.array([outcome.reward for outcome in self.outcomes])
 
     def observe(self, states: Array, noise: Array) -> Array:  # noqa: D102
-        return states / POSE_SD
+        return np.asarray(states / POSE_SD)
 
     def step(self, actions: Array) -> tuple[Array, Any, Any, Any, dict[str, Any]]:
         """Execute an action in every environment; the step after that resets them. Non-finite actions are refused.
@@ -139,6 +135,7 @@ class PR2Door(VectorTask):
         """
         if not np.all(np.isfinite(actions)):
             raise ValueError(f"action: expected finite numbers, got {np.asarray(actions).tolist()}")
+        self._is_drawn = False
         observations, rewards, _, over, _ = super().step(actions)
         return observations, rewards, over, np.zeros_like(over), self._info() if over.all() else {}
 
@@ -152,42 +149,29 @@ class PR2Door(VectorTask):
 
         The change is the sum of the action and ``start``, and is clipped; (0, 0) is the demonstration.
         """
-        return self._attempt(pose, change, None)
-
-    def render_frames(
-        self, pose: Array, change: Array, size: tuple[int, int] = (480, 360), every: int = 4
-    ) -> dict[str, Any]:
-        """Execute a change, and return the cameras' RGB images, shape (frames, height, width, 3), by camera name.
-
-        Args:
-            pose: error of the base: x, y, yaw.
-            change: of the demonstration, as for `attempt`.
-            size: width and height of a frame.
-            every: knots, of 0.05 s, between frames.
-
-        Raises:
-            ValueError: the arm cannot reach the path.
-        """
-        film = cameras.Film(size, every)
-        if self._attempt(pose, change, film).trajectory is None:
-            raise ValueError(f"change: expected one within the arm's reach, got {np.asarray(change).tolist()}")
-        return film.frames()
+        shown = demonstration()
+        motion = adapted(shown, clip(change, self.single_action_space.low, self.single_action_space.high))
+        if motion is None:
+            return Outcome(0.0, False, 0.0, float("inf"), None)
+        trajectory = self.world.run(motion, pose)
+        error, angle = tracking_error(trajectory, shown), float(trajectory.door[-1])
+        success = angle > OPENED
+        return Outcome(float(np.exp(-error - (not success))), success, angle, error, trajectory)
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Close the simulator, unless it is the one in the window."""
-        for world in (self._world, self._filmed):
-            if world is not None and not self.gui:
-                world.close()
-        self._world = self._filmed = None
+        """Close the simulator."""
+        if self._world is not None:
+            self._world.close()
+        self._world = None
 
     def joint_states(self) -> JointStates | None:
         """Return the motion of the joints in the first environment; None before it, or if the arm cannot reach."""
         trajectory = self.outcomes[0].trajectory if self.outcomes and self._steps[0] else None
-        return None if trajectory is None else JointStates(*trajectory.joint_states(), 1.0 / demonstration.RATE)
+        return None if trajectory is None else JointStates(JOINT_NAMES, trajectory.positions, 1.0 / RATE)
 
     def robot_description(self) -> str:
         """Return the robot's URDF."""
-        return robot.urdf()
+        return PR2.text
 
     def view_direction(self) -> tuple[float, float, float]:
         """Return the direction towards the viewer: behind the robot, on the side of its right arm."""
@@ -199,27 +183,39 @@ class PR2Door(VectorTask):
 
     def bodies(self) -> list[Body]:
         """Return the visible bodies: the robot, the door and the wall."""
-        return visual_bodies.bodies()
+        return [box.body for description in (PR2, DOOR) for box in description.boxes]
 
     def motion(self, observations: Array, actions: Array) -> BodyTrajectories | None:
         """Execute an episode's action again, and return the trajectories; None if the arm cannot reach."""
         pose = observations[0] * POSE_SD
         trajectory = self.attempt(pose, self.change(actions[0])).trajectory
-        if trajectory is None:
-            return None
-        names, positions = trajectory.joint_states()
-        angles = {door.JOINTS[0].name: trajectory.door, door.JOINTS[1].name: trajectory.lever}
-        return visual_bodies.motion(pose, dict(zip(names, positions.T, strict=True)), angles, 1.0 / demonstration.RATE)
+        return None if trajectory is None else _trajectories(pose, trajectory)
 
-    def _attempt(self, pose: Array, change: Array, film: cameras.Film | None) -> Outcome:
-        shown = demonstration.load()
-        motion = adapted(shown, clip(change, self.single_action_space.low, self.single_action_space.high))
-        if motion is None:
-            return Outcome(0.0, False, 0.0, float("inf"), None)
-        trajectory = (self.filmed if film else self.world).run(motion, pose, film)
-        error, angle = tracking_error(trajectory, shown), float(trajectory.door[-1])
-        success = angle > door.OPENED
-        return Outcome(float(np.exp(-error - (not success))), success, angle, error, trajectory)
+    def reset(self, **options: Any) -> tuple[Array, dict[str, Any]]:
+        """Start an episode in every environment, as in `VectorTask.reset`."""
+        self.outcomes, self._is_drawn = [], False
+        return super().reset(**options)
+
+    def render(self) -> tuple[Any, ...] | None:
+        """Return the picture of each environment, or its pictures since the last call; None without a render mode."""
+        if self.render_mode is None:
+            return None
+        moves = [outcome.trajectory for outcome in self.outcomes] or [None] * self.num_envs
+        if self.render_mode == "rgb_array":
+            return tuple(self._pictures(*each, slice(-1, None))[0] for each in zip(self._states, moves, strict=True))
+        every = slice(RATE // FPS if self.outcomes else 0, 0 if self._is_drawn else None, RATE // FPS)
+        self._is_drawn = True
+        return tuple(self._pictures(*each, every) for each in zip(self._states, moves, strict=True))
+
+    def _pictures(self, pose: Array, trajectory: Trajectory | None, which: slice) -> list[Pixels]:
+        """Return the pictures of some moments of a motion; one of the start if there is none."""
+        motion, camera, bodies = (
+            _trajectories(pose, trajectory),
+            Camera(self.view_direction(), FRAMED),
+            self.bodies(),
+        )
+        moments = zip(motion.positions[which], motion.orientations[which], strict=True)
+        return [camera.picture(bodies, *moment) for moment in moments]
 
     def _info(self) -> dict[str, Any]:
         names = ("success", "door_angle", "tracking_error")
@@ -232,11 +228,30 @@ def _numbers(values: Any) -> bool:
     return isinstance(row, list | tuple) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in row)
 
 
-def tracking_error(trajectory: Trajectory, shown: demonstration.Demonstration) -> float:
+def tracking_error(trajectory: Trajectory, shown: Demonstration) -> float:
     """Return the mean squared distance of tool and gripper opening from the demonstration, over TRACKING_SCALE**2."""
     place = np.sum((trajectory.tool - shown.positions) ** 2, axis=1)
     opening = (trajectory.openings - shown.openings) ** 2
     return float((np.mean(place) + np.mean(opening)) / TRACKING_SCALE**2)
+
+
+def _trajectories(pose: Array, trajectory: Trajectory | None) -> BodyTrajectories:
+    """Return the trajectories of the robot's and the door's boxes in a motion; those at its start if there is none."""
+    if trajectory is None:
+        start = demonstration()
+        fingers = np.repeat(finger_angle(start.openings[:1]), 4)
+        positions, turned = np.concatenate([start.arm[0], fingers])[None], np.zeros((1, 2))
+    else:
+        positions, turned = trajectory.positions, np.stack([trajectory.door, trajectory.lever], axis=1)
+    count = len(positions)
+    base = np.tile([pose[0], pose[1], 0.0], (count, 1)), rotation_about((0.0, 0.0, 1.0), np.full(count, pose[2]))
+    frame = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
+    placed = (
+        PR2.placed(dict(zip(JOINT_NAMES, positions.T, strict=True)), base),
+        DOOR.placed(dict(zip(HINGE_NAMES, turned.T, strict=True)), frame),
+    )
+    places, turns = (np.concatenate(each, axis=1) for each in zip(*placed, strict=True))
+    return BodyTrajectories(np.arange(count) / RATE, places, quaternions(turns))
 
 
 class SinglePR2Door(SingleTask):
@@ -246,6 +261,7 @@ class SinglePR2Door(SingleTask):
         options: of `PR2Door`.
     """
 
+    metadata = PR2Door.metadata
     task: PR2Door
 
     def __init__(self, **options: Any) -> None:

@@ -1,20 +1,157 @@
-"""Motions of the arm that modify the demonstration."""
+"""Motions of the PR2's arm and gripper: the demonstration, its changes, and the kinematics that they need.
+
+The demonstration approaches the lever (1.2 s), closes the gripper (0.5 s), turns the lever by 45 degrees (1.3 s), pulls
+the door by 16 degrees (2.5 s) and holds it (0.3 s).
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
+from importlib.resources import files
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from sim_nodes.pr2.demonstration import TORSO, Demonstration
-from sim_nodes.pr2.kinematics import Chain, arm_chain
-from sim_nodes.pr2.robot import MAX_GAP
+from sim_nodes.pr2.description import PR2, rotation_about
 
 Array = NDArray[np.float64]
 
+FILE = "demonstration.npz"
+RATE = 20  # Hz, of knots
+SECONDS = 5.8
+ARM, FINGERS, TIPS = PR2.moving[:7], PR2.moving[7:9], PR2.moving[9:]
+TOOL_OFFSET = (0.18, 0.0, 0.0)  # m, from the palm to the middle between the finger tips
+FINGER_LENGTH, FINGER_OFFSET = 0.09137, 0.00495  # m, from a finger's joint to its tip's, along x and outwards
+MAX_GAP = 0.09  # m
+TOLERANCE = 1e-6  # of the solver, in metres and radians
 REACHED = 1e-4  # accepted error of a solution, in metres and radians
+
+
+def gap(angle: ArrayLike) -> Array:
+    """Return the opening between the finger tips, in metres, at an angle of the finger joints."""
+    q = np.asarray(angle)
+    return np.asarray(2.0 * (FINGER_LENGTH * np.sin(q) + FINGER_OFFSET * np.cos(q) - FINGER_OFFSET))
+
+
+def finger_angle(opening: ArrayLike) -> Array:
+    """Return the angle of the finger joints at an opening: the inverse of `gap`."""
+    height = np.asarray(opening) / 2.0 + FINGER_OFFSET
+    reach = np.hypot(FINGER_LENGTH, FINGER_OFFSET)
+    return np.asarray(np.arcsin(height / reach) - np.arctan2(FINGER_OFFSET, FINGER_LENGTH))
+
+
+@dataclass(frozen=True)
+class Chain:
+    """A chain of revolute joints whose frames are parallel at zero angles.
+
+    Attributes:
+        origins: of each joint in the previous frame, shape (n, 3).
+        axes: of each joint, unit vectors, shape (n, 3).
+        lower: least angles, shape (n,).
+        upper: greatest angles, shape (n,).
+        tool: position of the tool in the last frame, shape (3,).
+    """
+
+    origins: Array
+    axes: Array
+    lower: Array
+    upper: Array
+    tool: Array
+
+    def forward(self, q: Array) -> tuple[Array, Array]:
+        """Return positions (k, 3) and rotation matrices (k, 3, 3) of the tool at angles of shape (k, n)."""
+        position, rotation, _, _ = self._frames(q)
+        return position, rotation
+
+    def jacobian(self, q: Array) -> Array:
+        """Return the derivatives of position and rotation vector, shape (k, 6, n)."""
+        return self._forward_and_jacobian(q)[2]
+
+    def solve(self, start: Array, position: Array, rotation: Array, iterations: int = 40) -> tuple[Array, Array]:
+        r"""Find angles at which the tool is at a position and rotation, by damped least squares.
+
+        .. math:: q \leftarrow q + J^\top (J J^\top + \lambda^2 I)^{-1} e, \qquad \lambda^2 = 10^{-5} + 0.1 \|e\|^2
+
+        Angles stay within their limits. The k problems are independent.
+
+        Args:
+            start: initial angles, shape (k, n).
+            position: shape (k, 3).
+            rotation: shape (k, 3, 3).
+            iterations: at most.
+
+        Returns:
+            The angles, shape (k, n), and the norms of the remaining errors, in metres and radians, shape (k,).
+        """
+        q = np.clip(start, self.lower, self.upper)
+        for _ in range(iterations):
+            at, turned, jacobian = self._forward_and_jacobian(q)
+            error = np.concatenate([position - at, _rotation_error(turned, rotation)], axis=1)
+            if np.max(np.abs(error)) < TOLERANCE:
+                break
+            q = np.clip(q + _damped_step(jacobian, error), self.lower, self.upper)
+        at, turned = self.forward(q)
+        error = np.concatenate([position - at, _rotation_error(turned, rotation)], axis=1)
+        return q, np.sqrt(np.sum(error**2, axis=1))
+
+    def _forward_and_jacobian(self, q: Array) -> tuple[Array, Array, Array]:
+        position, rotation, points, axes = self._frames(q)
+        linear = np.cross(axes, position[:, None, :] - points)
+        return position, rotation, np.concatenate([linear, axes], axis=2).swapaxes(1, 2)
+
+    def _frames(self, q: Array) -> tuple[Array, Array, Array, Array]:
+        """Return the tool's position and rotation, and the joints' points and axes (k, n, 3) in the base frame."""
+        position, rotation = np.zeros((len(q), 3)), np.tile(np.eye(3), (len(q), 1, 1))
+        points, axes = np.empty((*q.shape, 3)), np.empty((*q.shape, 3))
+        for i, (origin, axis) in enumerate(zip(self.origins, self.axes, strict=True)):
+            position = position + rotation @ origin
+            points[:, i], axes[:, i] = position, rotation @ axis
+            rotation = rotation @ rotation_about(axis, q[:, i])
+        return position + rotation @ self.tool, rotation, points, axes
+
+
+@cache
+def arm_chain() -> Chain:
+    """Return the chain of the right arm from the base footprint to the tool."""
+    origins = np.array([joint.origin for joint in ARM])
+    base, torso = (
+        {joint.name: joint for joint in PR2.joints}[f"{name}_joint"] for name in ("base_footprint", "torso_lift")
+    )
+    origins[0] += torso.origin + base.origin
+    return Chain(
+        origins,
+        np.array([joint.axis for joint in ARM]),
+        np.array([joint.lower for joint in ARM]),
+        np.array([joint.upper for joint in ARM]),
+        np.array(TOOL_OFFSET),
+    )
+
+
+@dataclass(frozen=True)
+class Demonstration:
+    """The demonstrated motion, in the frame of the robot's base at its nominal pose, which is the world frame.
+
+    Attributes:
+        times: seconds of the knots, shape (k,).
+        arm: angles of the arm, shape (k, 7).
+        openings: metres between the finger tips, shape (k,).
+        positions: of the tool, shape (k, 3).
+        rotations: of the tool, shape (k, 3, 3).
+    """
+
+    times: Array
+    arm: Array
+    openings: Array
+    positions: Array
+    rotations: Array
+
+
+@cache
+def demonstration() -> Demonstration:
+    """Return the demonstration, which is stored with this module."""
+    with files(__package__).joinpath(FILE).open("rb") as file, np.load(file) as arrays:
+        return Demonstration(**{field.name: arrays[field.name] for field in fields(Demonstration)})
 
 
 @dataclass(frozen=True)
@@ -30,21 +167,27 @@ class Motion:
     openings: Array
 
 
-def adapted(demonstration: Demonstration, action: Array) -> Motion | None:
+def adapted(original: Demonstration, action: Array) -> Motion | None:
     """Return the demonstration changed by an action; None if the arm cannot reach it.
 
     Args:
-        demonstration: the original motion.
+        original: the original motion.
         action: shift of the tool's y along the whole path, in the frame of the robot's base, and change of the opening,
             in metres; the opening is clipped to the gripper's range.
     """
-    positions = demonstration.positions + np.array([0.0, action[0], 0.0])
-    arm, errors = _chain().solve(demonstration.arm, positions, demonstration.rotations)
+    positions = original.positions + np.array([0.0, action[0], 0.0])
+    arm, errors = arm_chain().solve(original.arm, positions, original.rotations)
     if not np.all(errors < REACHED):
         return None
-    return Motion(arm, np.clip(demonstration.openings + action[1], 0.0, MAX_GAP))
+    return Motion(arm, np.clip(original.openings + action[1], 0.0, MAX_GAP))
 
 
-@cache
-def _chain() -> Chain:
-    return arm_chain(TORSO)
+def _damped_step(jacobian: Array, error: Array) -> Array:
+    damping = 1e-5 + 0.1 * np.sum(error**2, axis=1)
+    square = jacobian @ jacobian.swapaxes(1, 2) + damping[:, None, None] * np.eye(6)
+    return np.asarray((jacobian.swapaxes(1, 2) @ np.linalg.solve(square, error[:, :, None]))[:, :, 0])
+
+
+def _rotation_error(rotation: Array, wanted: Array) -> Array:
+    """Return half the sum of the cross products of the axes, an approximation of the rotation vector."""
+    return np.asarray(0.5 * np.cross(rotation, wanted, axis=1).sum(axis=2))

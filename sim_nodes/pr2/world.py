@@ -2,34 +2,17 @@
 
 from __future__ import annotations
 
-import ctypes
-import os
-import sys
-from collections.abc import Callable
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
+from importlib.resources import as_file, files
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_nodes.pr2 import door, robot
-from sim_nodes.pr2.cameras import add_floor
-from sim_nodes.pr2.demonstration import RATE, TORSO
-from sim_nodes.pr2.kinematics import arm_chain, rotation_about
-from sim_nodes.pr2.meshes import with_meshes
-from sim_nodes.pr2.motion import Motion
-from sim_nodes.pr2.silence import silence
-
-try:
-    with silence(2):
-        import pybullet
-    from pybullet_utils.bullet_client import BulletClient
-except ImportError as _error:
-    raise gymnasium.error.DependencyNotInstalled("PyBullet is missing: pip install pybullet==3.2.7") from _error
+from sim_nodes.bullet import connected, pybullet
+from sim_nodes.pr2.description import DOOR, PR2, rotation_about
+from sim_nodes.pr2.motion import FINGERS, RATE, TIPS, Motion, arm_chain, finger_angle, gap
 
 Array = NDArray[np.float64]
 
@@ -43,9 +26,20 @@ FINGER_FRICTION = 1.0
 # Inertia of the gripper's motor behind its gears, kg m2. With their own mass only, the fingers would be too light
 # relative to the door for the solver to reach the grip torque.
 GEARED_INERTIA = 0.01
-JOINT_NAMES = tuple(joint.name for joint in robot.MOVING)
-VELOCITY = np.array([joint.velocity for joint in robot.MOVING])
-EFFORT = np.array([GRIP_TORQUE if joint in robot.FINGERS else joint.effort for joint in robot.MOVING])
+SHUT = math.radians(0.5)  # angle of the door below which the latch engages
+UNLATCHED = math.radians(30.0)  # angle of the lever above which the latch releases
+OPENED = math.radians(5.0)  # angle of the door that counts as success
+# Hinges, seal and closer: 22 N at the free edge, the greatest force that ADA 404.2.9 allows indoors. A gripper that
+# holds the lever pulls harder; a single finger that slides along it does not.
+HINGE_FRICTION = 20.0
+RETURN_SPEED = 5.0  # of the released lever
+LATCH_TORQUE = 2000.0
+LEVER_FRICTION, PANEL_FRICTION = 0.6, 0.5  # of the surfaces
+HINGE_NAMES = tuple(joint.name for joint in DOOR.moving)
+FINGER_NAMES = tuple(joint.name for joint in FINGERS)
+JOINT_NAMES = tuple(joint.name for joint in PR2.moving)
+VELOCITY = np.array([joint.velocity for joint in PR2.moving])
+EFFORT = np.array([GRIP_TORQUE if joint.name in FINGER_NAMES else joint.effort for joint in PR2.moving])
 _ARM, _FINGERS, _TIPS = slice(0, 7), slice(7, 9), slice(9, 11)
 _FORCES = EFFORT.tolist()
 
@@ -72,62 +66,42 @@ class Trajectory:
     tool: Array
     openings: Array
 
-    def joint_states(self) -> tuple[tuple[str, ...], Array]:
-        """Return the names of the robot's movable joints, and their positions, shape (k, 12)."""
-        torso = np.full((len(self.positions), 1), TORSO)
-        return (robot.TORSO.name, *JOINT_NAMES), np.concatenate([torso, self.positions], axis=1)
-
 
 class World:
     """A simulated PR2 in front of a door.
 
     Owns a PyBullet client. Episodes are independent of each other.
-
-    Args:
-        gui: whether to show a window; see `in_window`.
-        meshes: whether to use the robot's meshes, if they are installed; they do not change the physics.
     """
 
-    def __init__(self, *, gui: bool = False, meshes: bool = False) -> None:
-        with silence(1):
-            self.client = BulletClient(pybullet.GUI if gui else pybullet.DIRECT)
-        self.client.setPhysicsEngineParameter(
-            fixedTimeStep=1.0 / SIMULATION_RATE,
-            numSolverIterations=SOLVER_ITERATIONS,
-            deterministicOverlappingPairs=1,
-            contactERP=CONTACT_CORRECTION,
-        )
-        self._robot = self._load("pr2", robot.simulated_urdf(TORSO), meshes=meshes)
-        self._door = self._load("door", door.urdf())
-        if meshes:
-            add_floor(self.client)
+    def __init__(self) -> None:
+        self.client = connected(SIMULATION_RATE, numSolverIterations=SOLVER_ITERATIONS, contactERP=CONTACT_CORRECTION)
+        self._robot, self._door = (self._load(name) for name in ("pr2.urdf", "door.urdf"))
         self._joints = self._indices(self._robot, JOINT_NAMES)
-        self._hinge, self._lever = self._indices(self._door, [joint.name for joint in door.JOINTS])
+        self._hinge, self._lever = self._indices(self._door, HINGE_NAMES)
         self._set_surfaces()
         self._still = self.client.saveState()
-        self._chain = arm_chain(TORSO)
+        self._chain = arm_chain()
 
     def close(self) -> None:
         """Disconnect the client."""
         if self.client.isConnected():
             self.client.disconnect()
 
-    def run(self, motion: Motion, base: Array, watch: Callable[[Any], None] | None = None) -> Trajectory:
+    def run(self, motion: Motion, base: Array) -> Trajectory:
         """Execute a motion, starting with a shut door.
 
         Args:
             motion: of the arm and the gripper.
             base: pose of the robot: x, y in metres, yaw in radians.
-            watch: callback with the client at every knot.
         """
         self._reset(motion, base)
         targets, speeds = _commands(motion)
         ticks = CONTROL_RATE // RATE
-        states = [self._knot(watch)]
+        states = [self._knot()]
         for knot in range(len(motion.arm) - 1):
             for tick in range(knot * ticks, (knot + 1) * ticks):
                 self._control(targets[tick], speeds[tick])
-            states.append(self._knot(watch))
+            states.append(self._knot())
         return self._trajectory(np.array(states), base)
 
     def _reset(self, motion: Motion, base: Array) -> None:
@@ -136,7 +110,7 @@ class World:
         client.resetBasePositionAndOrientation(
             self._robot, (base[0], base[1], 0.0), client.getQuaternionFromEuler((0.0, 0.0, base[2]))
         )
-        finger = robot.finger_angle(motion.openings[0])
+        finger = finger_angle(motion.openings[0])
         for index, angle in zip(self._joints, [*motion.arm[0], *[finger] * 4], strict=True):
             client.resetJointState(self._robot, index, angle)
         for index in (self._hinge, self._lever):
@@ -159,7 +133,7 @@ class World:
     def _simulate(self) -> None:
         client = self.client
         (opened, *_), (turned, *_) = client.getJointStates(self._door, (self._hinge, self._lever))
-        held = door.latched(self._latched, opened, turned)
+        held = latched(self._latched, opened, turned)
         if held != self._latched:
             self._set_latch(held)
         # Simulate the spring by a motor with limited force: exact while the lever is held, and without overshoot.
@@ -167,16 +141,16 @@ class World:
             self._door,
             self._lever,
             pybullet.VELOCITY_CONTROL,
-            targetVelocity=-door.RETURN_SPEED,
-            force=-door.spring(turned),
+            targetVelocity=-RETURN_SPEED,
+            force=-spring(turned),
         )
         client.stepSimulation()
 
     def _set_latch(self, held: bool) -> None:
         """Hold the hinge by the latch, or by friction only."""
         self._latched = held
-        control = {"controlMode": pybullet.POSITION_CONTROL, "targetPosition": 0.0, "force": door.LATCH_TORQUE}
-        free = {"controlMode": pybullet.VELOCITY_CONTROL, "targetVelocity": 0.0, "force": door.HINGE_FRICTION}
+        control = {"controlMode": pybullet.POSITION_CONTROL, "targetPosition": 0.0, "force": LATCH_TORQUE}
+        free = {"controlMode": pybullet.VELOCITY_CONTROL, "targetVelocity": 0.0, "force": HINGE_FRICTION}
         self.client.setJointMotorControl2(self._door, self._hinge, **(control if held else free))
 
     def _measure(self) -> None:
@@ -184,66 +158,50 @@ class World:
         self._q, self._v = np.array([s[0] for s in states]), np.array([s[1] for s in states])
         self._torque = [s[3] for s in states]
 
-    def _knot(self, watch: Callable[[Any], None] | None) -> Array:
-        if watch is not None:
-            watch(self.client)
+    def _knot(self) -> Array:
         angles = [state[0] for state in self.client.getJointStates(self._door, (self._hinge, self._lever))]
         return np.concatenate([self._q, self._v, self._torque, angles])
 
     def _trajectory(self, states: Array, base: Array) -> Trajectory:
         positions, velocities, torques, angles = np.split(states, [11, 22, 33], axis=1)
         tool = self._chain.forward(positions[:, _ARM])[0] @ rotation_about((0.0, 0.0, 1.0), base[2:])[0].T
-        openings = robot.gap(positions[:, _FINGERS]).mean(axis=1)
+        openings = gap(positions[:, _FINGERS]).mean(axis=1)
         place = tool + np.array([base[0], base[1], 0.0])
         return Trajectory(positions, velocities, torques, angles[:, 0], angles[:, 1], place, openings)
 
-    def _load(self, name: str, text: str, *, meshes: bool = False) -> int:
-        with TemporaryDirectory() as folder:
-            path = Path(folder) / f"{name}.urdf"
-            path.write_text(with_meshes(text, path.parent) if meshes else text)
+    def _load(self, name: str) -> int:
+        with as_file(files(__package__).joinpath(name)) as path:
             return int(self.client.loadURDF(str(path), useFixedBase=True, flags=pybullet.URDF_USE_INERTIA_FROM_FILE))
 
-    def _indices(self, body: int, names: Any) -> list[int]:
+    def _indices(self, body: int, names: Sequence[str]) -> list[int]:
         found = {self.client.getJointInfo(body, i)[1].decode(): i for i in range(self.client.getNumJoints(body))}
         return [found[name] for name in names]
 
     def _set_surfaces(self) -> None:
-        tips = self._indices(self._robot, [joint.name for joint in (*robot.FINGERS, *robot.TIPS)])
+        tips = self._indices(self._robot, [joint.name for joint in (*FINGERS, *TIPS)])
         surfaces = [(self._robot, tip, FINGER_FRICTION) for tip in tips]
-        surfaces += [(self._door, self._lever, door.LEVER_FRICTION), (self._door, self._hinge, door.PANEL_FRICTION)]
+        surfaces += [(self._door, self._lever, LEVER_FRICTION), (self._door, self._hinge, PANEL_FRICTION)]
         for body, link, friction in surfaces:
             self.client.changeDynamics(body, link, lateralFriction=friction, restitution=0.0)
         for tip in tips:
             self.client.changeDynamics(self._robot, tip, localInertiaDiagonal=(GEARED_INERTIA,) * 3)
 
 
-@cache
-def in_window() -> World:
-    """Return the world with a window, always the same one: PyBullet supports a single window per process."""
-    return World(gui=True, meshes=True)
+def spring(lever: float) -> float:
+    """Return the torque, in N m, that returns the lever from an angle."""
+    return -(1.2 + 1.5 * max(lever, 0.0))
 
 
-def require_display() -> None:
-    """Check that a window can be opened; otherwise PyBullet would end the process.
-
-    Raises:
-        ValueError: there is no display.
-    """
-    if sys.platform != "linux":
-        return
-    try:
-        x11 = ctypes.CDLL("libX11.so.6")
-    except OSError as error:
-        raise ValueError(f"gui: expected a display, got none ({error})") from error
-    x11.XOpenDisplay.restype = ctypes.c_void_p
-    if (display := x11.XOpenDisplay(None)) is None:
-        raise ValueError(f"gui: expected a display, got none (DISPLAY is '{os.environ.get('DISPLAY', '')}')")
-    x11.XCloseDisplay(ctypes.c_void_p(display))
+def latched(before: bool, door: float, lever: float) -> bool:
+    """Return whether the latch holds the door, given its previous state and the angles."""
+    if lever > UNLATCHED:
+        return False
+    return before or door < SHUT
 
 
 def _commands(motion: Motion) -> tuple[Array, Array]:
     """Return the desired positions and velocities at the end of each control period, each of shape (ticks, 11)."""
-    fingers = robot.finger_angle(motion.openings)[:, None]
+    fingers = finger_angle(motion.openings)[:, None]
     knots = np.concatenate([motion.arm, np.repeat(fingers, 4, axis=1)], axis=1)
     ticks = CONTROL_RATE // RATE
     part = (np.arange(1, ticks + 1) / ticks)[:, None]

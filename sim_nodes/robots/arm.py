@@ -95,7 +95,10 @@ class ArmRobot(Robot[Drives]):
     """
 
     def __init__(self, settings: ArmSettings) -> None:
-        from sim_nodes.robots import arm_body  # imported here, because the other robots do not need PyBullet
+        try:  # here, because the other robots do not need PyBullet
+            from sim_nodes.robots import arm_body
+        except ImportError as error:
+            raise ValueError(f"robot: expected what the arm needs, got: {error}") from error
 
         self._body = body = arm_body.ArmBody(settings.rate, HOME)
         limits = (

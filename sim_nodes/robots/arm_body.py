@@ -8,15 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_nodes.pr2.silence import silence
+from sim_nodes.bullet import connected, pybullet, silence
 
-try:
-    with silence(1), silence(2):
-        import pybullet
-        import pybullet_data
-    from pybullet_utils.bullet_client import BulletClient
-except ImportError as _error:
-    raise ValueError("robot: expected PyBullet for the arm, got none: pip install pybullet==3.2.7") from _error
+with silence(1):
+    import pybullet_data
 
 Array = NDArray[np.float64]
 FILE = Path(pybullet_data.getDataPath(), "franka_panda", "panda.urdf")
@@ -44,9 +39,7 @@ class ArmBody:
     """
 
     def __init__(self, rate: float, position: Array) -> None:
-        with silence(1):
-            self._client = BulletClient(pybullet.DIRECT)
-        self._client.setPhysicsEngineParameter(fixedTimeStep=1.0 / rate, deterministicOverlappingPairs=1)
+        self._client = connected(rate)
         self._client.setGravity(0.0, 0.0, GRAVITY)
         self._body = self._client.loadURDF(str(FILE), useFixedBase=True)
         links = {self._info(index)[12].decode(): index for index in range(self._client.getNumJoints(self._body))}

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 from scipy.optimize import curve_fit
 
@@ -264,19 +263,3 @@ def test_reference_returns_hold_for_the_default_returns_only() -> None:
     assert references(Task(ID, {"observation": "wrapped"}, 60, 0.99))
     assert not references(Task(ID, {}, 50, 0.99))
     assert not references(Task(ID, {"reward_width": 0.6}, 60, 0.99))
-
-
-@pytest.mark.parametrize("size", [(3.2, 2.9), (4.0, 2.0)])
-@pytest.mark.parametrize("x", [-2.5, 0.0, 2.5])
-def test_the_drawing_shows_the_cart_and_the_labelled_target_wherever_the_cart_is(
-    x: float, size: tuple[float, float]
-) -> None:
-    axes = Figure(size).add_axes((0.0, 0.0, 1.0, 1.0))
-    CartPole().draw(axes, np.array([x, 0.0, np.pi / 2, 0.0]), np.array([1.0]))
-    axes.figure.draw_without_rendering()
-    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-    for across, up in ((x, 0.0), (x + 0.5, 0.0), (-0.1, 0.4), (0.1, 0.6)):  # cart, tip, and the corners of the target
-        assert left < across < right
-        assert low < up < high
-    (name,) = (text for text in axes.texts if text.get_text() == "target")
-    assert np.hypot(name.get_position()[0], name.get_position()[1] - 0.5) < 0.2
