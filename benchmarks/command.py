@@ -1,13 +1,16 @@
-"""Share the command line of the benchmarks: ``--quick``, and skipping if an extra is not installed."""
+"""Share the command line of the benchmarks, ``--quick``, and measure times."""
 
 from __future__ import annotations
 
+import math
 import sys
+import time
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
+from statistics import median
 from typing import Any, NoReturn
 
 
@@ -48,3 +51,19 @@ def skip(extra: str, hint: str) -> NoReturn:
     """Exit with code 0 and one line on stderr that names the missing extra."""
     print(f"skipped: {Path(sys.argv[0]).name}: expected {extra} to be installed. {hint}", file=sys.stderr)
     sys.exit(0)
+
+
+def seconds_of(call: Callable[[], object], repeats: int) -> float:
+    """Return the median time of a call, after a warm-up call."""
+    call()
+    times = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - begin)
+    return median(times)
+
+
+def growth(amounts: dict[int, float], first: int, last: int) -> float:
+    """Return the exponent of growth from the first to the last number of samples."""
+    return math.log(amounts[last] / amounts[first]) / math.log(last / first)

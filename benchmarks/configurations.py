@@ -7,17 +7,247 @@ count until the evaluation return, the mean of 10 evaluation episodes after an u
 from __future__ import annotations
 
 import os
-from argparse import Namespace
-from pathlib import Path
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
+import csv
+from argparse import Namespace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from io import StringIO
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from cmaes import CMA
+
 from command import parsed, parser
-from reached import Result, as_csv, as_markdown, measure, names, read_results
+from rkhs_ros.app.inline import iterations, runner_of
 from rkhs_ros.app.seeds import parse_seeds
 from rkhs_ros.app.study import add_worker_arguments, workers_of
 from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.threads import one_thread
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.streams import Batch
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.fixed import grid
+from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.kernels import RBF, Array
+from rkhs_ros.runs.config import Config, load_config
+from rkhs_ros.studies.aggregates import Estimate, median_over_runs
 from rkhs_ros.studies.parallel import run_parallel
+from trial import median_until
+
+NEGLIGIBLE_VARIANCE = ConstantVariance(np.array([1e-18]))  # almost none
+
+
+class Features(NamedTuple):
+    """The features of the policy, and the initial standard deviations of its weights to try."""
+
+    centres: Array
+    kernel: RBF
+    sds: Sequence[float]
+
+
+FEATURES = {
+    "pendulum_few_nac": Features(
+        grid(np.array([-3.2, -4.0]), np.array([3.2, 4.0]), (8, 5)), RBF((0.8, 1.6)), (1.0, 2.0, 4.0)
+    ),
+    "toy_few_nac": Features(grid(np.array([-4.0]), np.array([4.0]), (20,)), RBF((0.7,)), (0.25, 0.5, 1.0)),
+}
+
+
+def search(config: Config, features: Features, sd: float) -> Iterator[tuple[int, float]]:
+    """Yield the episodes used and the evaluation return after each generation.
+
+    Args:
+        config: configuration with the task, the budget of episodes, and the evaluation.
+        features: features of the policy.
+        sd: initial standard deviation of the weights; their initial mean is 0.
+    """
+    training = config.training
+    score, rows = scorer(config, features), training.evaluation_episodes
+    cma = CMA(np.zeros(len(features.centres)), sd, seed=training.seed)
+    budget = training.iterations * training.episodes_per_iteration
+    for generation, used in enumerate(range(0, budget, cma.population_size)):
+        candidates = [cma.ask() for _ in range(cma.population_size)]
+        # From a batch that explores, so that they differ from the evaluation episodes.
+        cma.tell([(x, -score(x, used + i, 1, explore=True)) for i, x in enumerate(candidates)])
+        yield used + len(candidates), score(cma.mean, generation * rows, rows, explore=False)
+
+
+def scorer(config: Config, features: Features) -> Callable[..., float]:
+    """Return a function from weights to their mean return over consecutive episodes."""
+    training, runner = config.training, runner_of(config.environment)
+
+    def score(weights: Array, first: int, rows: int, *, explore: bool) -> float:
+        policy = GaussianPolicy(Function(features.kernel, features.centres, weights[:, None]), NEGLIGIBLE_VARIANCE)
+        episodes = runner.collect(policy, Batch(training.seed, first, rows, training.horizon, explore=explore))
+        return float(episodes.returns(training.discount).mean())
+
+    return score
+
+
+CONFIGS = Path(__file__).parents[1] / "config"
+EVALUATION_EPISODES = 10
+THRESHOLDS = {  # two per task, of the discounted evaluation return, close to the best possible one
+    "rkhs/Pendulum-v0": (45.0, 50.0),
+    "rkhs/PendulumPOMDP-v0": (45.0, 50.0),
+    "rkhs/Toy-v0": (14.0, 14.2),
+    "rkhs/CartPoleSwingUp-v0": (33.0, 35.0),
+}
+CMA_ES = {  # by name: configuration with the task and the budget, and initial standard deviation
+    f"{name} by CMA-ES, sd {sd:g}": (name, sd) for name, given in FEATURES.items() for sd in given.sds
+}
+Curve = Iterable[tuple[int, float]]  # episodes used, and evaluation return, after each update
+
+
+class Result(NamedTuple):
+    """The result of one run.
+
+    Attributes:
+        name: name of the configuration, or of a search by CMA-ES.
+        seed: seed of the run.
+        episodes: total number of exploration episodes.
+        evaluation_return: discounted evaluation return at the end.
+        until_first: exploration episodes until the evaluation return first passed the task's first threshold; infinite
+            if it never did.
+        until_second: the same for the second threshold.
+    """
+
+    name: str
+    seed: int
+    episodes: int
+    evaluation_return: float
+    until_first: float
+    until_second: float
+
+
+def names() -> list[str]:
+    """Return the configurations whose task has thresholds, and the searches by CMA-ES."""
+    tasks = {path.stem: load_config(path).environment.id for path in sorted(CONFIGS.glob("*.yaml"))}
+    return [*(name for name, task in tasks.items() if task in THRESHOLDS), *CMA_ES]
+
+
+@one_thread()
+def measure(name: str, seed: int, changes: Sequence[str] = ()) -> Result:
+    """Train with a seed."""
+    own, sd = CMA_ES.get(name, (name, None))
+    evaluation = f"evaluation_episodes={EVALUATION_EPISODES}"
+    config = load_config(CONFIGS / f"{own}.yaml", [f"seed={seed}", evaluation, *changes])
+    curve = learnt(config) if sd is None else search(config, FEATURES[own], sd)
+    return result_of(name, seed, THRESHOLDS[config.environment.id], curve)
+
+
+def learnt(config: Config) -> Iterator[tuple[int, float]]:
+    """Yield the learning curve of a configuration."""
+    for iteration in iterations(config):
+        yield iteration.episodes_used, float(iteration.evaluation_returns.mean())
+
+
+def result_of(name: str, seed: int, thresholds: Sequence[float], curve: Curve) -> Result:
+    """Return the result of a learning curve."""
+    episodes, returns = np.array(list(curve), dtype=float).T
+    first, second = (float(min(episodes[returns > each], default=np.inf)) for each in thresholds)
+    return Result(name, seed, int(episodes[-1]), float(returns[-1]), first, second)
+
+
+def as_csv(results: Iterable[Result]) -> str:
+    """Return the results as CSV, one line per run, sorted by name and seed."""
+    text = StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(Result._fields)
+    for result in sorted(results):
+        writer.writerow(result._replace(evaluation_return=f"{result.evaluation_return:.3f}"))
+    return text.getvalue()
+
+
+def read_results(path: Path) -> list[Result]:
+    """Return the results in a file of `as_csv`."""
+    with path.open(newline="") as file:
+        _, *lines = csv.reader(file)
+    return [Result(name, int(seed), int(used), *map(float, rest)) for name, seed, used, *rest in lines]
+
+
+class Summary(NamedTuple):
+    """The results of a configuration: medians with 95 % bootstrap intervals over the seeds, and the worst run.
+
+    Attributes:
+        seeds: seeds of the runs, such as "100 to 119".
+        episodes: total number of exploration episodes.
+        until: episodes until the first and the second threshold; infinite if not reached.
+        worst_until: greatest of these, or the number of seeds that never reach the threshold.
+        end: evaluation return at the end.
+        least: the least of these.
+    """
+
+    seeds: str
+    episodes: int
+    until: tuple[Estimate, Estimate]
+    worst_until: tuple[str, str]
+    end: Estimate
+    least: float
+
+
+def summaries(results: Iterable[Result]) -> dict[str, Summary]:
+    """Return the summary of the runs of each name."""
+    runs: dict[str, list[Result]] = {}
+    for result in results:
+        runs.setdefault(result.name, []).append(result)
+    return {name: _summary(each) for name, each in runs.items()}
+
+
+def _summary(runs: Sequence[Result]) -> Summary:
+    seeds = sorted(run.seed for run in runs)
+    whole = seeds == list(range(seeds[0], seeds[-1] + 1))
+    until = np.array([[run.until_first, run.until_second] for run in runs]).T
+    ends = np.array([run.evaluation_return for run in runs])
+    return Summary(
+        seeds=f"{seeds[0]} to {seeds[-1]}" if whole else ", ".join(map(str, seeds)),
+        episodes=runs[0].episodes,
+        until=(median_until(until[0]), median_until(until[1])),
+        worst_until=(_worst(until[0]), _worst(until[1])),
+        end=median_over_runs(ends),
+        least=ends.min(),
+    )
+
+
+def _worst(until: Array) -> str:
+    never = int(np.isinf(until).sum())
+    return f"{never} never" if never else f"{until.max():g}"
+
+
+HEADS = ("Configuration", "Seeds", "Until {:g}", "Worst", "Until {:g}", "Worst", "Return at the end", "Least", "After")
+
+
+def as_markdown(results: Iterable[Result]) -> str:
+    """Return one table per pair of thresholds."""
+    found = summaries(results)
+    return "\n".join(
+        _table(thresholds, {name: each for name, each in found.items() if is_of(name, thresholds)})
+        for thresholds in dict.fromkeys(THRESHOLDS.values())
+    )
+
+
+def is_of(name: str, thresholds: tuple[float, ...]) -> bool:
+    """Return whether the thresholds belong to the task of a configuration."""
+    own, _ = CMA_ES.get(name, (name, None))
+    return THRESHOLDS[load_config(CONFIGS / f"{own}.yaml").environment.id] == thresholds
+
+
+def _table(thresholds: tuple[float, ...], found: dict[str, Summary]) -> str:
+    head = " | ".join(HEADS).format(*thresholds)
+    lines = [f"| {head} |", "|---" * len(HEADS) + "|"]
+    for name, each in found.items():
+        title = name.replace(name.split()[0], f"`{name.split()[0]}`")
+        until = " | ".join(f"{e} | {w}" for e, w in zip(each.until, each.worst_until, strict=True))
+        lines.append(f"| {title} | {each.seeds} | {until} | {end_of(each)} | {each.least:.2f} | {each.episodes} |")
+    return "\n".join([*lines, ""])
+
+
+def end_of(summary: Summary) -> str:
+    """Return the median final return and its interval, with two decimals."""
+    return str(Estimate(*np.round(summary.end, 2)))
+
 
 FEW, MANY = "100-109", "100-119"
 WITH_MANY = {f"{task}_{kind}_nac" for task in ("pendulum", "pendulum_wrap", "toy") for kind in ("few", "model")}
@@ -30,7 +260,7 @@ def seeds_of(name: str) -> str:
     return MANY if name in WITH_MANY else FEW
 
 
-def learnt(options: Namespace) -> list[Result]:
+def results_of(options: Namespace) -> list[Result]:
     """Train, and return the results in the order of the names."""
     changes = QUICK_CHANGES if options.quick else ()
     work = [
@@ -44,7 +274,7 @@ def learnt(options: Namespace) -> list[Result]:
 def main(options: Namespace) -> None:
     """Train what is requested, store the results, and print the tables."""
     stored = read_results(options.out) if options.out and options.out.exists() else []
-    results = {(each.name, each.seed): each for each in [*stored, *([] if options.tables else learnt(options))]}
+    results = {(each.name, each.seed): each for each in [*stored, *([] if options.tables else results_of(options))]}
     if options.out and not options.tables:
         write_whole(options.out, as_csv(results.values()).encode())
     print(as_markdown(sorted(results.values())), end="")
@@ -57,4 +287,6 @@ if __name__ == "__main__":
     command.add_argument("--out", type=Path, metavar="FILE.csv", help="add the results to this file")
     command.add_argument("--tables", action="store_true", help="only print the tables of the file")
     add_worker_arguments(command)
-    main(parsed(command, names=QUICK, seeds="100-101"))
+    from configurations import main as run  # by the name under which worker processes import it
+
+    run(parsed(command, names=QUICK, seeds="100-101"))

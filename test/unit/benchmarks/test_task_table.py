@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box
 
-import linear_search
 import task_learners
 import tasks
 from deep_peers import SeenThrough
@@ -22,12 +21,12 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import config_for
 from task_learners import LEARNERS, Learner, missing
-from tasks_table import Cell, as_csv, as_markdown
+from tasks import Cell, as_csv, as_markdown
 from trial import Meter, MeteredRunner, Point, Trial, read_curve, write_curve
 
 STEPS = 3  # per episode
 RIVALS = ("linear-cma-es", "linear-ars")
-over_searches = pytest.mark.parametrize("make", [linear_search.CMAES, linear_search.ARS])
+over_searches = pytest.mark.parametrize("make", [task_learners.CMAES, task_learners.ARS])
 
 
 class Quadratic(gymnasium.Env[Any, Any]):
@@ -96,7 +95,7 @@ def test_weights_are_constant_and_slopes_of_standardised_inputs() -> None:
     z = (x - seen.mean(axis=0)) / [seen[:, 0].std(), seen[:, 1].std(), 1.0]
     expected = (weights[:, 0] + z @ weights[:, 1:].T) * [100.0, 1.0]
     expected[:, 0] = np.clip(expected[:, 0], -100.0, 100.0)
-    np.testing.assert_allclose(linear_search.linear(weights.ravel(), seen, spaces)(x), expected, atol=1e-9)
+    np.testing.assert_allclose(task_learners.linear(weights.ravel(), seen, spaces)(x), expected, atol=1e-9)
 
 
 @pytest.mark.parametrize(("learner", "generation"), [("linear-ars", 16), ("linear-cma-es", 7), ("no-model", 5)])

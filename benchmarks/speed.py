@@ -1,4 +1,4 @@
-"""Measure updates of the policy at growing numbers of samples, and matching pursuit beside that of scikit-learn.
+"""Measure the time of updates of the policy, of fits of a dynamics model, and of rollouts in the model.
 
 Time is the median over repeats on one core. Memory is the peak of one more pass, which is traced.
 """
@@ -6,30 +6,34 @@ Time is the median over repeats on one core. Memory is the peak of one more pass
 from __future__ import annotations
 
 import os
-import tracemalloc
-from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import NamedTuple
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
-import numpy as np
-from sklearn.linear_model import OrthogonalMatchingPursuit
+import tracemalloc
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
 
-from command import parser
+import numpy as np
+
+from command import growth, parser, seconds_of
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.learning.algorithms.algorithm import Experience
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.model.dynamics_model import DynamicsModel
+from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.training import train
 from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
+from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF
-from rkhs_ros.rkhs.pursuit import Pursuit, pursue
 from rkhs_ros.runs.config import load_config
-from timing import growth, seconds_of
 
 CONFIGS = Path(__file__).parents[1] / "config"
-POINTS, ATOMS = 1000, 40
 
 
 class Sizes(NamedTuple):
@@ -39,17 +43,15 @@ class Sizes(NamedTuple):
         repeats: repeats of an update, by its number of samples.
         many: samples of one more update.
         iterations: iterations of training before the update.
-        pursuits: repeats of a matching pursuit.
     """
 
     repeats: dict[int, int]
     many: int
     iterations: int
-    pursuits: int
 
 
-FULL = Sizes({1_000: 21, 10_000: 7, 100_000: 3}, many=1_000_000, iterations=3, pursuits=31)
-QUICK = Sizes({100: 1, 200: 1}, many=200, iterations=1, pursuits=1)
+FULL = Sizes({1_000: 21, 10_000: 7, 100_000: 3}, many=1_000_000, iterations=3)
+QUICK = Sizes({100: 1, 200: 1}, many=200, iterations=1)
 
 
 def peak_of(call: Callable[[], object]) -> int:
@@ -101,44 +103,6 @@ def updates(config: Path, sizes: Sizes, changes: Sequence[str] = (), aim: float 
     )
 
 
-def pursuits(repeats: int) -> None:
-    """Print residual and time of our orthogonal matching pursuit and that of scikit-learn, on one dictionary."""
-    rng = np.random.default_rng(0)
-    points, candidates = rng.uniform(-3.0, 3.0, (2, POINTS, 2))
-    targets = np.sin(2 * points[:, :1]) * np.cos(points[:, 1:]) + 0.1 * rng.standard_normal((POINTS, 1))
-    kernel = RBF((1.0,))
-
-    def form() -> np.ndarray:
-        columns = kernel(points, candidates)
-        return columns / np.linalg.norm(columns, axis=0)
-
-    dictionary = form()
-    theirs = OrthogonalMatchingPursuit(n_nonzero_coefs=ATOMS, fit_intercept=False)
-
-    def fit_ours() -> Pursuit:
-        return pursue(kernel, points, targets, candidates, budget=ATOMS, fitting="back_fitting")
-
-    def fit_theirs() -> object:
-        return theirs.fit(dictionary, targets[:, 0])
-
-    def error(fitted: np.ndarray) -> float:
-        return float(np.linalg.norm(targets[:, 0] - fitted) / np.linalg.norm(targets))
-
-    our_seconds, their_seconds, forming = (seconds_of(call, repeats) for call in (fit_ours, fit_theirs, form))
-    ours = fit_ours()
-    print(f"pursuit of {len(ours.chosen)} among {POINTS} candidates, {POINTS} points; residual relative to the targets")
-    print(
-        f"back-fitting, all from the points        {1e3 * our_seconds:8.1f} ms   "
-        f"residual {error(ours.function(points)[:, 0]):.6f}"
-    )
-    print(
-        f"scikit-learn, the dictionary ready-made  {1e3 * their_seconds:8.1f} ms   "
-        f"residual {error(theirs.predict(dictionary)):.6f}   {their_seconds / our_seconds:.2f} times ours (aim 3)"
-    )
-    both = their_seconds + forming
-    print(f"scikit-learn, with forming it            {1e3 * both:8.1f} ms   {both / our_seconds:26.2f} times ours")
-
-
 def at_many(config: Path, sizes: Sizes) -> None:
     """Print time and memory of an update with very many samples."""
     update, centres = update_of(config, sizes.many, sizes.iterations)
@@ -156,8 +120,76 @@ def once(config: Path, sizes: Sizes, aim: str, changes: Sequence[str] = ()) -> N
     print(f"{name:<40}{size}  {1e3 * seconds_of(update, 9):8.1f} ms   {aim}", flush=True)
 
 
+HORIZON, NUM_ENVS = 100, (50, 200)
+STEPS = (1_250, 2_500, 5_000, 10_000)
+MODEL_CENTRES, POLICY_CENTRES = 200, 80
+TASKS = {"pendulum": (2, 1), "hopper": (11, 3), "cheetah": (17, 6)}  # sizes of an observation and an action
+
+
+def spaces_of(d: int, n: int) -> Spaces:
+    """Return the spaces of a task, with actions between -1 and 1."""
+    return Spaces((d,), np.full(n, -1.0), np.full(n, 1.0))
+
+
+def episodes_of(d: int, n: int, steps: int) -> Episodes:
+    """Return episodes of a nonlinear system with d numbers in an observation and n in an action."""
+    rng = np.random.default_rng(0)
+    rows = -(-steps // HORIZON)
+    by_state, by_action = rng.normal(size=(d, d)) / np.sqrt(d), rng.normal(size=(n, d))
+    observations = np.empty((rows, HORIZON + 1, d))
+    observations[:, 0] = rng.normal(size=(rows, d))
+    actions = rng.uniform(-1.0, 1.0, (rows, HORIZON, n))
+    for t in range(HORIZON):
+        now = observations[:, t]
+        change = np.tanh(2.0 * now @ by_state + actions[:, t] @ by_action) - 0.2 * now
+        observations[:, t + 1] = now + 0.1 * change + 0.01 * rng.normal(size=now.shape)
+    rewards = np.exp(-np.mean(observations[:, :-1] ** 2, axis=2)) - 0.1 * np.mean(actions**2, axis=2)
+    mask = np.ones((rows, HORIZON), dtype=bool)
+    return Episodes(observations[:, :-1], actions, rewards, mask, observations[:, -1], np.zeros(rows, dtype=bool))
+
+
+def policy_of(d: int, n: int) -> GaussianPolicy:
+    """Return a policy with the greatest number of centres."""
+    rng = np.random.default_rng(1)
+    mean = Function(
+        RBF((np.sqrt(d),)), rng.normal(size=(POLICY_CENTRES, d)), 0.1 * rng.normal(size=(POLICY_CENTRES, n))
+    )
+    return GaussianPolicy(mean, ConstantVariance(np.full(n, 0.1)))
+
+
+def fits(name: str, sizes: Sequence[int], repeats: int) -> None:
+    """Print the time of a fit at growing numbers of steps."""
+    d, n = TASKS[name]
+    seconds = {}
+    for steps in sizes:
+        episodes = episodes_of(d, n, steps)
+        seconds[steps] = seconds_of(
+            partial(DynamicsModel.fit, episodes, Inputs(), spaces_of(d, n), MODEL_CENTRES), repeats
+        )
+        aim = "   (aim 2 s)" if steps == 5_000 else ""
+        print(f"fit, {name:<9} {d:>2} + {n} numbers, {steps:>6} steps   {seconds[steps]:6.2f} s{aim}", flush=True)
+    print(f"fit, {name:<9} growth {growth(seconds, sizes[0], sizes[-1]):.2f}   (aim at most 1)", flush=True)
+
+
+def rollouts(name: str, steps: int, repeats: int) -> None:
+    """Print the steps per second of model rollouts, with a model fitted to a number of steps."""
+    d, n = TASKS[name]
+    model = DynamicsModel.fit(episodes_of(d, n, steps), Inputs(), spaces_of(d, n), MODEL_CENTRES)
+    runner, policy = ModelRunner(model), policy_of(d, n)
+    for num_envs in NUM_ENVS:
+        batch = Batch(2, 0, num_envs, HORIZON, explore=True)
+        rate = num_envs * HORIZON / seconds_of(partial(runner.collect, policy, batch), repeats)
+        aim = "   (aim 200000)" if name == "pendulum" else ""
+        print(
+            f"rollouts, {name:<9} {d:>2} + {n} numbers, {num_envs:>4} rollouts   {rate:9.0f} steps/s{aim}", flush=True
+        )
+
+
 def main(sizes: Sizes) -> None:
     """Print the tables."""
+    for name in TASKS if sizes is FULL else ("pendulum",):
+        rollouts(name, steps=2_000 if sizes is FULL else 100, repeats=9 if sizes is FULL else 1)
+    fits(*("cheetah", STEPS, 3) if sizes is FULL else ("pendulum", (100, 200), 1))
     for name in ("ac", "npg", "nac", "power", "grid_ac", "enac", "grid_power"):
         updates(CONFIGS / f"pendulum_{name}.yaml", sizes)
     updates(CONFIGS / "pendulum_nac.yaml", sizes, ["algorithm.critic=trajectory"])
@@ -169,7 +201,6 @@ def main(sizes: Sizes) -> None:
     once(CONFIGS / "pendulum_power.yaml", sizes, "as printed: cubic in the samples", printed)
     for name in ("ac", "npg", "nac", "power", "grid_ac", "enac", "grid_power"):
         at_many(CONFIGS / f"pendulum_{name}.yaml", sizes)
-    pursuits(sizes.pursuits)
 
 
 if __name__ == "__main__":
