@@ -9,9 +9,12 @@ from functools import partial
 
 from gymnasium.envs.registration import register
 
+from sim_nodes.envs.ball_on_beam import BallOnBeam
 from sim_nodes.envs.cart_pole import CartPole
+from sim_nodes.envs.furuta import Furuta
 from sim_nodes.envs.pendulum import Pendulum
 from sim_nodes.envs.pendulum_pomdp import PendulumPOMDP
+from sim_nodes.envs.tanks import Tanks
 from sim_nodes.envs.toy import Toy
 from sim_nodes.envs.vector_task import SingleTask, VectorTask
 
@@ -25,6 +28,9 @@ TASKS: dict[str, tuple[type[VectorTask], int]] = {
     "rkhs/Pendulum-v0": (Pendulum, 100),
     "rkhs/PendulumPOMDP-v0": (PendulumPOMDP, 100),
     "rkhs/CartPoleSwingUp-v0": (CartPole, 60),
+    "rkhs/BallOnBeam-v0": (BallOnBeam, 300),
+    "rkhs/Tanks-v0": (Tanks, 120),
+    "rkhs/Furuta-v0": (Furuta, 300),
 }
 
 for _id, (_task, _horizon) in TASKS.items():

@@ -45,7 +45,7 @@ def test_gymnasiums_checker_passes(task: str) -> None:
         check_env(gymnasium.make(task, render_mode="rgb_array").unwrapped)
 
 
-@over_tasks
+@pytest.mark.parametrize("task", sorted(TASKS.keys() - {"rkhs/BallOnBeam-v0"}))  # whose ball falls off earlier
 def test_gymnasium_makes_a_task_by_id_with_its_horizon(task: str) -> None:
     cls, horizon = TASKS[task]
     vector = gymnasium.make_vec(task, 3, vectorization_mode="vector_entry_point")
@@ -65,11 +65,14 @@ def test_a_single_environment_equals_one_of_the_vector_environment(task: str, rn
     observations, rewards = play(vector, actions, [11, 12, 13, 14])
     first, _ = single.reset(seed=13)
     assert np.array_equal(first, observations[0, 2])
-    for t in range(horizon):
+    over, t = False, 0
+    while not over:
         observation, reward, terminated, truncated, _ = single.step(actions[t, 2])
         assert np.array_equal(observation, observations[t + 1, 2])
         assert reward == rewards[t, 2]
-        assert (terminated, truncated) == (False, t == horizon - 1)
+        assert truncated == (t == horizon - 1)
+        over, t = terminated or truncated, t + 1
+    assert t == horizon or task == "rkhs/BallOnBeam-v0"
 
 
 @over_variants
