@@ -314,7 +314,7 @@ def _in_memory(run: _Prepared, quiet: bool) -> Steps:
     """Run the iterations without files."""
     training, runner, began = run.config.training, run.runner, time.monotonic()
     highest, best, rows = float("-inf"), None, list[Row]()
-    diagnosis = Diagnosis(training, runner.spaces)
+    diagnosis = Diagnosis(runner.spaces)
     with progress_bar(training, quiet=quiet) as show:
         for iteration in iterations_of(training, runner, run.first):
             if iteration.evaluation_bound > highest:

@@ -12,24 +12,17 @@ from math import inf, isnan, nan
 import numpy as np
 
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.training import Iteration
-from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.rkhs.kernels import Array
 
 PATIENCE = 5  # iterations for which a sign lasts; returns of fewer often differ by luck
 EXPLOITS = 0.75  # gap between the two returns, relative to the range of real returns; random starts alone cause 0.5
-RISE = 0.05  # smallest rise above the first return, relative to the larger; the noise of a return is often more
-PRECISE = 0.05  # error of a model in which nothing is left to learn, in standard deviations of the changes
 BAD = 0.5  # error of a model that predicts the newest episodes badly; predicting the mean change has the error 1
 TESTS = 4  # newest models to compare; any model fails in states that are new, and the first iteration has none to test
 ALIKE = 0.1  # relative gap of the two returns up to which a model is good, even if irrelevant columns have large errors
 SATURATED = 0.95  # share of actions at their bounds; good policies that switch between bounds have less
 MOST_RECENT = 256  # iterations that stay in memory, besides the first
 REWARD_PATIENCE = 3  # iterations without a change of the reward; fewer may just not have reached it
-FAR = 10.0  # distance from the first observations, in their ranges; a swing-up covers less in columns that wander
-STILL_MOVING = 0.25  # share of the way in the second half; a system that reached another state rests there
 
 
 @dataclass(frozen=True)
@@ -62,7 +55,6 @@ class Summary:
         highest_reward: highest reward of a step.
         terminates: whether the task terminated an episode.
         saturated: share of the actions of the policy mean that are at or beyond a bound.
-        runs_away: whether the newest episode moved far away from the first observations, and was still moving.
         optimistic: whether steps in the model were also rewarded for its uncertainty about them.
     """
 
@@ -74,7 +66,6 @@ class Summary:
     highest_reward: float = inf
     terminates: bool = False
     saturated: float = 0.0
-    runs_away: bool = False
     optimistic: bool = True
 
 
@@ -99,18 +90,6 @@ def _gap(summary: Summary) -> float:
     return (model - real) / max(abs(model), abs(real)) if model != real else 0.0
 
 
-def stagnates(recent: Sequence[Summary]) -> bool:
-    """Return whether no evaluation return is above that of the first exploration, although the model is precise."""
-    last = recent[-PATIENCE:]
-    evaluations = [each.evaluation_return for each in recent if not isnan(each.evaluation_return)]
-    if len(evaluations) < PATIENCE or not all(each.model_error < PRECISE for each in last):
-        return False
-    if has_constant_reward(recent):  # which explains it
-        return False
-    first, best = recent[0].exploration_return, max(evaluations)
-    return best - first <= RISE * max(abs(best), abs(first))
-
-
 def has_constant_reward(recent: Sequence[Summary]) -> bool:
     """Return whether all rewards so far are equal, and no episode was terminated, which would change the return."""
     lowest, highest = min(each.lowest_reward for each in recent), max(each.highest_reward for each in recent)
@@ -120,11 +99,6 @@ def has_constant_reward(recent: Sequence[Summary]) -> bool:
 def saturates(recent: Sequence[Summary]) -> bool:
     """Return whether nearly all actions of the policy mean are at their bounds."""
     return len(recent) >= PATIENCE and all(each.saturated >= SATURATED for each in recent[-PATIENCE:])
-
-
-def runs_away(recent: Sequence[Summary]) -> bool:
-    """Return whether the newest episodes moved far away from the first observations."""
-    return len(recent) >= REWARD_PATIENCE and all(each.runs_away for each in recent[-REWARD_PATIENCE:])
 
 
 def predicts_badly(recent: Sequence[Summary]) -> bool:
@@ -142,14 +116,7 @@ SIGNS: tuple[tuple[Callable[[Sequence[Summary]], bool], Advice], ...] = (
         has_constant_reward,
         Advice(
             "the reward has not changed so far",
-            "a reward that rises towards the goal, model.exploration_noise=pink or a larger horizon",
-        ),
-    ),
-    (
-        runs_away,
-        Advice(
-            "the newest episodes move far away from the first observations",
-            "bounds in the task, or terminate episodes that leave the region of interest",
+            "a reward that rises towards the goal, or a larger horizon",
         ),
     ),
     (
@@ -173,13 +140,6 @@ SIGNS: tuple[tuple[Callable[[Sequence[Summary]], bool], Advice], ...] = (
             "more episodes_per_iteration, a smaller model.updates or a known model.reward_fn",
         ),
     ),
-    (
-        stagnates,
-        Advice(
-            "the return is not above that of the first episodes, although the model predicts well",
-            "model.exploration_noise=pink, a reward that rises towards the goal, a larger discount or model.updates",
-        ),
-    ),
 )  # causes before their consequences
 
 
@@ -198,26 +158,19 @@ class Diagnosis:
     Owns the summaries of the iterations.
 
     Args:
-        training: settings of the run.
         spaces: spaces of its task.
         earlier: iterations before a resumed run.
         given: advice that was given before, as text.
     """
 
-    def __init__(
-        self, training: Training, spaces: Spaces, earlier: Iterable[Summary] = (), given: Iterable[str] = ()
-    ) -> None:
-        self._training = training
+    def __init__(self, spaces: Spaces, earlier: Iterable[Summary] = (), given: Iterable[str] = ()) -> None:
         self._spaces = spaces
         self._recent = list(earlier)
         self._given = set(given)
-        self._first: Array | None = None
 
     def advise(self, iteration: Iteration) -> Advice | None:
         """Return the advice for an iteration, None if there is none or it was given before."""
-        if self._first is None:
-            self._first = _first_observations(iteration, self._training)
-        self._recent.append(summary_of(iteration, self._spaces, self._first))
+        self._recent.append(summary_of(iteration, self._spaces))
         if len(self._recent) > MOST_RECENT:
             del self._recent[1]
         advice = next((each for each in advice_on(self._recent) if str(each) not in self._given), None)
@@ -225,25 +178,10 @@ class Diagnosis:
         return advice
 
 
-def _first_observations(iteration: Iteration, training: Training) -> Array:
-    """Return the observations of the first episodes that are known, shape (samples, d)."""
-    count = training.episodes_per_iteration
-    is_stored = isinstance(training.model, ModelBased) and len(iteration.state.memory) > 0
-    episodes = iteration.state.memory.take(slice(count)) if is_stored else iteration.exploration
-    return episodes.flat(episodes.observations)
-
-
-def summary_of(iteration: Iteration, spaces: Spaces, first: Array) -> Summary:
-    """Return the summary of an iteration.
-
-    Args:
-        iteration: the iteration.
-        spaces: spaces of the task.
-        first: observations of the first episodes, shape (samples, d).
-    """
+def summary_of(iteration: Iteration, spaces: Spaces) -> Summary:
+    """Return the summary of an iteration."""
     exploration, evaluation = iteration.exploration, iteration.evaluation
     rewards = np.concatenate([each.flat(each.rewards) for each in (exploration, evaluation)])
-    newest = evaluation if len(evaluation) else exploration
     return Summary(
         exploration_return=iteration.exploration_return,
         evaluation_return=iteration.evaluation_return,
@@ -253,15 +191,8 @@ def summary_of(iteration: Iteration, spaces: Spaces, first: Array) -> Summary:
         highest_reward=float(rewards.max()),
         terminates=bool(exploration.terminated.any() or evaluation.terminated.any()),
         saturated=_saturated(evaluation, spaces),
-        runs_away=any(moves_away(newest, first, column) for column in _lines(iteration)),
         optimistic=iteration.optimistic,
     )
-
-
-def _lines(iteration: Iteration) -> list[int]:
-    """Return the observation columns that are not angles; a joint that turns does not run away."""
-    angles = set(iteration.policy.inputs.columns)
-    return [column for column in range(iteration.exploration.observations.shape[2]) if column not in angles]
 
 
 def _saturated(evaluation: Episodes, spaces: Spaces) -> float:
@@ -269,21 +200,3 @@ def _saturated(evaluation: Episodes, spaces: Spaces) -> float:
     actions = evaluation.flat(evaluation.actions)
     low, high = (bound.ravel() for bound in (spaces.action_low, spaces.action_high))
     return float(np.mean((actions <= low) | (actions >= high))) if len(actions) else 0.0
-
-
-def moves_away(episodes: Episodes, first: Array, column: int) -> bool:
-    """Return whether most episodes move a column far away from its first values, and still do in their second half.
-
-    Args:
-        episodes: the episodes.
-        first: first observations, shape (samples, d).
-        column: the column.
-    """
-    low, high = float(first[:, column].min()), float(first[:, column].max())
-    lengths = episodes.mask.sum(axis=1)
-    rows = np.arange(len(episodes))
-    values = episodes.observations[:, :, column]
-    start, middle, end = values[:, 0], values[rows, lengths // 2], episodes.final_observations[:, column]
-    beyond = np.maximum(end - high, low - end)
-    moving = np.abs(end - middle) > STILL_MOVING * np.abs(end - start)
-    return bool(high > low and np.mean((beyond > FAR * (high - low)) & moving) > 0.5)

@@ -1,14 +1,11 @@
-"""What the data of a task revealed, as settings and in one line."""
+"""What the data of a task revealed, as settings of a run."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from rkhs_ros.learning.discovery.action_repeat import change_per_decision
-from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.state import State, chooses_action_repeat
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.inputs import Inputs
@@ -54,30 +51,3 @@ def settings_of(before: Known, after: Known) -> list[str]:
     if after.inputs.history != before.inputs.history:
         settings.append(f"inputs.history={after.inputs.history}")
     return settings
-
-
-def newly_found(before: Known, after: Known, episodes: Episodes) -> str:
-    """Return what was found in addition to what was known before, as settings; empty if nothing.
-
-    Args:
-        before: what was known.
-        after: what is known now.
-        episodes: the newest episodes, with raw observations.
-    """
-    parts = []
-    if after.action_repeat != before.action_repeat:
-        features = replace(episodes, observations=after.inputs.features(episodes.observations))
-        change = change_per_decision(features, after.action_repeat)
-        parts.append(f"action_repeat {after.action_repeat} (change per decision {change:.2f} sd)")
-    if after.inputs.columns != before.inputs.columns:
-        parts.append(_angles(after.inputs))
-    if after.inputs.history != before.inputs.history:
-        parts.append(f"inputs.history {after.inputs.history}")
-    return ", ".join(parts)
-
-
-def _angles(inputs: Inputs) -> str:
-    if not inputs.columns:
-        return "inputs.angles none"
-    turns = ", ".join(f"{turn:.4g}" for turn in inputs.full_turns)
-    return f"inputs.angles {inputs.columns} (a full turn is {turns})"

@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from rkhs_ros.learning.diagnosis import moves_away
 from rkhs_ros.learning.discovery.action_repeat import (
     CHANGE,
     FEWEST_DECISIONS,
@@ -31,6 +30,8 @@ from rkhs_ros.rkhs.kernels import Array
 SAME = 1.0 - 1e-9  # absolute correlation of columns that repeat each other
 NOT_TESTED = "not tested, since inputs.degree, the grid or kernel.bandwidth depends on the inputs"
 WITHIN = 2.0  # a change per decision within this factor of `CHANGE` is good
+FAR = 10.0  # distance from the first observations, in their ranges; a swing-up covers less in columns that wander
+STILL_MOVING = 0.25  # share of the way in the second half; a system that reached another state rests there
 FIRST_PART = 4  # the first of four parts of an episode, with which its end is compared
 
 
@@ -235,3 +236,21 @@ def repeated_columns(observations: Array) -> list[tuple[int, int]]:
     return [
         (moving[later], moving[int(same[:, later].argmax())]) for later in range(len(moving)) if same[:, later].any()
     ]
+
+
+def moves_away(episodes: Episodes, first: Array, column: int) -> bool:
+    """Return whether most episodes move a column far away from its first values, and still do in their second half.
+
+    Args:
+        episodes: the episodes.
+        first: first observations, shape (samples, d).
+        column: the column.
+    """
+    low, high = float(first[:, column].min()), float(first[:, column].max())
+    lengths = episodes.mask.sum(axis=1)
+    rows = np.arange(len(episodes))
+    values = episodes.observations[:, :, column]
+    start, middle, end = values[:, 0], values[rows, lengths // 2], episodes.final_observations[:, column]
+    beyond = np.maximum(end - high, low - end)
+    moving = np.abs(end - middle) > STILL_MOVING * np.abs(end - start)
+    return bool(high > low and np.mean((beyond > FAR * (high - low)) & moving) > 0.5)

@@ -24,7 +24,7 @@ from rich.table import Column
 from rich.text import Text
 
 from rkhs_ros.learning.diagnosis import Advice
-from rkhs_ros.learning.found import newly_found
+from rkhs_ros.learning.found import settings_of
 from rkhs_ros.learning.training import Iteration
 from rkhs_ros.learning.training_settings import Training
 
@@ -130,7 +130,7 @@ def _lines(training: Training, folder: Path | None, *, is_robot: bool) -> Show:
 
 def _found(iteration: Iteration, *, is_robot: bool) -> str:
     """Return what an iteration has found about the task; for a robot, with the period of the same decision rate."""
-    text, repeat = newly_found(iteration.before, iteration.known, iteration.exploration), iteration.policy.action_repeat
+    text, repeat = " ".join(settings_of(iteration.before, iteration.known)), iteration.policy.action_repeat
     if not is_robot or repeat in (1, iteration.before.action_repeat):
         return text
     return f"{text}; a period {repeat} times as long gives the same decision rate"

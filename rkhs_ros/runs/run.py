@@ -178,7 +178,7 @@ def _diagnosis(config: Config, spaces: Spaces, report: Report) -> Diagnosis:
     earlier = [
         Summary(row.exploration_return, row.evaluation_return, row.model_return, row.model_error) for row in report.rows
     ]
-    return Diagnosis(config.training, spaces, earlier, advice_in(report.folder))
+    return Diagnosis(spaces, earlier, advice_in(report.folder))
 
 
 def _advise(advice: Advice | None, report: Report, on_advice: OnAdvice | None) -> Advice | None:

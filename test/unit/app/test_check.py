@@ -5,8 +5,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.task_check import moves_away
 from test.unit.conftest import assert_refused
 
 Rkhs = Callable[..., Any]
@@ -130,3 +133,26 @@ def test_few_decisions_are_no_evidence_for_a_history(rkhs: Rkhs) -> None:
 )
 def test_bad_input_is_one_line(rkhs: Rkhs, arguments: tuple[object, ...], message: str) -> None:
     assert_refused(rkhs("check", *arguments), message)
+
+
+def episodes_of(values: np.ndarray) -> Episodes:
+    """Return one episode with a single column."""
+    shape = (1, len(values) - 1)
+    return Episodes(
+        observations=values[None, :-1, None],
+        actions=np.zeros((*shape, 1)),
+        rewards=np.zeros(shape),
+        mask=np.ones(shape, dtype=bool),
+        final_observations=values[None, -1:],
+        terminated=np.zeros(1, dtype=bool),
+    )
+
+
+def test_a_cart_without_a_rail_moves_away_and_a_swing_up_does_not() -> None:
+    t = np.linspace(0.0, 1.0, 61)
+    first = 0.1 * np.sin(20 * t)[:, None]
+    assert moves_away(episodes_of(17.0 * t**2), first, 0)
+    assert moves_away(episodes_of(-17.0 * t), first, 0)
+    assert not moves_away(episodes_of(np.tanh(20 * (t - 0.25)) * np.pi), first, 0)  # ends upright
+    assert not moves_away(episodes_of(0.5 * t), first, 0)
+    assert not moves_away(episodes_of(17.0 * t), np.zeros((5, 1)), 0)  # a column that was constant

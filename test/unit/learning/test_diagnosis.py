@@ -16,14 +16,10 @@ from rkhs_ros.learning.diagnosis import (
     advice_on,
     exploits_model,
     has_constant_reward,
-    moves_away,
     predicts_badly,
-    runs_away,
     saturates,
-    stagnates,
     summary_of,
 )
-from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.rollouts.inline_runner import InlineRunner
@@ -57,7 +53,6 @@ def of_model(*values: float) -> list[Summary]:
 HEALTHY = [known(value, model_error=error) for value, error in zip(GOOD, ERRORS, strict=True)]
 BAD: list[tuple[Sign, list[Summary]]] = [
     (has_constant_reward, curve(3, highest_reward=0.0)),
-    (runs_away, curve(runs_away=True)),
     (saturates, curve(saturated=0.99)),
     (predicts_badly, curve(model_return=0.9, model_error=1.2)),
     (predicts_badly, curve(evaluation_return=nan, model_error=1.2)),
@@ -65,7 +60,6 @@ BAD: list[tuple[Sign, list[Summary]]] = [
     (exploits_model, curve(model_return=23.0)),
     (exploits_model, curve(exploration_return=-500.0, evaluation_return=-600.0, model_return=-100.0)),
     (exploits_model, of_model(1740.0, 926.0, 784.0, 248.0, 20.0, 219.0)),
-    (stagnates, curve(exploration_return=1.4, model_error=1e-5)),
 ]
 
 
@@ -91,11 +85,6 @@ def test_random_starts_get_no_advice() -> None:
     pairs = zip(PENDULUM, PENDULUM_MODEL, strict=True)
     run = [known(value, exploration_return=-489.0, model_return=model, model_error=0.01) for value, model in pairs]
     assert all(advice_on(run[: k + 1]) == [] for k in range(len(run)))
-
-
-def test_a_constant_reward_explains_a_constant_return() -> None:
-    silent = curve(exploration_return=1.4, highest_reward=0.0, model_error=1e-5)
-    assert advice_on(silent) == [SIGNS[0][1]]
 
 
 def test_unknown_values_get_no_advice() -> None:
@@ -125,29 +114,6 @@ def test_ordinary_runs_get_no_advice(ordinary: list[Summary]) -> None:
     assert advice_on(ordinary) == []
 
 
-def episodes_of(values: np.ndarray) -> Episodes:
-    """Return one episode with a single column."""
-    shape = (1, len(values) - 1)
-    return Episodes(
-        observations=values[None, :-1, None],
-        actions=np.zeros((*shape, 1)),
-        rewards=np.zeros(shape),
-        mask=np.ones(shape, dtype=bool),
-        final_observations=values[None, -1:],
-        terminated=np.zeros(1, dtype=bool),
-    )
-
-
-def test_a_cart_without_a_rail_moves_away_and_a_swing_up_does_not() -> None:
-    t = np.linspace(0.0, 1.0, 61)
-    first = 0.1 * np.sin(20 * t)[:, None]
-    assert moves_away(episodes_of(17.0 * t**2), first, 0)
-    assert moves_away(episodes_of(-17.0 * t), first, 0)
-    assert not moves_away(episodes_of(np.tanh(20 * (t - 0.25)) * np.pi), first, 0)  # ends upright
-    assert not moves_away(episodes_of(0.5 * t), first, 0)
-    assert not moves_away(episodes_of(17.0 * t), np.zeros((5, 1)), 0)  # a column that was constant
-
-
 TRAINING = model_free(
     iterations=3, episodes_per_iteration=2, evaluation_episodes=2, horizon=20, model=ModelBased(updates=2)
 )
@@ -160,17 +126,13 @@ def toy() -> list[Iteration]:
 
 def test_the_summary_of_an_iteration_has_its_figures(toy: list[Iteration]) -> None:
     spaces, last = InlineRunner(Simulation("rkhs/Toy-v0")).spaces, toy[-1]
-    first = toy[0].exploration.flat(toy[0].exploration.observations)
-    summary = summary_of(last, spaces, first)
+    summary = summary_of(last, spaces)
     assert (summary.evaluation_return, summary.model_error) == (last.evaluation_return, last.model_error)
     rewards = np.concatenate([last.exploration.rewards, last.evaluation.rewards])
     assert (summary.lowest_reward, summary.highest_reward) == (rewards.min(), rewards.max())
-    assert (summary.runs_away, summary.terminates, summary.optimistic) == (False, False, False)
+    assert (summary.terminates, summary.optimistic) == (False, False)
     wide = replace(last.evaluation, actions=last.evaluation.actions + 100.0)
-    assert summary_of(replace(last, evaluation=wide), spaces, first).saturated == 1.0
-    away = replace(last.evaluation, observations=last.evaluation.observations + np.arange(20)[None, :, None] * 50.0)
-    away = replace(away, final_observations=away.observations[:, -1] + 50.0)
-    assert summary_of(replace(last, evaluation=away), spaces, first).runs_away
+    assert summary_of(replace(last, evaluation=wide), spaces).saturated == 1.0
 
 
 def test_advice_is_given_once_and_not_again_after_a_resumption(toy: list[Iteration]) -> None:
@@ -182,11 +144,11 @@ def test_advice_is_given_once_and_not_again_after_a_resumption(toy: list[Iterati
         )
         for each in toy
     ]
-    diagnosis = Diagnosis(TRAINING, spaces)
+    diagnosis = Diagnosis(spaces)
     given = [diagnosis.advise(each) for each in [*silent, *silent]]
     (advice,) = [each for each in given if each is not None]
     assert given[REWARD_PATIENCE - 1] == advice == SIGNS[0][1]
-    resumed = Diagnosis(TRAINING, spaces, given=[str(advice)])
+    resumed = Diagnosis(spaces, given=[str(advice)])
     assert [resumed.advise(each) for each in silent] == [None] * 3
 
 

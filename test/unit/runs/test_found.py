@@ -120,5 +120,5 @@ def test_only_for_a_robot_the_period_of_the_decisions_is_noted(
         for iteration in train(training, InlineRunner(Simulation("rkhs/Pendulum-v0"))):
             show(iteration)
     _, found, _ = capsys.readouterr().err.splitlines()
-    assert "found action_repeat 4" in found
+    assert "found action_repeat=4" in found
     assert found.endswith("; a period 4 times as long gives the same decision rate") == is_robot

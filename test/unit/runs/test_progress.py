@@ -18,10 +18,7 @@ from rich.console import Console
 
 from rkhs_ros.app.inline import iterations
 from rkhs_ros.learning.diagnosis import Advice
-from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.found import Known, newly_found
 from rkhs_ros.learning.training import train
-from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs import progress
@@ -124,15 +121,8 @@ def test_a_line_shows_what_the_first_iteration_found(capsys: pytest.CaptureFixtu
         for iteration in train(training, InlineRunner(Simulation("rkhs/Pendulum-v0"))):
             show(iteration)
     first, found, last = capsys.readouterr().err.splitlines()
-    assert found.startswith("run: found action_repeat 4 (change per decision 0.")
+    assert found == "run: found action_repeat=4"
     assert "found" not in first + last
-
-
-def test_a_line_shows_found_angles_and_a_found_history() -> None:
-    episodes = Episodes.none(5, 3, 1)
-    before, after = Known(2, Inputs()), Known(2, Inputs(angles=(1.0,), turns=(360.0,), history=2))
-    assert newly_found(before, after, episodes) == "inputs.angles [1] (a full turn is 360), inputs.history 2"
-    assert newly_found(after, after, episodes) == ""
 
 
 def test_advice_has_a_line_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
