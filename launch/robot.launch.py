@@ -16,6 +16,7 @@ from launch.substitutions import LaunchConfiguration
 
 from rkhs_ros.app.launcher import robot_parameters
 from rkhs_ros.app.robots import check_robot
+from rkhs_ros.base.search_path import search_here
 from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.core.launching import nodes_of_run
 from rkhs_ros.nodes.core.names import require_known_arguments
@@ -55,6 +56,7 @@ def nodes(context: LaunchContext) -> list[Action]:
     given = {name: LaunchConfiguration(name).perform(context) for name in ABOUT}
     for name in ("resume", "simulated"):
         require(given[name] in ("true", "false"), name, "true or false", given[name])
+    search_here()
     config, folder = load_config(Path(given["config"])), Path(given["output"]).expanduser().resolve()
     require(bool(config.environment.nodes), given["config"], "a section /**/robot", "none")
     simulated = given["simulated"] == "true"

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from rkhs_ros import __version__
+from rkhs_ros.app.named import path
 from rkhs_ros.base.endings import INTERRUPTED, RunError, print_error
 from rkhs_ros.base.streams import tolerate_closed_stdout, tolerate_lost_stderr
 
@@ -42,24 +43,11 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self.register("type", Path, _path)
+        self.register("type", Path, path)
 
     def error(self, message: str) -> NoReturn:
         """Raise ValueError."""
         raise ValueError(f"{message} (see '{self.prog} --help')")
-
-
-def _path(word: str) -> Path:
-    """Return an argument as a path.
-
-    An empty argument, for example from an unset variable, would mean the current folder.
-
-    Raises:
-        ArgumentTypeError: the argument is empty.
-    """
-    if not word:
-        raise argparse.ArgumentTypeError("expected a path, got an empty text")
-    return Path(word)
 
 
 # Linear algebra uses one thread, also in nodes and workers, which inherit this; numpy is not imported yet.

@@ -109,11 +109,16 @@ def load_acting(path: Path, environment: str | None = None) -> Iterator[tuple[Ga
     policy, task = load_policy(path)
     named = task.environment or environment or ""
     require(named != "", f"{path}", "a policy that names its environment", "one without (see --env)")
-    require(environment in (None, named), "--env", f"{named}, the environment of {path}", environment)
+    check_environment(environment, named, f"{path}")
     task = replace(task, environment=named)
     with runner_of(Environment(task.environment, task.options)) as runner:
         check_fit(policy, runner, f"{path}")
         yield policy, task, runner
+
+
+def check_environment(given: str | None, known: str, what: str) -> None:
+    """Raise ValueError if ``--env`` names another environment than a run or a policy, which ``what`` names."""
+    require(given in (None, known), "--env", f"{known}, the environment of {what}", given)
 
 
 def policy_file(path: Path) -> Path:

@@ -18,6 +18,7 @@ from rkhs_ros.base.endings import BAD_INPUT, ENDING, FAILED, INTERRUPTED, RESUMA
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.parameter_files import GATE, LEARNER, PARAMETERS, ROBOT, SIMULATED_ROBOT, SIMULATOR
 from rkhs_ros.base.processes import terminate_with_parent
+from rkhs_ros.base.search_path import python
 from rkhs_ros.base.yaml_text import dumped, loaded, require_ros_value
 from rkhs_ros.nodes.core.names import node_names
 from rkhs_ros.runs.config import Config, environment_of_robot, robot_nodes
@@ -68,7 +69,7 @@ class NodeProcess:
         quiet = [word for name in self.name.split("+") for word in ("--log-level", f"{name}:=warn")]
         with deferred_signals():  # Python loses an exception that a handler raises during the fork
             return subprocess.Popen(
-                [sys.executable, "-P", "-m", MODULES[self.name], "--ros-args", *quiet, *arguments],
+                [*python(MODULES[self.name]), "--ros-args", *quiet, *arguments],
                 stdin=subprocess.DEVNULL,
                 process_group=0,
                 env=environment(),

@@ -9,19 +9,17 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-from rkhs_ros.base.files import open_regular, require_replaceable
-
 PROBE_S = 0.002  # seconds between attempts while `is_locked` of other processes shares the lock for a moment
 
 
 def is_locked(folder: Path) -> bool:
     """Return whether a process uses the run in a folder."""
     try:
-        with open_regular(folder / "checkpoints" / "lock") as file:
+        with (folder / "checkpoints" / "lock").open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
-    except (OSError, ValueError):
+    except OSError:
         return False
     return False
 
@@ -39,7 +37,6 @@ def locked(folder: Path) -> Iterator[None]:
     """
     (folder / "checkpoints").mkdir(exist_ok=True)
     path = folder / "checkpoints" / "lock"
-    require_replaceable(path)
     with path.open("ab") as file:
         if not _take(file):
             raise ValueError(f"{folder}: expected a free run folder, got one in use by another process")

@@ -1,18 +1,12 @@
-"""Import and call user code by name: names from users are trusted, names from data files are not.
-
-A module counts as installed if Python finds it without the working directory and the relative folders of PYTHONPATH: in
-site-packages, in a built workspace, in a package installed in development mode, or in an absolute folder of PYTHONPATH.
-"""
+"""Import and call user code by name."""
 
 from __future__ import annotations
 
-import os
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import chdir, contextmanager, nullcontext
+from contextlib import chdir, contextmanager
 from importlib import import_module
 from types import FrameType, ModuleType
 from typing import Any
@@ -21,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rkhs_ros.base.endings import RunError
+from rkhs_ros.base.search_path import searches_here
 from rkhs_ros.base.validation import hint, require, truncated
 
-TRUSTED = "RKHS_TRUSTED_MODULES"  # for this process and its children: names separated by ":"; all modules if unset
+ADD_TO_PATH = "add the folder to PYTHONPATH"  # to import a module from it
 
 
 class HangError(BaseException):
@@ -37,70 +32,25 @@ def isolated_from_user_code() -> Iterator[None]:
         yield
 
 
-@contextmanager
-def only_installed(*trusted: str) -> Iterator[None]:
-    """Restrict imports to installed modules in this process and its children.
+def user_module(module: str, remedy: str) -> ModuleType:
+    """Import a module.
 
     Args:
-        *trusted: names of modules that the user gave, which need not be installed.
-    """
-    before = os.environ.get(TRUSTED)
-    os.environ[TRUSTED] = ":".join(trusted)
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ[TRUSTED]
-        else:
-            os.environ[TRUSTED] = before
-
-
-def is_trusted(module: str) -> bool:
-    """Return whether a module may be imported without being installed."""
-    trusted = os.environ.get(TRUSTED)
-    return trusted is None or module in trusted.split(":")
-
-
-def is_installed(module: str) -> bool:
-    """Return whether a module's top-level package is installed, without importing it."""
-    name = module.partition(".")[0]
-    with _installed_only():  # not importlib's find_spec, which finds every module that has been imported already
-        return name.isidentifier() and any(finder.find_spec(name, None) is not None for finder in sys.meta_path)
-
-
-def user_module(module: str) -> ModuleType:
-    """Import an installed module or, if it is trusted, one in the working directory.
+        module: its name.
+        remedy: how to import a module from the current folder, for messages.
 
     Raises:
         ValueError: the module cannot be imported.
     """
-    trusted = is_trusted(module)
-    if trusted and os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())
-    expected = f"expected an importable module '{truncated(module)}', installed"
-    if not trusted and module.partition(".")[0] not in sys.modules and not is_installed(module):
-        raise ValueError(f"{expected}, got none. A data file names it; to import it from this folder, add --trust")
     try:
-        with isolated_from_user_code(), nullcontext() if trusted else _installed_only():
+        with isolated_from_user_code():
             return import_module(module)
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # user code may raise anything
-        where = " or in this folder" * trusted
-        raise ValueError(f"{expected}{where}, got {type(error).__name__}: {truncated(error)}") from error
-
-
-@contextmanager
-def _installed_only() -> Iterator[None]:
-    """Remove the working directory and the relative folders of PYTHONPATH from Python's path."""
-    before = list(sys.path)
-    given = os.environ.get("PYTHONPATH", "").split(os.pathsep)
-    relative = {os.path.realpath(path) for path in (os.curdir, *given) if not os.path.isabs(path)}
-    sys.path[:] = [path for path in before if os.path.isabs(path) and os.path.realpath(path) not in relative]
-    try:
-        yield
-    finally:
-        sys.path[:] = before
+        hidden = isinstance(error, ModuleNotFoundError) and not searches_here()
+        got = f"{type(error).__name__}: {truncated(error)}" + f". If it is in this folder, {remedy}" * hidden
+        raise ValueError(f"expected an importable module '{truncated(module)}', got {got}") from error
 
 
 def user_function(name: str, what: str) -> Callable[..., Any]:
@@ -116,7 +66,7 @@ def user_function(name: str, what: str) -> Callable[..., Any]:
     module, _, function = name.partition(":")
     require(bool(module and function), what, "MODULE:FUNCTION", name)
     try:
-        found = user_module(module)
+        found = user_module(module, ADD_TO_PATH)
     except ValueError as error:
         raise ValueError(f"{what}: {error}") from error
     if not callable(getattr(found, function, None)):

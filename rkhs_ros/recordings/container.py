@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from typing import IO, NamedTuple, cast
@@ -17,14 +17,7 @@ from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from rkhs_ros import __version__
-from rkhs_ros.base.files import (
-    MOST_BYTES,
-    named,
-    open_regular,
-    require_expansion,
-    require_replaceable,
-    sync_to_disk,
-)
+from rkhs_ros.base.files import MOST_BYTES, named, sync_to_disk
 from rkhs_ros.base.validation import require
 
 LIBRARY = "rkhs_ros"  # library field of our files
@@ -66,13 +59,11 @@ class MessageFile:
 
     Raises:
         OSError: the file cannot be written.
-        ValueError: the path is not a regular file.
     """
 
     def __init__(
         self, path: Path, held: Iterable[Stored] = (), *, sync: bool = False, chunk_bytes: int = ONE_MESSAGE
     ) -> None:
-        require_replaceable(path)
         self.path = path
         self._sync = False  # the initial messages are synced together
         self._channels: dict[tuple[str, str, str], int] = {}
@@ -178,11 +169,11 @@ def read_messages(path: Path) -> Found:
     """Read the messages of an MCAP file; skip messages with a wrong checksum and an incomplete end.
 
     Raises:
-        ValueError: the file is not an MCAP file, or it or its uncompressed content is too large.
+        ValueError: the file is not an MCAP file, or is too large.
         OSError: the file cannot be read.
     """
-    found, scan, unpacked = Found(), Scan(), 0
-    with open_regular(path) as file:
+    found, scan = Found(), Scan()
+    with path.open("rb") as file:
         size = os.fstat(file.fileno()).st_size
         require(size <= MOST_BYTES, f"{path}", f"a recording of at most {MOST_BYTES} bytes", size)
         magic = file.read(len(MCAP0_MAGIC))
@@ -190,15 +181,12 @@ def read_messages(path: Path) -> Found:
         at, ended = file.tell(), False
         for code, content in records(file, size):
             try:
-                messages = scan.messages(code, content)
-                found.messages += messages
-                unpacked += sum(len(message.content) for message in messages)
+                found.messages += scan.messages(code, content)
             except Exception as error:  # a damaged record raises almost anything
                 what = " ".join(f"{type(error).__name__}: {error}".split())
                 found.lost += len(content)
                 found.faults.append(f"{len(content)} bytes at {at} skipped: damaged ({what})")
             ended, at = is_end(code, content), file.tell()
-            require_expansion(unpacked, size, f"{path}")
     if scan.missing:
         found.faults.append(f"{scan.missing} messages are missing")
     if not ended and size > at:
@@ -208,11 +196,7 @@ def read_messages(path: Path) -> Found:
 
 
 def records(file: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
-    """Yield the opcode and content of each complete record, up to the `DATA_END` record or the end of the file.
-
-    Raises:
-        ValueError: a record is too large for memory.
-    """
+    """Yield the opcode and content of each complete record, up to the `DATA_END` record or the end of the file."""
     while file.tell() + HEADER_BYTES <= size:
         begin = file.tell()
         header = file.read(HEADER_BYTES)
@@ -220,7 +204,6 @@ def records(file: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
         if length > size - file.tell():
             file.seek(begin)
             return
-        require(length <= MOST_BYTES, f"{file.name}", f"records of at most {MOST_BYTES} bytes", length)
         yield header[0], (content := file.read(length))
         if is_end(header[0], content):
             return
@@ -229,29 +212,6 @@ def records(file: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
 def is_end(code: int, content: bytes) -> bool:
     """Return whether a record ends the data; a record of another size is an index with a damaged opcode."""
     return code == Opcode.DATA_END and len(content) == END_BYTES
-
-
-def _unpacked(chunk: Chunk) -> Chunk:
-    """Return an uncompressed chunk.
-
-    Raises:
-        ValueError: the uncompressed size is excessive or differs from the declared size.
-    """
-    if not chunk.compression:
-        return chunk
-    require_expansion(chunk.uncompressed_size, len(chunk.data), "chunk")
-    most = chunk.uncompressed_size + 1  # one more byte, to detect excess data
-    if chunk.compression == "zstd":
-        from zstandard import ZstdDecompressor  # here and below, since our files are not compressed
-
-        data = ZstdDecompressor().stream_reader(chunk.data).read(most)
-    else:
-        require(chunk.compression == "lz4", "chunk", "compression by zstd or lz4", chunk.compression)
-        from lz4.frame import LZ4FrameDecompressor
-
-        data = LZ4FrameDecompressor().decompress(chunk.data, max_length=most)
-    require(len(data) == chunk.uncompressed_size, "chunk", f"{chunk.uncompressed_size} bytes", len(data))
-    return replace(chunk, compression="", data=data)
 
 
 class Scan:
@@ -275,7 +235,7 @@ class Scan:
         if code == Opcode.CHUNK:
             return [
                 message
-                for record in breakup_chunk(_unpacked(Chunk.read(stream)), validate_crc=True)
+                for record in breakup_chunk(Chunk.read(stream), validate_crc=True)
                 for message in self._taken(record)
             ]
         if code == Opcode.SCHEMA:

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 from mcap.writer import MCAP0_MAGIC
 
-from rkhs_ros.base.files import open_regular
 from rkhs_ros.recordings.container import Scan, Stored, is_end, records
 from rkhs_ros.recordings.definitions import PACKAGE, decoded
 
@@ -58,7 +57,7 @@ class Following:
         Raises:
             ValueError: the message no longer exists.
         """
-        with open_regular(self.path) as file:
+        with self.path.open("rb") as file:
             file.seek(place.offset, SEEK_SET)
             for code, content in records(file, self.path.stat().st_size):
                 for stored, message in self._scanned(code, content):
@@ -73,7 +72,7 @@ class Following:
         self._scan = Scan()
 
     def _read(self, size: int) -> Iterator[tuple[Place, Any]]:
-        with open_regular(self.path) as file:
+        with self.path.open("rb") as file:
             file.seek(self._offset)
             for code, content in records(file, size):
                 for stored, message in self._scanned(code, content):

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rkhs_ros.base.files import open_regular
 from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.messages import episodes_of, executions_of
@@ -281,12 +280,9 @@ def _ours(messages: Iterable[Stored]) -> Iterator[tuple[str, int, Any]]:
 def _bag_messages(folder: Path) -> Iterator[tuple[str, int, Any]]:
     """Yield the type, the time and the content of each message of this project in a bag."""
     files = sorted(folder.glob("*.mcap"))
-    if files:  # our reader limits the size
+    if files:
         yield from _ours(sorted((each for file in files for each in _whole(file).messages), key=lambda each: each.time))
         return
-    for file in folder.iterdir():
-        if not file.is_dir():
-            open_regular(file).close()  # otherwise the reader would wait for a pipe
     from rosbags.highlevel import AnyReader  # here, since the import takes 0.2 s
 
     with AnyReader([folder], default_typestore=store_of_all()) as reader:

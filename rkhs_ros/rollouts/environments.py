@@ -21,8 +21,6 @@ Source = str | AnyEnv | AnyVectorEnv | Callable[[], AnyEnv | AnyVectorEnv]
 def spec_of(environment: str) -> EnvSpec:
     """Return Gymnasium's specification of an id; ``module:Id-v0`` imports the module that registers it.
 
-    The module may be installed or in the folder in which the process was started.
-
     Raises:
         ValueError: the id is unknown, or its module cannot be imported.
     """
@@ -148,6 +146,6 @@ def _registered(environment: str, options: dict[str, Any], num_envs: int) -> Env
 
 def _import_named_in(environment: str, module: str) -> None:
     try:
-        user_module(module)
+        user_module(module, f"add --env {truncated(environment)}")
     except ValueError as error:
         raise ValueError(f"unknown environment '{truncated(environment)}': {error}") from error

@@ -31,11 +31,6 @@ NODE_PARAMETERS = {
 }
 
 
-OF_CODE = (
-    "environment.id",
-    *(f"model.{part}" for part in ("reward_fn", "termination_fn", "dynamics_fn")),
-    *(f"robot.{rule}.function" for rule in ("reward", "end")),
-)  # settings that name code as MODULE:NAME
 ROBOT_NODES = ("robot", "gate", "simulated_robot")  # nodes that replace the simulator
 
 
@@ -106,13 +101,6 @@ class Config:
         robot = dict(_leaves({"robot": self.environment.nodes["robot"]})) if self.environment.nodes else {}
         learner = {entry.name: entry.value for entry in entries(self.training)}
         return {"environment.id": self.environment.id, **options, **robot, **learner}
-
-    @property
-    def modules(self) -> list[str]:
-        """Modules of the user's code that the settings name."""
-        known = self.settings
-        named = (str(known.get(name, "")).rpartition(":")[0] for name in OF_CODE)
-        return [module for module in named if module]
 
     def check_for_topics(self) -> None:
         """Raise ValueError if a setting, such as an option of the environment, cannot be a ROS parameter."""

@@ -12,7 +12,6 @@ from shlex import quote
 
 from rkhs_ros.base.endings import error_message
 from rkhs_ros.base.files import read_whole, write_whole
-from rkhs_ros.base.user_code import is_installed
 from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.diagnosis import Advice
 from rkhs_ros.learning.training import Iteration, lower_bound
@@ -275,18 +274,19 @@ def interruption_summary(folder: Path, config: Config) -> str:
 def next_steps(folder: Path, config: Config) -> str:
     """Return the folder of a finished run, and the commands that show and continue it."""
     name, longer = quote(str(folder)), 2 * config.training.iterations
-    named = f"{name}{_trust(config)}"
+    named = f"{name}{_environment(config)}"
     return f"Results: {name}; view: rkhs view {named}; continue: rkhs train --resume {named} --iterations {longer}"
 
 
 def resume_hint(folder: Path, config: Config) -> str:
     """Return the command that resumes a run."""
-    return f"resume with: rkhs train --resume {quote(str(folder))}{_trust(config)}"
+    return f"resume with: rkhs train --resume {quote(str(folder))}{_environment(config)}"
 
 
-def _trust(config: Config) -> str:
-    """Return the option --trust if the run names modules that are not installed."""
-    return "" if all(map(is_installed, config.modules)) else " --trust"
+def _environment(config: Config) -> str:
+    """Return the option that names the environment of a run, if that names its module."""
+    environment = config.environment.id
+    return f" --env {quote(environment)}" if ":" in environment else ""
 
 
 def _end(rows: list[Row], folder: Path) -> str:

@@ -11,7 +11,6 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from viser.transforms import SE3, SO3
 
-from rkhs_ros.base.files import open_regular
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.urdf import PACKAGE, located, read_urdf
 from rkhs_ros.view.bodies import Primitive, Surface, three
@@ -164,8 +163,7 @@ def _body(visual: Element, colour: str, folder: Path) -> Surface | Primitive:
 def _surface(file: Path, scale: Array, colour: str) -> Surface:
     import trimesh  # imported on use: it takes 0.3 s, and most robots have no meshes
 
-    with open_regular(file):  # reading a pipe would block
-        mesh: Any = trimesh.load(file, force="mesh", skip_materials=True)
+    mesh: Any = trimesh.load(file, force="mesh", skip_materials=True)
     vertices = np.asarray(mesh.vertices) * scale
     return Surface("mesh", three(np.ptp(vertices, axis=0)), colour, vertices, np.asarray(mesh.faces))
 

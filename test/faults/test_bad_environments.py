@@ -64,7 +64,7 @@ def test_a_bad_environment_ends_the_run_with_one_line_and_a_repaired_one_resumes
     assert len(curve(out)) == 3
     assert (out / "policy.npz").is_file()
     Path("mended").touch()
-    code, _, err = start("rkhs", "train", "--quiet", "--trust", "--resume", out).finish()
+    code, _, err = start("rkhs", "train", "--quiet", "--resume", out, "--env", "bad_tasks:Bad-v0").finish()
     assert (code, err) == (0, "")
     assert len(curve(out)) == 6
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from shlex import quote
 
 from rkhs_ros.app.inline import runner_of, untuned_config
+from rkhs_ros.app.named import SUFFIXES, named, task
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.state import first_policy
 from rkhs_ros.learning.task_check import TaskCheck
@@ -20,11 +21,13 @@ UNKNOWN_S = 1.0  # duration of a step that an environment does not state
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
-    add("task", metavar="ENV|CONFIG", help="an environment (module:Id-v0 imports the module), or a YAML file")
+    add(
+        "task", type=task, metavar="ENV|CONFIG", help="an environment (module:Id-v0 imports the module), or a YAML file"
+    )
     add("--episodes", type=int, default=EPISODES, metavar="N", help="exploring episodes (default: %(default)s)")
     add("--seed", type=int, metavar="N", help="seed of all randomness")
     about = "settings to replace, such as horizon=500"
-    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help=about)
+    add("--set", nargs="+", type=named, action="extend", default=[], metavar="KEY=VALUE", help=about)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -66,7 +69,7 @@ def _configuration(options: argparse.Namespace) -> Config:
 
 
 def _is_file(task: str) -> bool:
-    return Path(task).suffix in (".yaml", ".yml") or Path(task).is_file()
+    return Path(task).suffix in SUFFIXES or Path(task).is_file()
 
 
 def _kind(task: str) -> str:

@@ -9,7 +9,6 @@ from rich.console import Console
 from rich.text import Text
 
 import rkhs_ros.app.inline  # noqa: F401  # registers the tasks, whose known returns are plotted
-from rkhs_ros.app.trust import reads_data
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.pictures.comparison import draw_comparison, format_of
 from rkhs_ros.studies.comparison import CAPTION, Comparison, as_csv, as_markdown, as_table, compare
@@ -25,7 +24,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, default=out, metavar="FILE.png", help=about)
 
 
-@reads_data
 def run(options: argparse.Namespace) -> int:
     """Draw the picture, write the tables beside it, and print the table."""
     format_of(options.out)  # raises before anything is written

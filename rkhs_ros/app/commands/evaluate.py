@@ -10,8 +10,8 @@ from pathlib import Path
 from rkhs_ros.app.domain import reserved_domain
 from rkhs_ros.app.inline import load_acting
 from rkhs_ros.app.launcher import Further, launch
+from rkhs_ros.app.named import add_environment_argument
 from rkhs_ros.app.robots import check_robot, default_domain, robot_of
-from rkhs_ros.app.trust import add_trust_argument, reads_data
 from rkhs_ros.base.endings import FAILED, RESUMABLE
 from rkhs_ros.base.ros import require_ros
 from rkhs_ros.base.validation import require
@@ -36,14 +36,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=int, default=0, metavar="N", help="seed of all randomness (default: %(default)s)"
     )
-    parser.add_argument("--env", metavar="ID", help="the environment, if its module is not installed")
-    add_trust_argument(parser)
+    add_environment_argument(parser)
     parser.add_argument(
         "--discount", type=float, metavar="D", help="discount factor of the return (default: that of the task)"
     )
 
 
-@reads_data
 def run(options: argparse.Namespace) -> int:
     """Print the discounted and the undiscounted evaluation return as JSON."""
     episodes, discount = options.episodes, options.discount

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from rkhs_ros.app.commands.view import require_viser
-from rkhs_ros.app.trust import add_trust_argument, reads_data
+from rkhs_ros.app.named import add_environment_argument
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.validation import require
 from rkhs_ros.policies.onnx_check import TOLERANCE, export_onnx
@@ -33,10 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="steps per second, a whole number (default: from the time stamps of a robot)",
     )
     add("--task", metavar="TEXT", help="description of the task (default: id of the environment)")
-    add_trust_argument(parser)
+    add_environment_argument(parser)
 
 
-@reads_data
 def run(options: argparse.Namespace) -> int:
     """Write the policy, the page or the completed episodes."""
     given = [name for name in ("file", "lerobot") if getattr(options, name)]

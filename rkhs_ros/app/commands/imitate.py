@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from rkhs_ros.app.inline import spaces_of
-from rkhs_ros.app.trust import add_trust_argument, reads_data
+from rkhs_ros.app.named import named
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.imitation import imitation_from
@@ -27,8 +27,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
     add("episodes", type=Path, metavar="DIR|EPISODES", help="a run's folder, episodes *.npz, or a recording")
-    add("--env", metavar="ID", help="the environment of the episodes, if the file does not name it")
-    add_trust_argument(parser)
+    add(
+        "--env",
+        type=named,
+        metavar="ID",
+        help="the environment of the episodes, if the file does not name it, or its module is in the current folder",
+    )
     add(
         "--set",
         nargs="+",
@@ -46,7 +50,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-@reads_data
 def run(options: argparse.Namespace) -> int:
     """Fit the policy, save it, and print its distance from the demonstrations."""
     file = options.episodes
@@ -82,9 +85,9 @@ def _recorded(path: Path) -> tuple[Episodes, Task | None, int]:
 
 
 def _task(episodes: Episodes, recorded: Task | None, environment: str | None) -> Task:
-    if environment is not None:
-        return Task(environment, {}, episodes.horizon, DISCOUNT)
-    return recorded or Task("", {}, episodes.horizon, DISCOUNT)
+    if recorded is not None and environment in (None, recorded.environment):
+        return recorded
+    return Task(environment or "", {}, episodes.horizon, DISCOUNT)
 
 
 def _plain(episodes: Episodes) -> Spaces:

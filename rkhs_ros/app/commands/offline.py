@@ -10,7 +10,7 @@ from math import inf
 from pathlib import Path
 
 from rkhs_ros.app.inline import spaces_of
-from rkhs_ros.app.trust import add_trust_argument, reads_data
+from rkhs_ros.app.named import SUFFIXES, named, source
 from rkhs_ros.base.lock import locked
 from rkhs_ros.base.streams import Lossy
 from rkhs_ros.base.validation import require
@@ -31,7 +31,6 @@ from rkhs_ros.runs.report import BEST_POLICY, Report, new_folder
 from rkhs_ros.runs.run import finished
 
 ITERATIONS = 3  # of model-based training
-SUFFIXES = (".yaml", ".yml")  # of a configuration
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add(
         "sources",
-        type=Path,
+        type=source,
         nargs="+",
         metavar="RECORDING",
         help="recordings of one task, and optionally a configuration, *.yaml",
@@ -48,20 +47,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     about = "number of times that the policy is trained in the model (default: %(default)s)"
     add("--iterations", type=int, default=ITERATIONS, metavar="N", help=about)
     about = "settings to replace, such as model.centres=300"
-    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help=about)
+    add("--set", nargs="+", type=named, action="extend", default=[], metavar="KEY=VALUE", help=about)
     add("--out", type=Path, metavar="DIR", help="folder for the results (default: results/NAME/TIME)")
-    add_trust_argument(parser)
     add("--quiet", action="store_true", help="no progress bar")
 
 
 def run(options: argparse.Namespace) -> int:
     """Train the policy, plot the run and print the returns."""
-    options.trust |= any(path.suffix in SUFFIXES for path in options.sources)  # a person chose the configuration
-    return _train(options)
-
-
-@reads_data
-def _train(options: argparse.Namespace) -> int:
     files = [path for path in options.sources if path.suffix in SUFFIXES]
     require(len(files) <= 1, "offline", "at most one configuration", ", ".join(map(str, files)))
     recordings = {str(path): read_recording(path) for path in options.sources if path not in files}

@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 
 from rkhs_ros.app.inline import load_acting
+from rkhs_ros.app.named import add_environment_argument
 from rkhs_ros.app.robots import robot_of
-from rkhs_ros.app.trust import add_trust_argument, reads_data
 from rkhs_ros.base.validation import require
 from rkhs_ros.pictures.film import USUAL, shoot
 from rkhs_ros.pictures.film_files import animate, draw_strip
@@ -25,11 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--frames", type=int, default=USUAL, metavar="N", help="maximum number of pictures (default: %(default)s)"
     )
-    parser.add_argument("--env", metavar="ID", help="the environment, if its module is not installed")
-    add_trust_argument(parser)
+    add_environment_argument(parser)
 
 
-@reads_data
 def run(options: argparse.Namespace) -> int:
     """Write the film strip and the animation, and print their paths."""
     require(

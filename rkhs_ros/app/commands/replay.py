@@ -6,7 +6,6 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from rkhs_ros.app.trust import add_trust_argument, reads_data
 from rkhs_ros.base.endings import FAILED
 from rkhs_ros.recordings.recording import Recording, read_recording
 from rkhs_ros.runs.progress import progress_bar
@@ -21,10 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "recording", type=Path, metavar="RECORDING", help="a recording, or the folder of a recorded run"
     )
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
-    add_trust_argument(parser)
 
 
-@reads_data
 def run(options: argparse.Namespace) -> int:
     """Print that all updates are bit-identical, or the first update that is not."""
     recording = read_recording(options.recording)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from pathlib import Path
 
 from rkhs_ros.app.domain import VARIABLE
 from rkhs_ros.app.inline import spaces_of, untuned_config
 from rkhs_ros.app.launcher import launch_worlds
+from rkhs_ros.app.named import configuration, named
 from rkhs_ros.app.robots import check_robot
 from rkhs_ros.base.ros import require_ros
 from rkhs_ros.base.validation import require
@@ -20,10 +20,16 @@ from rkhs_ros.runs.report import resolved
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
-    add("config", type=Path, nargs="?", metavar="CONFIG", help="YAML file of a simulator or a robot; see config/")
-    add("--env", metavar="ID", help="an environment instead of CONFIG (module:Id-v0 imports the module)")
+    add(
+        "config",
+        type=configuration,
+        nargs="?",
+        metavar="CONFIG",
+        help="YAML file of a simulator or a robot; see config/",
+    )
+    add("--env", type=named, metavar="ID", help="an environment instead of CONFIG (module:Id-v0 imports the module)")
     about = "settings to replace, such as robot.period=0.1"
-    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help=about)
+    add("--set", nargs="+", type=named, action="extend", default=[], metavar="KEY=VALUE", help=about)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -9,6 +9,7 @@ from math import isfinite
 from pathlib import Path
 
 from rkhs_ros.app.inline import runner_of, warn_of_horizon
+from rkhs_ros.app.named import configuration
 from rkhs_ros.app.seeds import parse_seeds
 from rkhs_ros.app.study import (
     add_worker_arguments,
@@ -37,7 +38,7 @@ Point = tuple[str, ...]  # changes of the configuration
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
-    add("config", type=Path, metavar="CONFIG", help="YAML file; see config/")
+    add("config", type=configuration, metavar="CONFIG", help="YAML file; see config/")
     add("--vary", nargs="+", action="extend", required=True, metavar="KEY=V,V", help="settings and their values")
     add(
         "--seeds",

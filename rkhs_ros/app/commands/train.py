@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 from rkhs_ros.app.commands.view import page_beside, require_viser, stay_with
 from rkhs_ros.app.domain import reserved_domain
-from rkhs_ros.app.inline import runner_of, untuned_config, warn_of_horizon
+from rkhs_ros.app.inline import check_environment, runner_of, untuned_config, warn_of_horizon
 from rkhs_ros.app.launcher import journal_in, launch
+from rkhs_ros.app.named import configuration, named
 from rkhs_ros.app.resuming import resuming
 from rkhs_ros.app.robots import check_robot, default_domain
 from rkhs_ros.app.seeds import begin_seeds, parse_seeds, seed_folders
 from rkhs_ros.app.study import add_worker_arguments, make_missing, report_failures, workers_of
-from rkhs_ros.app.trust import add_trust_argument, reads_data
 from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED, RunError, print_error
 from rkhs_ros.base.files import read_whole, write_whole
 from rkhs_ros.base.ros import missing_ros, require_ros
@@ -50,8 +50,8 @@ from rkhs_ros.studies.comparison import compare
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
-    add("config", type=Path, nargs="?", metavar="CONFIG", help="YAML file; see config/")
-    add("--env", metavar="ID", help="an environment instead of CONFIG (module:Id-v0 imports the module)")
+    add("config", type=configuration, nargs="?", metavar="CONFIG", help="YAML file; see config/")
+    add("--env", type=named, metavar="ID", help="an environment instead of CONFIG (module:Id-v0 imports the module)")
     add("--resume", type=Path, metavar="DIR", help="a run, or the runs of --seeds, to resume instead of CONFIG")
     add(
         ACCEPT,
@@ -71,23 +71,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_worker_arguments(parser, "runs of --seeds")
     add("--iterations", type=int, metavar="N", help="number of policy updates")
     about = "settings to replace, such as algorithm.ridge=0.1"
-    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help=about)
+    add("--set", nargs="+", type=named, action="extend", default=[], metavar="KEY=VALUE", help=about)
     add("--out", type=Path, metavar="DIR", help="folder for the results (default: results/NAME/TIME)")
     add("--view", action="store_true", help="show the run in the browser")
     add("--tensorboard", action="store_true", help="log each iteration for TensorBoard as well, in DIR/tensorboard")
-    add_trust_argument(parser)
     add("--quiet", action="store_true", help="no progress bar")
 
 
 def run(options: argparse.Namespace) -> int:
     """Train, plot the run and print a summary."""
     _check_source(options)
-    options.trust |= options.resume is None  # a person chose the configuration; a run's folder may be foreign data
-    return _train(options)
-
-
-@reads_data
-def _train(options: argparse.Namespace) -> int:
     if options.view:
         require_viser()
     has_events(options.resume, options.tensorboard)
@@ -98,7 +91,7 @@ def _train(options: argparse.Namespace) -> int:
         given = getattr(options, name)
         require(given is None, f"--{name}", "--seeds, or --resume of runs with several seeds", "one run")
     prepared = _prepared(options)
-    beside = page_beside(prepared.folder, trust=options.trust) if options.view else nullcontext()
+    beside = page_beside(prepared.folder) if options.view else nullcontext()
     with prepared.runner or nullcontext(), beside as page:
         code = _train_one(options, prepared)
         if page and code == 0:
@@ -116,7 +109,8 @@ def _check_source(options: argparse.Namespace) -> None:
     """Raise ValueError unless there is one source of the settings: a configuration, an environment or an old run."""
     given = [name for name in ("CONFIG", "--env", "--resume") if getattr(options, name.strip("-").lower())]
     expected = "exactly one of CONFIG, --env ID and --resume DIR"
-    require(len(given) == 1, "train", expected, " and ".join(given) or "none")
+    sources = [name for name in given if name != "--env" or not options.resume]  # which repeats the old run's
+    require(len(sources) == 1, "train", expected, " and ".join(given) or "none")
     names = ("seed", "seeds", "set", "out", "algorithm", "policy")
     wrong = [f"--{name}" for name in names if options.resume and getattr(options, name) not in (None, [])]
     require(bool(options.resume) or not options.allow_provenance_change, ACCEPT, "--resume DIR as well", "none")
@@ -134,9 +128,11 @@ def _configuration(options: argparse.Namespace, file: Path | None) -> Config:
             f"algorithm.name={options.algorithm}" if file is None else f"algorithm={{name: {options.algorithm}}}"
         )
     changes += options.set
-    if file is not None:
-        return load_config(file, changes)
-    return untuned_config(options.env, changes)
+    if file is None:
+        return untuned_config(options.env, changes)
+    config = load_config(file, changes)
+    check_environment(options.env, config.environment.id, f"{file.parent}")
+    return config
 
 
 def _learnable(config: Config, first_policy: Path | None, *, quiet: bool = False) -> tuple[Spaces, InlineRunner | None]:

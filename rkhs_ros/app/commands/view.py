@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING
 
 import rkhs_ros.app.inline  # noqa: F401  # registers the tasks, which are shown
 from rkhs_ros.app.domain import domain_of
-from rkhs_ros.app.trust import add_trust_argument, reads_data
+from rkhs_ros.app.named import add_environment_argument
 from rkhs_ros.base.endings import INTERRUPTED
 from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.base.ros import missing_ros
+from rkhs_ros.base.search_path import python
 from rkhs_ros.base.streams import Lossy
 from rkhs_ros.base.validation import require
 from rkhs_ros.recordings.recording import FILE
@@ -52,10 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="port; the next free port is used if taken (default: %(default)s)",
     )
-    add_trust_argument(parser)
+    add_environment_argument(parser)
 
 
-@reads_data
 def run(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C.
 
@@ -100,17 +100,15 @@ def require_viser() -> None:
 
 
 @contextmanager
-def page_beside(folder: Path, *, trust: bool) -> Iterator[subprocess.Popen[str]]:
+def page_beside(folder: Path) -> Iterator[subprocess.Popen[str]]:
     """Serve the page of a run in a separate process, whose failure does not affect the run.
 
     Print the address of the page before the run starts.
 
     Args:
         folder: folder of the run, which must be recorded.
-        trust: whether the page may import modules that the run names.
     """
-    trusted = ["--trust"] if trust else []
-    command = [sys.executable, "-P", "-m", "rkhs_ros.app.cli", "view", "--wait", *trusted, str(folder / FILE)]
+    command = [*python("rkhs_ros.app.cli"), "view", "--wait", str(folder / FILE)]
     page = subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,

@@ -27,6 +27,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 from rkhs_ros.base.endings import INTERRUPTED, RESUMABLE, RunError, SilentError, Stop, print_error
+from rkhs_ros.base.search_path import search_here
 from rkhs_ros.base.settings import Entry
 from rkhs_ros.base.streams import tolerate_lost_stderr
 from rkhs_ros.base.threads import one_thread
@@ -239,6 +240,8 @@ def _begin(name: str) -> None:
         ValueError: the arguments or the domain are invalid.
     """
     check_arguments(name, sys.argv[1:])
+    if not sys.flags.safe_path:  # the node was started by hand; others search where their parent does
+        search_here()
     os.environ.update(by_udp(os.environ))
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)

@@ -268,8 +268,10 @@ def test_help_and_version_import_the_standard_library_only(option: str) -> None:
             "rkhs_ros",
             "rkhs_ros.app",
             "rkhs_ros.app.cli",
+            "rkhs_ros.app.named",
             "rkhs_ros.base",
             "rkhs_ros.base.endings",
+            "rkhs_ros.base.search_path",
             "rkhs_ros.base.streams",
         )
     }

@@ -1,4 +1,3 @@
-import os
 import resource
 import signal
 from collections.abc import Callable
@@ -20,7 +19,7 @@ from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.run import run_training
-from test.unit.conftest import Result, assert_refused
+from test.unit.conftest import Result
 from test.unit.recordings.recorded_runs import CONFIG, Robot, content, longer, recorded_run
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -311,18 +310,6 @@ def chunks(content: bytes | bytearray) -> list[int]:
         found += [at] if content[at] == Opcode.CHUNK else []
         at += 9 + int.from_bytes(content[at + 1 : at + 9], "little")
     return found
-
-
-@pytest.mark.timeout(60)
-@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")], ids=["pipe", "device"])
-def test_a_pipe_or_a_device_is_rejected_as_a_recording(
-    tmp_path: Path, rkhs: Callable[..., Result], make: Callable[[Path], None]
-) -> None:
-    file = recorded_run(tmp_path / "run", longer(2))
-    file.unlink()
-    make(file)
-    command = ("train", "--resume", "run", "--runner", "inline", "--quiet", "--iterations", 3)
-    assert_refused(rkhs(*command), "run/recording.mcap: expected a regular file, got a pipe, a device or a socket")
 
 
 def test_errors_mention_a_damaged_header_or_episode(tmp_path: Path, rkhs: Callable[..., Result]) -> None:

@@ -13,6 +13,7 @@ import pytest
 from gymnasium.spaces import Box
 
 from rkhs_ros.base.endings import RunError
+from rkhs_ros.base.search_path import search_here
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.inline_runner import InlineRunner
@@ -155,6 +156,7 @@ gymnasium.register("Selfish-v0", Selfish, max_episode_steps=3)
 
 def test_changes_of_process_state_by_an_environment_are_undone(tmp_path: Path) -> None:
     Path("selfish.py").write_text(SELFISH)
+    search_here()
     before = np.geterr()
     try:
         simulation = Simulation("selfish:Selfish-v0")

@@ -168,7 +168,7 @@ def test_evaluating_imitated_episodes_requires_an_environment(rkhs: Rkhs) -> Non
         (("train", "my_slide:Slide-v0"), ". For an environment, use rkhs train --env my_slide:Slide-v0"),
         (
             ("train", "--env", "no_slide:Slide-v0"),
-            "expected an importable module 'no_slide', installed or in this folder, got ModuleNotFoundError",
+            "expected an importable module 'no_slide', got ModuleNotFoundError: No module named 'no_slide'",
         ),
         (
             ("train", "--env", "my_slide:Slide-v0", "--algorithm", "nac"),
