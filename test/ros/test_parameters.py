@@ -43,7 +43,7 @@ def test_every_setting_is_described_and_read_only(learner: Probe) -> None:
 def test_environment_options_are_described_and_read_only(
     start: Callable[..., Process], parameters: Callable[..., Path], probe: Probe
 ) -> None:
-    file = parameters("pendulum_wrap_nac")
+    file = parameters("pendulum_wrap_few_nac")
     start("simulator", "--ros-args", "--params-file", file)
     probe.add_service("simulator/describe_parameters", DescribeParameters)
     probe.add_service("simulator/set_parameters", SetParameters)
