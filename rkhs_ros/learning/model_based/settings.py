@@ -26,7 +26,7 @@ class ModelBased(Settings):
         minimum=1,
         maximum=1000,
     )
-    rollouts: int = setting(25, "model rollouts with exploration noise per update", minimum=1, maximum=10_000)
+    rollouts: int = setting(50, "model rollouts with exploration noise per update", minimum=1, maximum=10_000)
     validation_rollouts: int = setting(
         50,
         "number of model rollouts of the policy mean that measure a policy, with the same random numbers for all "
