@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from hashlib import blake2b
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Protocol
@@ -27,13 +28,14 @@ from rkhs_ros.policies.streams import Batch, stream
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array, Linear
-from rkhs_ros.runs.provenance import CODE, LIBRARIES, code_digest
+from rkhs_ros.runs.provenance import LIBRARIES
 from trial import Meter, MeteredRunner, Point, Trial
 
 FIRST_SD = 0.5  # initial standard deviation of the weights in CMA-ES
 DIRECTIONS, BEST = 8, 4  # directions that ARS samples, and those that it uses
 PROBE, STEP_SIZE = 0.1, 0.1  # size of the perturbation and of the step in ARS
 NEGLIGIBLE_VARIANCE = 1e-18  # of a deterministic policy
+CODE = tuple(f"rkhs_ros.{part}" for part in ("base", "rkhs", "policies", "learning", "rollouts", "runs"))
 CONSTANT = 1e-8  # standard deviation below which an input is ignored
 
 
@@ -218,10 +220,20 @@ class Learner:
             trial.discounted,
             settings,
             versions,
-            code_digest((*self.code, "sim_nodes")),
+            _source_digest((*self.code, "sim_nodes")),
             scripts,
         ]
         return blake2b(json.dumps(content, sort_keys=True).encode(), digest_size=8).hexdigest()
+
+
+def _source_digest(packages: Iterable[str]) -> str:
+    """Return a digest of the source files of packages."""
+    digest = blake2b(digest_size=8)
+    for package in packages:
+        for folder in import_module(package).__path__:
+            for path in sorted(Path(folder).rglob("*.py")):
+                digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def _linear(make: Callable[[int, int], Search]) -> Learner:

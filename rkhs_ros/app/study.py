@@ -76,7 +76,6 @@ def make_missing(
     quiet: bool,
     drawn: bool = False,
     tensorboard: bool = False,
-    provenance_may_change: bool = False,
 ) -> dict[Path, str]:
     """Start or resume the unfinished runs; return the errors of the failed runs by folder.
 
@@ -87,9 +86,8 @@ def make_missing(
         quiet: show no progress bar.
         drawn: plot each run.
         tensorboard: write TensorBoard events of each run.
-        provenance_may_change: resume runs of other code or libraries.
     """
-    how = drawn, tensorboard, provenance_may_change
+    how = drawn, tensorboard
     missing = [(path, each, *how) for path, each in runs.items() if not _is_done(path, each, drawn)]
     ends: dict[Path, str | None] = {}
     try:
@@ -113,24 +111,14 @@ def _is_done(folder: Path, config: Config, drawn: bool) -> bool:
     return False
 
 
-def _make(
-    folder: Path, config: Config, drawn: bool, tensorboard: bool, provenance_may_change: bool
-) -> tuple[Path, str | None]:
+def _make(folder: Path, config: Config, drawn: bool, tensorboard: bool) -> tuple[Path, str | None]:
     """Start or resume a run; return its folder and its error, which is None if the run succeeded."""
     try:
         if not is_started(folder):
             folder.mkdir(parents=True, exist_ok=True)
             begin(folder, config)
         with runner_of(config.environment) as runner:
-            run_training(
-                config,
-                runner,
-                folder,
-                quiet=True,
-                resume=True,
-                tensorboard=tensorboard,
-                provenance_may_change=provenance_may_change,
-            )
+            run_training(config, runner, folder, quiet=True, resume=True, tensorboard=tensorboard)
         if drawn:
             from rkhs_ros.pictures.run_pictures import draw_run  # here, since most studies do not plot each run
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from io import StringIO
 from pathlib import Path
 
@@ -18,7 +18,7 @@ Make = Callable[[Mapping[Path, Config]], Mapping[Path, str]]
 COLUMNS = ("panel", "curve", "run", "iteration", "episodes", "exploration_return", "evaluation_return")
 
 
-def reproduce(experiment: Experiment, out: Path, make: Make, *, runs: int, packages: Sequence[str]) -> Path:
+def reproduce(experiment: Experiment, out: Path, make: Make, *, runs: int) -> Path:
     """Run an experiment and return its table, a CSV file.
 
     Args:
@@ -26,7 +26,6 @@ def reproduce(experiment: Experiment, out: Path, make: Make, *, runs: int, packa
         out: folder for the table and the runs, which are indexed by settings and provenance.
         make: function that starts or resumes runs in their folders, and returns the errors of failed runs by folder.
         runs: number of runs of each curve.
-        packages: names of the packages that contain the tasks, whose code is part of the provenance.
 
     Raises:
         RunError: a run failed.
@@ -37,7 +36,7 @@ def reproduce(experiment: Experiment, out: Path, make: Make, *, runs: int, packa
         for curve in panel.curves
         for run in range(runs)
     }
-    folders = {key: indexed_folder(out, config, *packages) for key, config in places.items()}
+    folders = {key: indexed_folder(out, config) for key, config in places.items()}
     failures = make({folders[key]: config for key, config in places.items()})
     for folder, why in failures.items():
         raise RunError(

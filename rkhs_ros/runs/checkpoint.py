@@ -20,10 +20,8 @@ from rkhs_ros.policies.storage import packed, policy_arrays, policy_of, unpacked
 from rkhs_ros.recordings.recording import FILE
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import KINDS, Row
-from rkhs_ros.runs.provenance import provenance
 
 SCHEMA = 8
-ACCEPT = "--allow-provenance-change"  # option of ``rkhs train``
 SYNC_EVERY = 1.0  # seconds; waiting for the disk takes longer than many iterations
 STORED = 2  # newest checkpoints that are not deleted
 FREE = ("iterations", "timeout")  # settings that do not affect the result of an iteration
@@ -58,18 +56,10 @@ class Checkpoints:
     Args:
         folder: the folder DIR of the run.
         config: configuration of the run.
-        provenance_may_change: whether to resume a run of other code or libraries.
         clock: monotonic clock in seconds.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        config: Config,
-        *,
-        provenance_may_change: bool = False,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
+    def __init__(self, folder: Path, config: Config, clock: Callable[[], float] = time.monotonic) -> None:
         self._folder = folder / "checkpoints"
         self._recording = folder / FILE
         self._config = config
@@ -77,8 +67,6 @@ class Checkpoints:
         self._synced_at = clock()
         self._synced: Path | None = None
         self._last: list[Path] = []
-        self._provenance = provenance()
-        self._compared = config.settings if provenance_may_change else config.settings | self._provenance
 
     def write(self, state: State, rows: Sequence[Row]) -> None:
         """Write the state after an iteration, with the rows of the learning curve so far.
@@ -108,7 +96,7 @@ class Checkpoints:
             The checkpoint, or None if there is none.
 
         Raises:
-            ValueError: a checkpoint has another schema, other settings or provenance, or more iterations than the run;
+            ValueError: a checkpoint has another schema, other settings, or more iterations than the run;
                 or all checkpoints are damaged.
             OSError: the disk failed.
         """
@@ -162,8 +150,7 @@ class Checkpoints:
         return self._folder / f"{iterations:07}.npz"
 
     def _content(self, state: State, rows: Sequence[Row]) -> bytes:
-        run = {"settings": self._config.settings, "provenance": self._provenance}
-        about = {"schema": SCHEMA, "version": __version__, **run}
+        about = {"schema": SCHEMA, "version": __version__, "settings": self._config.settings}
         counts = {name: getattr(state, name) for name in COUNTS}
         about |= counts | {"earlier": len(state.earlier)}
         earlier = {
@@ -177,7 +164,7 @@ class Checkpoints:
         try:
             arrays = unpacked(read_whole(path))
             about = json.loads(arrays["about"].item())
-            _check_same_run(path, about, self._compared)
+            _check_same_run(path, about, self._config.settings)
             counts = {name: about[name] for name in COUNTS}
             good = all(type(count) is int and count >= 0 for count in counts.values())
             require(good, "counts", "whole numbers >= 0", counts)
@@ -199,14 +186,13 @@ def _check_same_run(path: Path, about: dict[str, Any], compared: dict[str, Any])
         raise OtherRunError(
             f"{path}: expected a checkpoint of schema {SCHEMA}, got schema {schema}. Resume with rkhs_ros {version}"
         )
-    began = about["settings"] | about["provenance"]
+    began = about["settings"]
     given = json.loads(json.dumps(compared))
-    for name in [*given, *about["settings"]]:
+    for name in [*given, *began]:
         expected, got = (settings.get(name, "no such setting") for settings in (began, given))
         if expected != got and name not in FREE:
-            remedy = f", or resume regardless with {ACCEPT}" * (name in about["provenance"])
             raise OtherRunError(
-                f"{path}: {name}: expected {expected} as at the start of the run, got {got}. Start another run{remedy}"
+                f"{path}: {name}: expected {expected} as at the start of the run, got {got}. Start another run"
             )
 
 

@@ -27,7 +27,7 @@ NODE_PARAMETERS = {
     "gate": OF_ANY_NODE,
     "simulated_robot": OF_ANY_NODE,
     "policy": OF_ANY_NODE | {"policy_file"},
-    "learner": OF_ANY_NODE | {"output", "quiet", "resume", "provenance_may_change", "evaluate"},
+    "learner": OF_ANY_NODE | {"output", "quiet", "resume", "evaluate"},
 }
 
 

@@ -32,6 +32,6 @@ def load_model(folder: str | Path) -> LearntModel:
     config, spaces = load_config(folder / CONFIGURATION), read_policy(policy).spaces
     if spaces is None:
         raise ValueError(f"{policy}: expected a policy with the spaces of its task, got one without")
-    training, found = config.training, Checkpoints(folder, config, provenance_may_change=True).last()
+    training, found = config.training, Checkpoints(folder, config).last()
     episodes = read_recording(folder).by_numbers()
     return LearntModel.of(training, with_memory(found, training, spaces, episodes, f"{folder / FILE}"), spaces)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import sys
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import groupby
@@ -25,7 +26,7 @@ from rkhs_ros.recordings.batches import RecordedBatch
 from rkhs_ros.recordings.container import MessageFile
 from rkhs_ros.recordings.recorder import Recorder
 from rkhs_ros.recordings.recording import FILE, Head, read_held
-from rkhs_ros.runs.checkpoint import ACCEPT, FREE, Checkpoint
+from rkhs_ros.runs.checkpoint import FREE, Checkpoint
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.provenance import provenance_lines
 from rkhs_ros.runs.report import FIRST_POLICY, resolved
@@ -101,9 +102,8 @@ def recorded(
     found: Checkpoint | None,
     *,
     sync: bool,
-    provenance_may_change: bool = False,
 ) -> Iterator[RecordingRunner]:
-    """Record a run in its folder, or continue its recording.
+    """Record a run in its folder, or continue its recording; print a warning if it was recorded with other versions.
 
     Args:
         config: configuration of the run.
@@ -111,7 +111,6 @@ def recorded(
         folder: folder of the run.
         found: checkpoint from which the run resumes; None for a new run.
         sync: sync each message to the disk, such as for a robot, whose episodes are costly.
-        provenance_may_change: whether to continue a recording of other code or libraries, with a new header.
 
     Raises:
         ValueError: the recording belongs to another run, or lacks finished iterations or their episodes.
@@ -123,8 +122,8 @@ def recorded(
     is_new = not held.heads or held.heads[-1].versions != head.versions
     if held.head:
         _check_same_run(file, held.head, head)
-        expected = f"a recording with the current versions (or {ACCEPT})"
-        require(provenance_may_change or not is_new, f"{file}", expected, "other versions")
+    if held.heads and is_new:
+        print(f"warning: {file}: {_changes(held.heads[-1].versions, head.versions)}", file=sys.stderr)
     episodes = held.by_numbers()
     state = with_memory(found, config.training, runner.spaces, episodes, f"{file}") if found else None
     counts = (state.evaluated, state.explored) if state else (0, 0)
@@ -177,6 +176,12 @@ def training_of(head: Head) -> Training:
         ValueError: the settings are invalid.
     """
     return training_from(loaded(head.configuration)[LEARNER][PARAMETERS])
+
+
+def _changes(before: Sequence[str], now: Sequence[str]) -> str:
+    """Return a sentence about the versions that have changed."""
+    began, resumes = (", ".join(sorted(set(one) - set(other))) for one, other in ((before, now), (now, before)))
+    return f"begun with {began}, resumed with {resumes}; the results may differ from those of an uninterrupted run"
 
 
 def _check_same_run(file: Path, began: Head, resumed: Head) -> None:

@@ -48,7 +48,6 @@ def run_training(
     resume: bool = False,
     tensorboard: bool = False,
     sync: bool = False,
-    provenance_may_change: bool = False,
     on_iteration: OnIteration = ignore_iteration,
     on_advice: OnAdvice | None = None,
 ) -> Path:
@@ -62,7 +61,6 @@ def run_training(
         resume: resume the run in the folder.
         tensorboard: write TensorBoard events.
         sync: sync each message of the recording to the disk.
-        provenance_may_change: resume a run of other code or libraries.
         on_iteration: callback for each iteration, after its results are written.
         on_advice: callback for advice if the run does not learn; None prints it with the progress.
 
@@ -78,7 +76,6 @@ def run_training(
         resume=resume,
         tensorboard=tensorboard,
         sync=sync,
-        provenance_may_change=provenance_may_change,
         on_advice=on_advice,
     )
     with closing(steps):
@@ -96,7 +93,6 @@ def training_steps(
     resume: bool = False,
     tensorboard: bool = False,
     sync: bool = False,
-    provenance_may_change: bool = False,
     on_advice: OnAdvice | None = None,
 ) -> Generator[tuple[Iteration, Report], None, None]:
     """Train, write the results, and yield each iteration after its results are written.
@@ -110,10 +106,10 @@ def training_steps(
         runner: runner of the episodes.
         folder: existing folder of the results.
         quiet: show no progress bar.
-        resume: resume the run in the folder; its results are bit-identical to those of an uninterrupted run.
+        resume: resume the run in the folder; with the same versions, its results are bit-identical to those of an
+            uninterrupted run.
         tensorboard: write TensorBoard events; a resumed run continues existing events in any case.
         sync: sync each message of the recording to the disk, such as for a robot, whose episodes are costly.
-        provenance_may_change: resume a run of other code or libraries; config.yaml records the change.
         on_advice: callback for advice if the run does not learn; None prints it with the progress.
 
     Raises:
@@ -124,7 +120,7 @@ def training_steps(
     tensorboard = has_events(folder, tensorboard)
     with locked(folder):
         require(resume or not is_started(folder), f"{folder}", "a new or empty folder for the results", "a run")
-        checkpoints = Checkpoints(folder, config, provenance_may_change=provenance_may_change)
+        checkpoints = Checkpoints(folder, config)
         found = checkpoints.newest() if resume else None
         state, rows = found or (None, [])
         if resume and state is None:
@@ -138,8 +134,7 @@ def training_steps(
         warm_start = _given(folder)
         if not is_started(folder):
             begin(folder, config)
-        how = {"sync": sync, "provenance_may_change": provenance_may_change}
-        recording = recorded(config, runner, folder, found, **how)
+        recording = recorded(config, runner, folder, found, sync=sync)
         events = logged(folder, rows) if tensorboard else nullcontext(ignore_row)
         with recording as recorder, events as log_row:
             first = recorder.state or first_state(config.training, runner.spaces, warm_start)

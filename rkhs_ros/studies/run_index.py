@@ -10,13 +10,12 @@ from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.provenance import provenance
 
 
-def indexed_folder(folder: Path, config: Config, *packages: str) -> Path:
+def indexed_folder(folder: Path, config: Config) -> Path:
     """Return the folder of a run within the folder of its study, named by a hash of settings and provenance.
 
     Args:
         folder: folder of the study.
         config: configuration of the run.
-        packages: names of the packages that contain the task.
     """
-    key = dumped(config.parameters()) + dumped(provenance(*packages))
+    key = dumped(config.parameters()) + dumped(provenance())
     return folder / "runs" / blake2b(key.encode(), digest_size=12).hexdigest()

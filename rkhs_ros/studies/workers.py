@@ -26,7 +26,7 @@ from joblib.externals.loky.process_executor import BrokenProcessPool
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.base.validation import require, require_extra
-from rkhs_ros.runs.provenance import TASKS, provenance
+from rkhs_ros.runs.provenance import provenance
 
 ALL_CORES = -1
 CONNECT_TIMEOUT_S = 10
@@ -60,7 +60,7 @@ class Pool(NamedTuple):
 
         Raises:
             WorkerLostError: some calls could not be executed; raised after all others completed.
-            ValueError: a worker runs other code.
+            ValueError: a worker has other versions.
         """
         ended: SimpleQueue[Future[T]] = SimpleQueue()
         missing, submitted = iter(arguments), 0
@@ -165,13 +165,12 @@ def _dask(address: str) -> Iterator[Pool]:
 
 
 def _with_our_code(submit: Callable[..., Future[Any]]) -> Callable[..., Future[Any]]:
-    """Wrap a submit function so that a worker rejects calls unless its results are bit-identical to ours."""
-    ours = provenance(*TASKS)
-    return lambda call, *arguments: submit(_checked, ours, call, *arguments)
+    """Wrap a submit function so that a worker with other versions, whose results may differ, rejects calls."""
+    return lambda call, *arguments: submit(_checked, provenance(), call, *arguments)
 
 
 def _checked(expected: dict[str, str], call: Callable[..., T], *arguments: Any) -> T:
-    got = provenance(*TASKS)
+    got = provenance()
     for name, value in expected.items():
         require(got[name] == value, f"worker: {name}", value, got[name])
     return call(*arguments)

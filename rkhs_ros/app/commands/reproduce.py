@@ -12,7 +12,6 @@ from rkhs_ros.paper.experiment import known, load_experiment
 from rkhs_ros.paper.figures import draw_experiment
 from rkhs_ros.paper.reproduce import reproduce
 from rkhs_ros.paper.table import load_table
-from rkhs_ros.runs.provenance import TASKS
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,7 +33,7 @@ def run(options: argparse.Namespace) -> int:
     names = list(known()) if options.figure == "all" else [options.figure]
     for experiment in [load_experiment(name) for name in names]:
         make = partial(make_missing, workers=workers, title=experiment.name, quiet=options.quiet)
-        table = reproduce(experiment, out, make, runs=options.runs or experiment.runs, packages=TASKS)
+        table = reproduce(experiment, out, make, runs=options.runs or experiment.runs)
         picture = table.with_suffix(".png")
         draw_experiment(picture, experiment, load_table(table))
         print(f"{experiment.name}: {table} and {picture}")

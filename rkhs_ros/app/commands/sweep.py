@@ -26,7 +26,6 @@ from rkhs_ros.learning.state import first_state
 from rkhs_ros.pictures.comparison import draw_comparison
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve
-from rkhs_ros.runs.provenance import TASKS
 from rkhs_ros.studies.comparison import compare
 from rkhs_ros.studies.grid import Outcome, as_csv, as_markdown, parse_variations, points, require_evaluated
 from rkhs_ros.studies.run_index import indexed_folder
@@ -74,7 +73,7 @@ def run(options: argparse.Namespace) -> int:
         if not options.quiet:
             warn_of_horizon(runner.simulation, first.training.horizon, given=first.sets_horizon)
     out = study_folder(options.out, "sweeps", first.training.name)
-    folders = {key: indexed_folder(out, config, *TASKS) for key, config in configs.items()}
+    folders = {key: indexed_folder(out, config) for key, config in configs.items()}
     runs = {folders[key]: config for key, config in configs.items()}
     try:
         failures = make_missing(runs, workers=workers, title=first.training.name, quiet=options.quiet)

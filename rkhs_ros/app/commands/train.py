@@ -28,7 +28,6 @@ from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.rollouts.inline_runner import InlineRunner
-from rkhs_ros.runs.checkpoint import ACCEPT
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import (
@@ -53,11 +52,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("config", type=configuration, nargs="?", metavar="CONFIG", help="YAML file; see config/")
     add("--env", type=named, metavar="ID", help="an environment instead of CONFIG (module:Id-v0 imports the module)")
     add("--resume", type=Path, metavar="DIR", help="a run, or the runs of --seeds, to resume instead of CONFIG")
-    add(
-        ACCEPT,
-        action="store_true",
-        help="resume although code or libraries changed; config.yaml records the change",
-    )
     add("--algorithm", metavar="NAME", help="an algorithm with its defaults, instead of the configuration's")
     add("--policy", type=Path, metavar="FILE", help="initial policy, for example from `rkhs imitate`")
     add(
@@ -113,7 +107,6 @@ def _check_source(options: argparse.Namespace) -> None:
     require(len(sources) == 1, "train", expected, " and ".join(given) or "none")
     names = ("seed", "seeds", "set", "out", "algorithm", "policy")
     wrong = [f"--{name}" for name in names if options.resume and getattr(options, name) not in (None, [])]
-    require(bool(options.resume) or not options.allow_provenance_change, ACCEPT, "--resume DIR as well", "none")
     remedy = f". To change settings, train {options.resume}/config.yaml in another folder"
     require(not wrong, "--resume", "the settings and the folder of the run", f"{', '.join(wrong)}{remedy}")
 
@@ -236,7 +229,6 @@ def _is_over_topics(asked: str | None) -> bool:
 def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> int:
     output = str(folder.resolve())
     given: dict[str, str | bool] = {name: bool(getattr(options, name)) for name in ("quiet", "tensorboard")}
-    given["provenance_may_change"] = options.allow_provenance_change
     further: dict[str, dict[str, str | bool]] = {}
     if config.environment.nodes:
         further["robot"] = {"journal": journal_in(folder.resolve())}
@@ -258,7 +250,6 @@ def _in_process(config: Config, folder: Path, options: argparse.Namespace, runne
             quiet=options.quiet,
             resume=bool(options.resume),
             tensorboard=options.tensorboard,
-            provenance_may_change=options.allow_provenance_change,
         )
     except (ValueError, OSError, RunError) as error:
         return print_error(error)
@@ -280,7 +271,6 @@ def _train_several(options: argparse.Namespace) -> int:
             quiet=options.quiet,
             drawn=True,
             tensorboard=options.tensorboard,
-            provenance_may_change=options.allow_provenance_change,
         )
     except KeyboardInterrupt:
         print(f"interrupted; {resume_hint(folder, next(iter(runs.values())))}", file=sys.stderr)

@@ -51,8 +51,6 @@ class LearnerNode(ReportingNode):
         self.output = declared(self, tree, "output", "", "folder for the results; empty for results/NAME/TIME")
         self.quiet = declared(self, tree, "quiet", False, "no progress bar")
         self.resume = declared(self, tree, "resume", False, "resume the run in the output folder, if there is one")
-        about = "resume a run of different code or libraries too"
-        self.provenance_may_change = declared(self, tree, "provenance_may_change", False, about)
         about = "log each iteration for TensorBoard, in the output folder"
         self.tensorboard = declared(self, tree, "tensorboard", False, about)
         about = "policy.npz to evaluate instead of learning; empty to learn"
@@ -104,7 +102,6 @@ def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
                 resume=resume,
                 tensorboard=node.tensorboard,
                 sync=is_robot,
-                provenance_may_change=node.provenance_may_change,
                 on_iteration=lambda _, rows: node.progress.offer(rows),
                 on_advice=lambda advice: node.get_logger().warning(str(advice)),
             )

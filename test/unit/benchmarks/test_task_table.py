@@ -186,7 +186,7 @@ def test_changed_trials_run_again(tmp_path: Path, counted: Counted, monkeypatch:
     for change in ("--episodes=7", "code", "changes"):
         before = len(counted.seeds)
         if change == "code":
-            monkeypatch.setattr(task_learners, "code_digest", lambda packages: "other")
+            monkeypatch.setattr(task_learners, "_source_digest", lambda packages: "other")
         if change == "changes":
             monkeypatch.setitem(LEARNERS, "counted", replace(LEARNERS["counted"], changes=("discount=0.9",)))
         table(tmp_path, "--learners", "counted", *([change] if change.startswith("--") else []))

@@ -23,7 +23,6 @@ from rkhs_ros.recordings.batches import RecordedBatch, countable
 from rkhs_ros.recordings.recording import FILE
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from rkhs_ros.runs import provenance
 from rkhs_ros.runs.checkpoint import COUNTS, Checkpoints
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.curve import BEGINNING, Row
@@ -296,56 +295,6 @@ def test_a_checkpoint_with_invalid_counts_is_skipped(
         path.write_bytes(packed({**arrays, "about": np.array(about)}))
         assert newest(folder) == 2
         assert "counts: expected whole numbers >= 0, got" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "message"),
-    [
-        ("__version__", "9.9.9", r"rkhs_ros: expected .* as at the start of the run, got 9\.9\.9\+"),
-        ("code_digest", lambda packages: "other", r"rkhs_ros: expected .* as at the start of the run, got .*\+other. "),
-        ("LIBRARIES", {"numpy": "1.2.3"}, r"numpy: expected .* as at the start of the run, got 1\.2\.3. "),
-    ],
-)
-def test_a_checkpoint_of_other_code_or_libraries_is_rejected(
-    folder: Path, states: list[State], monkeypatch: pytest.MonkeyPatch, name: str, value: Any, message: str
-) -> None:
-    write(folder, *states[:2])
-    monkeypatch.setattr(provenance, name, value)
-    with pytest.raises(ValueError, match=message) as refusal:
-        newest(folder)
-    assert ", or resume regardless with --allow-provenance-change" in str(refusal.value)
-    checkpoints = Checkpoints(folder, CONFIG, provenance_may_change=True)
-    found = checkpoints.newest()
-    assert found is not None
-    assert found.state.iterations == 2
-    checkpoints.write(*found)
-    assert newest(folder) == 2  # the run now belongs to this code
-
-
-def test_settings_may_not_change_with_the_provenance(folder: Path, states: list[State]) -> None:
-    write(folder, *states[:2])
-    with pytest.raises(ValueError, match=r"seed: expected 0 as at the start of the run, got 1. Start another run$"):
-        Checkpoints(folder, changed(seed=1), provenance_may_change=True).newest()
-
-
-def test_the_code_digest_depends_on_the_source_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    package = tmp_path / "a_package"
-    package.mkdir()
-    (package / "__init__.py").write_text("x = 1\n")
-    monkeypatch.syspath_prepend(tmp_path)
-
-    def digest_of(text: str) -> str:
-        (package / "module.py").write_text(text)
-        provenance.code_digest.cache_clear()
-        return provenance.provenance("a_package")["rkhs_ros"]
-
-    code = 'class A:\n    def f(self):\n        return """one"""\n'
-    documented = '"""About."""\n\nclass A:\n    """One."""\n\n    def f(self):\n        # why\n        """Two."""\n'
-    documented += '        return """one"""\n'
-    assert digest_of(code) == digest_of(documented) == digest_of(documented.replace("Two", "Too"))
-    others = [code.replace("one", "two"), code.replace("f(", "g("), code.replace("return ", ""), f"{code}x = 1\n"]
-    assert len({digest_of(text) for text in (code, *others)}) == 5
-    assert provenance.provenance()["rkhs_ros"] not in map(digest_of, (code, *others))
 
 
 class Clock:
