@@ -1,7 +1,5 @@
 """Share the command line of the benchmarks, ``--quick``, and measure times."""
 
-from __future__ import annotations
-
 import math
 import sys
 import time

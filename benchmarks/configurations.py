@@ -4,8 +4,6 @@ CMA-ES is measured beside them. No setting was chosen on the seeds from 100 on, 
 count until the evaluation return, the mean of 10 evaluation episodes after an update, first passes a threshold.
 """
 
-from __future__ import annotations
-
 import os
 
 os.environ["OMP_NUM_THREADS"] = "1"

@@ -3,8 +3,6 @@
 Both are imported on first use, since the import is slow and they may not be installed.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import Any
 

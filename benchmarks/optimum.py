@@ -4,8 +4,6 @@ The formulas of each task give next states and rewards. Values between grid poin
 grids agree, the result does not depend on the grid.
 """
 
-from __future__ import annotations
-
 import itertools
 import os
 import time

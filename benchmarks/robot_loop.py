@@ -4,8 +4,6 @@ Simulated robot, gate, robot node, policy node and learner run in separate proce
 is not suitable for a robot: check the load that is printed first.
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 from itertools import count

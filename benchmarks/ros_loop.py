@@ -3,8 +3,6 @@
 Simulator and policy node run in separate processes, and in one. Compare the ratios, since machines are noisy.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -3,8 +3,6 @@
 Time is the median over repeats on one core. Memory is the peak of one more pass, which is traced.
 """
 
-from __future__ import annotations
-
 import os
 
 os.environ["OMP_NUM_THREADS"] = "1"

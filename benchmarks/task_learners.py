@@ -5,8 +5,6 @@ policy. Its inputs are standardised by the observations of earlier generations. 
 range, and clipped to it. One real episode scores it.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass

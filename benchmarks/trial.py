@@ -4,8 +4,6 @@ Each curve's file is named by a hash of everything that the curve depends on. So
 interruption, and repeats only the curves affected by changed settings or code.
 """
 
-from __future__ import annotations
-
 import csv
 import signal
 import sys

@@ -1,7 +1,5 @@
 """Control headless Chromium through its DevTools protocol, for screenshots and tests of pages."""
 
-from __future__ import annotations
-
 import base64
 import json
 import shutil

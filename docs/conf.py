@@ -1,7 +1,5 @@
 """Configure the documentation site, which `make docs` builds from Markdown and docstrings, offline and without ROS."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

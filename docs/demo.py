@@ -1,7 +1,5 @@
 """Learn a pendulum swing-up from three episodes over ROS topics, and print the returns: `make demo`."""
 
-from __future__ import annotations
-
 import shlex
 import subprocess
 import sys

@@ -4,8 +4,6 @@ NAME is one of pendulum, cart_pole, run and pr2. The films of robots are made fr
 `rkhs evaluate RUN`: `robot_pendulum=RUN` and `robot_arm=RUN`.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Execute docs/first_steps.ipynb and store its outputs, since the site is built without executing it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import nbformat

@@ -1,7 +1,5 @@
 """Make the pictures of docs/view.md: the pages of a pendulum, the PR2 and an arm after some iterations."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

@@ -1,7 +1,5 @@
 """Write docs/settings.md, the reference of all settings, from their declarations in the code."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """PyBullet without its banner, which it writes directly to the file descriptors."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import sys

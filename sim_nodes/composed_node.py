@@ -1,7 +1,5 @@
 """Simulator and policy node in one process, which communicate over topics without a network."""
 
-from __future__ import annotations
-
 from rkhs_ros.base.endings import Stop
 from rkhs_ros.nodes.core.spin import open_node, run, serve_together
 from rkhs_ros.nodes.lockstep.policy_node import PolicyNode

@@ -1,7 +1,5 @@
 """Auxiliary nodes of a run, such as the status node, which run until their task is done."""
 
-from __future__ import annotations
-
 import argparse
 import os
 from collections.abc import Iterable

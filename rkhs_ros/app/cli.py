@@ -1,7 +1,5 @@
 """Command line ``rkhs``: a table of commands, each in a module that is imported only when it is called."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import signal

@@ -1,7 +1,5 @@
 """ROS domain of a run: a free domain, unless ROS_DOMAIN_ID is set."""
 
-from __future__ import annotations
-
 import os
 import socket
 from collections.abc import Iterator

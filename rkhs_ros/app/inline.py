@@ -1,7 +1,5 @@
 """Runs and policies in this process; importing this module registers the project's tasks."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Launcher of the nodes of a run: starts a process per node, and stops all when one ends."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """The keywords of `rkhs_ros.train` and `rkhs_ros.learn`, with their types, checks and defaults."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path

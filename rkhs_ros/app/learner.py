@@ -1,7 +1,5 @@
 """Executable ``learner`` of ``ros2 run`` and the launch files: the learner node, which plots its run at the end."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 

@@ -1,7 +1,5 @@
 """Library functions: evaluate policies and compare runs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

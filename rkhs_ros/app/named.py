@@ -3,8 +3,6 @@
 A file alone never extends the search: a module that a file names is imported if Python finds it.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 from pathlib import Path

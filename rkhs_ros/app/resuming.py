@@ -1,7 +1,5 @@
 """Resume a run over topics after a node has died or fallen silent."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable

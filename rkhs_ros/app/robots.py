@@ -1,7 +1,5 @@
 """Checks of a configuration with a robot before any node starts."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Runs of one configuration with several seeds, each with an ordinary run folder, in parallel."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Many runs in parallel, each in its folder; finished runs are not repeated."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Iterable, Mapping, Sequence

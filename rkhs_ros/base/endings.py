@@ -1,7 +1,5 @@
 """Exit codes, signals, and errors that end a process with a one-line message."""
 
-from __future__ import annotations
-
 import errno
 import os
 import signal

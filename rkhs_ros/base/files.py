@@ -1,7 +1,5 @@
 """Read files of bounded size and write files atomically."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress

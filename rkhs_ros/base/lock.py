@@ -1,7 +1,5 @@
 """Lock a run folder for one process at a time."""
 
-from __future__ import annotations
-
 import fcntl
 import time
 from collections.abc import Iterator

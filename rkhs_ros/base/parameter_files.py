@@ -1,7 +1,5 @@
 """Read ROS parameter files and match their sections to nodes."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path

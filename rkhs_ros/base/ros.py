@@ -1,7 +1,5 @@
 """Check without importing ROS whether this Python can run nodes, and suggest a remedy if it cannot."""
 
-from __future__ import annotations
-
 import os
 import re
 import sys

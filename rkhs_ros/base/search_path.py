@@ -1,7 +1,5 @@
 """Search for modules in the working directory as well, in this process and in those that it starts."""
 
-from __future__ import annotations
-
 import os
 import sys
 from runpy import run_module

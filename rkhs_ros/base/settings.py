@@ -4,8 +4,6 @@ They validate YAML files, declare ROS parameters and define the resolved configu
 Python are checked too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import Field, field, fields, is_dataclass
 from functools import cache

@@ -1,7 +1,5 @@
 """Keep a run alive when its standard streams are closed or full."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Iterator

@@ -3,8 +3,6 @@
 At the sizes used here more threads are slower, and they change the order of sums and thus the last bits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache

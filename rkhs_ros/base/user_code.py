@@ -1,7 +1,5 @@
 """Import and call user code by name."""
 
-from __future__ import annotations
-
 import signal
 import threading
 import time

@@ -1,7 +1,5 @@
 """Validate values with messages that name the expected value, the value given and the closest valid name."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from difflib import get_close_matches

@@ -5,8 +5,6 @@ reader. It limits the size and depth of untrusted text. It rejects aliases, whic
 expand without bound.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Hashable, Mapping
 from pathlib import Path

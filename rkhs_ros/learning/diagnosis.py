@@ -3,8 +3,6 @@
 The diagnosis reads the iterations of a run and never changes them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from math import inf, isnan, nan

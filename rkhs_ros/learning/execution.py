@@ -1,7 +1,5 @@
 """Execution logs of episodes on a robot, and the callback that records finished episodes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

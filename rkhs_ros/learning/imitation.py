@@ -1,7 +1,5 @@
 """Imitation: fit a policy to demonstrations by kernel matching pursuit, as a warm start for any algorithm."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Settings of the policy's kernel, whose bandwidths can be estimated from data."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce

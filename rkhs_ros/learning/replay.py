@@ -1,7 +1,5 @@
 """Replay: recompute the actions of a policy in episodes that another process ran, from their observations."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from rkhs_ros.base.validation import truncated

@@ -1,7 +1,5 @@
 """The state of a run between two iterations, and its initial state."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

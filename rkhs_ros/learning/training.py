@@ -1,7 +1,5 @@
 """The training loop (Algorithm 1 of the paper), for in-process simulations and for nodes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Experiments: curves to compare and their numbers of runs, from files in config/experiments/."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Figures of experiments in the layout of the paper: each panel plotted over iterations and over episodes."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from pathlib import Path

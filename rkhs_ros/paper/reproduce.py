@@ -1,7 +1,5 @@
 """Reproduction of experiments: independent runs, without repeating finished ones, collected in one table."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable, Mapping
 from io import StringIO

@@ -1,7 +1,5 @@
 """Table of an experiment: the returns of the runs of each curve."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from pathlib import Path

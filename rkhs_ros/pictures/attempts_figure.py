@@ -1,7 +1,5 @@
 """Draw the attempts of a one-step task: the sampled actions and their rewards."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable

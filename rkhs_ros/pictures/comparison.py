@@ -1,7 +1,5 @@
 """Draw a comparison for a paper: learning curves with confidence bands."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from matplotlib.axes import Axes

@@ -1,7 +1,5 @@
 """Render an episode of a policy as a film."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from contextlib import closing, contextmanager

@@ -1,7 +1,5 @@
 """Write a film to files: a strip of selected frames, and an animation of all frames."""
 
-from __future__ import annotations
-
 from io import BytesIO
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Choose an off-screen renderer for MuJoCo on machines without a display."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import MutableMapping

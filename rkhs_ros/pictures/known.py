@@ -1,7 +1,5 @@
 """Look up what a task defines for pictures: reference returns, and names of observations and actions."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Coordinates for drawing a policy: observations, or its inputs if they depend on a history."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

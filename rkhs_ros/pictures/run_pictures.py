@@ -1,7 +1,5 @@
 """Draw the pictures of a run from its folder: the learning curve and the policy."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

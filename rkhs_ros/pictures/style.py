@@ -1,7 +1,5 @@
 """Define the style of all pictures: colours for colour-blind readers, text that fits, legends outside the data."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from io import BytesIO
 from itertools import cycle, product

@@ -1,7 +1,5 @@
 """Names of the components of observations, actions and policy inputs."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

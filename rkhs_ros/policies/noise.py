@@ -1,7 +1,5 @@
 """Exploration noise with N(0, 1) marginals, uncorrelated (white) or correlated over time (pink)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

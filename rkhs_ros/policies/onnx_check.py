@@ -1,7 +1,5 @@
 """Export a policy to ONNX after a check that it acts like the original, and measure the time of a call."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter

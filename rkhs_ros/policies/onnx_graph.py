@@ -8,8 +8,6 @@ zeros starts an episode. The caller passes each ``next_state`` as the ``state`` 
 - the newest ``history - 1`` entries of the window, from the oldest on.
 """
 
-from __future__ import annotations
-
 from functools import singledispatch
 from typing import Any
 

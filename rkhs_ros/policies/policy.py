@@ -1,7 +1,5 @@
 """A policy that acts one observation at a time, as in the loop of a Gymnasium environment."""
 
-from __future__ import annotations
-
 from collections import deque
 from pathlib import Path
 from typing import Any

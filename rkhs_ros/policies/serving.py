@@ -1,7 +1,5 @@
 """Serve a policy to a simulator: a session answers its observations, batch by batch."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Store policies as plain arrays in npz files, without pickle."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace

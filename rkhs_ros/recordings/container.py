@@ -1,7 +1,5 @@
 """MCAP files of messages, in which each message is written atomically, even if the process is killed."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Reader of a growing recording: positions of the messages, and each message on demand."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from io import SEEK_SET
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Content of a recording as values: header, policies, batches of episodes and updates."""
 
-from __future__ import annotations
-
 import json
 import os
 import sys

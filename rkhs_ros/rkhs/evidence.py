@@ -4,8 +4,6 @@ r"""Bayesian regression with a linear and a kernel part; the evidence selects th
     \epsilon \sim N(0, \lambda s^2)
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

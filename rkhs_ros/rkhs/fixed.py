@@ -1,7 +1,5 @@
 """Fixed centres: kernel functions of given points as the features of a parametric function (Eq 3)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

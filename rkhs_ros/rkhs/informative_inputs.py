@@ -1,7 +1,5 @@
 """Find the two inputs that explain most of a policy's action."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from itertools import combinations
 from typing import NamedTuple

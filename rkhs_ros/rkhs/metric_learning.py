@@ -10,8 +10,6 @@ The centred metric subtracts the mean gradient of each function :math:`f_k` firs
 explains a constant gradient.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from rkhs_ros.rkhs.evidence import LINEAR_SD, Fit, best_fit

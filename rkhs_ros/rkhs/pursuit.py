@@ -7,8 +7,6 @@ candidates have a higher rank, the basis represents their projections, which are
 to compute weights.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal, get_args

@@ -1,7 +1,5 @@
 """Ridge regression in its primal or dual form, whichever has the smaller matrix."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Conversion of a policy's actions to a robot's commands."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar

@@ -1,7 +1,5 @@
 """One episode on a robot, timed by the wall clock."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf

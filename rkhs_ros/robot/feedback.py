@@ -1,7 +1,5 @@
 """Checks of the sensed joint states: whether they are usable, recent, consistent, and follow the commands."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -4,8 +4,6 @@ A `Gate` is a frozen state. Each command, each sensed joint state and each clock
 Outputs are produced at ticks only. All times, including message stamps, are seconds of one monotonic clock.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The settings of a gate, and the rules derived from them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

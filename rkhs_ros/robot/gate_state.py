@@ -1,7 +1,5 @@
 """Frozen values of the gate: its rules, its state, the commands it receives and its reports."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from enum import IntFlag, StrEnum
 

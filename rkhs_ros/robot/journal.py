@@ -1,7 +1,5 @@
 """The journal of a robot: one file per episode, written before the episode is reported."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import fields
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Limits of commands and of sensed joint states, validated on construction."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Velocity and effort commands move straight to their goal at the greatest allowed
 velocity whose change is limited by the acceleration, and from which the joint can always stop within its range.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

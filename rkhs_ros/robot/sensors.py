@@ -1,7 +1,5 @@
 """Sensors: observations from the messages of a robot's topics."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

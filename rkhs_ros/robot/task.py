@@ -1,7 +1,5 @@
 """A robot's task: its observations, commands and rewards, as given by a configuration."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Joint limits from a robot's URDF."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """Batches of environments: copies of an environment that are stepped one by one, or one vector environment."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from math import prod

@@ -1,7 +1,5 @@
 """Batches of Gymnasium environments from an id, an environment or a function."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """Recorder that assembles the steps of a batch into episodes."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from rkhs_ros.learning.episodes import Episodes

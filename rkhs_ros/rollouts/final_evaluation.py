@@ -1,7 +1,5 @@
 """The best and the last policy of a run in fresh episodes, by which neither of them was chosen."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The in-process runner."""
 
-from __future__ import annotations
-
 from typing import Self
 
 from rkhs_ros.base.endings import RunError

@@ -1,7 +1,5 @@
 """Simulation of batches of episodes in a Gymnasium environment, for the simulator node and the in-process runner."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack

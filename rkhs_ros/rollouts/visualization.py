@@ -1,7 +1,5 @@
 """Optional interfaces of tasks for viewers and films, besides observations and rewards."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 

@@ -1,7 +1,5 @@
 """Checkpoints, from which a run resumes after it was stopped, killed or lost power."""
 
-from __future__ import annotations
-
 import json
 import sys
 import time

@@ -1,7 +1,5 @@
 """Configuration files: ROS parameter files, which nodes and the in-process runner read alike."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace

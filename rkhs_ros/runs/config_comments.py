@@ -1,7 +1,5 @@
 """Comments at the top of a run's config.yaml: the versions that ran it, and what the run found about its task."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from itertools import takewhile

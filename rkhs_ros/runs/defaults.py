@@ -1,7 +1,5 @@
 """Default settings that depend on the length of an episode, and those of training without a model."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from numbers import Integral
 from typing import Any

@@ -1,7 +1,5 @@
 """Files of episodes: plain arrays in npz format, without pickle."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, fields, replace
 from pathlib import Path

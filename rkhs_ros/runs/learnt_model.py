@@ -1,7 +1,5 @@
 """The dynamics model of a finished run, fitted again to the episodes in its folder."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from rkhs_ros.policies.storage import read_policy

@@ -1,7 +1,5 @@
 """Offline training: the policy trains in a dynamics model of recorded episodes, without new episodes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import ceil

@@ -1,7 +1,5 @@
 """Progress display of runs: a bar in a terminal, otherwise a line every few seconds."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Iterable, Iterator

@@ -1,7 +1,5 @@
 """Provenance of a run: the versions on which bit-identical results depend besides the settings."""
 
-from __future__ import annotations
-
 import platform
 from importlib.metadata import version
 

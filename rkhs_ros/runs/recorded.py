@@ -1,7 +1,5 @@
 """Recording of a run, which can resume from its recording."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager

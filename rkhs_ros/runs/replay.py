@@ -1,7 +1,5 @@
 """Replay of a run from its recording: equal episodes must give bit-identical updates."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any

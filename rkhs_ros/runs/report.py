@@ -1,7 +1,5 @@
 """Results of a run in its folder: configuration, learning curve and policy."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Iterable, Iterator

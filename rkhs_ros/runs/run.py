@@ -1,7 +1,5 @@
 """Training run with its results: training loop, progress bar and files."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager, nullcontext, suppress

@@ -4,8 +4,6 @@ The measures and the stratified bootstrap follow Agarwal et al. (2021), "Deep Re
 Statistical Precipice". A stratum contains the runs with equal settings: the bootstrap resamples them separately.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple

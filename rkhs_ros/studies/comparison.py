@@ -1,7 +1,5 @@
 """Comparison of runs: returns over the exploration episodes, grouped by settings, with statistics and tables."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

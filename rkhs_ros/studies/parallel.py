@@ -1,7 +1,5 @@
 """Parallel calls with a common progress bar."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 

@@ -1,7 +1,5 @@
 """Index of runs by their settings and provenance, so that changing either creates a new run."""
 
-from __future__ import annotations
-
 from hashlib import blake2b
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Both return futures, for which one loop waits. If a worker of a cluster is lost,
 worker.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import re

@@ -1,7 +1,5 @@
 """Draw the policy plot of the page: the mean action, the centres and the latest episodes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Rigid bodies on the page, and their poses."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Plot the learning curve on the page: returns against episodes, with the task's reference returns."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from typing import Any

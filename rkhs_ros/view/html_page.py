@@ -1,7 +1,5 @@
 """Write a run as a self-contained HTML page: its learning curve, and an episode in 3D beside the policy."""
 
-from __future__ import annotations
-
 from base64 import b64encode
 from contextlib import redirect_stdout
 from html import escape

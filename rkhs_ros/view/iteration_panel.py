@@ -1,7 +1,5 @@
 """Show one iteration on the page: its policy, and an animation of one of its episodes."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """Show on the page the nodes of a run over topics, and the gate of a robot."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 

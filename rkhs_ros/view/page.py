@@ -1,7 +1,5 @@
 """The page of a run: its progress, its learning curve and the selected iteration."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any

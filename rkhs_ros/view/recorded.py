@@ -1,7 +1,5 @@
 """Read a run from its recording: the policy and the episodes of every iteration, on demand."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Show a robot's episodes in 3D: its bodies at the sensed or commanded joint positions, and the sensed points."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

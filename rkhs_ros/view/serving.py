@@ -1,7 +1,5 @@
 """Serve the page of a run until an interrupt."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping
 from contextlib import redirect_stdout, suppress

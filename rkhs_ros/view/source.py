@@ -1,7 +1,5 @@
 """Interface of the runs that a page can show."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Arrange the page's 3D scene: the moving task, with the policy plot beside it."""
 
-from __future__ import annotations
-
 from itertools import product
 from typing import Any
 

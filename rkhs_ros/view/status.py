@@ -1,7 +1,5 @@
 """Describe the progress of a run."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import isnan
 

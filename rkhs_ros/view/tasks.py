@@ -1,7 +1,5 @@
 """Find the 3D scene of a task and the names of its observations and actions."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Show a task without a 3D scene: bars of its observations and actions over the steps of an episode."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Read the visible bodies of a robot from its URDF and compute their frames from joint positions."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path

@@ -3,8 +3,6 @@
 ``gymnasium.make("sim_nodes.envs:rkhs/Toy-v0")`` imports the package automatically.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 from gymnasium.envs.registration import register

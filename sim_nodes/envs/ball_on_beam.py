@@ -1,7 +1,5 @@
 """A ball on a beam, which an actuator tilts."""
 
-from __future__ import annotations
-
 import numpy as np
 from gymnasium.spaces import Box
 from scipy.special import ndtr

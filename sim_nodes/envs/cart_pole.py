@@ -1,7 +1,5 @@
 """The cart-pole swing-up of PILCO (Deisenroth, 2010) and MC-PILCO (Amadio et al., 2022)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from math import ceil, isfinite
 from typing import Any, ClassVar

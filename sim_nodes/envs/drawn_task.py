@@ -1,7 +1,5 @@
 """A task with a 3D scene, which viewers show and ``render`` draws."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The Furuta pendulum: a pole that hangs from the end of a motor's horizontal arm."""
 
-from __future__ import annotations
-
 import numpy as np
 from gymnasium.spaces import Box
 

@@ -1,7 +1,5 @@
 """The inverted pendulum of Lever and Stafford (2015), section 4.2 of the paper."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The inverted pendulum with a noisy observation of the angle only: section 4.3 of the paper."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

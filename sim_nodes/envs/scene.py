@@ -1,7 +1,5 @@
 """The scene of a task: rigid bodies and their motion, and pictures of them by ray casting."""
 
-from __future__ import annotations
-
 from itertools import product
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Two tanks in series, the first of which a pump fills."""
 
-from __future__ import annotations
-
 import numpy as np
 from gymnasium.spaces import Box
 from scipy.special import ndtr

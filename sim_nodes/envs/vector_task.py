@@ -1,7 +1,5 @@
 """Base classes: a task as a Gymnasium vector environment, and as a single environment."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple

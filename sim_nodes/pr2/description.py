@@ -5,8 +5,6 @@ x forwards, y to the left, z up. The PR2 has its base, its right arm and its gri
 The door's hinge is on the robot's left, and a lever releases its latch.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files

@@ -1,7 +1,5 @@
 """The robotic manipulation task of section 4.4 of the paper: a PR2 opens a door, with one action per episode."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

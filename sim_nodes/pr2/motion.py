@@ -4,8 +4,6 @@ The demonstration approaches the lever (1.2 s), closes the gripper (0.5 s), turn
 the door by 16 degrees (2.5 s) and holds it (0.3 s).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from functools import cache
 from importlib.resources import files

@@ -1,7 +1,5 @@
 """The robot and the door in PyBullet, which simulates motions of the arm and the gripper with contacts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

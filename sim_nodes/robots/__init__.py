@@ -1,7 +1,5 @@
 """Simulated robots: processes that behave like hardware, in real time."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The body of the arm in PyBullet: the Panda that PyBullet includes, with its meshes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

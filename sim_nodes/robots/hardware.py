@@ -1,7 +1,5 @@
 """A simulated robot over time: fixed physics steps, and delayed and lossy communication."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Iterator

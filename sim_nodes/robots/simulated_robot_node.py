@@ -1,7 +1,5 @@
 """The node of a simulated robot, a process that behaves like hardware in real time."""
 
-from __future__ import annotations
-
 import sys
 import time
 from math import inf

@@ -1,7 +1,5 @@
 """The topics of each simulated robot: conversion of commands and readings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Protocol

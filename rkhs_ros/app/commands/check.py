@@ -1,7 +1,5 @@
 """``rkhs check``: explore a task for a few episodes, and print what they reveal."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from shlex import quote

@@ -1,7 +1,5 @@
 """``rkhs compare``: plot the learning curves of several runs, with a table of their statistics."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

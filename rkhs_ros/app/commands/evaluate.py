@@ -1,7 +1,5 @@
 """``rkhs evaluate``: measure a policy in evaluation episodes."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from dataclasses import replace

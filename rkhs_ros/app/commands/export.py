@@ -1,7 +1,5 @@
 """``rkhs export``: export policies, pages of runs and recorded episodes to other formats."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

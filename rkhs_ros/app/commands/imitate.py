@@ -1,7 +1,5 @@
 """``rkhs imitate``: fit a policy to demonstrations, to evaluate it or to start training from it."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

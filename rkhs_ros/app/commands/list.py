@@ -1,7 +1,5 @@
 """``rkhs list``: list the tasks, algorithms, kernels and figures."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterable
 

@@ -1,7 +1,5 @@
 """``rkhs offline``: train a policy from recordings alone, with a dynamics model fitted to their episodes."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from contextlib import closing

@@ -1,7 +1,5 @@
 """``rkhs plot``: plot the learning curve and the policy of a run from its folder."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``rkhs render``: render an evaluation episode."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``rkhs replay``: recompute every update of a recording and check that the results are bit-identical."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 from pathlib import Path

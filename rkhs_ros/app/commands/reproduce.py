@@ -1,7 +1,5 @@
 """``rkhs reproduce``: reproduce the figures of the paper."""
 
-from __future__ import annotations
-
 import argparse
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``rkhs robot``: send an operator command to the nodes of a robot."""
 
-from __future__ import annotations
-
 import argparse
 
 from rkhs_ros.app.beside import add_folder, run_beside

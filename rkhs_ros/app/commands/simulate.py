@@ -1,7 +1,5 @@
 """``rkhs simulate``: run a simulator, or the nodes of a robot, for learners of other libraries."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

@@ -1,7 +1,5 @@
 """``rkhs status``: show the status of the nodes of a run."""
 
-from __future__ import annotations
-
 import argparse
 
 from rkhs_ros.app.beside import add_folder, run_beside

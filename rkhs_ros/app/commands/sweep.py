@@ -1,7 +1,5 @@
 """``rkhs sweep``: train at each point of a grid of settings, with several seeds."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Mapping, Sequence

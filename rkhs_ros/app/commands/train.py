@@ -1,7 +1,5 @@
 """``rkhs train``: train a policy, or one policy for each of several seeds."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from contextlib import nullcontext, suppress

@@ -1,7 +1,5 @@
 """AC: the actor-critic with a compatible critic (Konda and Tsitsiklis, 1999), a parametric baseline (Eq 5)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from rkhs_ros.base.settings import variant

@@ -1,7 +1,5 @@
 """Settings of actor-critics, and the critic and step rule that they select."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from rkhs_ros.base.settings import setting, variant

@@ -1,7 +1,5 @@
 """The base class of all algorithms: an update computes the next policy from a policy and its episodes."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace

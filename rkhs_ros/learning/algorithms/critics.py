@@ -9,8 +9,6 @@ regression or by kernel matching pursuit: four critics in total. They return coe
 Newton basis, the squared norm of the coefficients is the squared RKHS norm of the function.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol

@@ -1,7 +1,5 @@
 """eNAC: the episodic natural actor-critic of Peters and Schaal (2008), the paper's parametric baseline."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from rkhs_ros.base.settings import setting

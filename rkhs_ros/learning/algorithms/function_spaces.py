@@ -1,7 +1,5 @@
 """Function spaces of the search: the RKHS with few centres, or the span of kernel functions on a grid."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import prod
 from typing import Protocol

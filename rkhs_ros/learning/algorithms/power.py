@@ -1,7 +1,5 @@
 """PoWER: policy learning by weighting exploration with the returns (Kober and Peters, 2011), a parametric baseline."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The table of algorithms by name."""
 
-from __future__ import annotations
-
 from rkhs_ros.learning.algorithms.ac import AC
 from rkhs_ros.learning.algorithms.algorithm import Algorithm
 from rkhs_ros.learning.algorithms.enac import ENAC

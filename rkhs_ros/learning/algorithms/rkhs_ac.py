@@ -1,7 +1,5 @@
 """RKHS-AC: the actor-critic in RKHS of Lever and Stafford (2015), section 2.3 of the paper."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from rkhs_ros.base.settings import setting, variant

@@ -1,7 +1,5 @@
 """RKHS-NAC: the episodic natural actor-critic in RKHS (section 3.2 of the paper, Algorithm 1)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

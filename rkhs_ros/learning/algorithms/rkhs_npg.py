@@ -1,7 +1,5 @@
 """RKHS-NPG: the natural policy gradient in RKHS (section 3.1 of the paper, Algorithm 1)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """RKHS-PoWER: policy learning by weighting exploration with the returns, in RKHS (section 3.3 of the paper)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Step rules: the size of a step along a direction in policy space."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

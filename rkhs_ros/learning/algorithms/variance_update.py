@@ -1,7 +1,5 @@
 """The variance update of PoWER: Eq 24, corrected and as published."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Settings of PoWER and RKHS-PoWER, with the regression of weighted exploration (Eq 23) and the variance (Eq 24)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -5,8 +5,6 @@ noise averages out, the learnt model's small errors add up over many steps, and 
 action. If it changes much, the policy cannot react.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from rkhs_ros.learning.episodes import Episodes

@@ -1,7 +1,5 @@
 """Find the observation columns that are angles from how they change."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Find angles that do not wrap, and whether the past helps, by the evidence of models with other inputs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

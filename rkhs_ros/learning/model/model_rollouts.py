@@ -1,7 +1,5 @@
 """Model rollouts: a policy acts in the learnt model, each episode in functions drawn from the posterior."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Fit the policy again when its inputs or its kernel change between two real iterations."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

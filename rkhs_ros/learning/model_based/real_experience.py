@@ -1,7 +1,5 @@
 """The real episodes of a run and its settings, as model-based training needs them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

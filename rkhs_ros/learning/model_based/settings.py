@@ -1,7 +1,5 @@
 """Settings of training with and without a model."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from rkhs_ros.base.settings import Settings, setting

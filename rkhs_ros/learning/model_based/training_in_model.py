@@ -3,8 +3,6 @@
 Model rollouts replace costly real episodes. The algorithms are the same as without a model and do not depend on it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Choose the best policy of the training in a model by rollouts that are the same for all candidates."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A node's command line, checked before ROS parses it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Conversion between the monotonic clock and the system clock."""
 
-from __future__ import annotations
-
 import time
 
 READINGS = 10  # attempts; the fastest counts, because the process may be preempted between the two clocks

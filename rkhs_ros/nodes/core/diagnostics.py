@@ -1,7 +1,5 @@
 """Diagnostics: a node's status reports on /diagnostics."""
 
-from __future__ import annotations
-
 import socket
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping

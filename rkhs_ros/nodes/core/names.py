@@ -1,7 +1,5 @@
 """Names of a run's nodes, and validation of launch arguments."""
 
-from __future__ import annotations
-
 import secrets
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import PurePath

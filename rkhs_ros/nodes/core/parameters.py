@@ -1,7 +1,5 @@
 """Settings as ROS parameters: read from a node's overrides, declared with description and range."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Calls to other nodes, which may be slow or dead."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext

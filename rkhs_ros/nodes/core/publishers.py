@@ -1,7 +1,5 @@
 """The publishers and subscribers of topics, and detection of a second publisher on a topic of the lockstep."""
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 from collections.abc import Iterable

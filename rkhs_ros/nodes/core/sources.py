@@ -1,7 +1,5 @@
 """Sources of sensor messages: their state and rate, and alternative topics if a source is silent."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 

@@ -4,8 +4,6 @@ A node that is killed while it holds a lock in shared memory can block its peers
 small messages like ours, shared memory is not faster.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

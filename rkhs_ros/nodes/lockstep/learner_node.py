@@ -1,7 +1,5 @@
 """The learner node: learns from episodes received over topics, and sends each policy to the policy node."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable

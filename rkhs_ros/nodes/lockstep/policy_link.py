@@ -1,7 +1,5 @@
 """The learner's client of the policy node."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from rclpy.node import Node

@@ -1,7 +1,5 @@
 """The topic ``progress`` of a learner, from which viewers draw the learning curve."""
 
-from __future__ import annotations
-
 import time
 from array import array
 from collections.abc import Sequence

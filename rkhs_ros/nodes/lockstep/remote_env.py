@@ -1,7 +1,5 @@
 """A running simulator or robot node as the Gymnasium environment ``rkhs/Remote-v0``, for learners elsewhere."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable, Iterator

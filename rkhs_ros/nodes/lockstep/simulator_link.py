@@ -1,7 +1,5 @@
 """The learner's client of a simulator or a robot."""
 
-from __future__ import annotations
-
 import json
 import re
 import time

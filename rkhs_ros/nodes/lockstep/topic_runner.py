@@ -1,7 +1,5 @@
 """Collection of episodes over topics."""
 
-from __future__ import annotations
-
 from collections import deque
 
 from rkhs_ros.base.endings import RunError

@@ -1,7 +1,5 @@
 """The robot node's client of the gate."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from math import inf

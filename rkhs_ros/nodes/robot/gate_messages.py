@@ -1,7 +1,5 @@
 """Conversions between a gate's values and messages: commands, joint states, reports and outputs."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from typing import Any

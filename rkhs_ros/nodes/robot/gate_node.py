@@ -1,7 +1,5 @@
 """The gate node: the only node that commands the hardware; it enforces limits and stops the robot on faults."""
 
-from __future__ import annotations
-
 import sys
 import time
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The robot node's control of a robot during resets and episodes."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

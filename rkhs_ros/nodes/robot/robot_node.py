@@ -1,7 +1,5 @@
 """The robot node: runs episodes on a robot over its own topics, with steps timed by the wall clock."""
 
-from __future__ import annotations
-
 import sys
 import time
 from dataclasses import replace

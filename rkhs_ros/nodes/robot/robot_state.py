@@ -1,7 +1,5 @@
 """A robot's description and motions, published for viewers; imported only if needed, because it takes 0.1 s."""
 
-from __future__ import annotations
-
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState

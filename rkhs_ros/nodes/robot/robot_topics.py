@@ -1,7 +1,5 @@
 """Validation of a robot's topics, services and types before any of its nodes runs."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Iterator
 from typing import Any

@@ -1,7 +1,5 @@
 """The topics of a robot's sensors: the newest message of each is stored, and deserialised on demand."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from functools import partial

@@ -1,7 +1,5 @@
 """The robot node's client of a simulated robot, which a run prepares automatically."""
 
-from __future__ import annotations
-
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from std_srvs.srv import Trigger

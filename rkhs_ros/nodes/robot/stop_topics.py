@@ -1,7 +1,5 @@
 """The topics on which other nodes request a stop."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The newest reports of all nodes: for ``rkhs status``, and in a thread for the page of a run."""
 
-from __future__ import annotations
-
 import time
 from threading import Thread
 from typing import Any

@@ -1,7 +1,5 @@
 """The operator node of ``rkhs robot``: forwards an operator's command to the gate or the robot node."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

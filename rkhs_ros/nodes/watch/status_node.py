@@ -1,7 +1,5 @@
 """The status node of ``rkhs status``: prints the progress of a run and a table of its nodes."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from contextlib import nullcontext
