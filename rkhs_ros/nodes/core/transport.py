@@ -4,7 +4,9 @@ A node that is killed while it holds a lock in shared memory can block its peers
 small messages like ours, shared memory is not faster.
 """
 
-from collections.abc import Mapping
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from rkhs_ros.base.validation import require
@@ -43,3 +45,20 @@ def by_udp(environment: Mapping[str, str]) -> dict[str, str]:
     if reach == "LOCALHOST":
         return {**environment, RANGE: "SUBNET", PROFILES[0]: str(LOOPBACK)}
     return {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", **environment}
+
+
+@contextmanager
+def using_udp() -> Iterator[None]:
+    """Create the nodes of this context with the transport of `by_udp`, and restore the environment afterwards.
+
+    Raises:
+        ValueError: the domain is invalid.
+    """
+    before = dict(os.environ)
+    os.environ.update(by_udp(before))
+    try:
+        yield
+    finally:
+        for name in set(os.environ) - set(before):
+            del os.environ[name]
+        os.environ.update(before)

@@ -1,9 +1,7 @@
 """A running simulator or robot node as the Gymnasium environment ``rkhs/Remote-v0``, for learners elsewhere."""
 
-import os
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -31,7 +29,7 @@ try:
     from rkhs_ros.nodes.core.names import fresh_number
     from rkhs_ros.nodes.core.peers import Peers
     from rkhs_ros.nodes.core.spin import ReportingNode
-    from rkhs_ros.nodes.core.transport import LAST_DOMAIN, by_udp
+    from rkhs_ros.nodes.core.transport import LAST_DOMAIN, using_udp
     from rkhs_ros.nodes.lockstep.simulator_link import MAX_DISCARDS, SimulatorLink, discard_reason
 except ImportError as error:
     got = missing_ros() or error
@@ -66,7 +64,7 @@ class RemoteNode(ReportingNode):
 
     def __init__(self, namespace: str, domain: int | None, timeout: float, hear: Callable[[Observation], None]) -> None:
         context, place = Context(), namespace.strip("/")
-        with _by_udp():
+        with using_udp():
             rclpy.init(args=[], context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
             try:
                 super().__init__("remote", context=context, namespace=f"/{place}")
@@ -254,16 +252,3 @@ class RemoteEnv(gymnasium.Env[Any, Any]):
         reason = discard_reason(self._link.finished) if self._link.finished else ""
         last = np.zeros(self._link.spaces.observation_dim) if self._last is None else self._last.observation
         return _Result(last, 0.0, terminated=False, truncated=True, discard_reason=reason)
-
-
-@contextmanager
-def _by_udp() -> Iterator[None]:
-    """Use the nodes' transport settings inside the context, and restore the environment afterwards."""
-    before = dict(os.environ)
-    os.environ.update(by_udp(before))
-    try:
-        yield
-    finally:
-        for name in set(os.environ) - set(before):
-            del os.environ[name]
-        os.environ.update(before)

@@ -13,6 +13,7 @@ from rclpy.node import Node
 from rkhs_interfaces.msg import GateState
 from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS, REPORT_PERIOD_S, TOPIC
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
+from rkhs_ros.nodes.core.transport import using_udp
 
 LISTEN_S = 3 * REPORT_PERIOD_S  # without a report, after which a node counts as silent
 OF_OURS = "ignored"  # key that all nodes of this project report
@@ -55,8 +56,9 @@ class NodeReports:
 
     def __init__(self, domain: int) -> None:
         self._context = Context()
-        rclpy.init(args=[], context=self._context, domain_id=domain)
-        self._node = ReportListener("page", self._context)
+        with using_udp():  # like the nodes that it listens to
+            rclpy.init(args=[], context=self._context, domain_id=domain)
+            self._node = ReportListener("page", self._context)
         self._gate: GateState | None = None
         self._node.create_subscription(GateState, "gate/state", self._hear_gate, LATCHED_QOS)
         self._executor = SingleThreadedExecutor(context=self._context)
